@@ -1,0 +1,1 @@
+"""Stiffness of a cable from its shapes."""

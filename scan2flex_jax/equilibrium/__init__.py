@@ -1,0 +1,1 @@
+"""Static equilibrium: starts, solvers, the answer with its verdict, and its derivatives."""

@@ -1,0 +1,113 @@
+"""A structured Newton method for the rod, as an optimistix minimiser.
+
+Each step solves the block-tridiagonal system with the geometric stiffness at *predicted* section forces (mixed
+stress-strain step, `rod.assembly`): the nearly rigid stretching then does not shorten the steps. What remains to be tamed
+is negative curvature. The Hessian's inertia comes with its factorisation; while it is not positive definite, a bending
+stiffness is lent to all sections (never to stretching, whose predicted forces must stay right) and taken back as the
+solve settles. A solve that settles where the undamped Hessian has a negative direction is on a saddle: it is pushed off
+along that direction, which a second right-hand side has followed by inverse iteration all along, towards the side of the
+start. There is no line search: energy along the way means little in a curved valley, and stability is judged at the end.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+from jax import Array
+from jaxtyping import Bool, Float
+
+from scan2flex_jax.equilibrium import blocktridiagonal as bt
+from scan2flex_jax.rod.assembly import derivatives, free_motions, section_forces, strain_increment
+from scan2flex_jax.rod.energy import retract, supported
+from scan2flex_jax.rod.model import Configuration, Rod
+
+_LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
+_PUSH = 0.2  # the same for a push off a saddle
+_SETTLED = 1.0e-2  # steps below this, still indefinite, mean that a saddle attracts
+_FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
+
+
+class NewtonState(eqx.Module):
+    """What one step leaves to the next: predicted section forces, the softest mode, the lent stiffness."""
+
+    forces: Float[Array, "n 6"]
+    mode: Float[Array, "nodes 6"]
+    start: Float[Array, "nodes 3"]
+    lent: Float[Array, ""]
+    was_indefinite: Bool[Array, ""]
+    size: Float[Array, ""]
+    done: Bool[Array, ""]
+
+
+class MixedNewton(optx.AbstractMinimiser):
+    """Newton's method with mixed stress-strain steps; ``args`` of the minimised function must be the `Rod`.
+
+    Converged when an undamped step moves no node by more than ``atol`` (rad, or parts of the length); convergence is
+    quadratic, so what is left is of the order of its square.
+    """
+
+    rtol: float = 0.0
+    atol: float = 1.0e-7
+    norm: Callable = optx.max_norm
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        """Forces of the start without its stretching, which no start gets right."""
+        rod: Rod = args
+        forces = section_forces(rod, supported(rod, y)).at[:, :3].set(0.0)
+        wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
+        no, one = jnp.array(False), jnp.array(1.0)
+        return NewtonState(forces, wave * free_motions(rod), y.r, 0.0 * one, no, one, no)
+
+    def step(self, fn, y, args, options, state, tags):
+        """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
+        rod: Rod = args
+        y = supported(rod, y)
+        lend = state.lent * lendable_stiffness(rod)
+        d = derivatives(rod, y, state.forces, jnp.broadcast_to(lend, (rod.elements, 6, 6)))
+        both, negative = bt.factor_and_solve(d.diagonal, d.upper, jnp.stack([-d.gradient, state.mode], axis=-1))
+        twist, mode = both[..., 0], both[..., 1]
+        mode = mode / _size(rod, mode)
+        size = _size(rod, twist)
+        definite = (negative == 0) & jnp.isfinite(size)
+        push = definite & state.was_indefinite & (size < _SETTLED)
+        home = jnp.sum(mode[:, :3] * jnp.einsum("nji,nj->ni", y.R, state.start - y.r))
+        push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
+        twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
+        twist = jnp.where(definite, twist, 0.0)
+        increment = jnp.einsum("nij,nj->ni", d.elements.K, strain_increment(rod, d.elements, twist))
+        state = NewtonState(
+            forces=jnp.where(definite, d.elements.n + increment, state.forces),
+            mode=jnp.where(jnp.isfinite(mode), mode, state.mode),
+            start=state.start,
+            lent=jnp.where(
+                definite,
+                jnp.where(state.lent < _NONE, 0.0, state.lent / _SHRINK),
+                jnp.maximum(_GROW * state.lent, _FIRST),
+            ),
+            was_indefinite=~definite,
+            size=size,
+            done=definite & ~push & (size < self.atol) & (state.lent == 0.0),
+        )
+        return retract(y, twist), state, None
+
+    def terminate(self, fn, y, args, options, state, tags):
+        """Converged on a small, undamped step; a solve never fails before its last step."""
+        return state.done, optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        """Nothing to add."""
+        return y, aux, {}
+
+
+def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
+    """A bending and torsional stiffness (N m^2) of the size of the softer one, or of what the weight asks for."""
+    own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
+    weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
+    return jnp.diag(jnp.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])) * (own + 0.1 * weight)
+
+
+def _size(rod, twist):
+    """Largest motion of a node: rad, or parts of the length."""
+    return jnp.maximum(jnp.max(jnp.abs(twist[:, :3])) / rod.length, jnp.max(jnp.abs(twist[:, 3:])))
+

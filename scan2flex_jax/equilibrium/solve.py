@@ -1,0 +1,171 @@
+"""The answer: a static equilibrium with its verdict, its section forces and its derivatives.
+
+Derivatives of an equilibrium come from the implicit function theorem at the solution (`rod.assembly.newton_correction`):
+forward, reverse and batched, with one factorisation that is already there, and a Jacobian for P parameters costs one
+back-substitution with P right-hand sides. They are first derivatives; the solve itself is not differentiated.
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from scan2flex_jax.equilibrium import blocktridiagonal as bt
+from scan2flex_jax.equilibrium.newton import MixedNewton
+from scan2flex_jax.equilibrium.starts import sagging_start
+from scan2flex_jax.geometry import lie
+from scan2flex_jax.rod.assembly import derivatives, newton_correction, out_of_balance, section_forces
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.energy import potential_energy, supported
+from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
+
+DEFAULT_ELEMENTS = 40
+MAX_STEPS = 200
+BALANCE = 1.0e-6  # scaled out-of-balance force of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
+TURN = 2.0  # rad between neighbouring nodes beyond which the mesh cannot tell one way round from the other
+
+SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
+_SENTENCES = {
+    SOLVED: "stable equilibrium",
+    MAX_STEPS_REACHED: "no equilibrium found within the allowed steps",
+    NON_FINITE: "the solve met values that are not finite",
+    UNSTABLE: "the equilibrium found is unstable",
+    UNBALANCED: "the forces do not balance",
+    TOO_COARSE: f"neighbouring nodes turn by more than {TURN} rad: more elements are needed",
+}
+
+
+class Verdict(eqx.Module):
+    """How well a rod was solved.
+
+    ``code`` is one of the module's codes (0 solved); ``out_of_balance`` the largest force and moment left on a node, over
+    the largest that the rod carries (-); ``negative`` the number of directions in which the energy falls; ``steps`` the
+    solver's steps.
+    """
+
+    code: Int[Array, ""]
+    out_of_balance: Float[Array, ""]
+    negative: Int[Array, ""]
+    steps: Int[Array, ""]
+
+    @property
+    def solved(self) -> Bool[Array, ""]:
+        """Whether this is a stable equilibrium."""
+        return self.code == SOLVED
+
+    @property
+    def stable(self) -> Bool[Array, ""]:
+        """Whether the Hessian has no negative direction."""
+        return self.negative == 0
+
+    def sentence(self) -> str:
+        """The verdict in words (of one rod, not of a batch)."""
+        return _SENTENCES[int(self.code)]
+
+
+class Equilibrium(eqx.Module):
+    """A static equilibrium of a rod. Everything but the verdict carries derivatives."""
+
+    rod: Rod
+    configuration: Configuration
+    verdict: Verdict
+
+    @property
+    def s(self) -> Float[Array, "nodes"]:
+        """Arc length of the nodes (m)."""
+        return self.rod.node_s
+
+    @property
+    def points(self) -> Float[Array, "nodes 3"]:
+        """Nodes of the centre line (m)."""
+        return self.configuration.r
+
+    @property
+    def energy(self) -> Float[Array, ""]:
+        """Potential energy (J)."""
+        return potential_energy(self.configuration, self.rod)
+
+    @property
+    def observed(self) -> Float[Array, "nodes 3"]:
+        """Nodes of the centre line as the scanner sees them (m)."""
+        points = self.configuration.r
+        for effect in self.rod.effects:
+            points = effect.observe(points)
+        return points
+
+    def section_forces(self):
+        """``(s, f, m)``: middles of the elements (m), force (N) and moment (N m) on the section there, in the scan frame.
+
+        They act on the part before the section and are exerted by the part after it (paper, Eq. 3).
+        """
+        r, R = self.configuration
+        n = section_forces(self.rod, self.configuration)
+
+        def half(R0, r0, r1, R1):
+            x = lie.se3_log(R0.T @ (r1 - r0), R0.T @ R1)
+            return R0 @ lie.so3_exp(0.5 * x[3:])
+
+        middle = jax.vmap(half)(R[:-1], r[:-1], r[1:], R[1:])
+        return self.rod.section.s, *(jnp.einsum("nij,nj->ni", middle, part) for part in (n[:, :3], n[:, 3:]))
+
+    def reactions(self):
+        """``(force, moment)`` of shape (2, 3), N and N m, scan frame: what the supports exert on start and end."""
+        R = self.configuration.R[jnp.array([0, -1])]
+        g = out_of_balance(self.rod, self.configuration)[jnp.array([0, -1])]
+        return jnp.einsum("eij,ej->ei", R, g[:, :3]), jnp.einsum("eij,ej->ei", R, g[:, 3:])
+
+
+@eqx.filter_jit
+def equilibrium(
+    model: CableModel,
+    boundary: Boundary,
+    *,
+    start: Configuration | None = None,
+    turns: Int[Array, ""] | int = 0,
+    elements: int = DEFAULT_ELEMENTS,
+    solver: optx.AbstractMinimiser | None = None,
+    max_steps: int = MAX_STEPS,
+) -> Equilibrium:
+    """The static equilibrium of ``model`` between the supports of ``boundary`` (paper, Section 5: (x, q0, qL) -> q*).
+
+    ``start`` pins the branch; left out, it is a generic sag with ``turns`` full turns of twist. Never raises for a solve
+    that fails: read the `Verdict`. Differentiable in every array of ``model`` and ``boundary``.
+    """
+    return settle(discretise(model, boundary, elements), model.gravity, start, turns, solver, max_steps)
+
+
+def settle(rod: Rod, gravity, start=None, turns=0, solver=None, max_steps=MAX_STEPS) -> Equilibrium:
+    """`equilibrium` of a rod that is already discretised."""
+    frozen, gravity = jax.lax.stop_gradient((rod, gravity))
+    if start is None:
+        start = sagging_start(frozen.boundary, frozen.length, gravity, turns, rod.elements)
+    solver = MixedNewton() if solver is None else solver
+    start = jax.lax.stop_gradient(start)
+    found = optx.minimise(potential_energy, solver, start, frozen, max_steps=max_steps, throw=False)
+    c = jax.lax.stop_gradient(supported(frozen, found.value))
+    forces = section_forces(frozen, c)
+    d = derivatives(frozen, c, forces, jnp.zeros_like(frozen.section.stiffness))
+    factors = jax.lax.stop_gradient(bt.factor(d.diagonal, d.upper))
+    verdict = _judge(frozen, c, forces, d.gradient, factors.negative, found)
+    return Equilibrium(rod, newton_correction(rod, c, partial(bt.solve, factors)), verdict)
+
+
+def _judge(rod, c, forces, gradient, negative, found):
+    """The verdict; see `Verdict`."""
+    softest = jnp.min(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:])
+    moment = jnp.max(jnp.abs(forces[:, 3:])) + 1e-3 * softest / rod.length
+    force = jnp.max(jnp.abs(forces[:, :3])) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
+    left = jnp.maximum(jnp.max(jnp.abs(gradient[:, :3])) / force, jnp.max(jnp.abs(gradient[:, 3:])) / (moment + force * rod.length))
+    turn = jnp.max(jax.vmap(lambda a, b: jnp.linalg.norm(lie.so3_log(a.T @ b)))(c.R[:-1], c.R[1:]))
+    finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
+    reached = found.result == optx.RESULTS.nonlinear_max_steps_reached
+    code = jnp.select(
+        [~finite, turn > TURN, negative > 0, reached, ~(left < BALANCE)],
+        [NON_FINITE, TOO_COARSE, jnp.where(reached, MAX_STEPS_REACHED, UNSTABLE), MAX_STEPS_REACHED, UNBALANCED],
+        SOLVED,
+    )
+    return Verdict(code, left, negative, found.stats["num_steps"])

@@ -1,0 +1,92 @@
+"""Where a solve begins: the start pins the branch, since a twisted clamped cable has several stable equilibria.
+
+Either a generic sag between the supports, or a measured curve (then the branch nearest to the data). Frames are carried
+along the curve without turning about its tangent, and the twist that the end clamp then lacks, with the pose's full
+``turns`` added, is spread evenly.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float, Int
+
+from scan2flex_jax.geometry import curves
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.model import Configuration
+
+_DENSE = 257  # points of the curve that is cut into nodes: its polygon is short by less than 1e-4 of its length
+
+
+def sagging_start(
+    boundary: Boundary,
+    length: Float[Array, ""],
+    gravity: Float[Array, "3"],
+    turns: Int[Array, ""] | int = 0,
+    elements: int = 40,
+) -> Configuration:
+    """A cubic Hermite curve between the clamps that sags along gravity until it is as long as the cable.
+
+    A free end gives the straight rod along the start's tangent. ``turns`` as in the study format.
+    """
+    p0, p1 = boundary.position
+    free_end = boundary.held[1, 0] == 0
+    chord = p1 - p0
+    distance = jnp.linalg.norm(chord)
+    along = jnp.where(distance > 1e-9 * length, chord / jnp.maximum(distance, 1e-12 * length), boundary.rotation[0, :, 2])
+    weight = jnp.linalg.norm(gravity)
+    down = jnp.where(weight > 0, gravity / jnp.where(weight > 0, weight, 1.0), boundary.rotation[0, :, 0])
+    ends = [jnp.where(boundary.held[e, 3] > 0, boundary.rotation[e, :, 2], along) for e in (0, 1)]
+    t = jnp.linspace(0.0, 1.0, _DENSE)[:, None]
+    hermite = (2 * t**3 - 3 * t**2 + 1) * p0 + (3 * t**2 - 2 * t**3) * p1
+    reach = (t**3 - 2 * t**2 + t) * ends[0] + (t**3 - t**2) * ends[1]
+    sag = 16 * t**2 * (1 - t) ** 2 * down
+
+    def too_long(m, a):
+        return curves.arc_length(hermite + m * reach + a * sag)[-1] > length
+
+    most = jnp.maximum(distance, 0.5 * length)
+    m = _bisect(lambda x: too_long(x, 0.0), most)
+    a = _bisect(lambda x: too_long(m, x), length)
+    straight = p0 + t * length * boundary.rotation[0, :, 2]
+    points = jnp.where(free_end, straight, hermite + m * reach + a * sag)
+    return curve_start(points, boundary, turns, elements)
+
+
+def curve_start(
+    points: Float[Array, "m 3"], boundary: Boundary, turns: Int[Array, ""] | int = 0, elements: int = 40
+) -> Configuration:
+    """Nodes equally spaced along a given curve (m) that goes from the start to the end of the cable."""
+    r = curves.resample(points, elements + 1)
+    tangent = curves.tangents(r)
+    for end, node in ((0, 0), (1, -1)):
+        tangent = tangent.at[node].set(jnp.where(boundary.held[end, 3] > 0, boundary.rotation[end, :, 2], tangent[node]))
+    first = jnp.where(boundary.held[0, 3] > 0, boundary.rotation[0], curves.frame_on(tangent[0]))
+    R = curves.transported_frames(tangent, first)
+    lack = R[-1].T @ boundary.rotation[1]
+    both = boundary.held[0, 3] * boundary.held[1, 3]
+    twist = both * (jnp.arctan2(lack[1, 0], lack[0, 0]) + 2.0 * jnp.pi * turns)
+    R = curves.turned_about_tangent(R, twist * jnp.linspace(0.0, 1.0, elements + 1))
+    return Configuration(r, R)
+
+
+def complete_curve(points: Float[Array, "m 3"], boundary: Boundary, length: float) -> Float[Array, "m+2 3"]:
+    """A measured curve led to the supports that it stops short of; before a free end it is led straight to ``length``."""
+    first = jnp.where(boundary.held[0, 0] > 0, boundary.position[0], points[0])
+    missing = jnp.maximum(length - curves.arc_length(points)[-1] - jnp.linalg.norm(points[0] - first), 0.0)
+    onward = points[-1] - points[-2]
+    onward = points[-1] + missing * onward / jnp.linalg.norm(onward)
+    last = jnp.where(boundary.held[1, 0] > 0, boundary.position[1], onward)
+    return jnp.concatenate([first[None], points, last[None]])
+
+
+def _bisect(too_large, high):
+    """Largest x in [0, high] (to high/2^40) that is not too large; `too_large` is monotone."""
+
+    def halve(_, bracket):
+        low, up = bracket
+        middle = 0.5 * (low + up)
+        far = too_large(middle)
+        return jnp.where(far, low, middle), jnp.where(far, middle, up)
+
+    low, up = jax.lax.fori_loop(0, 40, halve, (0.0 * high, high))
+    return jnp.where(too_large(high), low, high)

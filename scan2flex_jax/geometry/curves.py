@@ -1,0 +1,65 @@
+"""Space curves given by points: arc length, resampling, tangents and rotation-minimising frames.
+
+A rotation-minimising frame turns about the tangent not at all; carrying it from node to node by the smallest rotation
+between neighbouring tangents is the discrete form (Bishop 1975; error of second order in the spacing).
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+
+def arc_length(points: Float[Array, "n 3"]) -> Float[Array, "n"]:
+    """Length of the polygon from the first point to each point (m)."""
+    steps = jnp.linalg.norm(jnp.diff(points, axis=0), axis=1)
+    return jnp.concatenate([jnp.zeros(1), jnp.cumsum(steps)])
+
+
+def resample(points: Float[Array, "n 3"], count: int) -> Float[Array, "count 3"]:
+    """``count`` points equally spaced along the polygon, its ends included."""
+    s = arc_length(points)
+    at = jnp.linspace(0.0, 1.0, count) * s[-1]
+    return jnp.stack([jnp.interp(at, s, points[:, k]) for k in range(3)], axis=1)
+
+
+def tangents(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """Unit tangents by central differences, one-sided at the ends."""
+    inner = points[2:] - points[:-2]
+    t = jnp.concatenate([points[1:2] - points[:1], inner, points[-1:] - points[-2:-1]])
+    return t / jnp.linalg.norm(t, axis=1, keepdims=True)
+
+
+def smallest_rotation(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Rotation that takes unit ``a`` to unit ``b`` about their common normal (for opposite vectors: about some normal)."""
+    v, c = jnp.cross(a, b), a @ b
+    V = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    opposite = c < -1.0 + 1e-9
+    turn = jnp.eye(3) + V + V @ V / jnp.where(opposite, 1.0, 1.0 + c)
+    normal = jnp.cross(a, jnp.eye(3)[jnp.argmin(jnp.abs(a))])
+    normal = normal / jnp.linalg.norm(normal)
+    return jnp.where(opposite, 2.0 * jnp.outer(normal, normal) - jnp.eye(3), turn)
+
+
+def transported_frames(tangent: Float[Array, "n 3"], first: Float[Array, "3 3"]) -> Float[Array, "n 3 3"]:
+    """Rotation-minimising frames along unit tangents, starting from ``first`` turned onto the first tangent."""
+    first = smallest_rotation(first[:, 2], tangent[0]) @ first
+
+    def carry(R, pair):
+        R = smallest_rotation(*pair) @ R
+        return R, R
+
+    _, rest = jax.lax.scan(carry, first, (tangent[:-1], tangent[1:]))
+    return jnp.concatenate([first[None], rest])
+
+
+def frame_on(tangent: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Some frame with this unit tangent as d3."""
+    return smallest_rotation(jnp.array([0.0, 0.0, 1.0]), tangent)
+
+
+def turned_about_tangent(frames: Float[Array, "n 3 3"], angle: Float[Array, "n"]) -> Float[Array, "n 3 3"]:
+    """Frames turned by ``angle`` (rad) about their own d3."""
+    c, s = jnp.cos(angle)[:, None], jnp.sin(angle)[:, None]
+    d1, d2, d3 = frames[:, :, 0], frames[:, :, 1], frames[:, :, 2]
+    return jnp.stack([c * d1 + s * d2, c * d2 - s * d1, d3], axis=2)

@@ -1,0 +1,184 @@
+"""First and second derivatives of the potential energy, in the blocks that a chain of nodes gives.
+
+Coordinates are body twists ``eta_i`` of the nodes, ``g_i exp(eta_i)``. For an element with helix ``x = log(g0^-1 g1)`` and
+twists ``a, b`` of its ends, to second order,
+
+    log(exp(-a) exp(x) exp(b)) = x + T c - 1/2 T [A a, b] + 1/2 d(T)[..],   c = b - A a,
+
+with ``A = Ad(exp(-x))`` and ``T`` the inverse right Jacobian (`geometry.lie`). So everything is 6x6 per element: the
+wrench ``p = T' n`` at its far end, the material stiffness ``S = T' K T / ds``, and the geometric one ``Q`` (from ``dT/dx`` at
+fixed section force ``n``) with the bracket's antisymmetric part. Tests hold these blocks against `jax.grad` and
+`jax.hessian` of the energy itself.
+
+The geometric stiffness is taken at given section forces: at those of the strains it is Newton's, at forces predicted by
+the last step it is the mixed (stress-strain) one (Magisano, Leonetti, Garcea 2017), which does not stall in the narrow
+valley that a nearly inextensible rod makes of its energy.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.geometry import lie
+from scan2flex_jax.rod.effect import Node, overriding
+from scan2flex_jax.rod.energy import E3, node_potential, node_weights, retract, section_law, strains, supported
+from scan2flex_jax.rod.model import Configuration, Rod
+
+
+class Elements(NamedTuple):
+    """Per element: section force and moment ``n`` in material axes (N, N m), tangent stiffness ``K``, and the maps ``T``,
+    ``A`` from end twists to strain increments."""
+
+    n: Float[Array, "n 6"]
+    K: Float[Array, "n 6 6"]
+    T: Float[Array, "n 6 6"]
+    A: Float[Array, "n 6 6"]
+
+
+class Derivatives(NamedTuple):
+    """Gradient (N, N m) and Hessian blocks: ``diagonal[i]`` of node i, ``upper[i]`` between nodes i and i+1."""
+
+    gradient: Float[Array, "nodes 6"]
+    diagonal: Float[Array, "nodes 6 6"]
+    upper: Float[Array, "nodes-1 6 6"]
+    elements: Elements
+
+
+def section_forces(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
+    """Force and moment of each element in material axes (N, N m); paper, Eq. 3."""
+    return _law_derivatives(rod, strains(rod, configuration) - rod.section.natural)[0]
+
+
+def free_motions(rod: Rod) -> Float[Array, "nodes 6"]:
+    """1 for each motion that no support holds, 0 for the others."""
+    free = jnp.ones((rod.elements + 1, 6))
+    return free.at[0].set(1.0 - rod.boundary.held[0]).at[-1].set(1.0 - rod.boundary.held[1])
+
+
+def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6"]:
+    """Gradient of the energy in body twists of all nodes, supports included: there it is the reaction (N, N m)."""
+    c = supported(rod, configuration)
+    n = section_forces(rod, c)
+    r, R = c
+
+    def element(r0, R0, r1, R1, n):
+        d, D = R0.T @ (r1 - r0), R0.T @ R1
+        x = lie.se3_log(d, D)
+        # T' n at the far end and -(T A)' n at the near one, where T A is the left Jacobian's inverse
+        return lie.right_jacobian_inverse(-x).T @ n, lie.right_jacobian_inverse(x).T @ n
+
+    near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)
+    return _to_nodes(-near, far) + _outer_gradient(rod, c)
+
+
+def derivatives(
+    rod: Rod, configuration: Configuration, forces: Float[Array, "n 6"], damping: Float[Array, "n 6 6"]
+) -> Derivatives:
+    """Gradient and Hessian blocks at a supported configuration.
+
+    ``forces`` (N, N m) are the section forces of the geometric stiffness; ``damping`` is added to the tangent stiffness of
+    the sections in the Hessian only. Held motions are taken out: no gradient, unit diagonal.
+    """
+    c = configuration
+    n, K = _law_derivatives(rod, strains(rod, c) - rod.section.natural)
+    T, A, p, stiffness, bracket = _element_blocks(rod, c, n, K + damping, forces)
+    At = jnp.swapaxes(A, 1, 2)
+    near = At @ stiffness
+    diagonal = _to_nodes(near @ A, stiffness)
+    upper = -(near + 0.5 * At @ bracket)
+    gradient = _to_nodes(-jnp.einsum("nij,nj->ni", At, p), p) + _outer_gradient(rod, c)
+    diagonal = diagonal + _outer_hessian(rod, c)
+    free = free_motions(rod)
+    diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
+    upper = upper * free[:-1, :, None] * free[1:, None, :]
+    return Derivatives(gradient * free, diagonal, upper, Elements(n, K, T, A))
+
+
+def strain_increment(rod: Rod, elements: Elements, twist: Float[Array, "nodes 6"]) -> Float[Array, "n 6"]:
+    """First-order change of the strains (-, 1/m) when the nodes move by ``twist``."""
+    near = jnp.einsum("nij,nj->ni", elements.A, twist[:-1])
+    return jnp.einsum("nij,nj->ni", elements.T, twist[1:] - near) / rod.section.ds
+
+
+def _law_derivatives(rod, excess):
+    """Force and tangent stiffness of the section law; the linear law, the usual case, needs no differentiation."""
+    stiffness = rod.section.stiffness
+    if not overriding(rod.effects, "strain_energy"):
+        return jnp.einsum("nij,nj->ni", stiffness, excess), stiffness
+    law = section_law(rod)
+    return jax.vmap(jax.grad(law))(excess, stiffness), jax.vmap(jax.hessian(law))(excess, stiffness)
+
+
+def _element_blocks(rod, c, n, K, forces):
+    ds = rod.section.ds
+
+    def element(r0, R0, r1, R1, n, K, m):
+        d, D = R0.T @ (r1 - r0), R0.T @ R1
+        x = lie.se3_log(d, D)
+        T = lie.right_jacobian_inverse(x)
+        P = jax.jacfwd(lambda y: lie.right_jacobian_inverse(y).T @ m)(x) @ T
+        stiffness = T.T @ (K / ds) @ T + 0.5 * (P + P.T)
+        return T, lie.adjoint_inverse(d, D), T.T @ n, stiffness, lie.bracket_matrix(T.T @ m)
+
+    r, R = c
+    return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n, K, forces)
+
+
+def _to_nodes(near, far):
+    pad = jnp.zeros((1, *near.shape[1:]), near.dtype)
+    return jnp.concatenate([near, pad]) + jnp.concatenate([pad, far])
+
+
+def _outer_gradient(rod, c):
+    f, q = _material_loads(rod, c)
+    dead = -jnp.concatenate([f, jnp.cross(jnp.array(E3[:3]), q)], axis=1)
+    field = _outer_field(rod, c)
+    return dead if field is None else dead + jax.vmap(jax.grad(field[0]), in_axes=(0, 0))(*field[1])
+
+
+def _outer_hessian(rod, c):
+    f, q = _material_loads(rod, c)
+    e3, eye = jnp.array(E3[:3]), jnp.eye(3)
+
+    def node(f, q):  # second-order terms of -f.(v + w x v / 2) - q.(w x (w x e3)) / 2
+        vw = -0.5 * lie.hat(f)
+        ww = q[2] * eye - 0.5 * (jnp.outer(e3, q) + jnp.outer(q, e3))
+        return jnp.block([[jnp.zeros((3, 3)), vw], [vw.T, ww]])
+
+    dead = jax.vmap(node)(f, q)
+    field = _outer_field(rod, c)
+    return dead if field is None else dead + jax.vmap(jax.hessian(field[0]), in_axes=(0, 0))(*field[1])
+
+
+def _material_loads(rod, c):
+    return tuple(jnp.einsum("nji,nj->ni", c.R, x) for x in (rod.load.force, rod.load.lever))
+
+
+def _outer_field(rod, c):
+    """Energy of one node as a function of its twist (from zero), with the arguments to map over; None without a field."""
+    potential = node_potential(rod)
+    if potential is None:
+        return None
+
+    def energy(twist, node):
+        r, R, s, w = node
+        dr, dR = lie.se3_exp(twist)
+        return potential(Node(r + R @ dr, R @ dR, s, w, rod.boundary))
+
+    return energy, (jnp.zeros((rod.elements + 1, 6)), (c.r, c.R, rod.node_s, node_weights(rod)))
+
+
+def newton_correction(rod: Rod, configuration: Configuration, solve) -> Configuration:
+    """The configuration moved by ``-H^-1`` times its out-of-balance force, ``solve`` applying ``H^-1``.
+
+    At an equilibrium it moves nothing, but its derivative with respect to everything in ``rod`` (parameters, effects,
+    supports) is that of the equilibrium, by the implicit function theorem: ``dx = -H^-1 dF``. `configuration` and `solve`
+    must not carry derivatives of their own.
+    """
+    start = supported(rod, configuration)
+    force = out_of_balance(rod, configuration) * free_motions(rod)
+    return retract(start, -solve(force))
+

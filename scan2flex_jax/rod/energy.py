@@ -1,0 +1,81 @@
+"""The potential energy of the rod, one pure function of configuration and parameters.
+
+``W = int 1/2 (Gamma-Gamma_0)' K_Gamma (Gamma-Gamma_0) + 1/2 (Omega-Omega_0)' K_Omega (Omega-Omega_0) - k_rhoA g.phi ds``
+
+is the paper's Eq. 6 with the factor 1/2 on the strain terms that its constitutive law (Eq. 3) and balance equations
+(Eq. 5) need and its Eq. 6 lacks: without it every stiffness comes out halved. A heavy cantilever holds the factor in
+tests (tip deflection ``rhoA g L^4 / (8 EI)`` for a small load). Effects add their terms.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.geometry import lie
+from scan2flex_jax.rod.effect import Node, overriding
+from scan2flex_jax.rod.model import Configuration, Rod
+
+E3 = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the strain xi of a straight, unstretched rod: it moves along d3
+
+
+def supported(rod: Rod, configuration: Configuration) -> Configuration:
+    """The configuration with the held motions of its ends put where the supports are."""
+    b = rod.boundary
+    r, R = configuration
+    for end, node in ((0, 0), (1, -1)):
+        r = r.at[node].set(jnp.where(b.held[end, 0] > 0, b.position[end], r[node]))
+        R = R.at[node].set(jnp.where(b.held[end, 3] > 0, b.rotation[end], R[node]))
+    return Configuration(r, R)
+
+
+def strains(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
+    """Strains ``(Gamma, Omega)`` of the elements (-, 1/m); paper, Eq. 2."""
+    r, R = configuration
+
+    def element(r0, R0, r1, R1):
+        return lie.se3_log(R0.T @ (r1 - r0), R0.T @ R1)
+
+    return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:]) / rod.section.ds - jnp.array(E3)
+
+
+def section_law(rod: Rod):
+    """Function (excess strain, stiffness) -> energy per length (J/m) of one section."""
+    laws = overriding(rod.effects, "strain_energy")
+
+    def energy(e, K):
+        return 0.5 * e @ K @ e + sum(law.strain_energy(e, K) for law in laws)
+
+    return energy
+
+
+def node_potential(rod: Rod):
+    """Function Node -> energy (J) of the outer fields, or None when no effect has one."""
+    fields = overriding(rod.effects, "node_potential")
+    return (lambda node: sum(f.node_potential(node) for f in fields)) if fields else None
+
+
+def node_weights(rod: Rod) -> Float[Array, "nodes"]:
+    """Length of cable that each node stands for (m), the trapezoidal rule."""
+    w = jnp.ones(rod.elements + 1).at[0].set(0.5).at[-1].set(0.5)
+    return w * rod.section.ds
+
+
+def potential_energy(configuration: Configuration, rod: Rod) -> Float[Array, ""]:
+    """Total potential energy (J) of the rod with its ends at the supports."""
+    c = supported(rod, configuration)
+    excess = strains(rod, c) - rod.section.natural
+    total = rod.section.ds * jnp.sum(jax.vmap(section_law(rod))(excess, rod.section.stiffness))
+    total = total - jnp.sum(rod.load.force * c.r) - jnp.sum(rod.load.lever * c.R[:, :, 2])
+    field = node_potential(rod)
+    if field is not None:
+        nodes = (c.r, c.R, rod.node_s, node_weights(rod))
+        total = total + jnp.sum(jax.vmap(lambda *a: field(Node(*a, rod.boundary)))(*nodes))
+    return total
+
+
+def retract(configuration: Configuration, twist: Float[Array, "nodes 6"]) -> Configuration:
+    """Each node moved by the body twist ``(v, w)``: ``g exp(twist)``."""
+    dr, dR = jax.vmap(lie.se3_exp)(twist)
+    r, R = configuration
+    return Configuration(r + jnp.einsum("nij,nj->ni", R, dr), R @ dR)

@@ -1,0 +1,49 @@
+"""Dead loads: forces that keep their size and direction whatever the cable does, as loads on the nodes.
+
+Within an element the centre line is the cubic Hermite curve through its end positions ``r`` with end tangents ``d3``. A
+force then does work ``F . r`` on positions and ``C . d3`` on tangents of the nodes, both linear: ``V = -sum F.r + C.d3``.
+For a uniform load the tangent parts of neighbouring elements cancel and the rule is the trapezoidal one with end
+correction (Euler-Maclaurin), exact to fourth order in the element length.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.rod.effect import Section
+
+
+class DeadLoad(eqx.Module):
+    """``force`` (N) on node positions and ``lever`` (N m) on node tangents d3."""
+
+    force: Float[Array, "nodes 3"]
+    lever: Float[Array, "nodes 3"]
+
+    def __add__(self, other: "DeadLoad | None") -> "DeadLoad":
+        return self if other is None else DeadLoad(self.force + other.force, self.lever + other.lever)
+
+
+def distributed_load(section: Section, per_length: Float[Array, "n 3"]) -> DeadLoad:
+    """A force per length (N/m), constant over each element."""
+    half, lever = 0.5 * section.ds * per_length, section.ds**2 / 12.0 * per_length
+    return DeadLoad(_to_nodes(half, half), _to_nodes(lever, -lever))
+
+
+def point_load(section: Section, position: Float[Array, ""], force: Float[Array, "3"]) -> DeadLoad:
+    """A force (N) at arc length ``position`` (m); smooth in ``position`` (continuous first derivative)."""
+    n = section.s.shape[0]
+    element = jnp.clip(jnp.floor(position / section.ds), 0, n - 1)
+    t = position / section.ds - element
+    w = (jnp.arange(n) == element)[:, None].astype(t.dtype)
+    h00, h10 = 2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t
+    h01, h11 = 1 - h00, t**3 - t**2
+    ds = section.ds
+    return DeadLoad(
+        _to_nodes(w * h00 * force, w * h01 * force), _to_nodes(w * ds * h10 * force, w * ds * h11 * force)
+    )
+
+
+def _to_nodes(first, second):
+    pad = jnp.zeros((1, 3), first.dtype)
+    return jnp.concatenate([first, pad]) + jnp.concatenate([pad, second])

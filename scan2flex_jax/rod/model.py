@@ -1,0 +1,89 @@
+"""From a cable, its effects and its supports to the discrete rod whose energy is minimised.
+
+The rod has ``n`` elements of equal length ``ds = L/n``. Node ``i`` carries a frame ``(r_i, R_i)``; along an element the
+strain ``xi = (Gamma + e3, Omega)`` is constant, so it is the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3). Second order
+in ``ds``, exact for circles and helices, and unaffected by rigid motions.
+Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+from scan2flex_jax.rod.loads import DeadLoad, distributed_load
+
+
+class Configuration(NamedTuple):
+    """Nodes of the rod: positions ``r`` (m) and rotations ``R`` with columns d1, d2, d3."""
+
+    r: Float[Array, "nodes 3"]
+    R: Float[Array, "nodes 3 3"]
+
+
+class CableModel(eqx.Module):
+    """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses."""
+
+    cable: Cable
+    gravity: Float[Array, "3"]
+    effects: tuple[AbstractEffect, ...] = ()
+
+
+class Rod(eqx.Module):
+    """The discrete rod in one pose; ``effects`` are asked again for strain energies, potentials and the observation."""
+
+    section: Section
+    load: DeadLoad
+    boundary: Boundary
+    effects: tuple[AbstractEffect, ...]
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return self.section.s.shape[0]
+
+    @property
+    def length(self) -> Float[Array, ""]:
+        """Length between the supports (m)."""
+        return self.section.ds * self.elements
+
+    @property
+    def node_s(self) -> Float[Array, "nodes"]:
+        """Arc length of the nodes (m)."""
+        return jnp.arange(self.elements + 1) * self.section.ds
+
+
+def discretise(model: CableModel, boundary: Boundary, elements: int) -> Rod:
+    """The rod of ``elements`` elements that ``model`` makes between the supports of ``boundary``."""
+    cable = model.cable
+    for effect in model.effects:
+        cable = effect.cable(cable)
+    for effect in model.effects:
+        boundary = effect.clamps(boundary)
+    section = _plain_section(cable, elements)
+    for effect in model.effects:
+        section = effect.section(section, cable.length)
+    load = distributed_load(section, section.density[:, None] * model.gravity)
+    for effect in model.effects:
+        load = load + effect.dead_load(section, model.gravity)
+    return Rod(section, load, boundary, model.effects)
+
+
+def _plain_section(cable: Cable, n: int) -> Section:
+    ds = cable.length / n
+    diagonal = jnp.concatenate(
+        [cable.shear_stiffness, cable.axial_stiffness[None], cable.bending_stiffness, cable.torsional_stiffness[None]]
+    )
+    natural = jnp.concatenate([cable.natural_stretch, cable.natural_curvature])
+    return Section(
+        s=(jnp.arange(n) + 0.5) * ds,
+        ds=ds,
+        stiffness=jnp.broadcast_to(jnp.diag(diagonal), (n, 6, 6)),
+        natural=jnp.broadcast_to(natural, (n, 6)),
+        density=jnp.broadcast_to(cable.length_density, (n,)),
+    )

@@ -1,0 +1,174 @@
+"""Point clouds: reading, refusing what is no cloud of this cable, cleaning, and thinning.
+
+Files are read by trimesh (PLY, XYZ, OBJ, STL and what else it reads; a mesh is sampled over its surface). Cleaning takes
+out isolated points and what no cable of length L between these clamps can reach: every point of it has distances to the
+two clamps that add up to at most L. Thinning keeps the density's proportions, so outliers stay as rare as they were.
+
+Symbols: ``r`` radius, ``L`` length, points: all m in the scan frame.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+from scan2flex_jax.errors import Scan2FlexError
+
+MESH_SAMPLES = 60_000
+MILLIMETRES = 50.0  # a cloud this many times longer than the cable is in other units: no room is so large
+_PLANES = 3  # table tops and walls that are looked for
+_TRIPLES = 200
+_NEIGHBOURS = 8
+_ISOLATED = 5.0  # robust standard deviations of the log distance to neighbours
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points of a scan (m), unit normals where the file has them, and what was said while reading."""
+
+    points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"] | None = None
+    notes: tuple[str, ...] = ()
+
+
+def load_cloud(path: str | Path) -> Cloud:
+    """Read a cloud through trimesh; a mesh is sampled evenly over its surface, deterministically."""
+    path = Path(path)
+    if not path.is_file():
+        raise Scan2FlexError(f"the scan {path} does not exist")
+    try:
+        loaded = trimesh.load(path)
+    except Exception as fault:  # each of trimesh's readers fails in its own way
+        raise Scan2FlexError(f"the scan {path} cannot be read as a point cloud: {_one_line(fault)}") from fault
+    meshes = [g for g in loaded.geometry.values()] if isinstance(loaded, trimesh.Scene) else [loaded]
+    faces = [m for m in meshes if isinstance(m, trimesh.Trimesh) and len(m.faces)]
+    if faces:
+        mesh = trimesh.util.concatenate(faces)
+        points, face = trimesh.sample.sample_surface(mesh, MESH_SAMPLES, seed=0)
+        note = f"{path.name} is a mesh of {len(mesh.faces)} triangles: {MESH_SAMPLES} points were sampled on it"
+        return Cloud(np.asarray(points), np.asarray(mesh.face_normals[face]), (note,))
+    vertices = [np.asarray(m.vertices, float).reshape(-1, 3) for m in meshes if hasattr(m, "vertices")]
+    points = np.concatenate(vertices) if vertices else np.empty((0, 3))
+    if not len(points):
+        raise Scan2FlexError(f"the scan {path} holds no points")
+    return Cloud(points, _normals(meshes, len(points)))
+
+
+def _one_line(fault: Exception) -> str:
+    text = " ".join(str(fault).split())
+    return f"{type(fault).__name__} {text[:120]}"
+
+
+def _normals(meshes, count):
+    """Normals of a single point cloud when its PLY has nx, ny, nz."""
+    raw = meshes[0].metadata.get("_ply_raw", {}) if len(meshes) == 1 and hasattr(meshes[0], "metadata") else {}
+    data = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
+    try:
+        normals = np.column_stack([np.asarray(data[k], float).ravel() for k in ("nx", "ny", "nz")])
+    except (TypeError, KeyError, ValueError, IndexError):
+        return None
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(size > 0, size, 1.0) if len(normals) == count else None
+
+
+def check_cloud(points: Float[np.ndarray, "n 3"], radius: float, length: float | None) -> Float[np.ndarray, "n 3"]:
+    """The finite points; one sentence if there are none, if some are not numbers, or if the units are wrong."""
+    points = np.asarray(points, float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise Scan2FlexError(f"a cloud has three coordinates per point, this one has the shape {points.shape}")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        first = int(np.argmax(bad))
+        raise Scan2FlexError(f"{bad.sum()} of the {len(points)} points are not finite numbers (the first is number {first})")
+    if len(points) < 4:
+        raise Scan2FlexError(f"the cloud has {len(points)} points: at least 4 are needed to say where a cable is")
+    spread = np.linalg.norm(np.quantile(points, 0.98, axis=0) - np.quantile(points, 0.02, axis=0))
+    size = length if length else 200.0 * radius
+    if spread > MILLIMETRES * size:
+        raise Scan2FlexError(
+            f"the cloud is {spread:.4g} long where the cable is {size:.4g} m with a radius of {radius:.4g} m: its"
+            f" coordinates seem to be millimetres; divide them by 1000 (everything here is in metres)"
+        )
+    if spread < size / (4.0 * MILLIMETRES):
+        raise Scan2FlexError(
+            f"the cloud is only {spread:.4g} m across where the cable is {size:.4g} m long: its units are not metres,"
+            f" or it shows another thing"
+        )
+    return points
+
+
+def not_isolated(points: Float[np.ndarray, "n 3"]) -> np.ndarray:
+    """Mask of points whose neighbours are about as near as usual (statistical outlier removal on a log scale)."""
+    if len(points) < 4 * _NEIGHBOURS:
+        return np.ones(len(points), bool)
+    away = cKDTree(points).query(points, _NEIGHBOURS + 1)[0][:, 1:].mean(axis=1)
+    log = np.log(away + 1e-12)
+    middle = np.median(log)
+    spread = max(1.4826 * np.median(np.abs(log - middle)), 0.1)
+    return log < middle + _ISOLATED * spread
+
+
+def reachable(points, radius, start, end, length) -> np.ndarray:
+    """Mask of points that a cable of this length held at these ends can reach (any end may be None)."""
+    slack = 2.0 * radius + 0.03 * (length or 0.0)
+    if length is None or start is None:
+        return np.ones(len(points), bool)
+    from_start = np.linalg.norm(points - start, axis=1)
+    if end is None:
+        return from_start < length + slack
+    return from_start + np.linalg.norm(points - end, axis=1) < length + 2.0 * slack
+
+
+def off_planes(points: Float[np.ndarray, "n 3"], radius: float, length: float) -> np.ndarray:
+    """Mask of points on no table top: planes whose points fill three times the area that the cable could.
+
+    Planes are proposed by triples of points (RANSAC with a fixed seed); a cable that lies in a plane fills little of it.
+    """
+    keep = np.ones(len(points), bool)
+    rng = np.random.default_rng(5)
+    for _ in range(_PLANES):
+        left = points[keep]
+        some = left[thin(left, 4000)]
+        normal, offset = _best_plane(some, radius, rng)
+        away = points @ normal - offset
+        on = keep & (np.abs(away) < 2.0 * radius)
+        axes = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2]
+        cells = np.unique(np.floor(points[on] @ axes / (2.0 * radius)), axis=0)
+        if on.sum() < 100 or len(cells) * 2.0 * radius < 3.0 * length:
+            break
+        middle = np.median(away[on])
+        spread = 1.4826 * np.median(np.abs(away[on] - middle))
+        keep &= np.abs(away - middle) > 4.0 * spread + 1e-4
+    return keep
+
+
+def _best_plane(points, radius, rng):
+    """Unit normal and offset (m) of the plane with the most points within a radius."""
+    triples = points[rng.integers(0, len(points), (_TRIPLES, 3))]
+    normal = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
+    size = np.linalg.norm(normal, axis=1)
+    normal = normal / np.where(size > 0, size, 1.0)[:, None]
+    offset = np.sum(normal * triples[:, 0], axis=1)
+    best = np.argmax(np.sum(np.abs(points @ normal.T - offset) < radius, axis=0))
+    near = points[np.abs(points @ normal[best] - offset[best]) < radius]
+    middle = near.mean(axis=0)
+    normal = np.linalg.svd(near - middle, full_matrices=False)[2][2]
+    return normal, float(normal @ middle)
+
+
+def near_polyline(points, polyline, reach) -> np.ndarray:
+    """Mask of points within ``reach`` (m) of a finely sampled polyline."""
+    return cKDTree(polyline).query(points, distance_upper_bound=reach)[0] < reach
+
+
+def thin(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
+    """Indices of at most ``count`` points: every m-th in the order of a coarse grid, the same on every run."""
+    if len(points) <= count:
+        return np.arange(len(points))
+    low, high = points.min(axis=0), points.max(axis=0)
+    cell = np.floor((points - low) / (np.max(high - low) / 64.0 + 1e-300)).astype(int)
+    order = np.lexsort((points[:, 0], points[:, 1], points[:, 2], cell[:, 0], cell[:, 1], cell[:, 2]))
+    return np.sort(order[np.linspace(0, len(points) - 1, count).astype(int)])

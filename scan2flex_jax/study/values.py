@@ -1,0 +1,204 @@
+"""From the untyped tree of a TOML file to checked numbers, arrays and texts.
+
+Every function takes the value and the `Where` it stands at, and raises one `StudyError` that says what was got and what
+to do. A bool is never a number, NaN and infinity are refused, and so is anything beyond `LARGEST`.
+"""
+
+import difflib
+import math
+import reprlib
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.kinds import Domain, ParameterFormat
+
+LARGEST = 1e15
+"""Larger numbers are a fault in every unit of a study, and their squares and cubes would leave float64."""
+UNIT_TOLERANCE = 1e-3
+"""Quaternions and normals this close to length one are normalised: what four written digits leave."""
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother = 2, 6, 3, 60, 60
+
+
+@dataclass(frozen=True)
+class Where:
+    """A place in a study: the file as the user named it, and the key in it (None: the whole file)."""
+
+    file: str
+    key: str | None = None
+
+    def at(self, name: str) -> "Where":
+        """The place of a key below this one."""
+        name = one_line(name)
+        return replace(self, key=name if self.key is None else f"{self.key}.{name}")
+
+    def item(self, label: object) -> "Where":
+        """The place of one entry of an array of tables, as in pose[sag]."""
+        return replace(self, key=f"{self.key}[{one_line(str(label))}]")
+
+    def fail(self, sentence: str) -> StudyError:
+        """The error to raise here."""
+        return StudyError(self.file, self.key, sentence)
+
+
+def one_line(text: str, longest: int = 80) -> str:
+    """`text` fit for a message: no line breaks or control characters, not too long."""
+    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: longest + 1])
+    return text if len(text) <= longest else text[: longest - 3] + "..."
+
+
+def shown(value: Any) -> str:
+    """A short, one-line picture of any value."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int) and abs(value) > LARGEST:
+        return f"a whole number of {value.bit_length()} bits"
+    return one_line(_SHORT.repr(value), 120)
+
+
+def suggestion(name: str, names: Iterable[str]) -> str:
+    """A hint for a name that is not among `names`: the nearest one, else all of them."""
+    names = list(names)
+    near = difflib.get_close_matches(name[:80], names, 1, 0.6)
+    return f"did you mean {near[0]}?" if near else f"use one of {', '.join(names)}." if names else "leave it out."
+
+
+def allow(table: dict[str, Any], names: Iterable[str], where: Where) -> None:
+    """Refuse the first key of `table` that is not among `names`."""
+    names = list(names)
+    for key in table:
+        if key not in names:
+            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, names)}")
+
+
+def required(table: dict[str, Any], name: str, where: Where, example: str) -> Any:
+    """The value of a key that must be there."""
+    if name not in table:
+        raise where.at(name).fail(f"it is missing: write {example}.")
+    return table[name]
+
+
+def text(value: Any, where: Where) -> str:
+    """A string."""
+    if not isinstance(value, str):
+        raise where.fail(f'got {shown(value)}: write a text in quotation marks, as in "sag".')
+    return value
+
+
+def sub_table(value: Any, where: Where, example: str) -> dict[str, Any]:
+    """A table."""
+    if not isinstance(value, dict):
+        raise where.fail(f"got {shown(value)}: write a table, as in {example}.")
+    return value
+
+
+def tables(value: Any, where: Where) -> list[dict[str, Any]]:
+    """An array of tables."""
+    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
+        raise where.fail(f"got {shown(value)}: write each one as a table that begins with [[{where.key}]].")
+    return value
+
+
+def integer(value: Any, where: Where, largest: int) -> int:
+    """A whole number of at most `largest` in size."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise where.fail(f"got {shown(value)}: write a whole number, as in 0 or -1.")
+    if abs(value) > largest:
+        raise where.fail(f"got {shown(value)}: write a whole number between {-largest} and {largest}.")
+    return value
+
+
+def number(value: Any, where: Where) -> float:
+    """A finite real number."""
+    if isinstance(value, str):
+        raise where.fail(f"got the text {shown(value)}: write a number without quotation marks.")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise where.fail(f"got {shown(value)}: write a number.")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise where.fail(f"got {value}: write a finite number.")
+    if abs(value) > LARGEST:
+        raise where.fail(f"got {shown(value)}: write a number below {LARGEST:g} in SI units.")
+    return float(value)
+
+
+def _shape(value: Any, depth: int = 3) -> tuple[int, ...] | None:
+    """Shape of nested lists; None where they are ragged or deeper than any value of a study."""
+    if not isinstance(value, list):
+        return ()
+    inner = {_shape(entry, depth - 1) for entry in value} if depth > 0 else set()
+    if len(inner) != 1 or None in inner:
+        return None
+    return (len(value), *(inner.pop() or ()))
+
+
+def _numbers(value: Any, where: Where) -> Any:
+    return [_numbers(entry, where) for entry in value] if isinstance(value, list) else number(value, where)
+
+
+def _wanted(shape: tuple[int, ...]) -> str:
+    if not shape:
+        return "one number"
+    if len(shape) == 1:
+        return f"a list of {shape[0]} number{'s' if shape[0] > 1 else ''}"
+    return f"a list of {shape[0]} list{'s' if shape[0] > 1 else ''} of {shape[1]} numbers"
+
+
+def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float | Float[np.ndarray, "..."]:
+    """A number, or nested lists of numbers, of one of `shapes`; a float for shape ()."""
+    shapes = tuple(shapes)
+    if isinstance(value, list) and _shape(value) not in shapes:
+        raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
+    numbers = _numbers(value, where)
+    if np.shape(numbers) not in shapes:
+        raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
+    return numbers if isinstance(numbers, float) else np.array(numbers)
+
+
+def vector(value: Any, size: int, where: Where) -> Float[np.ndarray, " n"]:
+    """A vector of `size` numbers."""
+    return np.asarray(array(value, [(size,)], where))
+
+
+def rows(value: Any, where: Where) -> Float[np.ndarray, "n 3"]:
+    """A list of at least one point [x, y, z]."""
+    count = len(value) if isinstance(value, list) else 0
+    if count == 0:
+        raise where.fail(f"got {shown(value)}: write a list of points, as in [[0.5, -1.0, 0.3]].")
+    return np.asarray(array(value, [(count, 3)], where))
+
+
+def unit(value: Float[np.ndarray, " n"], where: Where, name: str) -> Float[np.ndarray, " n"]:
+    """The vector made exactly unit, where it is so within `UNIT_TOLERANCE`."""
+    length = float(np.linalg.norm(value))
+    if abs(length - 1) > UNIT_TOLERANCE:
+        raise where.fail(f"got {shown(value.tolist())} of length {length:.6g}: give a unit {name}.")
+    # A vector that is unit already keeps its digits, so that saving and loading changes nothing.
+    return value if abs(length - 1) < 4 * np.finfo(float).eps else value / length
+
+
+def check_domain(value: Any, domain: Domain, where: Where, longest: float | None = None) -> None:
+    """Refuse entries outside a domain; `longest` (m) is how far the cable may reach, None = not known."""
+    lowest = float(np.min(value))
+    if domain == "positive" and lowest <= 0:
+        raise where.fail(f"got {lowest:g}: give a value above zero.")
+    if domain in ("nonnegative", "along_cable") and lowest < 0:
+        raise where.fail(f"got {lowest:g}: give zero or a value above it.")
+    if domain == "along_cable" and longest is not None and float(np.max(value)) > longest:
+        raise where.fail(f"got {float(np.max(value)):g} m: give a place on the cable, from 0 to {longest:g} m.")
+
+
+def quantity(
+    value: Any, form: ParameterFormat, where: Where, ends: int = 2, longest: float | None = None
+) -> float | Float[np.ndarray, "..."]:
+    """The value of a declared quantity in a study with `ends` clamps."""
+    result = array(value, form.shapes(ends), where)
+    if form.domain == "unit":
+        return unit(np.asarray(result), where, "vector")
+    check_domain(result, form.domain, where, longest)
+    return result
