@@ -1,8 +1,8 @@
 """Physics beyond the plain rod: each kind of effect as a function that changes `Parts`.
 
 An effect is a dictionary as in a study's `[[effect]]` table: `kind` and its parameters, in SI units. The first group is
-the catalogue of the study format; the second, `HIDDEN`, lies outside of it. Per-pose parameters of hidden kinds have one
-entry per pose. Spans are boxes with edges smoothed over 2 % of L; dead loads keep their direction in the world.
+the catalogue of the study format; the second, `HIDDEN`, lies outside of it. Per-pose parameters of hidden kinds have
+one entry per pose. Spans are boxes with edges smoothed over 2 % of L; dead loads keep their direction in the world.
 """
 
 import numpy as np
@@ -96,7 +96,8 @@ CATALOGUE = {
     "stiffness_profile": _stiffness_profile, "extensibility": _extensibility, "point_mass": _point_mass,
     "density_profile": _density_profile, "uniform_load": _uniform_load, "point_load": _point_load, "tether": _tether,
     "support_plane": _support_plane, "elastic_clamp": _elastic_clamp, "clamp_rotation": _clamp_rotation,
-    "clamp_offset": _clamp_offset, "length_error": _length_error, "scan_scale": _scan_scale, "scan_offset": _scan_offset,
+    "clamp_offset": _clamp_offset, "length_error": _length_error, "scan_scale": _scan_scale,
+    "scan_offset": _scan_offset,
 }  # fmt: skip
 
 

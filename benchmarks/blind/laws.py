@@ -51,7 +51,7 @@ class Friction:
 def invert(law, M, EI, twist):
     """Curvature from the material moment, and its derivative."""
     w = (M[..., 0] ** 2 + M[..., 1] ** 2) / EI**2
-    k, goal = np.zeros(w.shape), np.sqrt(w.real)
+    k, goal = np.zeros(w.shape), np.sqrt(np.maximum(w.real, 0))
     for _ in range(ITERATIONS):
         g, dg = (x.real for x in law.g(k * k))
         step = (goal - k * g) / (g + 2 * k * k * dg)

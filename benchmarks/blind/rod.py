@@ -83,10 +83,10 @@ def rhs(F, part, y, jac=False):
         depth = (offset - qt.dot(r, normal)) / smooth
         dn = dn - (stiffness * smooth * softplus(depth))[..., None] * normal
     f = np.concatenate([dr, dq, dn, -qt.cross(dr, n)], axis=-1)
-    return (f, _jacobian(F, y, d3, dr, M, kappa, D)) if jac else f
+    return (f, _jacobian(F, y, d3, dr, kappa=kappa, D=D)) if jac else f
 
 
-def _jacobian(F, y, d3, dr, M, kappa, D):
+def _jacobian(F, y, d3, dr, *, kappa, D):
     r, q, n, m = y[..., :3], y[..., 3:7], y[..., 7:10], y[..., 10:]
     a, b = F.shear, F.axial - F.shear
     J = np.zeros((*y.shape, 13), y.dtype)
@@ -101,7 +101,8 @@ def _jacobian(F, y, d3, dr, M, kappa, D):
     J[..., 3:7, 10:] = L @ np.swapaxes(R_T, -1, -2)
     for normal, offset, stiffness, smooth in F.planes:
         depth = (offset - qt.dot(r, normal)) / smooth
-        J[..., 7:10, :3] += (stiffness / (1 + np.exp(-np.clip(depth, -50, 50))))[..., None, None] * np.outer(normal, normal)
+        push = stiffness / (1 + np.exp(-np.clip(depth, -50, 50)))
+        J[..., 7:10, :3] += push[..., None, None] * np.outer(normal, normal)
     N = qt.skew(n)
     J[..., 10:, 3:7] = N @ r_q
     J[..., 10:, 7:10] = N @ r_n - qt.skew(dr)
@@ -110,11 +111,8 @@ def _jacobian(F, y, d3, dr, M, kappa, D):
 
 def jumps(F, y, jac=False):
     """What point loads take from `n` and `m` at each node, and the derivative of the jump of `n` by `r`."""
-    dy = np.zeros_like(y) if not np.iscomplexobj(F.force) else np.zeros(y.shape, complex)
-    for _, anchor, k, rest in F.tethers:
-        if any(np.iscomplexobj(v) for v in (anchor, k, rest)):
-            dy = dy.astype(complex)
-    dy = dy.astype(complex) if np.iscomplexobj(F.couple) or any(np.iscomplexobj(t[0]) for t in F.tethers) else dy
+    loads = [F.force, F.couple, *(v for tether in F.tethers for v in tether)]
+    dy = np.zeros(y.shape, complex if any(map(np.iscomplexobj, (y, *loads))) else float)
     dy[..., 7:10] -= F.force
     dy[..., 10:] -= F.couple
     dr = np.zeros((*y.shape[:-1], 3, 3)) if jac else None

@@ -8,6 +8,7 @@ Units: m, kg, N, rad. Sample points `s` are nodes and midpoints of the mesh, `2 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from . import quaternions as qt
 from . import rod
@@ -81,7 +82,7 @@ class Parts:
         EI, GJ = self.cable.bending, self.cable.torsion
         b = np.stack([-np.sin(self.angle), np.cos(self.angle)])
         c = np.sqrt(EI * GJ) * np.asarray(self.coupling)
-        K = np.zeros((len(self.s), 3, 3), np.result_type(*map(np.asarray, (b, c, EI, GJ, self.ratio, self.bend, self.twist))))
+        K = np.zeros((len(self.s), 3, 3), np.result_type(b, c, EI, GJ, self.ratio, self.bend, self.twist))
         plane = EI * (np.eye(2) + (self.ratio - 1) * b[:, None] * b)
         K[:, :2, :2] = self.bend[:, None, None] * plane
         K[:, 2, 2] = GJ * self.twist
@@ -117,13 +118,9 @@ def mesh(intervals, length, points=(), spans=()):
 
 def interpolate(sigma, y, new):
     """States on another mesh, by the cubic spline through the nodes."""
-    from scipy.interpolate import CubicSpline
-
     return y if len(sigma) == len(new) and np.array_equal(sigma, new) else CubicSpline(sigma, y, axis=1)(new)
 
 
 def observation_matrix(sigma, at):
     """The matrix that takes node values to values at `at` (both over [0, 1]), through a cubic spline."""
-    from scipy.interpolate import CubicSpline
-
     return CubicSpline(sigma, np.eye(len(sigma)))(at)

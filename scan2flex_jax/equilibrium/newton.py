@@ -10,17 +10,19 @@ start. There is no line search: energy along the way means little in a curved va
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.equilibrium import blocktridiagonal as bt
-from scan2flex_jax.rod.assembly import derivatives, free_motions, section_forces, strain_increment
+from scan2flex_jax.rod.assembly import Derivatives, derivatives, free_motions, strain_increment
 from scan2flex_jax.rod.energy import retract, supported
-from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.rod.model import Rod
 
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
 _PUSH = 0.2  # the same for a push off a saddle
@@ -29,22 +31,27 @@ _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness
 
 
 class NewtonState(eqx.Module):
-    """What one step leaves to the next: predicted section forces, the softest mode, the lent stiffness."""
+    """What one step leaves to the next: the derivatives where it began, predicted section forces, the softest mode, the
+    lent stiffness. After the last step, which does not move, ``last`` belongs to the solution."""
 
+    last: Derivatives
     forces: Float[Array, "n 6"]
     mode: Float[Array, "nodes 6"]
     start: Float[Array, "nodes 3"]
     lent: Float[Array, ""]
+    first: Bool[Array, ""]
     was_indefinite: Bool[Array, ""]
     size: Float[Array, ""]
+    negative: Int[Array, ""]
     done: Bool[Array, ""]
 
 
 class MixedNewton(optx.AbstractMinimiser):
     """Newton's method with mixed stress-strain steps; ``args`` of the minimised function must be the `Rod`.
 
-    Converged when an undamped step moves no node by more than ``atol`` (rad, or parts of the length); convergence is
-    quadratic, so what is left is of the order of its square.
+    Converged when an undamped step moved no node by more than ``atol`` (rad, or parts of the length): convergence is
+    quadratic, so what is left is of the order of its square. The step after it only looks: it must find a positive definite
+    Hessian, and leaves the derivatives at the solution in the state.
     """
 
     rtol: float = 0.0
@@ -52,44 +59,52 @@ class MixedNewton(optx.AbstractMinimiser):
     norm: Callable = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        """Forces of the start without its stretching, which no start gets right."""
+        """Nothing is known of the forces yet."""
         rod: Rod = args
-        forces = section_forces(rod, supported(rod, y)).at[:, :3].set(0.0)
+        shapes = eqx.filter_eval_shape(derivatives, rod, y)
+        empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
-        return NewtonState(forces, wave * free_motions(rod), y.r, 0.0 * one, no, one, no)
+        return NewtonState(empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no)
 
     def step(self, fn, y, args, options, state, tags):
         """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
         rod: Rod = args
         y = supported(rod, y)
-        lend = state.lent * lendable_stiffness(rod)
-        d = derivatives(rod, y, state.forces, jnp.broadcast_to(lend, (rod.elements, 6, 6)))
+        looking = state.size < self.atol
+        d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, state, looking))
         both, negative = bt.factor_and_solve(d.diagonal, d.upper, jnp.stack([-d.gradient, state.mode], axis=-1))
         twist, mode = both[..., 0], both[..., 1]
         mode = mode / _size(rod, mode)
         size = _size(rod, twist)
         definite = (negative == 0) & jnp.isfinite(size)
+        done = looking & definite
         push = definite & state.was_indefinite & (size < _SETTLED)
         home = jnp.sum(mode[:, :3] * jnp.einsum("nji,nj->ni", y.R, state.start - y.r))
         push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
         twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
-        twist = jnp.where(definite, twist, 0.0)
+        twist = jnp.where(definite & ~done, twist, 0.0)
         increment = jnp.einsum("nij,nj->ni", d.elements.K, strain_increment(rod, d.elements, twist))
+        less = jnp.where(state.lent < _NONE, 0.0, state.lent / _SHRINK)
         state = NewtonState(
+            last=d,
             forces=jnp.where(definite, d.elements.n + increment, state.forces),
             mode=jnp.where(jnp.isfinite(mode), mode, state.mode),
             start=state.start,
-            lent=jnp.where(
-                definite,
-                jnp.where(state.lent < _NONE, 0.0, state.lent / _SHRINK),
-                jnp.maximum(_GROW * state.lent, _FIRST),
-            ),
+            lent=jnp.where(definite, less, jnp.maximum(_GROW * state.lent, _FIRST)),
+            first=state.first & ~definite,
             was_indefinite=~definite,
-            size=size,
-            done=definite & ~push & (size < self.atol) & (state.lent == 0.0),
+            size=jnp.where(definite & ~push & (state.lent == 0.0), size, 1.0),
+            negative=negative,
+            done=done,
         )
         return retract(y, twist), state, None
+
+    @staticmethod
+    def _forces(state, looking, n):
+        """Section forces of the geometric stiffness: a start's stretching means nothing, a solution's forces are its own."""
+        predicted = jnp.where(state.first, n.at[:, :3].set(0.0), state.forces)
+        return jnp.where(looking, n, predicted)
 
     def terminate(self, fn, y, args, options, state, tags):
         """Converged on a small, undamped step; a solve never fails before its last step."""

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import optimistix as optx
 
 from scan2flex_jax.equilibrium.newton import lendable_stiffness
-from scan2flex_jax.rod.assembly import derivatives, free_motions, out_of_balance, section_forces
+from scan2flex_jax.rod.assembly import derivatives, free_motions, out_of_balance
 from scan2flex_jax.rod.energy import potential_energy, retract, supported
 from scan2flex_jax.rod.model import Configuration, Rod
 
@@ -55,8 +55,7 @@ def _round(rod, base, last):
 
 def _scaling(rod, configuration, unit):
     """``P``; negative curvatures are taken by their size."""
-    forces = section_forces(rod, configuration).at[:, :3].set(0.0)
-    d = derivatives(rod, configuration, forces, jnp.zeros_like(rod.section.stiffness))
+    d = derivatives(rod, configuration, predict=lambda n: n.at[:, :3].set(0.0))
     values, vectors = jnp.linalg.eigh(dense(d.diagonal, d.upper))
     size = jnp.maximum(jnp.abs(values), _SMALLEST * jnp.max(jnp.abs(values)))
     return vectors * jnp.sqrt(unit / size)

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.equilibrium import blocktridiagonal as bt
 from scan2flex_jax.equilibrium.newton import MixedNewton
+from scan2flex_jax.equilibrium.reference import bfgs_configuration
 from scan2flex_jax.equilibrium.starts import sagging_start
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.assembly import derivatives, newton_correction, out_of_balance, section_forces
@@ -127,45 +128,68 @@ def equilibrium(
     start: Configuration | None = None,
     turns: Int[Array, ""] | int = 0,
     elements: int = DEFAULT_ELEMENTS,
-    solver: optx.AbstractMinimiser | None = None,
+    solver: MixedNewton | optx.BFGS | None = None,
     max_steps: int = MAX_STEPS,
 ) -> Equilibrium:
     """The static equilibrium of ``model`` between the supports of ``boundary`` (paper, Section 5: (x, q0, qL) -> q*).
 
-    ``start`` pins the branch; left out, it is a generic sag with ``turns`` full turns of twist. Never raises for a solve
-    that fails: read the `Verdict`. Differentiable in every array of ``model`` and ``boundary``.
+    ``start`` pins the branch; left out, it is a generic sag with ``turns`` full turns of twist. ``solver`` is `MixedNewton`
+    (default) or `optimistix.BFGS`, the reference (`equilibrium.reference`). Never raises for a solve that fails: read the
+    `Verdict`. Differentiable in every array of ``model`` and ``boundary``.
     """
-    return settle(discretise(model, boundary, elements), model.gravity, start, turns, solver, max_steps)
-
-
-def settle(rod: Rod, gravity, start=None, turns=0, solver=None, max_steps=MAX_STEPS) -> Equilibrium:
-    """`equilibrium` of a rod that is already discretised."""
-    frozen, gravity = jax.lax.stop_gradient((rod, gravity))
+    rod = discretise(model, boundary, elements)
+    frozen, gravity = jax.lax.stop_gradient((rod, model.gravity))
     if start is None:
-        start = sagging_start(frozen.boundary, frozen.length, gravity, turns, rod.elements)
-    solver = MixedNewton() if solver is None else solver
+        start = sagging_start(frozen.boundary, frozen.length, gravity, turns, elements)
     start = jax.lax.stop_gradient(start)
-    found = optx.minimise(potential_energy, solver, start, frozen, max_steps=max_steps, throw=False)
-    c = jax.lax.stop_gradient(supported(frozen, found.value))
-    forces = section_forces(frozen, c)
-    d = derivatives(frozen, c, forces, jnp.zeros_like(frozen.section.stiffness))
-    factors = jax.lax.stop_gradient(bt.factor(d.diagonal, d.upper))
-    verdict = _judge(frozen, c, forces, d.gradient, factors.negative, found)
-    return Equilibrium(rod, newton_correction(rod, c, partial(bt.solve, factors)), verdict)
+    if isinstance(solver, optx.BFGS):
+        c, steps = bfgs_configuration(frozen, start)
+        result, d, steps = optx.RESULTS.successful, derivatives(frozen, c), sum(steps)
+        negative = bt.factor(d.diagonal, d.upper).negative
+    else:
+        solver = MixedNewton() if solver is None else solver
+        found = optx.minimise(potential_energy, solver, start, frozen, max_steps=max_steps, throw=False)
+        c, result, d, steps = found.value, found.result, found.state.last, found.stats["num_steps"]
+        negative = found.state.negative
+    c, d = jax.lax.stop_gradient((supported(frozen, c), d))
+    return Equilibrium(rod, _implicit(rod, c, d), _judge(frozen, c, d, negative, result, steps))
 
 
-def _judge(rod, c, forces, gradient, negative, found):
+@eqx.filter_custom_jvp
+def _implicit(rod, configuration, d):
+    """The configuration found; its derivative with respect to ``rod`` is the equilibrium's (`newton_correction`)."""
+    return configuration
+
+
+@_implicit.def_jvp
+def _implicit_jvp(primals, tangents):
+    rod, configuration, d = primals
+    solve = partial(bt.solve, bt.factor(d.diagonal, d.upper))
+    arrays, static = eqx.partition(rod, eqx.is_inexact_array)
+    moving = jax.tree.map(
+        lambda x, t: jnp.zeros_like(x) if t is None else t, arrays, tangents[0], is_leaf=lambda x: x is None
+    )
+    moving = jax.tree.map(lambda x, t: None if x is None else t, arrays, moving, is_leaf=lambda x: x is None)
+
+    def corrected(a):
+        return newton_correction(eqx.combine(a, static), configuration, solve)
+
+    return configuration, jax.jvp(corrected, (arrays,), (moving,))[1]
+
+
+def _judge(rod, c, d, negative, result, steps):
     """The verdict; see `Verdict`."""
     softest = jnp.min(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:])
-    moment = jnp.max(jnp.abs(forces[:, 3:])) + 1e-3 * softest / rod.length
-    force = jnp.max(jnp.abs(forces[:, :3])) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
-    left = jnp.maximum(jnp.max(jnp.abs(gradient[:, :3])) / force, jnp.max(jnp.abs(gradient[:, 3:])) / (moment + force * rod.length))
-    turn = jnp.max(jax.vmap(lambda a, b: jnp.linalg.norm(lie.so3_log(a.T @ b)))(c.R[:-1], c.R[1:]))
+    n, left = jnp.abs(d.elements.n), jnp.abs(d.gradient)
+    moment = jnp.max(n[:, 3:]) + 1e-3 * softest / rod.length
+    force = jnp.max(n[:, :3]) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
+    left = jnp.maximum(jnp.max(left[:, :3]) / force, jnp.max(left[:, 3:]) / (moment + force * rod.length))
+    turn = jnp.max(jnp.linalg.norm(d.elements.x[:, 3:], axis=1))
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
-    reached = found.result == optx.RESULTS.nonlinear_max_steps_reached
+    reached = result == optx.RESULTS.nonlinear_max_steps_reached
     code = jnp.select(
-        [~finite, turn > TURN, negative > 0, reached, ~(left < BALANCE)],
-        [NON_FINITE, TOO_COARSE, jnp.where(reached, MAX_STEPS_REACHED, UNSTABLE), MAX_STEPS_REACHED, UNBALANCED],
+        [~finite, turn > TURN, reached, negative > 0, ~(left < BALANCE)],
+        [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, UNSTABLE, UNBALANCED],
         SOLVED,
     )
-    return Verdict(code, left, negative, found.stats["num_steps"])
+    return Verdict(code, left, negative, jnp.asarray(steps))

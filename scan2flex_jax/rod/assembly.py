@@ -15,6 +15,7 @@ the last step it is the mixed (stress-strain) one (Magisano, Leonetti, Garcea 20
 valley that a nearly inextensible rod makes of its energy.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -29,9 +30,10 @@ from scan2flex_jax.rod.model import Configuration, Rod
 
 
 class Elements(NamedTuple):
-    """Per element: section force and moment ``n`` in material axes (N, N m), tangent stiffness ``K``, and the maps ``T``,
-    ``A`` from end twists to strain increments."""
+    """Per element: helix ``x`` (m, rad), section force and moment ``n`` in material axes (N, N m), tangent stiffness ``K``,
+    and the maps ``T``, ``A`` from end twists to strain increments."""
 
+    x: Float[Array, "n 6"]
     n: Float[Array, "n 6"]
     K: Float[Array, "n 6 6"]
     T: Float[Array, "n 6 6"]
@@ -75,16 +77,18 @@ def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "node
 
 
 def derivatives(
-    rod: Rod, configuration: Configuration, forces: Float[Array, "n 6"], damping: Float[Array, "n 6 6"]
+    rod: Rod, configuration: Configuration, damping: Float[Array, "6 6"] | None = None, predict: Callable = lambda n: n
 ) -> Derivatives:
     """Gradient and Hessian blocks at a supported configuration.
 
-    ``forces`` (N, N m) are the section forces of the geometric stiffness; ``damping`` is added to the tangent stiffness of
-    the sections in the Hessian only. Held motions are taken out: no gradient, unit diagonal.
+    ``predict`` turns the section forces of the strains (N, N m) into those of the geometric stiffness; ``damping`` is added
+    to the tangent stiffness of all sections in the Hessian only. Held motions are taken out: no gradient, unit diagonal.
     """
     c = configuration
-    n, K = _law_derivatives(rod, strains(rod, c) - rod.section.natural)
-    T, A, p, stiffness, bracket = _element_blocks(rod, c, n, K + damping, forces)
+    strain = strains(rod, c)
+    n, K = _law_derivatives(rod, strain - rod.section.natural)
+    x = rod.section.ds * (strain + jnp.array(E3))
+    T, A, p, stiffness, bracket = _element_blocks(rod, c, x, n, K if damping is None else K + damping, predict(n))
     At = jnp.swapaxes(A, 1, 2)
     near = At @ stiffness
     diagonal = _to_nodes(near @ A, stiffness)
@@ -94,7 +98,7 @@ def derivatives(
     free = free_motions(rod)
     diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
     upper = upper * free[:-1, :, None] * free[1:, None, :]
-    return Derivatives(gradient * free, diagonal, upper, Elements(n, K, T, A))
+    return Derivatives(gradient * free, diagonal, upper, Elements(x, n, K, T, A))
 
 
 def strain_increment(rod: Rod, elements: Elements, twist: Float[Array, "nodes 6"]) -> Float[Array, "n 6"]:
@@ -112,19 +116,18 @@ def _law_derivatives(rod, excess):
     return jax.vmap(jax.grad(law))(excess, stiffness), jax.vmap(jax.hessian(law))(excess, stiffness)
 
 
-def _element_blocks(rod, c, n, K, forces):
+def _element_blocks(rod, c, x, n, K, forces):
     ds = rod.section.ds
 
-    def element(r0, R0, r1, R1, n, K, m):
+    def element(r0, R0, r1, R1, x, n, K, m):
         d, D = R0.T @ (r1 - r0), R0.T @ R1
-        x = lie.se3_log(d, D)
         T = lie.right_jacobian_inverse(x)
         P = jax.jacfwd(lambda y: lie.right_jacobian_inverse(y).T @ m)(x) @ T
         stiffness = T.T @ (K / ds) @ T + 0.5 * (P + P.T)
         return T, lie.adjoint_inverse(d, D), T.T @ n, stiffness, lie.bracket_matrix(T.T @ m)
 
     r, R = c
-    return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n, K, forces)
+    return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], x, n, K, forces)
 
 
 def _to_nodes(near, far):
@@ -166,7 +169,7 @@ def _outer_field(rod, c):
     def energy(twist, node):
         r, R, s, w = node
         dr, dR = lie.se3_exp(twist)
-        return potential(Node(r + R @ dr, R @ dR, s, w, rod.boundary))
+        return potential(Node(r + R @ dr, R @ dR, s, w, rod.section.ds, rod.boundary))
 
     return energy, (jnp.zeros((rod.elements + 1, 6)), (c.r, c.R, rod.node_s, node_weights(rod)))
 

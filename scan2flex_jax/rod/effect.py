@@ -31,12 +31,13 @@ class Section(eqx.Module):
 
 class Node(eqx.Module):
     """One node of the rod as `AbstractEffect.node_potential` sees it: position ``r`` (m), rotation ``R``, arc length ``s``
-    (m), the length ``weight`` (m) of cable that it stands for, and the supports."""
+    (m), the length ``weight`` (m) of cable that it stands for, the element length ``ds`` (m), and the supports."""
 
     r: Float[Array, "3"]
     R: Float[Array, "3 3"]
     s: Float[Array, ""]
     weight: Float[Array, ""]
+    ds: Float[Array, ""]
     boundary: Boundary
 
 

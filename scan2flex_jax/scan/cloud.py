@@ -21,6 +21,7 @@ MESH_SAMPLES = 60_000
 MILLIMETRES = 50.0  # a cloud this many times longer than the cable is in other units: no room is so large
 _PLANES = 3  # table tops and walls that are looked for
 _TRIPLES = 200
+_FILLED = 0.45  # ratio of in-plane variances around a point: a noisy cable has 0.2, a table 1
 _NEIGHBOURS = 8
 _ISOLATED = 5.0  # robust standard deviations of the log distance to neighbours
 
@@ -122,40 +123,53 @@ def reachable(points, radius, start, end, length) -> np.ndarray:
     return from_start + np.linalg.norm(points - end, axis=1) < length + 2.0 * slack
 
 
-def off_planes(points: Float[np.ndarray, "n 3"], radius: float, length: float) -> np.ndarray:
-    """Mask of points on no table top: planes whose points fill three times the area that the cable could.
+def off_planes(points: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
+    """Mask of points on no table top or wall: planes in which the points fill their surroundings evenly.
 
-    Planes are proposed by triples of points (RANSAC with a fixed seed); a cable that lies in a plane fills little of it.
+    Planes are proposed by triples of points (RANSAC with a fixed seed); a cable that lies in a plane lines up in it.
     """
     keep = np.ones(len(points), bool)
     rng = np.random.default_rng(5)
+    near = 0.25 * radius + 2e-3
     for _ in range(_PLANES):
         left = points[keep]
-        some = left[thin(left, 4000)]
-        normal, offset = _best_plane(some, radius, rng)
+        normal, offset = _best_plane(left[thin(left, 4000)], near, rng)
         away = points @ normal - offset
-        on = keep & (np.abs(away) < 2.0 * radius)
+        on = keep & (np.abs(away) < 2.0 * near)
         axes = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2]
-        cells = np.unique(np.floor(points[on] @ axes / (2.0 * radius)), axis=0)
-        if on.sum() < 100 or len(cells) * 2.0 * radius < 3.0 * length:
+        if on.sum() < max(100, 0.1 * keep.sum()) or _filling(points[on] @ axes, 4.0 * max(radius, near)) < _FILLED:
             break
-        middle = np.median(away[on])
-        spread = 1.4826 * np.median(np.abs(away[on] - middle))
+        middle, spread = 0.0, near
+        for _ in range(5):  # the slab that found the plane may be thinner than its noise
+            inside = away[keep & (np.abs(away - middle) < 3.0 * spread)]
+            middle = np.median(inside)
+            spread = min(1.55 * np.median(np.abs(inside - middle)), 6.0 * near)
         keep &= np.abs(away - middle) > 4.0 * spread + 1e-4
     return keep
 
 
-def _best_plane(points, radius, rng):
-    """Unit normal and offset (m) of the plane with the most points within a radius."""
+def _filling(flat: Float[np.ndarray, "n 2"], reach: float) -> float:
+    """Median over points of the smaller by the larger variance of the points around them: 1 in an area, 0 on a line."""
+    tree = cKDTree(flat)
+    ratios = []
+    for ball in tree.query_ball_point(flat[thin(np.column_stack([flat, 0 * flat[:, 0]]), 200)], reach):
+        if len(ball) > 5:
+            size = np.linalg.eigvalsh(np.cov(flat[ball].T))
+            ratios.append(size[0] / (size[1] + 1e-300))
+    return float(np.median(ratios)) if ratios else 0.0
+
+
+def _best_plane(points, near, rng):
+    """Unit normal and offset (m) of the plane with the most points nearer than ``near``."""
     triples = points[rng.integers(0, len(points), (_TRIPLES, 3))]
     normal = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     size = np.linalg.norm(normal, axis=1)
     normal = normal / np.where(size > 0, size, 1.0)[:, None]
     offset = np.sum(normal * triples[:, 0], axis=1)
-    best = np.argmax(np.sum(np.abs(points @ normal.T - offset) < radius, axis=0))
-    near = points[np.abs(points @ normal[best] - offset[best]) < radius]
-    middle = near.mean(axis=0)
-    normal = np.linalg.svd(near - middle, full_matrices=False)[2][2]
+    best = np.argmax(np.sum(np.abs(points @ normal.T - offset) < near, axis=0))
+    on = points[np.abs(points @ normal[best] - offset[best]) < near]
+    middle = on.mean(axis=0)
+    normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
     return normal, float(normal @ middle)
 
 

@@ -1,14 +1,13 @@
-"""The coarse centre curve: through the user's guide points, or found without any.
+"""The coarse centre curve found without guide points (the step that the paper tried and gave up).
 
-Finding it (the step that the paper tried and gave up): every cloud point *votes* for the axis by stepping one radius
-inward along its local surface normal. Votes lie close to the centre line even where only one side was seen, and two
-strands that nearly touch have votes two radii apart. Votes are gathered into nodes half a radius apart, each with the
-direction in which its neighbours line up; nodes of a table top line up with nothing and are dropped. The curve is the
-shortest path from clamp to clamp over *directed* nodes (node, heading): an edge costs its length, more when it turns away
-from the heading, and three times as much across a gap, so that a path does not jump to a strand that crosses.
+Every cloud point *votes* for the axis by stepping one radius inward along its local surface normal. Votes lie close to the
+centre line even where only one side was seen, and two strands that nearly touch have votes two radii apart. Votes are
+gathered into nodes half a radius apart, each with the direction in which its neighbours line up; nodes that line up with
+nothing (a clamp, a table) are dropped. The nodes are drawn into *strands* (`strands.py`) and the strands joined end to end
+from clamp to clamp, over gaps of up to 10 % of the length.
 
 Symbols: ``r`` radius (m), ``L`` length (m), node spacing ``h`` = r/2 (m, at least L/400).
-Reference: Dijkstra's algorithm of scipy.sparse.csgraph; normals by principal components (Hoppe et al. 1992).
+Reference: normals by principal components (Hoppe et al. 1992); mean shift (Fukunaga, Hostetler 1975).
 """
 
 from dataclasses import dataclass
@@ -16,25 +15,24 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import gaussian_filter1d
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.spline import evenly
+from scan2flex_jax.scan.strands import End, Nodes, chains
 
 VOTERS = 6000  # points that vote: enough for 20 in every patch of a radius
+GAP = 0.13  # of L: the longest gap that is bridged (10 % and the thin edges of the cloud beside it)
 _PATCH = 16  # neighbours of a normal
 _CROWD = 160  # neighbours of a mean or a direction
 _WIDER = 1.5  # a noisy tube looks this many standard deviations wide
-_BALL = 64  # neighbours that tell inside from outside
+_MEDIAN_OF_TWO = 1.18  # median distance from the centre of a two-dimensional Gaussian, in standard deviations
+_THIN = 0.2  # of the usual crowd: less is debris
 _NOISY = 0.3  # normals are useless when the patch is thicker than this share of r
-_GAP = 0.13  # of L: the longest gap that is bridged
-_GAP_COSTS = (3.0, 10.0, 30.0)  # per length, tried in turn: cheap gaps invite shortcuts, dear ones detours
-_TURN_COST = 4.0
 _EXPLAINED = 0.75  # share of the votes that a trusted curve explains
-_LENGTH_OFF = 0.06  # of L, for a trusted curve
-_LINE_UP = 0.65  # share of the variance along the first axis: less is no curve
+_LENGTH_OFF = 0.08  # of L, for a trusted curve
+_SHARP = 0.5  # rad of turn per radius of length: a sharper turn is a jump between strands
+_LINE_UP = 0.7  # share of the variance along the first axis: less is no curve
 
 
 @dataclass(frozen=True)
@@ -51,14 +49,6 @@ class Coarse:
         return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
 
 
-@dataclass(frozen=True)
-class End:
-    """One end of the cable as the study tells it: position (m) and unit tangent (towards growing s), if known."""
-
-    position: Float[np.ndarray, "3"]
-    tangent: Float[np.ndarray, "3"] | None = None
-
-
 def axis_votes(points: Float[np.ndarray, "n 3"], radius: float) -> tuple[Float[np.ndarray, "n 3"], float]:
     """Where each point believes the axis to be (m), and the radius at which the cloud looks like a tube.
 
@@ -66,15 +56,14 @@ def axis_votes(points: Float[np.ndarray, "n 3"], radius: float) -> tuple[Float[n
     looks as wide as the noise makes it.
     """
     tree = cKDTree(points)
-    away, ball = tree.query(points, min(_BALL, len(points)))
-    patch = points[ball[:, :_PATCH]]
+    patch = points[tree.query(points, min(_PATCH, len(points)))[1]]
     size, axes = _principal(patch, np.ones(patch.shape[:2]))
     thick, wide = np.sqrt(np.maximum(size[:, 0], 0.0)), np.sqrt(size[:, 1])
     if np.median(thick) > _NOISY * radius * min(1.0, np.median(wide) / (0.5 * radius)):
         apparent = max(radius, _WIDER * _across(points, tree, radius))
         return _gathered(_gathered(points, points, apparent), points, apparent), apparent
-    near = (away < 2.0 * radius)[..., None]
-    middle = np.sum(points[ball] * near, axis=1) / near.sum(axis=1)
+    sparse = points[:: max(1, len(points) // 2000)]
+    middle = _gathered(points, sparse, 0.7 * radius)
     normal = axes[:, :, 0]
     outward = np.sign(np.sum(normal * (points - middle), axis=1, keepdims=True))
     votes = points - radius * outward * normal
@@ -93,27 +82,22 @@ def _across(points, tree, radius) -> float:
     some = points[:: max(1, len(points) // 300)]
     index = tree.query(some, min(400, len(points)), distance_upper_bound=8.0 * radius)[1]
     inside = index < len(points)
-    size, _ = _principal(points[np.where(inside, index, 0)], inside.astype(float))
-    return float(np.sqrt(np.median(size[:, 0] + size[:, 1])))
+    groups = points[np.where(inside, index, 0)]
+    _, axes = _principal(groups, inside.astype(float))
+    middle = np.nanmedian(np.where(inside[..., None], groups, np.nan), axis=1)
+    off = groups - middle[:, None]
+    off = off - np.einsum("nki,ni->nk", off, axes[:, :, 2])[..., None] * axes[:, None, :, 2]
+    return float(np.median(np.linalg.norm(off, axis=2)[inside]) / _MEDIAN_OF_TWO)
 
 
 def _gathered(votes, source, width):
     """Each vote moved to the Gaussian mean (of ``width``, m) of the source points around it: one step of mean shift."""
     away, index = cKDTree(source).query(votes, min(_CROWD, len(source)))
-    weight = np.exp(-0.5 * (away / width) ** 2)[..., None]
+    weight = np.exp(-0.5 * (away**2 - away[:, :1] ** 2) / width**2)[..., None]
     return np.sum(weight * source[index], axis=1) / np.sum(weight, axis=1)
 
 
-@dataclass(frozen=True)
-class _Nodes:
-    """Axis nodes (m), their line-up directions, and how many votes each holds."""
-
-    at: np.ndarray
-    along: np.ndarray
-    votes: np.ndarray
-
-
-def _nodes(votes, spacing, radius) -> _Nodes:
+def _nodes(votes, spacing, radius) -> Nodes:
     """Votes gathered on a grid; what is thin of votes or lines up with nothing is dropped."""
     cell = np.floor(votes / spacing).astype(int)
     _, which, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
@@ -125,51 +109,8 @@ def _nodes(votes, spacing, radius) -> _Nodes:
     size, axes = _principal(votes[index], weight)
     lined = size[:, 2] / (size.sum(axis=1) + 1e-300)
     crowd = weight.sum(axis=1)
-    keep = (lined > _LINE_UP) & (crowd > max(4.0, 0.05 * np.median(crowd)))
-    return _Nodes(at[keep], axes[keep][:, :, 2], count[keep])
-
-
-def _edges(nodes: _Nodes, spacing, radius, gap, gap_cost):
-    """Directed edges between (node, heading) states: tail, head, cost. State 2i is node i along its axis, 2i+1 against."""
-    pairs = cKDTree(nodes.at).query_pairs(gap, output_type="ndarray")
-    pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    step = nodes.at[pairs[:, 1]] - nodes.at[pairs[:, 0]]
-    size = np.linalg.norm(step, axis=1)
-    step = step / np.maximum(size, 1e-12)[:, None]
-    short = size < max(4.0 * spacing, 2.0 * radius)
-    base = size * np.where(short, 1.0, gap_cost)
-    tails, heads, costs = [], [], []
-    for leave in (0, 1):
-        for arrive in (0, 1):
-            c1 = (1 - 2 * leave) * np.sum(step * nodes.along[pairs[:, 0]], axis=1)
-            c2 = (1 - 2 * arrive) * np.sum(step * nodes.along[pairs[:, 1]], axis=1)
-            turn = np.arccos(np.clip(c1, -1, 1)) ** 2 + np.arccos(np.clip(c2, -1, 1)) ** 2
-            good = (np.minimum(c1, c2) > 0.5) | (short & (c1 + c2 > 1.2))
-            tails.append(2 * pairs[good, 0] + leave)
-            heads.append(2 * pairs[good, 1] + arrive)
-            costs.append((base * (1.0 + _TURN_COST * turn))[good])
-    return np.concatenate(tails), np.concatenate(heads), np.concatenate(costs)
-
-
-def _end_edges(nodes: _Nodes, end: End, gap: float, outgoing: bool):
-    """Edges between a clamp and the states near it; states and costs (twice the distance, more for a turn)."""
-    step = nodes.at - end.position
-    size = np.linalg.norm(step, axis=1)
-    near = np.flatnonzero(size < gap)
-    step = step[near] / np.maximum(size[near], 1e-9)[:, None] * (1.0 if outgoing else -1.0)
-    states, costs = [], []
-    for sign in (0, 1):
-        c = (1 - 2 * sign) * np.sum(step * nodes.along[near], axis=1)
-        turn = np.arccos(np.clip(c, -1, 1)) ** 2
-        if end.tangent is not None:
-            turn = turn + np.arccos(np.clip(step @ end.tangent, -1, 1)) ** 2
-            faces = (1 - 2 * sign) * (nodes.along[near] @ end.tangent) > -0.2
-        else:
-            faces = np.ones(len(near), bool)
-        good = faces & ((c > 0.0) | (size[near] < 0.2 * gap))
-        states.append(2 * near[good] + sign)
-        costs.append((2.0 * size[near] * (1.0 + _TURN_COST * turn))[good])
-    return np.concatenate(states), np.concatenate(costs)
+    keep = (lined > _LINE_UP) & (crowd > max(4.0, _THIN * np.median(np.repeat(crowd, count))))
+    return Nodes(at[keep], axes[keep][:, :, 2], count[keep])
 
 
 def find_curve(points, radius, length, start: End | None, end: End | None) -> Coarse:
@@ -184,50 +125,16 @@ def find_curve(points, radius, length, start: End | None, end: End | None) -> Co
             f" check the radius, or mark guide points"
         )
     found = []
-    for gap, cost in [(0.4 * _GAP, _GAP_COSTS[0]), *((_GAP, cost) for cost in _GAP_COSTS)]:
-        reach = max(gap * scale, 4.0 * spacing)
-        path = _shortest(nodes, _edges(nodes, spacing, apparent, reach, cost), start, end, max(_GAP * scale, reach))
-        if len(path) < 4:
-            continue
+    for path in chains(nodes, max(4.0 * spacing, 2.0 * apparent), GAP * scale, start, end):
         curve = _smoothed(path, spacing, apparent)
         found.append((*_judged(curve, nodes, apparent, length, start, end), curve))
-        if not found[-1][1]:
-            break
     if not found:
         raise Scan2FlexError(
             "no path through the cloud leads from the start clamp to the end clamp: a gap is longer than"
-            f" {100 * _GAP:.0f} % of the length, or the clamps stand elsewhere; mark guide points"
+            f" {100 * GAP:.0f} % of the length, or the clamps stand elsewhere; mark guide points"
         )
     _, doubts, curve = min(found, key=lambda one: one[0])
     return Coarse(curve, not doubts, doubts)
-
-
-def _shortest(nodes: _Nodes, edges, start, end, gap):
-    """Node positions on the cheapest path; a free end is the state that is furthest to reach."""
-    tails, heads, costs = edges
-    n = 2 * len(nodes.at)
-    if start is not None:
-        states, cost = _end_edges(nodes, start, gap, True)
-        tails, heads, costs = np.append(tails, np.full(len(states), n)), np.append(heads, states), np.append(costs, cost)
-    if end is not None:
-        states, cost = _end_edges(nodes, end, gap, False)
-        tails, heads = np.append(tails, states), np.append(heads, np.full(len(states), n + 1))
-        costs = np.append(costs, cost)
-    graph = coo_matrix((costs, (tails.astype(int), heads.astype(int))), shape=(n + 2, n + 2)).tocsr()
-    source = n
-    if start is None:
-        reached = dijkstra(graph, indices=0)[:n]
-        source = int(np.argmax(np.where(np.isfinite(reached), reached, -1.0))) ^ 1  # turned round: the other way is far
-    cost, before = dijkstra(graph, indices=source, return_predecessors=True)
-    target = n + 1 if end is not None else int(np.argmax(np.where(np.isfinite(cost[:n]), cost[:n], -1.0)))
-    if not np.isfinite(cost[target]) or cost[target] <= 0.0:
-        return nodes.at[:0]
-    states = []
-    while target >= 0:
-        states.append(target)
-        target = before[target]
-    inner = [k // 2 for k in states[::-1] if k < n]
-    return nodes.at[inner]
 
 
 def _smoothed(path, spacing, radius):
@@ -257,4 +164,9 @@ def _judged(curve, nodes, radius, length, start, end):
         bad += 3.0 * abs(found / length - 1.0)
         if not 1.0 - _LENGTH_OFF < found / length < 1.0 + _LENGTH_OFF:
             doubts.append(f"it is {found:.4g} m long from clamp to clamp where the cable is {length:.4g} m")
+    even = evenly(curve, max(8, int(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1)) / radius)))
+    step = np.diff(even, axis=0)
+    step /= np.linalg.norm(step, axis=1, keepdims=True)
+    turn = np.arccos(np.clip(np.sum(step[1:] * step[:-1], axis=1), -1.0, 1.0))  # rad per radius of length
+    bad += 0.3 * max(0.0, float(turn.max()) - _SHARP)
     return bad, tuple(doubts)

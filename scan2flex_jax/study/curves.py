@@ -5,9 +5,9 @@ points is not the length of the polyline through them: each step adds noise. `ar
 """
 
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.model import MeasuredCurve
@@ -27,14 +27,14 @@ def read_curve(path: Path, where: Where) -> MeasuredCurve:
     return checked_curve(table, None, path, where)
 
 
-def read_guide_points(path: Path, where: Where) -> Float[np.ndarray, "k 3"]:
+def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
     """Points that a user marked on the surface, from start to end; header `x,y,z`."""
     _, table = _read_csv(path, ("x,y,z",), where)
     return checked_points(table, 2, where)
 
 
 def checked_curve(
-    points: Float[np.ndarray, "n 3"], s: Float[np.ndarray, " n"] | None, path: Path | None, where: Where
+    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, "n"] | None, path: Path | None, where: Where
 ) -> MeasuredCurve:
     """A measured curve whose points are finite and apart, and whose arc length grows."""
     points = checked_points(points, FEWEST_POINTS, where)
@@ -51,7 +51,7 @@ def checked_curve(
     return MeasuredCurve(points, s, path)
 
 
-def checked_points(points: Float[np.ndarray, "n 3"], fewest: int, where: Where) -> Float[np.ndarray, "n 3"]:
+def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
     """The points, when there are enough of them, all are finite, and no two neighbours are the same."""
     if len(points) < fewest:
         raise where.fail(f"got {len(points)} point{'s' * (len(points) != 1)}: give at least {fewest}.")
@@ -65,7 +65,7 @@ def checked_points(points: Float[np.ndarray, "n 3"], fewest: int, where: Where) 
     return points
 
 
-def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Float[np.ndarray, "n c"]]:
+def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:
     """Column names and numbers of a CSV whose header is one of `headers`."""
     content = read_text(path, CSV_LIMIT, where, "the file is not there: put it into the study's folder.")
     first, *lines = content.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -100,7 +100,7 @@ def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
     return where.fail("the lines are no table of plain numbers: write them with digits, as in 0.125.")
 
 
-def arc_length(points: Float[np.ndarray, "n 3"]) -> float:
+def arc_length(points: Annotated[np.ndarray, "n 3"]) -> float:
     """Length (m) of the curve through noisy points: first point, averages of neighbours, last point."""
     knots = points
     if len(points) > BLOCKS:

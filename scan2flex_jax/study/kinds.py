@@ -122,7 +122,8 @@ _WIDTH = ParameterFormat("width", "m", domain="positive")
 _FACTOR = ParameterFormat("factor", "-", domain="positive")
 
 for _kind, _place, _words, *_parameters in (
-    ("natural_curvature", "energy", "the cable is bent at rest, alike along s", ParameterFormat("curvature", "1/m", (3,))),
+    ("natural_curvature", "energy", "the cable is bent at rest, alike along s",
+     ParameterFormat("curvature", "1/m", (3,))),
     ("kink", "energy", "a set bend, local in s", _POSITION, ParameterFormat("angle", "rad", (3,)),
      ParameterFormat("width", "m", domain="nonnegative")),
     ("anisotropic_bending", "energy", "bending stiffness differs between two axes of the cross section",

@@ -8,18 +8,17 @@ curve. Two studies are equal when they say the same, wherever their folders lie.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.kinds import CABLE, ENDS
 
-Value = float | Float[np.ndarray, "..."]
+Value = float | Annotated[np.ndarray, "..."]
 
 
-def _frozen(value: Any, name: str, *shapes: tuple[int | None, ...]) -> Float[np.ndarray, "..."]:
+def _frozen(value: Any, name: str, *shapes: tuple[int | None, ...]) -> Annotated[np.ndarray, "..."]:
     """A read-only float64 copy whose shape is one of `shapes` (None: any number of rows)."""
     array = np.array(value, dtype=np.float64)
     fits = [len(s) == array.ndim and all(n in (None, m) for n, m in zip(s, array.shape, strict=True)) for s in shapes]
@@ -70,15 +69,16 @@ def _set(instance: Any, **values: Any) -> None:
 class Clamp(_Compared):
     """Where one end is held: `position` (m) and unit `quaternion`, or None for a ball joint."""
 
-    position: Float[np.ndarray, "3"]
-    quaternion: Float[np.ndarray, "4"] | None = None
+    position: Annotated[np.ndarray, "3"]
+    quaternion: Annotated[np.ndarray, "4"] | None = None
 
     def __post_init__(self) -> None:
+        """Check shapes, and keep read-only copies."""
         quaternion = None if self.quaternion is None else _frozen(self.quaternion, "Clamp.quaternion", (4,))
         _set(self, position=_frozen(self.position, "Clamp.position", (3,)), quaternion=quaternion)
 
     @property
-    def tangent(self) -> Float[np.ndarray, "3"] | None:
+    def tangent(self) -> Annotated[np.ndarray, "3"] | None:
         """d3 = R e3, the direction of growing arc length; None for a ball joint."""
         if self.quaternion is None:
             return None
@@ -90,11 +90,12 @@ class Clamp(_Compared):
 class MeasuredCurve(_Compared):
     """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured."""
 
-    points: Float[np.ndarray, "n 3"]
-    arc_length: Float[np.ndarray, " n"] | None = None
+    points: Annotated[np.ndarray, "n 3"]
+    arc_length: Annotated[np.ndarray, "n"] | None = None
     path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Check shapes, and keep read-only copies."""
         points = _frozen(self.points, "MeasuredCurve.points", (None, 3))
         arc_length = self.arc_length
         if arc_length is not None:
@@ -112,6 +113,7 @@ class Unknown(_Compared):
     high: Value | None = None
 
     def __post_init__(self) -> None:
+        """Check shapes, and keep read-only copies."""
         for name in ("guess", "low", "high"):
             value = getattr(self, name)
             _set(self, **{name: None if value is None else _value(value)})
@@ -125,6 +127,7 @@ class EffectDeclaration(_Compared):
     parameters: dict[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Check shapes, and keep read-only copies."""
         _set(self, parameters={name: _value(value) for name, value in self.parameters.items()})
 
 
@@ -156,13 +159,14 @@ class StudyPose(_Compared):
     turns: int = 0
     curve: MeasuredCurve | None = None
     scan: Path | None = None
-    guide_points: Float[np.ndarray, "k 3"] | None = None
-    viewpoints: Float[np.ndarray, "v 3"] | None = None
+    guide_points: Annotated[np.ndarray, "k 3"] | None = None
+    viewpoints: Annotated[np.ndarray, "v 3"] | None = None
     noise: float | None = None
     repeat_of: str | None = None
     guide_points_path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Check shapes, and keep read-only copies."""
         for name in ("guide_points", "viewpoints"):
             value = getattr(self, name)
             _set(self, **{name: None if value is None else _frozen(value, f"StudyPose.{name}", (None, 3))})
@@ -173,7 +177,7 @@ class Study(_Compared):
     """One cable in several poses. `cable` has only the keys that were given, in the units of `kinds.CABLE`."""
 
     title: str
-    gravity: Float[np.ndarray, "3"]
+    gravity: Annotated[np.ndarray, "3"]
     cable: dict[str, Value]
     poses: tuple[StudyPose, ...]
     tolerance: Tolerance = Tolerance()
@@ -182,6 +186,7 @@ class Study(_Compared):
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Check shapes, and keep read-only copies."""
         cable = {key: _value(self.cable[key]) for key in (*CABLE, *self.cable) if key in self.cable}
         lists: dict[str, Sequence[Any]] = {name: getattr(self, name) for name in ("poses", "unknowns", "effects")}
         _set(self, gravity=_frozen(self.gravity, "Study.gravity", (3,)), cable=cable)

@@ -9,10 +9,9 @@ import math
 import reprlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float
 
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.kinds import Domain, ParameterFormat
@@ -149,7 +148,7 @@ def _wanted(shape: tuple[int, ...]) -> str:
     return f"a list of {shape[0]} list{'s' if shape[0] > 1 else ''} of {shape[1]} numbers"
 
 
-def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float | Float[np.ndarray, "..."]:
+def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float | Annotated[np.ndarray, "..."]:
     """A number, or nested lists of numbers, of one of `shapes`; a float for shape ()."""
     shapes = tuple(shapes)
     if isinstance(value, list) and _shape(value) not in shapes:
@@ -160,12 +159,12 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float 
     return numbers if isinstance(numbers, float) else np.array(numbers)
 
 
-def vector(value: Any, size: int, where: Where) -> Float[np.ndarray, " n"]:
+def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, "n"]:
     """A vector of `size` numbers."""
     return np.asarray(array(value, [(size,)], where))
 
 
-def rows(value: Any, where: Where) -> Float[np.ndarray, "n 3"]:
+def rows(value: Any, where: Where) -> Annotated[np.ndarray, "n 3"]:
     """A list of at least one point [x, y, z]."""
     count = len(value) if isinstance(value, list) else 0
     if count == 0:
@@ -173,7 +172,7 @@ def rows(value: Any, where: Where) -> Float[np.ndarray, "n 3"]:
     return np.asarray(array(value, [(count, 3)], where))
 
 
-def unit(value: Float[np.ndarray, " n"], where: Where, name: str) -> Float[np.ndarray, " n"]:
+def unit(value: Annotated[np.ndarray, "n"], where: Where, name: str) -> Annotated[np.ndarray, "n"]:
     """The vector made exactly unit, where it is so within `UNIT_TOLERANCE`."""
     length = float(np.linalg.norm(value))
     if abs(length - 1) > UNIT_TOLERANCE:
@@ -195,7 +194,7 @@ def check_domain(value: Any, domain: Domain, where: Where, longest: float | None
 
 def quantity(
     value: Any, form: ParameterFormat, where: Where, ends: int = 2, longest: float | None = None
-) -> float | Float[np.ndarray, "..."]:
+) -> float | Annotated[np.ndarray, "..."]:
     """The value of a declared quantity in a study with `ends` clamps."""
     result = array(value, form.shapes(ends), where)
     if form.domain == "unit":

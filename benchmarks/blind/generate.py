@@ -1,0 +1,83 @@
+"""Command line: `python -m benchmarks.blind.generate --cases OUT/cases --answers OUT/answers --count 200 --seed N`.
+
+A fifth of the cases miss nothing, half miss one catalogue effect (all kinds in turn), 15 % two, and 15 % an effect
+outside of the catalogue; their order is random. Cases whose answer exists are left alone, so that a run can be resumed;
+a design that fails its checks is drawn again. `--only b003 b007` makes these cases only; `--kinds none kink
+point_mass+tether off:wavy_mass` makes exactly these truths instead of the mix.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from . import cases, effects, studies
+
+ATTEMPTS = 60
+NEVER_TOGETHER = [{"nonlinear_bending", "anisotropic_bending"}, {"nonlinear_bending", "bend_twist_coupling"}]
+
+
+def schedule(count, seed):
+    """The truths of all cases, `(kinds, off)`, in random order."""
+    rng = np.random.default_rng([seed, 0, 0, 1])
+    names, hidden = list(rng.permutation(list(effects.CATALOGUE))), list(rng.permutation(list(effects.HIDDEN)))
+    none, pairs, off = round(0.2 * count), round(0.15 * count), round(0.15 * count)
+    out = [((), None)] * none + [((), hidden[k % len(hidden)]) for k in range(off)]
+    while pairs:
+        pair = tuple(rng.choice(names, 2, replace=False))
+        if set(pair) not in NEVER_TOGETHER:
+            out.append((pair, None))
+            pairs -= 1
+    single = count - len(out)
+    out += [((names[k % len(names)],), None) for k in range(single)]
+    return [out[k] for k in rng.permutation(count)]
+
+
+def parse(text):
+    """A truth in words: `none`, `kink`, `kink+tether` or `off:wavy_mass`."""
+    if text.startswith("off:"):
+        return (), text[4:]
+    return (() if text == "none" else tuple(text.split("+"))), None
+
+
+def plain(kinds):
+    return tuple(str(k) for k in kinds)
+
+
+def run(arguments):
+    truths = [parse(t) for t in arguments.kinds] if arguments.kinds else schedule(arguments.count, arguments.seed)
+    for index, (kinds, off) in enumerate(truths):
+        name = f"{arguments.prefix}{index + 1:03d}"
+        if (arguments.only and name not in arguments.only) or (Path(arguments.answers) / f"{name}.toml").exists():
+            continue
+        for attempt in range(ATTEMPTS):
+            key = arguments.seed, index, attempt
+            try:
+                made = cases.make_case(key, plain(kinds), off and str(off), arguments.points)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                made = None
+            if made is not None:
+                rng, case = made
+                studies.write(rng, {"id": name, **case}, arguments.cases, arguments.answers)
+                print(f"{name}: attempt {attempt + 1}, {case['answer']['seconds']} s", flush=True)
+                break
+        else:
+            print(f"{name}: no design in {ATTEMPTS} attempts", file=sys.stderr, flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", required=True, help="folder of the studies")
+    parser.add_argument("--answers", required=True, help="folder of the answers")
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--only", nargs="*", help="names of cases, such as b003")
+    parser.add_argument("--kinds", nargs="*", help="truths, one per case, instead of the mix")
+    parser.add_argument("--points", type=int, default=250, help="most points per pose")
+    parser.add_argument("--prefix", default="b")
+    run(parser.parse_args())
+
+
+if __name__ == "__main__":
+    main()

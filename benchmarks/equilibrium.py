@@ -1,0 +1,173 @@
+"""Seconds for an equilibrium, its Jacobian, its growth with the mesh, its compilation and a batch.
+
+`python -m benchmarks.equilibrium` from the repository's root writes `benchmarks/results/equilibrium.json`. The cable:
+1 m, EI 0.1, GJ 0.25 N m^2, 0.2 kg/m, the end clamp at (0.6, 0.2, 0) m turned by 90 degrees about the tangent. Targets:
+1 ms from the solution, 5 ms from a generic start, Jacobian at most half a forward solve, linear growth, first call 8 s
+and 2 s from the persistent cache.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from time import perf_counter
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+
+from benchmarks.record import record, timed
+from scan2flex_jax.equilibrium.solve import equilibrium
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.model import CableModel
+
+MESHES = (20, 40, 80, 160, 320, 640, 1280, 2000)
+BATCH = 256
+POSES = {  # end position (m), quaternion of the end clamp (scalar first); the start clamp points along +x
+    "level": ((0.6, 0.0, 0.0), 0.0),
+    "twisted +90": ((0.6, 0.2, 0.0), np.pi / 2),
+    "twisted -90": ((0.6, 0.2, 0.0), -np.pi / 2),
+}
+FRAME = np.array([[0.0, 0, 1], [0.0, -1, 0], [1.0, 0, 0]]).T
+
+
+def model(EI=0.1, GJ=0.25) -> CableModel:
+    return CableModel(Cable(1.0, 0.2, EI, GJ), jnp.array([0.0, 0.0, -9.81]))
+
+
+def boundary(name="twisted +90") -> Boundary:
+    end, angle = POSES[name]
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
+    return Boundary.of((jnp.zeros(3), jnp.array(FRAME)), (jnp.array(end), jnp.array(turn @ FRAME)))
+
+
+def waited(function, *args, **options):
+    """A call of no arguments that waits for the result."""
+    return lambda: jax.block_until_ready(eqx.filter(function(*args, **options), eqx.is_array))
+
+
+def solves() -> dict:
+    """Per pose: generic start and start at the solution, Newton and BFGS, with their steps and verdicts."""
+    table = {}
+    for name in POSES:
+        m, b = model(), boundary(name)
+        found = equilibrium(m, b)
+        bfgs = equilibrium(m, b, solver=optx.BFGS(1e-8, 1e-8))
+        table[name] = {
+            "generic": timed(waited(equilibrium, m, b), 100) | told(found),
+            "warm": timed(waited(equilibrium, m, b, start=found.configuration), 100)
+            | told(equilibrium(m, b, start=found.configuration)),
+            "bfgs generic": timed(waited(equilibrium, m, b, solver=optx.BFGS(1e-8, 1e-8)), 3) | told(bfgs),
+            "bfgs apart (parts of L)": float(jnp.max(jnp.linalg.norm(bfgs.points - found.points, axis=1))),
+        }
+    return table
+
+
+def told(answer) -> dict:
+    """The verdict of an answer."""
+    v = answer.verdict
+    return {"verdict": v.sentence(), "steps": int(v.steps), "out_of_balance": float(v.out_of_balance)}
+
+
+def jacobians() -> dict:
+    """Observed points and their Jacobian for 2 and 12 parameters, against the points alone; generic and warm starts."""
+    b = boundary()
+    start = equilibrium(model(), b).configuration
+
+    def cable(x):
+        return Cable(1.0, x[2], x[:2], x[3], 1e5, 1e5, x[4:7], x[7:10])
+
+    def points(x, first):
+        m = CableModel(cable(x), jnp.array([x[10], x[11], -9.81]))
+        return equilibrium(m, b, start=first).observed
+
+    def two(y, first):
+        return points(full.at[:2].set(y[0]).at[3].set(y[1]), first)
+
+    full = jnp.array([0.1, 0.1, 0.2, 0.25] + [0.0] * 8)
+    table = {}
+    for name, first in (("generic", None), ("warm", start)):
+        base = timed(waited(jax.jit(lambda x, f=first: points(x, f)), full), 100)
+        table[name] = {"points": base}
+        for label, f, x in (("2", two, full[jnp.array([0, 3])]), ("12", points, full)):
+
+            def with_jacobian(x, f=f, first=first):
+                y, push = jax.linearize(lambda x: f(x, first), x)
+                return y, jax.vmap(push)(jnp.eye(x.size))
+
+            t = timed(waited(jax.jit(with_jacobian), x), 100)
+            t["jacobian over forward"] = t["min_s"] / base["min_s"] - 1.0
+            table[name][f"points and jacobian, {label} parameters"] = t
+    return table
+
+
+def growth() -> dict:
+    """Seconds for each mesh, from a generic start and from the solution, and the growth of the time of one step."""
+    table, m, b = {}, model(), boundary()
+    for n in MESHES:
+        found = equilibrium(m, b, elements=n)
+        generic = timed(waited(equilibrium, m, b, elements=n), 20)
+        warm = timed(waited(equilibrium, m, b, start=found.configuration, elements=n), 20)
+        table[str(n)] = {"generic": generic, "warm": warm} | told(found)
+    ends = [table[str(n)]["generic"]["min_s"] / table[str(n)]["steps"] for n in (MESHES[0], MESHES[-1])]
+    exponent = np.log(ends[1] / ends[0]) / np.log(MESHES[-1] / MESHES[0])
+    return {"meshes": table, "exponent of the time of a step": float(exponent)}
+
+
+def batch() -> dict:
+    """One call for many cables: EI and GJ each over two decades."""
+    rng = np.random.default_rng(0)
+    EI, GJ = (jnp.array(10.0 ** rng.uniform(-2, 0, BATCH)) for _ in range(2))
+    b = boundary()
+    solve = eqx.filter_jit(jax.vmap(lambda EI, GJ: equilibrium(model(EI, GJ), b)))
+    answer = solve(EI, GJ)
+    t = timed(waited(solve, EI, GJ), 10)
+    verdict = answer.verdict
+    counts = {"cables": BATCH, "solved": int(jnp.sum(verdict.solved)), "most steps": int(jnp.max(verdict.steps))}
+    return t | counts | {"s per cable": t["min_s"] / BATCH}
+
+
+def first_call() -> dict:
+    """Seconds of the first solve in this process, imports left out, and of the second."""
+    m, b = model(), boundary()
+    seconds = []
+    for _ in range(2):
+        begin = perf_counter()
+        waited(equilibrium, m, b)()
+        seconds.append(perf_counter() - begin)
+    return {"first_s": seconds[0], "second_s": seconds[1]}
+
+
+def fresh_processes() -> dict:
+    """`first_call` in a new process that compiles, and in another that finds the compiled solve in the cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        settings = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+        table = {}
+        for name in ("compiling", "from the cache"):
+            command = [sys.executable, "-m", "benchmarks.equilibrium", "first-call"]
+            begin = perf_counter()
+            done = subprocess.run(command, env=os.environ | settings, capture_output=True, text=True, check=True)
+            table[name] = json.loads(done.stdout) | {"process_s": perf_counter() - begin}
+    return table
+
+
+def main() -> None:
+    jax.config.update("jax_enable_x64", True)
+    if sys.argv[1:] == ["first-call"]:
+        sys.stdout.write(json.dumps(first_call()))
+        return
+    parts = {"first call": fresh_processes, "solves": solves, "jacobian": jacobians, "growth": growth, "batch": batch}
+    results = {}
+    for name, part in parts.items():
+        results[name] = part()
+        sys.stderr.write(f"{name}: {json.dumps(results[name])}\n")
+    record("equilibrium", results)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""Extraction of centre curves from simulated scans: accuracy, automatic against numerical gradient, time and memory.
+
+    python benchmarks/extraction.py --out benchmarks/results/extraction.json [--quick]
+
+Curves of four families that no rod model made, two sensors, one to three viewpoints, with and without a gap and guide
+points. Failures stay in the results. Single-point noise is the sensor's standard deviation along the ray at the range of
+the scan; targets: RMS at most 0.3 (structured light) or 0.5 (time of flight) of it, bias toward the sensor at most 0.2 of
+the radius, length from clamp to clamp within 0.5 %.
+"""
+
+import argparse
+import json
+import platform
+import resource
+import time
+from pathlib import Path
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+import numpy as np  # noqa: E402
+from scipy.spatial import cKDTree  # noqa: E402
+
+from scan2flex_jax.errors import Scan2FlexError  # noqa: E402
+from scan2flex_jax.scan import minimise, scanner, shapes, snakes, spline  # noqa: E402
+from scan2flex_jax.scan.extract import extract  # noqa: E402
+from scan2flex_jax.scan.strands import End  # noqa: E402
+
+VIEWS = np.array([[0.3, -1.0, 0.6], [0.3, 1.0, 0.5], [-1.0, 0.1, 0.6]])
+SENSORS = {"structured light": scanner.STRUCTURED_LIGHT, "time of flight": scanner.TIME_OF_FLIGHT}
+TARGET = {"structured light": 0.3, "time of flight": 0.5}
+CABLES = ((1.0, 0.004), (1.0, 0.012), (1.8, 0.045))  # length, radius (m)
+
+
+def ends(curve):
+    """Both clamps of a true curve, with their directions."""
+    tangent = np.gradient(curve, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return End(curve[0], tangent[0]), End(curve[-1], tangent[-1])
+
+
+def guides(curve, radius, eye, count=10):
+    """Points that a user would mark: on the side that the first viewpoint sees."""
+    some = curve[np.linspace(8, len(curve) - 9, count).astype(int)]
+    look = eye - some
+    tangent = np.gradient(curve, axis=0)[np.linspace(8, len(curve) - 9, count).astype(int)]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
+    return some + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
+
+
+def compare(found, curve, radius, noise, eyes):
+    """Errors of an extracted curve beside the true one."""
+    fine = shapes.resample(curve, 8001)
+    away, which = cKDTree(fine).query(found.points)
+    look = eyes.mean(axis=0) - fine[which]
+    look /= np.linalg.norm(look, axis=1, keepdims=True)
+    length = shapes.arc_length(fine)[-1]
+    whole = found.length + np.linalg.norm(found.points[0] - curve[0]) + np.linalg.norm(found.points[-1] - curve[-1])
+    seen = np.ones(len(away), bool)
+    for a, b in found.gaps:
+        seen &= (found.arc_length < a) | (found.arc_length > b)
+    return {
+        "rms_mm": 1e3 * float(np.sqrt(np.mean(away**2))),
+        "rms_seen_mm": 1e3 * float(np.sqrt(np.mean(away[seen] ** 2))),
+        "rms_over_noise": float(np.sqrt(np.mean(away**2)) / noise),
+        "rms_seen_over_noise": float(np.sqrt(np.mean(away[seen] ** 2)) / noise),
+        "bias_over_radius": float(np.mean(np.sum((found.points - fine[which]) * look, axis=1)) / radius),
+        "length_error": float(whole / length - 1.0),
+        "std_mm": 1e3 * float(np.sqrt(np.mean(found.std**2))),
+        "gaps": [list(gap) for gap in found.gaps],
+        "found_by": found.found_by,
+        "along_ray": found.along_ray,
+    }
+
+
+def one_case(family, length, radius, sensor, views, gap, guided, table, key):
+    """Scan a curve, extract it, compare."""
+    curve = shapes.random_smooth(length, radius, key) if family == "random" else shapes.FAMILIES[family](length, radius)
+    eyes = VIEWS[:views] * (1.0 if length < 1.5 else 1.4)
+    clutter = [scanner.table(curve, radius)] if table else []
+    gaps = ((0.35 * length, 0.45 * length),) if gap else ()
+    scan = scanner.scan(curve, radius, eyes, SENSORS[sensor], key, gaps=gaps, clutter=clutter)
+    reach = np.mean(np.linalg.norm(curve[None] - eyes[:, None], axis=2))
+    noise = SENSORS[sensor].noise * reach ** SENSORS[sensor].noise_growth
+    start, end = ends(curve)
+    marks = guides(curve, radius, eyes[0]) if guided else None
+    case = {"family": family, "radius": radius, "length": length, "sensor": sensor, "views": views, "gap": gap}
+    case |= {"guide_points": guided, "table": table, "key": key, "points": len(scan.points), "noise_mm": 1e3 * float(noise)}
+    began = time.perf_counter()
+    try:
+        known = {"length": length, "start": start, "end": end, "guide_points": marks, "viewpoints": eyes}
+        found = extract(scan.points, radius, **known)
+        case |= compare(found, curve, radius, noise, eyes)
+        case["ok"] = bool(
+            case["rms_over_noise"] <= TARGET[sensor]
+            and case["bias_over_radius"] <= 0.2
+            and abs(case["length_error"]) <= 0.005
+        )
+    except Scan2FlexError as refusal:
+        case |= {"ok": False, "refused": str(refusal)}
+    case["seconds"] = time.perf_counter() - began
+    return case
+
+
+def accuracy(quick: bool):
+    """The table of cases: families x cables x sensors x viewpoints, plain, with guide points, with a gap, with a table."""
+    kinds = ((False, False, False), (False, True, False), (True, False, False), (False, False, True))
+    cases = []
+    for family in shapes.FAMILIES:
+        for length, radius in CABLES:
+            for sensor in SENSORS:
+                for views in (1, 2, 3):
+                    for gap, guided, table in kinds[: 1 if quick else 4]:
+                        cases.append(one_case(family, length, radius, sensor, views, gap, guided, table, len(cases)))
+                        print(_line(cases[-1]), flush=True)
+    return cases
+
+
+def _line(case):
+    keys = ("family", "radius", "sensor", "views", "gap", "guide_points", "table", "ok")
+    rest = ("rms_over_noise", "rms_seen_over_noise", "bias_over_radius", "length_error", "seconds")
+    numbers = [f"{k}={case[k]:.4f}" for k in rest if k in case]
+    return " ".join([*(str(case[k]) for k in keys), *numbers, case.get("refused", "")[:60]])
+
+
+def gradients(knots=(12, 20)):
+    """Automatic against numerical gradient on one cloud: evaluations, seconds, energy, accuracy."""
+    length, radius = 1.0, 0.012
+    curve = shapes.figure_of_eight(length, radius)
+    scan = scanner.scan(curve, radius, VIEWS[:2], scanner.STRUCTURED_LIGHT, 3)
+    rng = np.random.default_rng(4)
+    points = jnp.asarray(scan.points[rng.permutation(len(scan.points))[:2048]])
+    rows = []
+    for count in knots:
+        x0 = spline.evenly(curve, count) + rng.normal(size=(count, 3)) * 0.5 * radius
+        flags = jnp.zeros(len(snakes.gap_samples(count)), bool)
+        real = jnp.ones(len(points), bool)
+        problem = snakes.SnakesProblem(points, jnp.full(len(points), radius), real, flags, jnp.asarray(radius))
+        for method, steps in (("least squares", 200), ("bfgs", 800), ("cg", 1600), ("cg numerical", 800)):
+            minimise.minimise_snakes(x0, problem, method, steps if method != "cg numerical" else 40)  # compile
+            out = minimise.minimise_snakes(x0, problem, method, steps)
+            fine = spline.evenly(out.points, 4000)
+            error = float(np.sqrt(np.mean(cKDTree(fine).query(curve[20:-20])[0] ** 2)))
+            row = {"knots": count, "method": method, "evaluations": out.evaluations, "seconds": out.seconds}
+            row |= {"start_energy": out.start_energy, "energy": out.energy, "gradient": out.gradient}
+            rows.append(row | {"converged": out.converged, "rms_mm": 1e3 * error, "trace": [list(t) for t in out.trace]})
+            print({k: v for k, v in rows[-1].items() if k != "trace"}, flush=True)
+    return rows
+
+
+def large():
+    """100,000 points: first call (compilation included), second call, memory of the whole process."""
+    length, radius = 1.0, 0.012
+    curve = shapes.random_smooth(length, radius, 1)
+    sensor = scanner.Sensor(**{**scanner.STRUCTURED_LIGHT.__dict__, "points": 34_000})
+    points = scanner.scan(curve, radius, VIEWS, sensor, 1).points
+    points = np.concatenate([points, points[: max(0, 100_000 - len(points))]])[:100_000]
+    start, end = ends(curve)
+    seconds = []
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    for _ in range(2):
+        jax.clear_caches() if not seconds else None
+        began = time.perf_counter()
+        extract(points, radius, length=length, start=start, end=end)
+        seconds.append(time.perf_counter() - began)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {"points": len(points), "first_seconds": seconds[0], "second_seconds": seconds[1], "peak_mb": peak, "before_mb": before}
+
+
+def summary(cases):
+    """How many cases meet the targets, by sensor and by kind."""
+    rows = []
+    for sensor in SENSORS:
+        for name, chosen in (
+            ("no guide points", lambda c: not (c["gap"] or c["guide_points"] or c["table"])),
+            ("guide points", lambda c: c["guide_points"]),
+            ("gap", lambda c: c["gap"]),
+            ("table", lambda c: c["table"]),
+        ):
+            some = [c for c in cases if c["sensor"] == sensor and chosen(c)]
+            found = [c for c in some if "refused" not in c]
+            if some:
+                row = {"sensor": sensor, "kind": name, "cases": len(some), "ok": sum(c["ok"] for c in some)}
+                row |= {"refused": len(some) - len(found)}
+                row |= {k: float(np.median([c[k] for c in found])) for k in ("rms_over_noise", "rms_mm", "seconds")} if found else {}
+                rows.append(row)
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("benchmarks/results/extraction.json"))
+    parser.add_argument("--quick", action="store_true")
+    options = parser.parse_args()
+    result = {"machine": platform.processor() or platform.machine(), "jax": jax.__version__, "large": large()}
+    print(result, flush=True)
+    result["gradients"] = gradients((12,) if options.quick else (12, 20))
+    result["cases"] = accuracy(options.quick)
+    result["summary"] = summary(result["cases"])
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    options.out.write_text(json.dumps(result, indent=1))
+    print(json.dumps(result["summary"], indent=1))
+
+
+if __name__ == "__main__":
+    main()

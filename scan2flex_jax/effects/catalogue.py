@@ -1,0 +1,130 @@
+"""The catalogue for naming missing physics: every kind as amplitudes that are zero when the effect is absent.
+
+An entry turns amplitudes into effects such that zero is *exactly* the base model and the derivative of the shape
+there is the effect's first-order signature; kinds whose own parameters have no such zero (a ratio, a spring at
+infinity, a place) are written in others that do. What has no first-order signature of its own (places, widths, knees)
+is a *site*: one of a list to scan. ``size`` is one physical standard deviation of each amplitude, from the scales of
+the cable in `Context`: it makes the evidence of different kinds comparable, so every size is written with its reason
+in `_materials`, `_loads` and `_ends`.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jax import Array
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.study.kinds import ENDS, Place
+
+Site = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What sizes and sites depend on: the cable of the base model and the range of its shapes.
+
+    ``length`` m, stiffnesses N m^2, ``axial_stiffness`` N, ``weight`` N/m (mass per length times |g|), ``gravity``
+    m/s^2, ``curvature_range`` 1/m (smallest and largest of the poses' largest curvatures), ``lowest_range`` m (lowest
+    and highest of the poses' lowest points, measured against gravity), ``radius`` m, ``centre`` m (middle of the
+    scanned shapes), ``previous`` 1/m (curvature of the pose before, for `memory_set`; it differs from pose to pose).
+    """
+
+    length: float
+    bending_stiffness: float
+    torsional_stiffness: float
+    weight: float
+    gravity: np.ndarray
+    curvature_range: tuple[float, float]
+    lowest_range: tuple[float, float] = (-1.0, 0.0)
+    radius: float | None = None
+    axial_stiffness: float = 1.0e5
+    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    clamped_ends: Sequence[str] = ENDS
+    previous: Any = field(default_factory=lambda: np.zeros((2, 3)))
+
+    @property
+    def radius_or_guess(self) -> float:
+        """The radius (m), or half a percent of the length where it was not given."""
+        return 0.005 * self.length if self.radius is None else self.radius
+
+    @property
+    def mass_per_length(self) -> float:
+        """kg/m; needs gravity."""
+        return self.weight / max(float(np.linalg.norm(self.gravity)), 1e-12)
+
+    @property
+    def up(self) -> np.ndarray:
+        """Unit vector against gravity."""
+        return -np.asarray(self.gravity) / max(float(np.linalg.norm(self.gravity)), 1e-12)
+
+    @property
+    def force(self) -> float:
+        """The forces (N) that shape the cable: its weight, or what bends it through a radian where it has none."""
+        return max(self.weight * self.length, 10.0 * self.bending_stiffness / self.length**2)
+
+
+@dataclass(frozen=True)
+class CatalogueEntry:
+    """One kind, ready to be scanned for.
+
+    ``build(amplitude, site, context)`` makes the effects, ``sites(context)`` lists where to look (one empty site when
+    there is no choice), ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their least
+    and largest values, ``one_sided`` which of them cannot be negative. ``to_parameters`` and ``from_parameters``
+    change to the format's parameters and back; ``rescaled`` says by which factor a parameter of the cable itself
+    changes in that exchange. ``same_shapes``: kinds that shapes alone cannot tell from it, each with the condition.
+    ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
+    """
+
+    kind: str
+    place: Place
+    amplitudes: tuple[str, ...]
+    size: Callable[[Context], np.ndarray]
+    build: Callable[[Array, Site, Context], tuple[AbstractEffect, ...]]
+    to_parameters: Callable[[Any, Site, Context], dict[str, Any]]
+    from_parameters: Callable[[dict[str, Any], Context], tuple[np.ndarray, Site]]
+    signature: str
+    settle: str
+    sites: Callable[[Context], tuple[Site, ...]] = lambda context: ({},)
+    one_sided: tuple[bool, ...] = ()
+    bounds_of: Callable[[Context], tuple[np.ndarray, np.ndarray]] | None = None
+    same_shapes: tuple[tuple[str, str], ...] = ()
+    rescaled: Callable[[Any, Site, Context], dict[str, float]] = lambda amplitude, site, context: {}
+
+    def __post_init__(self) -> None:
+        """Two-sided unless it is said otherwise."""
+        object.__setattr__(self, "one_sided", self.one_sided or (False,) * len(self.amplitudes))
+
+    @property
+    def null(self) -> np.ndarray:
+        """The amplitudes of the base model."""
+        return np.zeros(len(self.amplitudes))
+
+    def bounds(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest amplitudes; where nothing else is said, twenty sizes, and zero for a one-sided one."""
+        if self.bounds_of is not None:
+            return self.bounds_of(context)
+        most = 20.0 * self.size(context)
+        return np.where(self.one_sided, 0.0, -most), most
+
+
+def catalogue() -> tuple[CatalogueEntry, ...]:
+    """All kinds that can be scanned for."""
+    from scan2flex_jax.effects import _ends, _loads, _materials  # noqa: PLC0415  they are written with this module's classes
+
+    return (*_materials.ENTRIES, *_loads.ENTRIES, *_ends.ENTRIES)
+
+
+def entry_of(kind: str) -> CatalogueEntry:
+    """The entry of one kind."""
+    for entry in catalogue():
+        if entry.kind == kind:
+            return entry
+    raise Scan2FlexError(f"The catalogue has no kind {kind!r}: it has {', '.join(e.kind for e in catalogue())}.")
+
+
+def positions(context: Context, count: int = 19) -> np.ndarray:
+    """Places (m) along the cable to scan, without the clamps themselves."""
+    return context.length * np.linspace(0.05, 0.95, count)

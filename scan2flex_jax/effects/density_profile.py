@@ -1,0 +1,28 @@
+"""Density profile: a span is heavier or lighter.
+
+The mass per length is ``factor`` (-) times as large in a box of ``width`` (m) about ``position`` (m). Null: factor 1.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects._span import box_means
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+
+class DensityProfile(AbstractEffect):
+    """Mass per length times ``factor`` (-) within ``width`` (m) about ``position`` (m)."""
+
+    kind: ClassVar[str] = "density_profile"
+    position: Float[Array, ""] = parameter()
+    width: Float[Array, ""] = parameter()
+    factor: Float[Array, ""] = parameter()
+
+    def section(self, section: Section, length: Float[Array, ""]) -> Section:
+        """Sections with the span's density."""
+        box = box_means(section, self.position, self.width, length)
+        return eqx.tree_at(lambda x: x.density, section, section.density * (1.0 + (self.factor - 1.0) * box))

@@ -1,0 +1,25 @@
+"""Density taper: the mass per length grows from start to end by ``exp(taper (2 s/L - 1))``. ``taper`` (-) is half the
+logarithm of the ratio at the two ends; the middle stays. Null: 0.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+
+class DensityTaper(AbstractEffect):
+    """Mass per length times ``exp(taper (2 s/L - 1))``."""
+
+    kind: ClassVar[str] = "density_taper"
+    taper: Float[Array, ""] = parameter()
+
+    def section(self, section: Section, length: Float[Array, ""]) -> Section:
+        """Sections with tapered density."""
+        factor = jnp.exp(self.taper * (2.0 * section.s / length - 1.0))
+        return eqx.tree_at(lambda x: x.density, section, section.density * factor)

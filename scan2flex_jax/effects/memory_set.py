@@ -1,0 +1,29 @@
+"""Memory: the cable keeps part of the curvature of the pose before (plastic or slowly relaxing).
+
+Natural curvature ``memory * previous``: ``previous`` (1/m, about d1, d2, d3) is the curvature in the pose before on
+points evenly spaced from s = 0 to L. It is data of the pose that the caller supplies (`jnp.zeros((m, 3))` in the
+first pose), so this kind cannot be declared in a study. Null: memory 0.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter, values
+from scan2flex_jax.effects._span import hat_field
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+
+class MemorySet(AbstractEffect):
+    """Natural curvature ``memory`` (-) times the curvature ``previous`` (1/m) of the pose before."""
+
+    kind: ClassVar[str] = "memory_set"
+    memory: Float[Array, ""] = parameter()
+    previous: Float[Array, "m 3"] = values(3)
+
+    def section(self, section: Section, length: Float[Array, ""]) -> Section:
+        """Sections with the remembered curvature."""
+        kept = self.memory * hat_field(section, self.previous, length)
+        return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(kept))

@@ -1,0 +1,29 @@
+"""Stiffness profile: a span is stiffer or softer (a sleeve, an overmould, a damaged place).
+
+EI and GJ are ``factor`` (-) times as large in a box of ``width`` (m) about ``position`` (m). Elements in which an
+edge lies get the stiffness of the two parts in series. Null: factor 1.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects._span import scaled_bending, series_factor
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+
+class StiffnessProfile(AbstractEffect):
+    """EI and GJ times ``factor`` (-) within ``width`` (m) about ``position`` (m)."""
+
+    kind: ClassVar[str] = "stiffness_profile"
+    position: Float[Array, ""] = parameter()
+    width: Float[Array, ""] = parameter()
+    factor: Float[Array, ""] = parameter()
+
+    def section(self, section: Section, length: Float[Array, ""]) -> Section:
+        """Sections with the span's stiffness."""
+        factor = series_factor(section, self.position, self.width, self.factor, length)
+        return eqx.tree_at(lambda x: x.stiffness, section, scaled_bending(section, factor))

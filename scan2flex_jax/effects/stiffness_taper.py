@@ -1,0 +1,26 @@
+"""Stiffness taper: EI and GJ grow from start to end by ``exp(taper (2 s/L - 1))``. ``taper`` (-) is half the
+logarithm of the ratio of the stiffnesses at the two ends; the middle stays. Null: 0.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects._span import scaled_bending
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+
+class StiffnessTaper(AbstractEffect):
+    """Stiffness times ``exp(taper (2 s/L - 1))``."""
+
+    kind: ClassVar[str] = "stiffness_taper"
+    taper: Float[Array, ""] = parameter()
+
+    def section(self, section: Section, length: Float[Array, ""]) -> Section:
+        """Sections with tapered stiffness."""
+        factor = jnp.exp(self.taper * (2.0 * section.s / length - 1.0))
+        return eqx.tree_at(lambda x: x.stiffness, section, scaled_bending(section, factor))

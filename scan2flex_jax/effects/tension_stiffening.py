@@ -1,0 +1,27 @@
+"""Tension stiffening: bending stiffness grows with tension, ``EI + gain N``.
+
+A law that comes from an energy must then also shorten the cable when it bends (Maxwell), by ``gain k^2/2`` per length k
+being the curvature: ``1/2 EA (epsilon + gain k^2/2)^2 + 1/2 EI k^2``, of which this is the part beyond the quadratic
+one. That is the stiffening of a bundle of wires that lie off the axis, ``gain`` (m^2) of the size of the square of
+the radius. Stiffening by friction between layers, which can be far larger, has no energy and is not covered. Null: 0.
+"""
+
+from typing import ClassVar
+
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.rod.effect import AbstractEffect
+
+
+class TensionStiffening(AbstractEffect):
+    """Bending stiffness per tension ``gain`` (m^2)."""
+
+    kind: ClassVar[str] = "tension_stiffening"
+    gain: Float[Array, ""] = parameter()
+
+    def strain_energy(self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"]) -> Float[Array, ""]:
+        """Energy per length (J/m) beyond the quadratic one."""
+        shortening = 0.5 * self.gain * (strain[3] ** 2 + strain[4] ** 2)
+        return stiffness[2, 2] * shortening * (strain[2] + 0.5 * shortening)

@@ -1,0 +1,31 @@
+"""Tension-twist coupling: tension unwinds the cable (a rope, a cable of one lay).
+
+At twist tau and tension N the torque is ``GJ tau + lever N``, and so the cable shortens by ``lever tau`` per length:
+the energy is ``1/2 EA (epsilon + lever tau)^2 + 1/2 GJ tau^2``, with ``K[2, 5] = lever EA``. GJ is the torsional
+stiffness of the cable that is free to change its length, so the energy stays positive however stiff the cable is
+against stretching. ``lever`` in m, of the size of the tenth part of the diameter for ropes. Null: 0.
+"""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+
+class TensionTwistCoupling(AbstractEffect):
+    """Torque per tension ``lever`` (m)."""
+
+    kind: ClassVar[str] = "tension_twist_coupling"
+    rank: ClassVar[int] = 2
+    lever: Float[Array, ""] = parameter()
+
+    def section(self, section: Section, length: Float[Array, ""]) -> Section:
+        """Sections with the coupling."""
+        K = section.stiffness
+        c = self.lever * K[:, 2, 2]
+        K = K.at[:, 2, 5].add(c).at[:, 5, 2].add(c).at[:, 5, 5].add(self.lever * c)
+        return eqx.tree_at(lambda x: x.stiffness, section, K)

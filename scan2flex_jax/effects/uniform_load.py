@@ -1,0 +1,26 @@
+"""Uniform load: a dead load along the whole cable, the same in every pose (wind, buoyancy, or a tilt of gravity).
+
+``force`` (N/m, scan frame) per unstretched length. The shapes are those of a rod whose gravity vector is
+``g + force / k_rhoA``, exactly where the density is uniform: shapes alone cannot tell the two apart. Null: 0.
+"""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.rod.effect import AbstractEffect, Section
+from scan2flex_jax.rod.loads import DeadLoad, distributed_load
+
+
+class UniformLoad(AbstractEffect):
+    """A dead load ``force`` (N/m) on the whole cable."""
+
+    kind: ClassVar[str] = "uniform_load"
+    force: Float[Array, "3"] = parameter(3)
+
+    def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
+        """The load on all elements."""
+        return distributed_load(section, jnp.broadcast_to(self.force, (section.s.shape[0], 3)))

@@ -1,0 +1,97 @@
+"""Distances between a measured centre curve and the modelled one.
+
+The modelled curve is the cubic Hermite curve through the rod's nodes with their tangents d3. Three distances:
+*normal*, from each measured point to the closest point of the modelled curve, in its two rotation-minimising normals, which
+does not mind how the measured curve is parametrised or where it stops; *integrated*, the paper's Pi (Eq. 10), at equal arc
+length; *Hausdorff*, the largest distance from any point of one curve to the other.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.geometry import curves
+
+_WINDOW = 0.25  # of the length: a measured point is sought this far along the rod from where its arc length puts it
+_REFINEMENTS = 6  # Gauss-Newton steps for the closest point, from the nearest node: converged to rounding
+
+
+def curve_at(r: Float[Array, "n 3"], d3: Float[Array, "n 3"], ds, s):
+    """Point (m) and unit-speed tangent of the Hermite curve at arc length ``s`` (m); linear in ``r`` and ``d3``."""
+    i = jnp.clip(jnp.floor(s / ds), 0, r.shape[0] - 2).astype(int)
+    t = s / ds - i
+    a, b, u, v = r[i], r[i + 1], ds * d3[i], ds * d3[i + 1]
+    point = (2 * t**3 - 3 * t**2 + 1) * a + (t**3 - 2 * t**2 + t) * u + (3 * t**2 - 2 * t**3) * b + (t**3 - t**2) * v
+    slope = (6 * t**2 - 6 * t) * (a - b) + (3 * t**2 - 4 * t + 1) * u + (3 * t**2 - 2 * t) * v
+    return point, slope / ds
+
+
+def closest_arc_length(r, d3, ds, point: Float[Array, "3"], expected: Float[Array, ""]) -> Float[Array, ""]:
+    """Arc length (m) of the point of the curve closest to ``point``, near the ``expected`` one."""
+    length = ds * (r.shape[0] - 1)
+    s = ds * jnp.arange(r.shape[0])
+    far = jnp.abs(s - expected) > _WINDOW * length
+    s = s[jnp.argmin(jnp.sum((r - point) ** 2, axis=1) + jnp.where(far, 1e3 * length**2, 0.0))]
+
+    def refine(_, s):
+        x, slope = curve_at(r, d3, ds, s)
+        return jnp.clip(s + (point - x) @ slope / (slope @ slope), 0.0, length)
+
+    return jax.lax.fori_loop(0, _REFINEMENTS, refine, s)
+
+
+def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, "m"], observe):
+    """``(residual (m, 3), s (m,))``: measured minus modelled (m) along two rotation-minimising normals, and along the
+    tangent only where the closest point is an end of the rod.
+
+    Closest points and frames are held while differentiating; the gradient of the squared distance is exact all the same,
+    since the closest point is where it is stationary.
+    """
+    fixed_r, fixed_d3 = jax.lax.stop_gradient((observe(r), d3))
+    frames = jax.lax.stop_gradient(curves.transported_frames(fixed_d3, curves.frame_on(fixed_d3[0])))
+    length = jax.lax.stop_gradient(ds) * (r.shape[0] - 1)
+
+    def one(point, expected):
+        s = jax.lax.stop_gradient(closest_arc_length(fixed_r, fixed_d3, jax.lax.stop_gradient(ds), point, expected))
+        x, _ = curve_at(r, d3, ds, s * ds / jax.lax.stop_gradient(ds))
+        _, t = curve_at(fixed_r, fixed_d3, jax.lax.stop_gradient(ds), s)
+        t = t / jnp.linalg.norm(t)
+        n1 = frames[jnp.round(s / jax.lax.stop_gradient(ds)).astype(int), :, 0]
+        n1 = n1 - (n1 @ t) * t
+        n1 = n1 / jnp.linalg.norm(n1)
+        axes = jax.lax.stop_gradient(jnp.stack([n1, jnp.cross(t, n1), t]))
+        beyond = (s <= 0.0) | (s >= length)
+        d = axes @ (point - observe(x))
+        return d * jnp.array([1.0, 1.0, 1.0]).at[2].set(jnp.where(beyond, 1.0, 0.0)), s
+
+    return jax.vmap(one)(points, expected)
+
+
+def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, "m"], observe):
+    """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10)."""
+    length = ds * (r.shape[0] - 1)
+    x = jax.vmap(lambda s: observe(curve_at(r, d3, ds, s)[0]))(expected * length / jax.lax.stop_gradient(length))
+    edges = jnp.concatenate([expected[:1], 0.5 * (expected[1:] + expected[:-1]), expected[-1:]])
+    share = jnp.diff(edges)
+    return (points - x) * jnp.sqrt(share / jnp.mean(share))[:, None], expected
+
+
+def integrated_distance(a: Float[Array, "n 3"], b: Float[Array, "m 3"], count: int = 401) -> Float[Array, ""]:
+    """The paper's Pi (Eq. 10, m^2) of two curves at equal fractions of their arc length."""
+    a, b = curves.resample(a, count), curves.resample(b, count)
+    squared = jnp.sum((a - b) ** 2, axis=1)
+    return jnp.trapezoid(squared, dx=1.0 / (count - 1))
+
+
+def hausdorff_distance(a: Float[Array, "n 3"], b: Float[Array, "m 3"]) -> Float[Array, ""]:
+    """Largest distance (m) from a point of either curve to the other, between the given points and segments."""
+
+    def to_polygon(p, polygon):
+        start, step = polygon[:-1], jnp.diff(polygon, axis=0)
+        t = jnp.clip(jnp.sum((p - start) * step, axis=1) / jnp.sum(step**2, axis=1), 0.0, 1.0)
+        return jnp.min(jnp.linalg.norm(start + t[:, None] * step - p, axis=1))
+
+    forth = jax.vmap(lambda p: to_polygon(p, b))(a)
+    back = jax.vmap(lambda p: to_polygon(p, a))(b)
+    return jnp.maximum(jnp.max(forth), jnp.max(back))

@@ -1,0 +1,153 @@
+"""Levenberg-Marquardt on the residuals of all poses with their implicit Jacobian, and the two methods beside it.
+
+The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of what is known only nearly.
+Marquardt's scaling makes the steps independent of units; steps in logarithms are bounded, the range of the user is kept by
+holding those numbers that lie at a bound and want to leave it. Solves follow the branch from one iterate to the next; at
+the end they start from the measured curves once more, and the fit goes on if that finds a closer branch.
+Reference: More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from scan2flex_jax.fit.evaluate import Evaluation, Evaluator
+
+_MOST_ITERATIONS = 60
+_LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
+_COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-12, 1.0e-9
+_GIVE_UP = 1.0e12  # damping at which no step helps
+_FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
+
+
+@dataclass
+class Minimum:
+    """Where a method ended: shared and local numbers, the evaluation there, its cost, and why it stopped."""
+
+    shared: np.ndarray
+    local: np.ndarray
+    evaluation: Evaluation
+    cost: float
+    iterations: int
+    converged: bool
+
+
+@dataclass
+class Goal:
+    """What is minimised: an evaluator, the scale of residuals of each pose (m), and bounds of the shared numbers."""
+
+    evaluator: Evaluator
+    sigma: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    progress: Callable[[str], None] = lambda message: None
+
+    def cost(self, e: Evaluation, shared, local) -> float:
+        """Weighted squares of residuals and priors."""
+        if not e.solved:
+            return np.inf
+        prior = np.sum(shared[self.evaluator.layout.unknowns :] ** 2) + np.sum(local**2)
+        return float(np.sum((e.residual / self.sigma[:, None, None]) ** 2) + prior)
+
+    def normal_equations(self, e: Evaluation, shared, local):
+        """``J'J`` and ``J'r`` of the cost in shared and then all local numbers."""
+        return normal_equations(self.evaluator.layout, e.residual / self.sigma[:, None, None], e.jacobian / self.sigma[:, None, None, None], shared, local)
+
+
+def normal_equations(layout, residual, jacobian, shared, local):
+    """``J'J`` (with the priors' unit rows) and ``J'r`` of weighted residuals and Jacobian of all poses."""
+    P, n, k = len(residual), layout.shared, layout.local
+    JJ, Jr = np.zeros((n + P * k, n + P * k)), np.zeros(n + P * k)
+    for i in range(P):
+        J, r = jacobian[i].reshape(-1, n + k), residual[i].ravel()
+        own = np.r_[np.arange(n), n + i * k + np.arange(k)]
+        JJ[np.ix_(own, own)] += J.T @ J
+        Jr[own] += J.T @ r
+    prior = np.r_[np.zeros(layout.unknowns), np.ones(n + P * k - layout.unknowns)]
+    JJ[np.diag_indices_from(JJ)] += prior
+    Jr += prior * np.r_[shared, local.ravel()]
+    return JJ, Jr
+
+
+def levenberg_marquardt(goal: Goal, shared: np.ndarray, local: np.ndarray | None = None, start=None) -> Minimum:
+    """The nearest minimum from ``shared`` (and ``local``); ``start`` continues configurations already found."""
+    evaluator = goal.evaluator
+    local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
+    e = evaluator(shared, local, start=start)
+    cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
+    while np.isfinite(cost) and iteration < _MOST_ITERATIONS:
+        iteration += 1
+        trial = _step(goal, e, shared, local, damping)
+        e2 = evaluator(*trial, start=e.configuration)
+        cost2 = goal.cost(e2, *trial)
+        goal.progress(f"iteration {iteration}: cost {min(cost, cost2):.6g}")
+        if cost2 < cost:
+            small = cost - cost2 <= _COST_TOLERANCE * cost or np.max(np.abs(trial[0] - shared), initial=0.0) < _STEP_TOLERANCE
+            (shared, local), e, cost, damping = trial, e2, cost2, max(0.1 * damping, 1e-12)
+        else:
+            small = cost2 - cost <= _COST_TOLERANCE * cost
+            damping *= 10.0
+        if small or damping > _GIVE_UP:
+            converged = True
+            fresh = evaluator(shared, local)
+            if checked or goal.cost(fresh, shared, local) >= cost * (1 - 1e-6):
+                break
+            e, cost, damping, converged, checked = fresh, goal.cost(fresh, shared, local), 1e-3, False, True
+    return Minimum(shared, local, e, cost, iteration, converged)
+
+
+def _step(goal, e, shared, local, damping):
+    JJ, Jr = goal.normal_equations(e, shared, local)
+    n = len(shared)
+    x = np.r_[shared, local.ravel()]
+    low = np.r_[goal.low, np.full(len(x) - n, -np.inf)]
+    high = np.r_[goal.high, np.full(len(x) - n, np.inf)]
+    free = ~(((x <= low) & (Jr > 0)) | ((x >= high) & (Jr < 0)))
+    scale = np.diag(JJ) + 1e-300
+    A = JJ + damping * np.diag(scale)
+    step = np.zeros_like(x)
+    root = np.sqrt(np.diag(A))
+    inside = np.ix_(free, free)
+    solved = np.linalg.lstsq(A[inside] / np.outer(root, root)[inside], -Jr[free] / root[free], rcond=1e-14)[0]
+    step[free] = solved / root[free]
+    longest = np.max(np.abs(step[:n]) / np.where(np.isfinite(low[:n]) & (np.abs(high[:n] - low[:n]) < 60), 1.0, 1.0 + np.abs(x[:n])), initial=0.0)
+    step *= min(1.0, _LONGEST / longest) if longest > 0 else 1.0
+    x = np.clip(x + step, low, high)
+    return x[:n], x[n:].reshape(local.shape)
+
+
+def bfgs(goal: Goal, shared: np.ndarray) -> Minimum:
+    """L-BFGS-B on the summed squared distance with its gradient by the implicit function theorem (local numbers at zero)."""
+    return _scipy(goal, shared, "L-BFGS-B", derivative=True, options={"maxiter": 200, "ftol": 1e-15, "gtol": 1e-9})
+
+
+def nelder_mead(goal: Goal, shared: np.ndarray) -> Minimum:
+    """The paper's method (Section 5.2.2), its baseline here; no gradient, in logarithms of positive numbers."""
+    return _scipy(goal, shared, "Nelder-Mead", derivative=False, options={"maxiter": 400, "xatol": 1e-6, "fatol": 1e-14})
+
+
+def _scipy(goal, shared, method, derivative, options):
+    evaluator = goal.evaluator
+    local = np.zeros((evaluator.poses.count, evaluator.layout.local))
+    best = {"cost": np.inf}
+
+    def value(x):
+        e = evaluator(x, local, derivative=derivative)
+        cost = goal.cost(e, x, local)
+        if cost < best["cost"]:
+            best.update(cost=cost, x=x.copy())
+            goal.progress(f"{method}: cost {cost:.6g}")
+        if not derivative:
+            return cost if np.isfinite(cost) else _FAILED
+        if not np.isfinite(cost):
+            return _FAILED, np.zeros_like(x)
+        _, Jr = goal.normal_equations(e, x, local)
+        return cost, 2.0 * Jr[: len(x)]
+
+    bounds = optimize.Bounds(goal.low, goal.high)
+    found = optimize.minimize(value, shared, method=method, jac=derivative, bounds=bounds, options=options)
+    x = best.get("x", shared)
+    e = evaluator(x, local)
+    return Minimum(x, local, e, goal.cost(e, x, local), int(found.nit), bool(found.success))

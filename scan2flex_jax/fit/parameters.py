@@ -1,0 +1,205 @@
+"""Which numbers a fit may move: the unknowns x_E of a study, and what the study knows only nearly.
+
+The model sees a vector ``x``: first the unknowns (logarithms of positive ones), then in units of their stated tolerance the
+length, the tilt of gravity (two axes across it), and per pose the positions and rotations of the clamps. The latter are
+priors: standard normal, never flat.
+"""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.effects import effect_of, ordered
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.geometry import lie
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.study.kinds import CABLE, kind_format
+
+# Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
+DEFAULT_RANGE = {
+    "length": (1.0e-2, 1.0e3),
+    "length_density": (1.0e-4, 1.0e3),
+    "shear_stiffness": (1.0e-1, 1.0e9),
+    "axial_stiffness": (1.0e-1, 1.0e9),
+    "bending_stiffness": (1.0e-7, 1.0e4),
+    "torsional_stiffness": (1.0e-7, 1.0e4),
+    "natural_curvature": (-100.0, 100.0),
+    "natural_stretch": (-0.5, 0.5),
+}
+_ANY = {"positive": (1.0e-9, 1.0e9), "nonnegative": (0.0, 1.0e9)}
+CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the end
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One unknown: where it stands in ``x``, its shape, whether by its logarithm, and its range in ``x``'s own unit."""
+
+    name: str
+    shape: tuple[int, ...]
+    log: bool
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    at: int
+    unit: str
+
+    @property
+    def size(self) -> int:
+        """How many numbers."""
+        return int(np.prod(self.shape, dtype=int))
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each number."""
+        return [self.name] if not self.shape else [f"{self.name}[{i}]" for i in range(self.size)]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known."""
+
+    slots: tuple[Slot, ...]
+    length_tolerance: float
+    gravity_tolerance: float
+    position_tolerance: float
+    rotation_tolerance: float
+
+    @property
+    def unknowns(self) -> int:
+        """Numbers that are unknown outright."""
+        return sum(slot.size for slot in self.slots)
+
+    @property
+    def shared(self) -> int:
+        """Numbers that all poses share: unknowns, then nearly known ones."""
+        return self.unknowns + (self.length_tolerance > 0) + 2 * (self.gravity_tolerance > 0)
+
+    @property
+    def local(self) -> int:
+        """Nearly known numbers of each pose."""
+        return CLAMP_MOTIONS if self.position_tolerance > 0 or self.rotation_tolerance > 0 else 0
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each of the unknown numbers."""
+        return [label for slot in self.slots for label in slot.labels]
+
+
+def layout_of(study) -> Layout:
+    """The layout of a study's unknowns and tolerances."""
+    slots, at = [], 0
+    for unknown in study.unknowns:
+        slot = _slot(study, unknown, at)
+        slots.append(slot)
+        at += slot.size
+    t = study.tolerance
+    length = 0.0 if "length" in study.unknown_names else t.length
+    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation)
+
+
+def _slot(study, unknown, at):
+    form = _format(unknown.name)
+    given = [v for v in (unknown.guess, study.given(unknown.name)) if v is not None]
+    shape = np.shape(given[0]) if given else form.shapes()[0]
+    log = form.domain == "positive"
+    default = DEFAULT_RANGE.get(unknown.name) or _ANY.get(form.domain, (-1e6, 1e6))
+    if form.domain == "along_cable":
+        default = (0.0, float(study.cable.get("length", 1e3)))
+    low, high = (
+        np.broadcast_to(np.asarray(d if u is None else u, float), shape)
+        for u, d in zip((unknown.low, unknown.high), default, strict=True)
+    )
+    if log:
+        low, high = np.log(low), np.log(high)
+    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit)
+
+
+def _format(name):
+    kind, dot, parameter = name.partition(".")
+    return kind_format(kind).parameter(parameter) if dot else CABLE[name]
+
+
+def template(study) -> CableModel:
+    """The study's model with every unknown at the value given for it (or at one where nothing is given)."""
+    known = {key: value for key, value in study.cable.items() if key != "radius"}
+    filler = {"length_density": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "length": 1.0}
+    cable = Cable(**{**filler, "shear_stiffness": NEARLY_RIGID, "axial_stiffness": NEARLY_RIGID, **known})
+    effects = []
+    for declaration in study.effects:
+        form, given = kind_format(declaration.kind), dict(declaration.parameters)
+        for parameter in form.parameters:
+            name = f"{declaration.kind}.{parameter.name}"
+            if parameter.name not in given and name in study.unknown_names:
+                start = study.start_value(name)
+                given[parameter.name] = np.ones(parameter.shapes()[0]) * 1e-3 if start is None else start
+        effects.append(effect_of(declaration.kind, given, study.clamped_ends))
+    return CableModel(cable, jnp.asarray(study.gravity), ordered(effects))
+
+
+def model_at(layout: Layout, model: CableModel, x) -> CableModel:
+    """The template with the shared numbers ``x`` put in; differentiable in ``x``."""
+    for slot in layout.slots:
+        value = x[slot.at : slot.at + slot.size].reshape(slot.shape)
+        model = _put(model, slot.name, jnp.exp(value) if slot.log else value)
+    at = layout.unknowns
+    if layout.length_tolerance > 0:
+        length = model.cable.length + layout.length_tolerance * x[at]
+        model = eqx.tree_at(lambda m: m.cable.length, model, length)
+        at += 1
+    if layout.gravity_tolerance > 0:
+        g = model.gravity
+        size = jnp.linalg.norm(g)
+        down = g / jnp.where(size > 0, size, 1.0)
+        across = jnp.linalg.svd(down[None, :])[2][1:]
+        tilt = lie.so3_exp(layout.gravity_tolerance * (x[at] * across[0] + x[at + 1] * across[1]))
+        model = eqx.tree_at(lambda m: m.gravity, model, tilt @ g)
+    return model
+
+
+def _put(model, name, value):
+    kind, dot, parameter = name.partition(".")
+    if not dot:
+        return eqx.tree_at(
+            lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape)
+        )
+    i = next(k for k, e in enumerate(model.effects) if e.kind == kind)
+    old = getattr(model.effects[i], parameter)
+    if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two
+        value = jnp.concatenate([value, old[1:]])
+    return eqx.tree_at(lambda m: getattr(m.effects[i], parameter), model, jnp.broadcast_to(value, jnp.shape(old)))
+
+
+def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
+    """A pose's supports with its own nearly known numbers ``z`` put in (none where the layout has none)."""
+    if not layout.local:
+        return boundary
+    z = z.reshape(2, 6) * boundary.held
+    turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
+    return Boundary(boundary.position + layout.position_tolerance * z[:, :3], boundary.rotation @ turn, boundary.held)
+
+
+def start_vector(study, layout: Layout, own: dict[str, np.ndarray]) -> np.ndarray:
+    """``x`` of the unknowns at the user's guess where there is one, else at the package's ``own`` start."""
+    parts = []
+    for slot in layout.slots:
+        value = study.start_value(slot.name)
+        if value is None:
+            value = own.get(slot.name, np.exp(np.add(slot.low, slot.high) / 2) if slot.log else 0.0)
+        value = np.broadcast_to(np.asarray(value, float), slot.shape).ravel()
+        if slot.log and np.any(value <= 0):
+            raise StudyError(study.folder or "study", f"unknown.{slot.name}", "a positive quantity needs a positive start.")
+        parts.append(np.clip(np.log(value) if slot.log else value, slot.low, slot.high))
+    return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def values_of(layout: Layout, x: np.ndarray) -> dict[str, np.ndarray]:
+    """The unknowns in their own units, by name."""
+    out = {}
+    for slot in layout.slots:
+        value = np.asarray(x[slot.at : slot.at + slot.size]).reshape(slot.shape)
+        out[slot.name] = np.exp(value) if slot.log else value
+    return out

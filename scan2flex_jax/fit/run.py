@@ -1,0 +1,211 @@
+"""The fit of a study: from measured curves to estimates with intervals, in a few steps that each have their module.
+
+Start (the user's guess, and one from the balance equations), minimise, estimate the noise from what is left, fit again with
+the priors that the noise gives their weight, and judge: intervals, what is open, and the poses that had no part in it.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.equilibrium.solve import DEFAULT_ELEMENTS, _SENTENCES
+from scan2flex_jax.fit.evaluate import DISTANCES, Evaluator
+from scan2flex_jax.fit.least_squares import Goal, bfgs, levenberg_marquardt, nelder_mead
+from scan2flex_jax.fit.parameters import layout_of, model_at, start_vector, template, values_of
+from scan2flex_jax.fit.poses import poses_of
+from scan2flex_jax.fit.result import Estimate, Fit, PoseFit, unit_of
+from scan2flex_jax.fit.start import balance_start
+from scan2flex_jax.fit.statistics import noise_of, uncertainty
+
+METHODS = ("least-squares", "bfgs", "nelder-mead")
+_STIFF = ("bending_stiffness", "torsional_stiffness")
+_NORMAL_95 = 1.959964
+_PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
+_LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
+
+
+def fit(
+    study,
+    method: str = "least-squares",
+    *,
+    distance: str = "normal",
+    elements: int = DEFAULT_ELEMENTS,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
+
+    ``method``: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance)
+    or "nelder-mead" (the paper's). ``distance``: "normal" or "integrated" (the paper's Eq. 10). ``progress`` is called with
+    a line of text now and then. Raises `Scan2FlexError` when there is nothing to fit or no pose can be solved.
+    """
+    _check(study, method, distance)
+    began = time.perf_counter()
+    problem = Problem(study, elements, distance, progress or (lambda message: None))
+    minimum = problem.minimise(method)
+    stated = _stated_noise(study)
+    noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
+    if problem.layout.shared > problem.layout.unknowns or problem.layout.local:
+        minimum = problem.with_priors(minimum, noise)
+        noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
+    sigma = problem.scale(noise)
+    known = uncertainty(minimum, problem.poses, problem.layout, sigma, noise)
+    poses = _pose_fits(problem, minimum)
+    valid, verdict = _validity(poses, noise)
+    estimates = _estimates(problem.layout, minimum.shared, known)
+    sentences = (*known.sentences, *_bound_sentences(estimates), *verdict)
+    spread = np.sqrt(np.diag(known.covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = known.covariance / np.outer(spread, spread)
+    np.fill_diagonal(correlation, 1.0)
+    return Fit(
+        study, method, distance, estimates, problem.layout.labels, correlation, poses, noise, sentences, valid,
+        minimum.converged, problem.evaluator.equilibria, time.perf_counter() - began, minimum.cost, (problem, minimum),
+    )
+
+
+class Problem:
+    """One study made ready: layout, template, poses and evaluator; kept by the loop that refits with effects added."""
+
+    def __init__(self, study, elements=DEFAULT_ELEMENTS, distance="normal", progress=lambda message: None):
+        """Arrays of the fit poses; nothing is solved yet."""
+        self.study, self.elements, self.progress = study, elements, progress
+        self.layout, self.template = layout_of(study), template(study)
+        guess = study.start_value("length") or 1.0
+        self.length = float(study.cable.get("length", guess))
+        self.poses = poses_of(study.fit_poses, self.length, elements)
+        self.evaluator = Evaluator(self.layout, self.template, self.poses, elements, distance)
+
+    def scale(self, noise) -> np.ndarray:
+        """Standard deviation (m) that weighs each pose: the stated one, else the estimated one."""
+        return np.array([noise.total if pose.noise is None else pose.noise for pose in self.study.fit_poses])
+
+    def goal(self, sigma) -> Goal:
+        """What is minimised, with residuals in units of ``sigma`` (m) per pose."""
+        prior = self.layout.shared - self.layout.unknowns
+        low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
+        high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
+        return Goal(self.evaluator, sigma, low, high, self.progress)
+
+    def starts(self) -> list[np.ndarray]:
+        """Start vectors of the unknowns: the user's guess where given, and the package's own."""
+        known = {n: float(np.mean(self.study.known(n))) for n in _STIFF if self.study.known(n) is not None}
+        model = model_at(self.layout, self.template, np.r_[start_vector(self.study, self.layout, {}), np.zeros(3)])
+        own = balance_start(self.poses, model, known)
+        guessed = start_vector(self.study, self.layout, own)
+        free = start_vector(_without_guesses(self.study), self.layout, own)
+        return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
+
+    def minimise(self, method: str):
+        """The best minimum from the starts (the slower methods use the first one only), without priors' numbers moving."""
+        sigma = np.full(self.poses.count, 1e-3 * self.length)
+        stated = [p.noise for p in self.study.fit_poses]
+        if all(stated):
+            sigma = np.array(stated, float)
+        goal = self.goal(sigma)
+        prior = np.zeros(self.layout.shared - self.layout.unknowns)
+        if method != "least-squares":
+            run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
+            return self._finite(run(goal, np.r_[self.starts()[0], prior]))
+        found = [self._descend(goal, np.r_[x, prior]) for x in self.starts()]
+        return self._finite(min(found, key=lambda m: m.cost))
+
+    def _descend(self, goal, x):
+        """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
+        logs = np.concatenate([[s.log] * s.size for s in self.layout.slots] + [[False] * (len(x) - self.layout.unknowns)])
+        for factor in _LADDER:
+            start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
+            minimum = levenberg_marquardt(goal, start)
+            if np.isfinite(minimum.cost):
+                return minimum
+        return minimum
+
+    def with_priors(self, minimum, noise):
+        """The fit again, with the nearly known numbers free under their priors."""
+        return self._finite(levenberg_marquardt(self.goal(self.scale(noise)), minimum.shared, minimum.local))
+
+    def _finite(self, minimum):
+        if np.isfinite(minimum.cost):
+            return minimum
+        codes = np.asarray(minimum.evaluation.verdict.code)
+        bad = [f"{n}: {_SENTENCES[int(c)]}" for n, c in zip(self.poses.names, codes, strict=True) if c != 0]
+        raise Scan2FlexError(f"no values in the range let every pose settle ({'; '.join(bad)}): check clamps, length and turns of these poses")
+
+
+def _check(study, method, distance):
+    if method not in METHODS:
+        raise Scan2FlexError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
+    if distance not in DISTANCES:
+        raise Scan2FlexError(f"distance {distance!r} is not known: use one of {', '.join(DISTANCES)}")
+    if not study.unknowns:
+        raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
+    if not study.fit_poses:
+        raise Scan2FlexError("the study has no pose with role 'fit': there is nothing to fit to")
+
+
+def _without_guesses(study):
+    from dataclasses import replace  # noqa: PLC0415
+
+    cable = {k: v for k, v in study.cable.items() if k not in _STIFF or k not in study.unknown_names}
+    unknowns = tuple(replace(u, guess=None) if u.name in _STIFF else u for u in study.unknowns)
+    return replace(study, cable=cable, unknowns=unknowns)
+
+
+def _stated_noise(study):
+    stated = [p.noise for p in study.fit_poses if p.noise is not None]
+    return float(np.sqrt(np.mean(np.square(stated)))) if len(stated) == len(study.fit_poses) else None
+
+
+def _pose_fits(problem, minimum):
+    out = {}
+    groups = [(problem.study.fit_poses, problem.poses, minimum.evaluation)]
+    if problem.study.validate_poses:
+        poses = poses_of(problem.study.validate_poses, problem.length, problem.elements)
+        other = Evaluator(problem.layout, problem.template, poses, problem.elements, problem.evaluator.distance)
+        groups.append((problem.study.validate_poses, poses, other(minimum.shared)))
+    for study_poses, poses, e in groups:
+        for i, pose in enumerate(study_poses):
+            real = np.asarray(poses.mask[i]) > 0
+            r, code = e.residual[i][real], int(e.verdict.code[i])
+            d = np.linalg.norm(r, axis=1) if code == 0 else np.full(len(r), np.nan)
+            out[pose.name] = PoseFit(
+                pose.role, float(np.sqrt(np.mean(d**2))), float(np.max(d)), code == 0, np.asarray(poses.points[i])[real],
+                np.asarray(e.configuration.r[i]), e.s[i][real], r, _SENTENCES[code],
+            )
+    order = [p.name for p in problem.study.poses]
+    return {name: out[name] for name in order if name in out}
+
+
+def _estimates(layout, x, known):
+    values, out = values_of(layout, x), {}
+    for slot in layout.slots:
+        here = slice(slot.at, slot.at + slot.size)
+        center, spread = x[here], np.sqrt(np.diag(known.covariance))[here]
+        bound = np.any((center <= np.array(slot.low) + 1e-9) | (center >= np.array(slot.high) - 1e-9))
+        low, high = center - _NORMAL_95 * spread, center + _NORMAL_95 * spread
+        std = spread
+        if slot.log:
+            low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(center) * spread
+        shaped = [np.reshape(v, slot.shape) for v in (std, low, high)] if np.all(np.isfinite(spread)) else [None] * 3
+        shaped = [v if v is None or slot.shape else float(v) for v in shaped]
+        value = values[slot.name] if slot.shape else float(values[slot.name])
+        out[slot.name] = Estimate(value, *shaped, bool(np.all(known.determined[here])), bool(bound), unit_of(slot.name))
+    return out
+
+
+def _bound_sentences(estimates):
+    return [f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound]
+
+
+def _validity(poses, noise):
+    """Does the model predict the poses that were never fitted, to within the noise?"""
+    rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
+    if not rms:
+        return None, ["no validate pose: whether the model predicts other poses is not known"]
+    floor = np.sqrt(2.0) * noise.total
+    bad = [n for n, v in rms.items() if not v <= _PREDICTED * floor]
+    worst = max(rms.values(), key=lambda v: np.inf if np.isnan(v) else v)
+    if not bad:
+        return True, [f"validate poses are predicted to within the noise ({1e3 * worst:.2f} mm beside {1e3 * floor:.2f} mm)"]
+    return False, [f"the model does not predict {', '.join(bad)} to within the noise ({1e3 * worst:.2f} mm beside {1e3 * floor:.2f} mm): something is missing or misread"]

@@ -1,0 +1,106 @@
+"""What a fit knows and what it cannot know: covariance of the estimates, and combinations that the poses leave open.
+
+Residuals of a scan are correlated along the cable, so the covariance is the sandwich ``A^-1 B A^-1`` with ``A = J'J / s^2``
+plus priors and ``B = J' C J / s^4`` plus priors, ``C`` the estimated noise covariance: it is right whatever weights the fit
+used. Directions in which the scaled ``J`` has no singular value to speak of are not determined; they are named in words.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.fit.least_squares import normal_equations
+from scan2flex_jax.fit.noise import Noise, estimate_noise
+from scan2flex_jax.fit.parameters import Layout
+
+_OPEN = 1.0e-5  # singular value, over the largest of the unit-column Jacobian, that means "not determined at all"
+_VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
+_NORMALS = 2
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the unknown numbers of ``x``; infinite variance where the poses say nothing, and why in words."""
+
+    covariance: np.ndarray
+    determined: np.ndarray
+    sentences: tuple[str, ...]
+
+
+def noise_of(evaluation, poses, layout: Layout, length: float, stated: float | None) -> Noise:
+    """Noise estimated from an evaluation's residuals (see `fit.noise`)."""
+    curves = []
+    for i in range(poses.count):
+        real = np.asarray(poses.mask[i]) > 0
+        s, r, J = evaluation.s[i][real], evaluation.residual[i][real], evaluation.jacobian[i][real]
+        curves.append((s, r[:, :_NORMALS], J[:, :_NORMALS]))
+    return estimate_noise(curves, length, stated)
+
+
+def uncertainty(minimum, poses, layout: Layout, sigma: np.ndarray, noise: Noise) -> Uncertainty:
+    """Covariance and open directions at a minimum."""
+    e = minimum.evaluation
+    scaled = e.jacobian / sigma[:, None, None, None]
+    JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
+    B = _middle(e, poses, layout, sigma, noise, len(JJ))
+    scale = np.sqrt(np.diag(JJ))
+    scale = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(JJ / np.outer(scale, scale))
+    closed = values > _OPEN**2 * max(values[-1], 1e-300)
+    inverse = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
+    covariance = (inverse @ B @ inverse)[: layout.unknowns, : layout.unknowns]
+    open_part = (vectors[:, ~closed] / scale[:, None])[: layout.unknowns]
+    weight = np.abs(open_part).max(axis=1, initial=0.0) > 0.05 * np.abs(open_part).max(initial=0.0)
+    unseen = np.sqrt(np.diag(JJ))[: layout.unknowns] == 0
+    lost = (weight & (open_part.size > 0)) | unseen
+    covariance[lost, :] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
+    vague = logs & (np.sqrt(np.diag(covariance)) > _VAGUE)
+    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, vague & ~lost)
+    return Uncertainty(covariance, ~(lost | vague), tuple(sentences))
+
+
+def _middle(e, poses, layout, sigma, noise, size):
+    """``J' C J / s^4`` with the priors' unit variances."""
+    n, k = layout.shared, layout.local
+    B = np.zeros((size, size))
+    for i in range(poses.count):
+        own = np.r_[np.arange(n), n + i * k + np.arange(k)]
+        real = np.asarray(poses.mask[i]) > 0
+        J = e.jacobian[i][real] / sigma[i] ** 2
+        C = noise.covariance(e.s[i][real])
+        for normal in range(J.shape[1]):
+            B[np.ix_(own, own)] += J[:, normal].T @ C @ J[:, normal]
+    prior = np.r_[np.zeros(layout.unknowns), np.ones(size - layout.unknowns)]
+    B[np.diag_indices_from(B)] += prior
+    return B
+
+
+def _open_sentences(layout, directions, unseen):
+    labels, sentences = layout.labels, []
+    sentences += [f"{labels[i]} has no influence on these shapes: it is not determined" for i in np.flatnonzero(unseen)]
+    for d in directions.T:
+        if np.abs(d).max() == 0:
+            continue
+        d = d / np.abs(d).max()
+        involved = np.flatnonzero(np.abs(d) > 0.05)
+        if len(involved) == 1 and unseen[involved[0]]:
+            continue
+        names = [labels[i] for i in involved]
+        stiff = [m for m in names if m.split("[")[0] != "length_density"]
+        if "length_density" in names and np.ptp(np.abs(d[involved])) < 0.05 and np.ptp(np.sign(d[involved])) == 0:
+            verb = "is" if len(stiff) == 1 else "are"
+            sentences.append(f"only the ratio of {_and(stiff)} to the density {verb} determined")
+        else:
+            weights = ", ".join(f"{d[i]:+.2f} {labels[i]}" for i in involved)
+            sentences.append(f"these poses do not determine the combination {weights}")
+    return sentences
+
+
+def _vague_sentences(layout, vague):
+    return [f"{layout.labels[i]} is not determined: its uncertainty exceeds a factor of 2.7" for i in np.flatnonzero(vague)]
+
+
+def _and(names):
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]

@@ -1,0 +1,124 @@
+"""The centre curve that a scan gave: the answer, how sure it is, and what was noticed on the way.
+
+Symbols: s arc length (m) from the first to the last point of the cloud that lies on the cable; r radius (m); d3 tangent;
+frame (d1, d2, d3) rotation-minimising: it turns about the tangent not at all.
+"""
+
+from dataclasses import dataclass, field
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from scan2flex_jax.geometry import curves
+from scan2flex_jax.scan import spline
+from scan2flex_jax.scan.refine import Refined
+
+POINTS = 201
+_FINE = 20  # samples per output point when the arc length is measured
+_CURVED_GAP = 1.5  # radii without a point that count as a gap (or 1.5 % of the length)
+_CONFIDENT = 0.3  # weight from which a point counts as lying on the cable
+_LONE = 0.15  # of the usual crowd: fewer points than this at an end are strays
+
+
+@dataclass(frozen=True)
+class RadiusStatistics:
+    """The radius as the cloud shows it: mean and standard deviation of distances to the curve (m), points on the cable.
+
+    ``share``: of all points near the curve, how many lie on its surface.
+    """
+
+    mean: float
+    std: float
+    points: int
+    share: float
+
+
+@dataclass(frozen=True)
+class CentreCurve:
+    """Points (m) at even arc length (m) with unit tangents, frames (d1, d2, d3 in columns) and standard deviation (m).
+
+    ``std`` is that of one coordinate across the curve, from the scatter of the points and the smoothness that the data
+    ask for; it grows inside gaps. It does not know of errors that all points share (a range bias).
+    ``noise``: standard deviation of a point from the surface (m); ``gaps``: intervals of s (m) without points;
+    ``stages``: clouds and curves on the way, for plotting; ``warnings``: one sentence each.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    arc_length: Float[np.ndarray, "n"]
+    tangents: Float[np.ndarray, "n 3"]
+    frames: Float[np.ndarray, "n 3 3"]
+    std: Float[np.ndarray, "n"]
+    radius: RadiusStatistics
+    noise: float
+    gaps: tuple[tuple[float, float], ...]
+    found_by: str
+    along_ray: bool = False
+    stages: dict[str, np.ndarray] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def length(self) -> float:
+        """Arc length of what was seen (m); it may stop short of the clamps."""
+        return float(self.arc_length[-1])
+
+
+def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=(), clamps=(None, None)) -> CentreCurve:
+    """Sample a refined spline between the first and the last cloud point on the cable, within the clamps if known (m)."""
+    count = POINTS
+    c = spline.coefficients(jnp.asarray(fit.points))
+    on = fit.weight > _CONFIDENT
+    span, gaps_t = _span_and_gaps(np.sort(fit.parameter[on]), c, radius, clamps)
+    fine = np.linspace(*span, _FINE * count + 1)
+    q = np.asarray(spline.evaluate(c, jnp.asarray(fine)))
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
+    t = np.interp(np.linspace(0.0, s[-1], count), s, fine)
+    v = np.asarray(spline.evaluate(c, jnp.asarray(t), 1))
+    tangents = v / np.linalg.norm(v, axis=1, keepdims=True)
+    frames = curves.transported_frames(jnp.asarray(tangents), curves.frame_on(jnp.asarray(tangents[0])))
+    near = np.abs(fit.residual) < 2.0 * radius
+    seen = fit.residual[on]
+    stats = RadiusStatistics(float(radius + seen.mean()), float(seen.std()), int(on.sum()), float(on.sum() / max(near.sum(), 1)))
+    return CentreCurve(
+        points=np.asarray(spline.evaluate(c, jnp.asarray(t))),
+        arc_length=np.linspace(0.0, s[-1], count),
+        tangents=tangents,
+        frames=np.asarray(frames),
+        std=_std_across(fit, t, tangents),
+        radius=stats,
+        noise=fit.sigma,
+        gaps=tuple((float(np.interp(a, fine, s)), float(np.interp(b, fine, s))) for a, b in gaps_t),
+        found_by=found_by,
+        along_ray=fit.along_ray,
+        stages=dict(stages),
+        warnings=tuple(warnings),
+    )
+
+
+def _span_and_gaps(t, c, radius, clamps):
+    """Parameters where the cloud begins and ends (strays beyond, and what lies behind a clamp, do not count), and gaps."""
+    speed = float(np.mean(np.linalg.norm(np.asarray(spline.half_knot_tangents(c)), axis=1)))
+    wide = max(_CURVED_GAP * radius, 0.015 * speed * c.shape[1]) / speed
+    wide = max(wide, 8.0 * (t[-1] - t[0]) / len(t))
+    after = np.searchsorted(t, t + wide) - np.arange(len(t))
+    before = np.arange(len(t)) - np.searchsorted(t, t - wide) + 1
+    crowd = _LONE * np.median(after)
+    first, last = int(np.argmax(after >= crowd)), len(t) - 1 - int(np.argmax(before[::-1] >= crowd))
+    t = t[first : last + 1]
+    low, high = t[0], t[-1]
+    at = [None if p is None else float(spline.nearest(c, jnp.asarray(p)[None])[0]) for p in clamps]
+    low = low if at[0] is None or at[0] > 0.5 * (low + high) else max(low, at[0])
+    high = high if at[1] is None or at[1] < 0.5 * (low + high) else min(high, at[1])
+    breaks = np.flatnonzero(np.diff(t) > wide)
+    gaps = [(t[b], t[b + 1]) for b in breaks if t[b] > low and t[b + 1] < high]
+    return (low, high), gaps
+
+
+def _std_across(fit: Refined, t, tangents):
+    """Standard deviation (m) of one coordinate across the curve at ``t``."""
+    W = np.asarray(spline.weights(len(fit.points), jnp.asarray(t)))
+    K = len(fit.points)
+    cov = fit.covariance.reshape(K, 3, K, 3)
+    local = np.einsum("nk,kilj,nl->nij", W, cov, W, optimize=True)
+    across = np.trace(local, axis1=1, axis2=2) - np.einsum("ni,nij,nj->n", tangents, local, tangents)
+    return np.sqrt(np.maximum(0.5 * across, 0.0))

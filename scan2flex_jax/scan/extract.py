@@ -1,0 +1,250 @@
+"""From a scan to its centre curve: the whole chain, for one cloud and for a study.
+
+    cloud -> checked, cleaned -> coarse curve (guide points, or found) -> snakes (Eq. 8) -> refined -> CentreCurve
+
+Everything that is compiled has one shape for all clouds (points padded to `SNAKES_POINTS` and `REFINE_POINTS`, curves of
+`SNAKES_KNOTS` and `refine.KNOTS` points), so that the poses of a study share one compilation.
+
+Symbols: r radius, L length between the clamps, s arc length: m.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import cKDTree
+
+from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.rod.cable import require_float64
+from scan2flex_jax.scan import cloud as clouds
+from scan2flex_jax.scan import coarse as coarse_step
+from scan2flex_jax.scan import guides as guide_step
+from scan2flex_jax.scan import minimise, refine, snakes, spline
+from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
+from scan2flex_jax.scan.strands import End
+
+SNAKES_POINTS = 2048
+SNAKES_KNOTS = 20
+REFINE_POINTS = 8192
+_PLANE_POINTS = 40_000
+_RADII_SHARE = 0.25  # r_i of the coarse step may differ from r by this share
+_LENGTH_TRUSTED = 0.05  # of L, for a curve found without guide points
+_LENGTH_AGREES, _RADIUS_AGREES, _TANGENT_AGREES = 0.01, 0.15, 0.15  # of L, of r, rad
+
+
+def extract(
+    cloud,
+    radius: float,
+    *,
+    length: float | None = None,
+    start: End | None = None,
+    end: End | None = None,
+    guide_points=None,
+    viewpoints=None,
+    noise: float | None = None,
+    method: str = "least squares",
+) -> CentreCurve:
+    """The centre curve of a cable of ``radius`` (m) in a cloud (`Cloud` or points, m).
+
+    ``length`` (m) and the ends help to find it; ``viewpoints`` (m) matter where the noise is as large as the radius;
+    ``noise`` is the standard deviation of one coordinate (m), if known. Refuses in one `Scan2FlexError`.
+    """
+    require_float64()
+    if not (np.isfinite(radius) and radius > 0):
+        raise Scan2FlexError(f"the radius must be a positive number of metres, got {radius}")
+    notes = list(cloud.notes) if isinstance(cloud, clouds.Cloud) else []
+    points = cloud.points if isinstance(cloud, clouds.Cloud) else cloud
+    points = clouds.check_cloud(points, radius, length)
+    stages = {"cloud": points[clouds.thin(points, 20_000)]}
+    if guide_points is not None:
+        at = [None if one is None else one.position for one in (start, end)]
+        guide_points, said = guide_step.checked_guides(guide_points, radius, length, *at)
+        notes += said
+        stages["guide points"] = guide_points
+    points = _cleaned(points, radius, length, start, end, guide_points)
+    coarse, found_by = _coarse(points, radius, length, start, end, guide_points)
+    stages["coarse"] = coarse.points
+    wide = max(3.0 * radius, 0.015 * coarse.length)
+    extended = _extended(coarse.points, max(2.0 * radius, 0.02 * coarse.length))
+    near = points[clouds.near_polyline(points, spline.evenly(extended, 800), wide)]
+    if len(near) < 4:
+        raise Scan2FlexError(f"only {len(near)} points of the cloud lie near the coarse curve: check the guide points and the units")
+    snake = _snake(extended, near, radius, method)
+    stages["snakes"] = snake
+    near = near[clouds.thin(near, REFINE_POINTS)]
+    stages["points used"] = near
+    padded, real = _padded(near, REFINE_POINTS)
+    eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
+    fit = refine.refine(spline.evenly(snake, refine.KNOTS), padded, real, radius, eyes, noise)
+    if np.sum(fit.weight > 0.3) < 4:
+        raise Scan2FlexError(f"no points lie {radius:.4g} m from a common curve: this cloud shows no cable of that radius")
+    clamps = [None if one is None else one.position for one in (start, end)]
+    curve = centre_curve(fit, radius, found_by, stages, notes, clamps)
+    _refuse_doubtful(curve, length, start, end)
+    return replace(curve, warnings=(*curve.warnings, *_disagreements(curve, radius, length, start, end, fit)))
+
+
+def _cleaned(points, radius, length, start, end, guides):
+    """Points that are not isolated, that the cable can reach, and (with guides) near them, (without) on no table."""
+    at = [None if one is None else one.position for one in (start, end)]
+    held = points[clouds.reachable(points, radius, *at, length)]
+    if len(held) < 4:
+        raise Scan2FlexError(
+            f"{len(held)} of the {len(points)} points lie where a cable of {length:.4g} m between these clamps can be:"
+            f" the cloud and the clamps are not in one frame, or not in metres"
+        )
+    held = held[clouds.not_isolated(held)]
+    if guides is not None:
+        curve, reach = guide_step.guide_tube(guides, radius)
+        held = held[clouds.near_polyline(held, _extended(curve, 3.0 * reach), reach)]
+        if len(held) < 4:
+            raise Scan2FlexError(f"no points of the cloud lie within {reach:.3g} m of the guide points: are both in metres?")
+        return held
+    held = held[clouds.thin(held, _PLANE_POINTS)] if len(held) > _PLANE_POINTS else held
+    return held[clouds.off_planes(held, radius)]
+
+
+def _coarse(points, radius, length, start, end, guides):
+    """The coarse curve and how it was found; guide points have the last word, and without them doubt is a refusal."""
+    some = points[clouds.thin(points, coarse_step.VOTERS)]
+    if guides is None:
+        found = coarse_step.find_curve(some, radius, length, start, end)
+        if not found.sure:
+            raise Scan2FlexError(
+                f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(found.doubts)};"
+                f" mark guide points, or scan from another side"
+            )
+        return found, "cloud"
+    try:
+        found = coarse_step.find_curve(some, radius, length, start, end) if len(some) >= 200 else None
+    except Scan2FlexError:
+        found = None
+    if found is not None and found.sure:
+        fine = spline.evenly(found.points, 800)
+        away, which = cKDTree(fine).query(guides)
+        if which[-1] < which[0]:
+            found, which = replace(found, points=found.points[::-1]), 799 - which
+        if np.all(away < 3.0 * radius + 0.01 * found.length) and np.all(np.diff(which) > 0):
+            return found, "cloud, and the guide points agree"
+    return guide_step.guided_curve(guides, some, radius), "guide points"
+
+
+def _extended(curve, by):
+    """The curve lengthened at both ends along its tangents, so that the cloud ends before it does."""
+    back = max(2, len(curve) // 40)
+    first, last = curve[0] - curve[back], curve[-1] - curve[-1 - back]
+    first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
+    return np.concatenate([curve[:1] + by * first, curve, curve[-1:] + by * last])
+
+
+def _padded(points, count):
+    """Points in an array of ``count`` rows, and which rows are real."""
+    real = np.arange(count) < len(points)
+    rows = np.concatenate([points, np.repeat(points[:1], count - len(points), axis=0)])
+    return jnp.asarray(rows), jnp.asarray(real)
+
+
+def _snake(curve, near, radius, method):
+    """Points of the snakes curve (m)."""
+    x0 = spline.evenly(curve, SNAKES_KNOTS)
+    some = near[clouds.thin(near, SNAKES_POINTS)]
+    points, real = _padded(some, SNAKES_POINTS)
+    c = spline.coefficients(jnp.asarray(x0))
+    samples = np.asarray(spline.evaluate(c, snakes.gap_samples(SNAKES_KNOTS)))
+    in_gap = cKDTree(some).query(samples)[0] > 2.5 * radius
+    away = cKDTree(spline.evenly(curve, 800)).query(np.asarray(points))[0]
+    radii = np.clip(away, (1 - _RADII_SHARE) * radius, (1 + _RADII_SHARE) * radius)
+    problem = snakes.SnakesProblem(points, jnp.asarray(radii), real, jnp.asarray(in_gap), jnp.asarray(float(radius)))
+    return minimise.minimise_snakes(x0, problem, method, 60).points
+
+
+def _refuse_doubtful(curve: CentreCurve, length, start, end):
+    """A curve that was found without guide points and is far from the known length has taken a wrong way."""
+    if not length or start is None or end is None or curve.found_by != "cloud":
+        return
+    whole = curve.length + np.linalg.norm(curve.points[0] - start.position) + np.linalg.norm(curve.points[-1] - end.position)
+    if abs(whole / length - 1.0) > _LENGTH_TRUSTED:
+        raise Scan2FlexError(
+            f"the curve found in the cloud is {whole:.4g} m long from clamp to clamp where the cable is {length:.4g} m:"
+            f" it is not to be trusted; mark guide points, or correct the length"
+        )
+
+
+def _disagreements(curve: CentreCurve, radius, length, start, end, fit):
+    """What the scan says otherwise than the study: length, radius, tangents at the clamps; and gaps, and doubts."""
+    said = []
+    if not fit.settled:
+        said.append("the last stage had not settled after its last iteration: look at the picture")
+    ends = ((start, 0, "start"), (end, -1, "end"))
+    short = [0.0 if one is None else float(np.linalg.norm(curve.points[k] - one.position)) for one, k, _ in ends]
+    whole = curve.length + sum(short)
+    if length and start is not None and end is not None and abs(whole / length - 1.0) > _LENGTH_AGREES:
+        said.append(f"from clamp to clamp the scan is {whole:.4g} m long where the study says {length:.4g} m")
+    if abs(curve.radius.mean / radius - 1.0) > _RADIUS_AGREES and not curve.along_ray:
+        said.append(f"the points lie {curve.radius.mean:.4g} m from the curve where the study says a radius of {radius:.4g} m")
+    for (one, k, name), away in zip(ends, short, strict=True):
+        if one is None or one.tangent is None:
+            continue
+        angle = float(np.arccos(np.clip(curve.tangents[k] @ one.tangent, -1.0, 1.0)))
+        step = curve.arc_length[1]
+        a, b = (0, 8) if k == 0 else (-9, -1)
+        bend = float(np.linalg.norm(curve.tangents[b] - curve.tangents[a]) / (8 * step))
+        if angle > _TANGENT_AGREES + bend * (away + 4 * step):
+            said.append(f"at the {name} the curve points {np.degrees(angle):.0f} degrees away from the clamp's direction")
+    for a, b in curve.gaps:
+        said.append(f"no points were seen from s = {a:.4g} m to {b:.4g} m: there the curve is a smooth guess")
+    return said
+
+
+def extract_study(study, progress: Callable[[str, int, int], None] | None = None, method: str = "least squares"):
+    """A copy of the study with a centre curve for every pose that has a scan and none yet, and the curves by pose name.
+
+    ``progress(pose, number, total)`` is called before each pose; what it raises is ignored.
+    """
+    from scan2flex_jax.study import MeasuredCurve  # noqa: PLC0415  (the study layer need not load to extract a cloud)
+
+    found: dict[str, CentreCurve] = {}
+    poses = []
+    todo = [pose.name for pose in study.poses if pose.scan is not None and pose.curve is None]
+    for pose in study.poses:
+        if pose.name in todo:
+            _tell(progress, pose.name, len(found) + 1, len(todo))
+            found[pose.name] = extract_pose(study, pose, method)
+            curve = found[pose.name]
+            pose = replace(pose, curve=MeasuredCurve(curve.points))  # noqa: PLW2901
+        poses.append(pose)
+    return replace(study, poses=tuple(poses)), found
+
+
+def extract_pose(study, pose, method: str = "least squares") -> CentreCurve:
+    """The centre curve of one pose of a study; a fault names the study's scan file."""
+    radius, length = study.cable.get("radius"), study.cable.get("length")
+    name = str(pose.scan)
+    if radius is None:
+        raise StudyError(name, "cable.radius", "a scan needs the cable's radius (m): give it under [cable].")
+    try:
+        return extract(
+            clouds.load_cloud(pose.scan),
+            float(radius),
+            length=None if length is None else float(length),
+            start=End(pose.start.position, pose.start.tangent),
+            end=None if pose.end is None else End(pose.end.position, pose.end.tangent),
+            guide_points=pose.guide_points,
+            viewpoints=pose.viewpoints,
+            noise=pose.noise,
+            method=method,
+        )
+    except StudyError:
+        raise
+    except Scan2FlexError as fault:
+        raise StudyError(name, f"pose {pose.name!r}", f"{fault}") from fault
+
+
+def _tell(progress, *what):
+    """Report progress; a fault in the report is not a fault of the extraction."""
+    if progress is not None:
+        try:
+            progress(*what)
+        except Exception:  # noqa: BLE001, S110
+            return

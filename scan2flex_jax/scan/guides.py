@@ -1,0 +1,84 @@
+"""Guide points: what a user marked on the cable's surface, from start to end, checked and made a coarse curve.
+
+They lie on the side that the user saw, a radius off the axis: the curve through them is moved onto the axis votes of the
+cloud around it (`coarse.axis_votes`) where there are any.
+
+Symbols: r radius, L length: m.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.scan.coarse import Coarse, _gathered, axis_votes
+from scan2flex_jax.scan.spline import evenly
+
+_TOO_LONG = 1.08  # of L: points on the outside of bends make a slightly longer polyline, a wrong order a much longer one
+_FOLD = -0.5  # cosine of a turn at a guide point that no cable makes
+_SHORTER = 0.85  # an exchange of points that makes the polyline this much shorter betrays a wrong order
+
+
+def checked_guides(guides, radius: float, length: float | None, start=None, end=None):
+    """The guide points from start to end and a note when they ran the other way; a wrong order is refused."""
+    guides = np.asarray(guides, float)
+    if guides.ndim != 2 or guides.shape[1] != 3 or len(guides) < 2 or not np.isfinite(guides).all():
+        raise Scan2FlexError(f"guide points need at least two rows of three finite coordinates (m), got the shape {guides.shape}")
+    total = _length(guides)
+    best = _length(_untangled(guides))
+    step = np.diff(guides, axis=0)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
+    folds = np.flatnonzero(np.sum(step[1:] * step[:-1], axis=1) < _FOLD)
+    too_long = length is not None and total > _TOO_LONG * length + 2.0 * np.pi * radius
+    if (too_long and best < total) or (best < _SHORTER * total and len(folds)):
+        where = f" (look at point {folds[0] + 2})" if len(folds) else ""
+        known = f", where the cable is {length:.4g} m" if length else ""
+        raise Scan2FlexError(
+            f"the guide points seem to be in a wrong order{where}: as listed they make a way of {total:.4g} m{known};"
+            f" list them from the start of the cable to its end"
+        )
+    if start is not None and end is not None:
+        as_is = np.linalg.norm(guides[0] - start) + np.linalg.norm(guides[-1] - end)
+        turned = np.linalg.norm(guides[-1] - start) + np.linalg.norm(guides[0] - end)
+        if turned < 0.5 * as_is:
+            return guides[::-1].copy(), ("the guide points ran from end to start: they were turned round",)
+    return guides, ()
+
+
+def _length(points) -> float:
+    return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
+def _untangled(points):
+    """The order that 2-opt exchanges find shortest, the first and last point kept."""
+    order, improved = points.copy(), True
+    while improved:
+        improved = False
+        for i in range(1, len(order) - 2):
+            for j in range(i + 1, len(order) - 1):
+                old = np.linalg.norm(order[i] - order[i - 1]) + np.linalg.norm(order[j + 1] - order[j])
+                new = np.linalg.norm(order[j] - order[i - 1]) + np.linalg.norm(order[j + 1] - order[i])
+                if new < old - 1e-12:
+                    order[i : j + 1] = order[i : j + 1][::-1]
+                    improved = True
+    return order
+
+
+def guide_tube(guides, radius: float) -> tuple[Float[np.ndarray, "m 3"], float]:
+    """The spline through the guide points, finely, and how far (m) the cable may be from it."""
+    spacing = np.max(np.linalg.norm(np.diff(guides, axis=0), axis=1))
+    return evenly(guides, 400), max(4.0 * radius, 0.3 * spacing)
+
+
+def guided_curve(guides, points, radius: float) -> Coarse:
+    """The curve through the guide points, moved onto the votes for the axis around it."""
+    curve = evenly(guides, 200)
+    if len(points) >= 100:
+        votes, apparent = axis_votes(points, radius)
+        near = cKDTree(votes).query(curve)[0] < 2.5 * apparent
+        moved = _gathered(curve, votes, 0.7 * apparent)
+        curve = np.where(near[:, None], moved, curve)
+        kernel = np.hanning(11)[1:-1] / np.hanning(11)[1:-1].sum()
+        padded = np.concatenate([2 * curve[0] - curve[4:0:-1], curve, 2 * curve[-1] - curve[-2:-6:-1]])
+        curve = np.column_stack([np.convolve(x, kernel, "valid") for x in padded.T])
+    return Coarse(curve, True)

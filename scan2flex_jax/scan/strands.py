@@ -1,0 +1,186 @@
+"""Strands: chains of axis nodes, and how they are joined end to end into one cable.
+
+A cable that passes close to itself has many short ways across, and a shortest path takes them. So the nodes are first
+drawn into strands that never turn sharply and never leave out a step; then strand *ends* are joined, each at most once,
+by a minimum-cost matching in which a join costs its length and its turn. Where two strands cross, going straight on is
+the cheapest pairing of the four ends; a way from the middle of one strand to another does not exist.
+
+Symbols: node positions (m), ``reach`` the longest step inside a strand (m), ``gap`` the longest join (m).
+Reference: Dijkstra's algorithm (scipy.sparse.csgraph); weighted matching (Galil 1986, networkx).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import networkx as nx
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+_TURN_COST = 2.0  # a turn by one radian makes a step this much longer
+_MOST_STRANDS = 60
+_CRUMB = 1.5  # reaches: shorter strands are debris, and a join goes over their place
+_FACING = 0.1  # smallest cosine between a join and the direction in which a strand ends
+
+
+@dataclass(frozen=True)
+class End:
+    """One end of the cable as the study tells it: position (m) and unit tangent (towards growing s), if known."""
+
+    position: Float[np.ndarray, "3"]
+    tangent: Float[np.ndarray, "3"] | None = None
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """Axis nodes (m), the direction in which each lines up with its neighbours, and how many votes it holds."""
+
+    at: Float[np.ndarray, "n 3"]
+    along: Float[np.ndarray, "n 3"]
+    votes: np.ndarray
+
+
+def chains(nodes: Nodes, reach: float, gap: float, start: End | None, end: End | None) -> Iterator[Float[np.ndarray, "m 3"]]:
+    """Candidate cables, each as node positions from start to end: timid and bold strands, short and long joins."""
+    for step, straight in ((0.75, 0.85), (1.0, 0.75), (0.75, 0.95)):
+        strands = draw_strands(nodes, step * reach, straight)
+        for limit in (0.4 * gap, gap):
+            path = _joined(strands, reach, limit, gap, start, end)
+            if path is not None and len(path) >= 4:
+                yield path
+
+
+def draw_strands(nodes: Nodes, reach: float, straight: float) -> list[Float[np.ndarray, "m 3"]]:
+    """Strands, longest first: the longest gently turning path of what is left, until only crumbs are left.
+
+    ``straight`` is the smallest cosine between a step and the directions of its two nodes.
+    """
+    left = np.ones(len(nodes.at), bool)
+    strands = []
+    for _ in range(_MOST_STRANDS):
+        active = np.flatnonzero(left)
+        path = _longest(nodes.at[active], nodes.along[active], reach, straight) if len(active) > 2 else []
+        if len(path) < 3:
+            break
+        strand = nodes.at[active[path]]
+        if np.sum(np.linalg.norm(np.diff(strand, axis=0), axis=1)) > _CRUMB * reach:
+            strands.append(strand)
+        fine = np.concatenate([np.linspace(a, b, 5) for a, b in zip(strand[:-1], strand[1:], strict=True)])
+        away, which = cKDTree(fine).query(nodes.at)
+        direction = np.repeat(np.diff(strand, axis=0), 5, axis=0)[which]
+        aligned = np.abs(np.sum(nodes.along * direction, axis=1)) > 0.6 * np.linalg.norm(direction, axis=1)
+        left &= ~((away < reach) & aligned)
+        left[active[path]] = False
+    return strands
+
+
+def _longest(at, along, reach, straight) -> list[int]:
+    """The longest of the cheapest paths over (node, heading) states: found by two sweeps."""
+    pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
+    pairs = np.concatenate([pairs, pairs[:, ::-1]])
+    step = at[pairs[:, 1]] - at[pairs[:, 0]]
+    size = np.linalg.norm(step, axis=1)
+    step = step / np.maximum(size, 1e-12)[:, None]
+    tails, heads, costs = [], [], []
+    for leave in (0, 1):
+        for arrive in (0, 1):
+            c1 = (1 - 2 * leave) * np.sum(step * along[pairs[:, 0]], axis=1)
+            c2 = (1 - 2 * arrive) * np.sum(step * along[pairs[:, 1]], axis=1)
+            good = (c1 > straight) & (c2 > straight)
+            turn = np.sqrt(np.maximum(2.0 - c1 - c2, 0.0))
+            tails.append(2 * pairs[good, 0] + leave)
+            heads.append(2 * pairs[good, 1] + arrive)
+            costs.append((size * (1.0 + _TURN_COST * turn))[good])
+    n = 2 * len(at)
+    graph = coo_matrix((np.concatenate(costs), (np.concatenate(tails), np.concatenate(heads))), shape=(n, n)).tocsr()
+    best: list[int] = []
+    for seed in np.linspace(0, n - 1, 6).astype(int):
+        first = dijkstra(graph, indices=seed)
+        far = int(np.argmax(np.where(np.isfinite(first), first, -1.0))) ^ 1  # turned round, back along the whole strand
+        cost, before = dijkstra(graph, indices=far, return_predecessors=True)
+        state = int(np.argmax(np.where(np.isfinite(cost), cost, -1.0)))
+        path = []
+        while state >= 0:
+            path.append(state // 2)
+            state = before[state]
+        if len(path) > len(best):
+            best = path[::-1]
+    return list(dict.fromkeys(best))
+
+
+def _joined(strands, reach, limit, gap, start, end):
+    """Node positions along the strands joined from the start clamp to the end clamp (or as far as they go)."""
+    ends = [(strand[side], _outward(strand, side)) for strand in strands for side in (0, -1)]
+    graph = nx.Graph()
+    graph.add_nodes_from(range(len(ends)))
+    for i in range(len(ends)):
+        for j in range(i + 1, len(ends)):
+            if i // 2 != j // 2:
+                _offer(graph, i, j, _join_cost(*ends[i], *ends[j], reach, limit), limit)
+    for name, clamp, sign in (("start", start, 1.0), ("end", end, -1.0)):
+        if clamp is not None:
+            leaving = None if clamp.tangent is None else sign * clamp.tangent
+            for i, one in enumerate(ends):
+                _offer(graph, name, i, _join_cost(*one, clamp.position, leaving, reach, gap), 3.0 * gap)
+    mate = dict(nx.max_weight_matching(graph))
+    mate |= {b: a for a, b in mate.items()}
+    if start is None and end is None:
+        return _longest_chain(strands, mate)
+    path, last = _follow(strands, mate, mate.get("start" if start is not None else "end"))
+    complete = start is None or end is None or last == "end"
+    path = path if start is not None or path is None else path[::-1]
+    return path if complete else None
+
+
+def _offer(graph, i, j, cost, limit):
+    """A join worth more than leaving both ends open."""
+    if cost is not None and cost < 6.0 * limit:
+        graph.add_edge(i, j, weight=6.0 * limit - cost)
+
+
+def _outward(strand, side):
+    """Direction in which a strand leaves at its first (0) or last (-1) node."""
+    back = strand[min(4, len(strand) - 1)] if side == 0 else strand[max(-5, -len(strand))]
+    out = strand[side] - back
+    return out / np.linalg.norm(out)
+
+
+def _join_cost(p, out_p, q, out_q, reach, limit):
+    """Cost (m) of joining two ends, or None if they are too far or face elsewhere. A direction of None faces anywhere."""
+    step = q - p
+    size = float(np.linalg.norm(step))
+    if size > limit + reach:
+        return None
+    step = step / max(size, 1e-12)
+    c1 = 1.0 if out_p is None else float(out_p @ step)
+    c2 = 1.0 if out_q is None else float(-out_q @ step)
+    along = 1.0 if out_p is None or out_q is None else float(-out_p @ out_q)
+    if size > 1.5 * reach and min(c1, c2) < _FACING:
+        return None
+    if 0.8 * reach < size <= 1.5 * reach and c1 + c2 < 0.5:  # side by side: another strand
+        return None
+    if along < -0.9:
+        return None
+    if size <= 1.5 * reach:  # too short for its own direction to mean much
+        return size + reach * _TURN_COST * (1.0 - along)
+    return size * (1.0 + _TURN_COST * (np.arccos(min(c1, 1.0)) + np.arccos(min(c2, 1.0))))
+
+
+def _follow(strands, mate, at):
+    """Walk from strand end ``at`` through strands and joins; positions, and where the walk stopped."""
+    parts, seen = [], set()
+    while isinstance(at, int) and at // 2 not in seen:
+        seen.add(at // 2)
+        strand = strands[at // 2]
+        parts.append(strand if at % 2 == 0 else strand[::-1])
+        at = mate.get(at ^ 1)
+    return (np.concatenate(parts) if parts else None), at
+
+
+def _longest_chain(strands, mate):
+    """With no clamp given: the chain with the most nodes."""
+    walks = [_follow(strands, mate, i)[0] for i in range(2 * len(strands)) if mate.get(i) is None]
+    walks = walks or [_follow(strands, mate, 0)[0]]
+    return max(walks, key=len)

@@ -1,0 +1,53 @@
+"""Studies: one cable, measured in several poses, on disk and in memory.
+
+`load_study` reads and checks, `save_study` writes, `describe` tells a user what a study says. No jax here.
+"""
+
+from scan2flex_jax.study.check import PoseFacts, describe, pose_facts, study_warnings
+from scan2flex_jax.study.files import write_json_atomic
+from scan2flex_jax.study.kinds import (
+    CABLE,
+    DESCRIPTIVE_KINDS,
+    TOLERANCE,
+    KindFormat,
+    ParameterFormat,
+    kind_format,
+    kind_names,
+    register_kind,
+)
+from scan2flex_jax.study.model import (
+    Clamp,
+    EffectDeclaration,
+    MeasuredCurve,
+    Study,
+    StudyPose,
+    Tolerance,
+    Unknown,
+)
+from scan2flex_jax.study.read import load_study
+from scan2flex_jax.study.write import save_study
+
+__all__ = [
+    "CABLE",
+    "DESCRIPTIVE_KINDS",
+    "TOLERANCE",
+    "Clamp",
+    "EffectDeclaration",
+    "KindFormat",
+    "MeasuredCurve",
+    "ParameterFormat",
+    "PoseFacts",
+    "Study",
+    "StudyPose",
+    "Tolerance",
+    "Unknown",
+    "describe",
+    "kind_format",
+    "kind_names",
+    "load_study",
+    "pose_facts",
+    "register_kind",
+    "save_study",
+    "study_warnings",
+    "write_json_atomic",
+]

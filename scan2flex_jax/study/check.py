@@ -1,0 +1,195 @@
+"""A study in words, before any fit: what is known and asked for, how each curve meets its clamps, what is in doubt.
+
+Every number is computed from the study. A warning never stops anything: it says what a reader of the result should
+know, in one sentence.
+"""
+
+import numpy as np
+
+from scan2flex_jax.study.declared import unknown_formats
+from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, pose_facts
+from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
+from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
+from scan2flex_jax.study.values import one_line
+
+GAP_WARNING = 0.01
+"""Of L: a curve that stops further from its clamp tells nothing of the strongest bend."""
+LENGTH_WARNING = 0.02
+"""Of L: tape measures and scanners agree better than this."""
+FREE_WARNING = 0.1
+"""Of L: a curve that stops this far from a free end misses a good part of the cable."""
+ANGLE_WARNING = 5.0
+"""Degrees, beyond two standard deviations: careful mounting stays within about 3."""
+PLANE_LIMIT = 0.005
+"""Of L, RMS: below it a curve counts as plane, or as straight."""
+GRAVITY = 9.81
+"""m/s^2; on Earth gravity stays within 0.5 % of it."""
+
+__all__ = ["PoseFacts", "describe", "pose_facts", "study_warnings"]
+
+
+def describe(study: Study) -> str:
+    """What a study says, as text for a terminal."""
+    parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
+    if study.folder is not None:
+        parts.append(f"Folder   {study.folder}")
+    size = float(np.linalg.norm(study.gravity))
+    parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Known of the cable"]
+    known = {key: value for key, value in study.cable.items() if key not in study.unknown_names}
+    parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
+    parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
+    parts += ["", "Known only nearly (standard deviations)"]
+    given = {key: getattr(study.tolerance, key) for key in TOLERANCE}
+    nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in given.items() if value]
+    parts += nearly or ["  nothing: all that is given counts as exact"]
+    if study.effects:
+        parts += ["", "Declared effects", *_effects(study)]
+    parts += ["", f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"]
+    for pose in study.poses:
+        parts += _pose(study, pose)
+    warnings = study_warnings(study)
+    parts += ["", "Warnings" if warnings else "No warnings", *(f"  - {warning}" for warning in warnings)]
+    return "\n".join(parts) + "\n"
+
+
+def _text(value: Value) -> str:
+    """A number or an array, to six digits."""
+    if np.ndim(value) == 0:
+        return f"{float(value):.6g}"
+    return "[" + ", ".join(_text(entry) for entry in np.asarray(value)) + "]"
+
+
+def _unknowns(study: Study) -> list[str]:
+    """One line for each unknown: unit, start, range."""
+    lines, formats = [], unknown_formats(study)
+    for unknown in study.unknowns:
+        start = study.start_value(unknown.name)
+        begins = "start found by the package" if start is None else f"start {_text(start)}"
+        between = "the package's own range"
+        if unknown.low is not None and unknown.high is not None:
+            between = f"range {_text(unknown.low)} to {_text(unknown.high)}"
+        lines.append(f"  {unknown.name:<24} {formats[unknown.name].unit}; {begins}; {between}")
+    return lines
+
+
+def _effects(study: Study) -> list[str]:
+    lines = []
+    for effect in study.effects:
+        form = kind_format(effect.kind)
+        given = [p for p in form.parameters if p.name in effect.parameters]
+        entries = [f"{p.name} {_text(effect.parameters[p.name])} {p.unit}" for p in given]
+        asked = [f"{n} to be estimated" for n in form.names if f"{effect.kind}.{n}" in study.unknown_names]
+        lines.append(f"  {effect.kind} (on the {form.place}; {form.words}): {', '.join(entries + asked)}")
+    return lines
+
+
+def _clamp_kind(clamp: Clamp | None) -> str:
+    if clamp is None:
+        return "free"
+    return "ball joint" if clamp.quaternion is None else "clamp"
+
+
+def _pose(study: Study, pose: StudyPose) -> list[str]:
+    """The block of one pose."""
+    lines = ["", f"  {one_line(pose.name)} ({pose.role})"]
+    ends = f"start {_clamp_kind(pose.start)}, end {_clamp_kind(pose.end)}"
+    if pose.end is not None:
+        ends += f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
+    lines.append(f"    held        {ends}; turns {pose.turns}")
+    facts = pose_facts(pose)
+    if facts is not None:
+        length = study.cable.get("length")
+        ratio = "" if length is None else f" = {facts.arc_length / float(np.max(length)):.4f} L"
+        lines.append(f"    curve       {facts.points} points, arc length {facts.arc_length:.4g} m{ratio}")
+        lines.append(f"    at start    {_end(facts.start)}")
+        if facts.end is not None:
+            lines.append(f"    at end      {_end(facts.end)}")
+        elif length is not None:
+            short = float(np.max(length)) - facts.covered
+            lines.append(f"    at end      stops {_mm(short)} short of the free end")
+    if pose.scan is not None:
+        guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
+        lines.append(f"    scan        {scan_name(study, pose)}, guide points {guides}")
+    noise = "not stated" if pose.noise is None else f"{_mm(pose.noise)} stated"
+    lines.append(f"    noise       {noise}")
+    if pose.repeat_of is not None:
+        lines.append(f"    repeats     {one_line(pose.repeat_of)}")
+    return lines
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm"
+
+
+def _end(end: EndFacts) -> str:
+    """How a curve meets a clamp, in words."""
+    gap = f"{_mm(end.gap)} from the clamp"
+    if end.angle is None:
+        return gap
+    return f"{gap}; its tangent there is {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's d3"
+
+
+def study_warnings(study: Study) -> list[str]:
+    """What is doubtful in a study, one sentence each; empty when nothing is."""
+    warnings = _of_study(study)
+    facts: list[PoseFacts] = []
+    for pose in study.poses:
+        found = pose_facts(pose)
+        if found is not None:
+            facts.append(found)
+            warnings += [f"{one_line(pose.name)}: {text}" for text in _of_pose(study, pose, found)]
+    measured = len(facts) == len(study.poses)
+    if measured and all_plane(study, facts, PLANE_LIMIT * max(f.covered for f in facts)):
+        sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
+        warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
+    return warnings
+
+
+def _of_study(study: Study) -> list[str]:
+    """Warnings that concern no single pose."""
+    warnings = []
+    if not study.validate_poses:
+        warnings.append("no validate pose: nothing will tell whether the estimates hold for another shape.")
+    if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
+        warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
+    size = float(np.linalg.norm(study.gravity))
+    if size and abs(size - GRAVITY) > 0.01 * GRAVITY:
+        warnings.append(f"gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit.")
+    scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
+    if scales <= set(study.unknown_names):
+        warnings.append("the density and both stiffnesses are unknown: shapes tell only their ratios.")
+    if study.tolerance.length and "length" in study.unknown_names:
+        warnings.append("length stands under [tolerance] and under [unknown]: one of them is enough.")
+    return warnings
+
+
+def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
+    """Warnings about one measured curve."""
+    length = study.known("length")
+    scale = facts.covered if length is None else float(np.max(length))
+    if facts.backwards:
+        return ["the curve seems to run from end to start: reverse the order of its points."]
+    warnings = []
+    for name, clamp, end in (("start", pose.start, facts.start), ("end", pose.end, facts.end)):
+        if clamp is None or end is None:
+            continue
+        if end.gap > GAP_WARNING * scale:
+            verb = "starts" if name == "start" else "ends"
+            warnings.append(f"the curve {verb} {_mm(end.gap)} from the {name} clamp.")
+        if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
+            warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve.")
+    if length is not None:
+        warnings += _length_warnings(facts, scale)
+    if facts.off_line < PLANE_LIMIT * scale:
+        warnings.append("the curve is nearly straight: it says little about stiffness.")
+    return warnings
+
+
+def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
+    """Whether curve and gaps add up to the cable's length (m)."""
+    off = facts.covered / length - 1
+    least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
+    if least <= off <= LENGTH_WARNING:
+        return []
+    way = "longer" if off > 0 else "shorter"
+    return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length."]

@@ -1,0 +1,151 @@
+"""What a measured curve says before any model: its length, how it meets its clamps, whether it lies in a plane.
+
+Near a clamp the curve is fitted by a parabola, continued to the clamp: its slope there is compared with
+the clamp's d3. The fit's own standard deviation stands beside the angle.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
+
+TANGENT_SPAN = 0.08
+"""Part of the curve that the parabola is fitted to at most: beyond it a cable's bends are no parabola."""
+TANGENT_START = 0.02
+"""Part of the curve that the shortest parabola is fitted to: long against the noise of a scan."""
+TANGENT_LEAST = 6
+"""Points that the parabola takes at least, where the curve has as many: twice its coefficients."""
+
+
+@dataclass(frozen=True)
+class EndFacts:
+    """How a curve meets one clamp.
+
+    `gap` (m): from the clamp to the curve's end. `angle` and `angle_sd` (deg): between the curve's tangent and the
+    clamp's d3; None for a ball joint.
+    """
+
+    gap: float
+    angle: float | None
+    angle_sd: float | None
+
+
+@dataclass(frozen=True)
+class PoseFacts:
+    """Numbers of one measured centre curve (m, deg).
+
+    `covered`: arc length with the gaps to the clamps. `off_plane` and `off_line`: RMS distance from the plane and from
+    the line that fit best. `backwards`: the curve seems to run from end to start. `end` is None for a free end.
+    """
+
+    points: int
+    arc_length: float
+    covered: float
+    start: EndFacts
+    end: EndFacts | None
+    off_plane: float
+    off_line: float
+    backwards: bool
+
+
+def pose_facts(pose: StudyPose) -> PoseFacts | None:
+    """The numbers of a pose's centre curve; None where it has only a scan."""
+    if pose.curve is None:
+        return None
+    points = pose.curve.points
+    length = _length(pose.curve)
+    start = _end_facts(points, pose.start, 1.0)
+    end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
+    gaps = start.gap + (0.0 if end is None else end.gap)
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    return PoseFacts(
+        points=len(points),
+        arc_length=length,
+        covered=length + gaps,
+        start=start,
+        end=end,
+        off_plane=float(spread[2]),
+        off_line=float(np.hypot(spread[1], spread[2])),
+        backwards=_backwards(points, pose),
+    )
+
+
+def _length(curve: MeasuredCurve) -> float:
+    """Arc length (m) between first and last point: as it was measured, else along the points."""
+    if curve.arc_length is not None:
+        return float(curve.arc_length[-1] - curve.arc_length[0])
+    return arc_length(curve.points)
+
+
+def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
+    """Whether the curve meets its clamps much better when it is turned round."""
+    ends = points[[0, -1]]
+    if pose.end is None:
+        gaps = np.linalg.norm(ends - pose.start.position, axis=1)
+        return bool(gaps[1] < 0.2 * gaps[0])
+    clamps = np.stack([pose.start.position, pose.end.position])
+    right = np.linalg.norm(ends - clamps, axis=1).sum()
+    turned = np.linalg.norm(ends[::-1] - clamps, axis=1).sum()
+    return bool(turned < 0.2 * right)
+
+
+def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) -> EndFacts:
+    """How a curve that begins at this clamp meets it; `sign` = -1 where d3 points back into the clamp's own side."""
+    gap = float(np.linalg.norm(points[0] - clamp.position))
+    d3 = clamp.tangent
+    if d3 is None:
+        return EndFacts(gap, None, None)
+    tangent, sd = _tangent(points, gap)
+    size = float(np.linalg.norm(tangent))
+    if not size > 0:
+        return EndFacts(gap, None, None)
+    across = float(np.linalg.norm(np.cross(sign * d3, tangent)))
+    angle = np.degrees(np.arctan2(across, float(tangent @ (sign * d3))))
+    return EndFacts(gap, float(angle), float(np.degrees(sd / size)))
+
+
+def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:
+    """Slope at s = -gap of a parabola through the beginning of a curve, and the standard deviation of its direction.
+
+    The widest window is taken whose slope agrees with those of all shorter ones (Lepski's rule): wide where noise
+    rules, short where the cable bends sharply behind its clamp.
+    """
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
+    count, kept = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1])))), []
+    while True:
+        slope, sd = _parabola(points[:count], gap)
+        apart = [float(np.linalg.norm(slope - other)) > 2 * float(np.hypot(sd, spread)) for other, spread in kept]
+        if any(apart):
+            return kept[-1]
+        kept.append((slope, sd))
+        if count == most:
+            return kept[-1]
+        count = min(most, count + max(1, count // 3))
+
+
+def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:
+    """x(t) = a + b t + c t^2 by least squares: slope b - 2 c gap, and its standard deviation over two directions.
+
+    t runs along the main direction of the points, since the arc length of neighbours is mostly noise.
+    """
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    t = (points - points[0]) @ axes[0]
+    t = t * np.sign(t[-1] or 1.0)
+    size = max(float(np.max(np.abs(t))), np.finfo(float).tiny)
+    u = t / size
+    basis = np.stack([np.ones_like(u), u, u * u], axis=1)
+    fit, *_ = np.linalg.lstsq(basis, points, rcond=None)
+    slope = np.array([0.0, 1.0, -2 * gap / size])
+    variance = float(np.sum((points - basis @ fit) ** 2)) / (2 * max(len(t) - 3, 1))
+    weight = max(float(slope @ np.linalg.pinv(basis.T @ basis) @ slope), 0.0)
+    return slope @ fit / size, float(np.sqrt(2 * variance * weight) / size)
+
+
+def all_plane(study: Study, facts: list[PoseFacts], limit: float) -> bool:
+    """Whether every measured curve stays within `limit` (m, RMS) of a plane of its own, or within its stated noise."""
+    noise = [pose.noise or 0.0 for pose in study.poses if pose.curve is not None]
+    return bool(facts) and all(f.off_plane < max(limit, 2 * n) for f, n in zip(facts, noise, strict=True))

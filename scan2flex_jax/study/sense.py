@@ -1,0 +1,185 @@
+"""What the values of a study must say together: enough is known, and cable, clamps and curves fit each other.
+
+Limits are wide: they catch a wrong unit or a wrong frame, never a noisy scan. What is only doubtful is a warning of
+`check.describe`, not an error.
+"""
+
+import numpy as np
+
+from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.kinds import kind_format
+from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.values import Where, check_domain
+
+SPAN_SLACK = 1.05
+"""Clamps further apart than this many L cannot be held by a cable that hardly stretches."""
+CURVE_SLACK = 1.3
+"""A measured curve longer than this many L is no curve of this cable; noise and stretch stay far below."""
+CURVE_LEAST = 1 / 300
+"""A measured curve shorter than this many L was written in another unit than L."""
+GUIDE_SLACK = 2.0
+"""The same for guide points, which wander over the surface."""
+STIFF_AXIAL = 1e3
+"""N. Below it a cable may stretch by more than SPAN_SLACK under everyday forces, and spans are not checked."""
+DEFAULT_AXIAL = 1e5
+"""N, the axial stiffness of a cable that gives none."""
+_NO_GRAVITY = 1e-9
+_UNITS = ((300.0, 3000.0, "millimetres", 1000), (30.0, 300.0, "centimetres", 100))
+
+
+def longest_cable(study: Study) -> float | None:
+    """How long (m) the cable may be: L, or the high end of its range with three sigma; None when nothing says it."""
+    unknown = next((u for u in study.unknowns if u.name == "length"), None)
+    length = study.cable.get("length")
+    longest = length if unknown is None else unknown.high
+    if longest is None:
+        return None
+    slack = 3 * study.tolerance.length if unknown is None else 0.0
+    return float(np.max(longest)) + slack
+
+
+def check_curve(curve: MeasuredCurve, where: Where) -> None:
+    """A measured arc length that starts at or after the start, up to what rounding and noise leave."""
+    if curve.arc_length is not None and curve.arc_length[0] < -0.05 * (curve.arc_length[-1] - curve.arc_length[0]):
+        raise where.fail(f"its s begins at {curve.arc_length[0]:g} m: count s from 0 at the start clamp.")
+
+
+def check_study(study: Study, where: Where) -> None:
+    """Raise a `StudyError` for the first thing that does not fit."""
+    _check_cable(study, where)
+    _check_effects(study, where)
+    _check_roles(study, where)
+    _check_scale(study, where)
+    stretched = _reach(study)
+    for pose in study.poses:
+        here = where.at("pose").item(pose.name)
+        if pose.scan is not None and "radius" not in study.cable:
+            raise where.at("cable.radius").fail(f"it is missing, and pose {pose.name!r} has a scan: give the radius.")
+        if stretched is not None:
+            _check_spans(pose, stretched, here)
+            _check_lengths(study, pose, stretched, here)
+
+
+def _check_cable(study: Study, where: Where) -> None:
+    """What every study must know or ask for."""
+    for key in ("length", "length_density", "bending_stiffness", "torsional_stiffness"):
+        if key not in study.cable and key not in study.unknown_names:
+            raise where.at(f"cable.{key}").fail(f"it is missing: give {key} in [cable], or declare [unknown.{key}].")
+
+
+def _check_effects(study: Study, where: Where) -> None:
+    """Every parameter is given or asked for, and places lie on the cable."""
+    longest = longest_cable(study)
+    for i, effect in enumerate(study.effects):
+        here = where.at("effect").item(i + 1)
+        for parameter in kind_format(effect.kind).parameters:
+            name, key = parameter.name, here.at(parameter.name)
+            if name in effect.parameters:
+                check_domain(effect.parameters[name], _place_only(parameter.domain), key, longest)
+            elif f"{effect.kind}.{name}" not in study.unknown_names:
+                asked = f'[unknown."{effect.kind}.{name}"]'
+                raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
+
+
+def _place_only(domain: str) -> str:
+    """Other domains were checked where the value was read."""
+    return domain if domain == "along_cable" else "any"
+
+
+def _check_roles(study: Study, where: Where) -> None:
+    if not study.fit_poses:
+        raise where.at("pose").fail('no pose has the role "fit": give it to at least one.')
+
+
+def _check_scale(study: Study, where: Where) -> None:
+    """Without gravity, shapes of an unloaded rod depend on ratios of stiffnesses alone."""
+    if float(np.linalg.norm(study.gravity)) > _NO_GRAVITY:
+        return
+    if not {"bending_stiffness", "torsional_stiffness"} <= set(study.unknown_names):
+        return
+    forces = {"uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness"}
+    for effect in study.effects:
+        parameter = forces.get(effect.kind)
+        known = f"{effect.kind}.{parameter}" not in study.unknown_names
+        if parameter is not None and known and np.any(np.asarray(effect.parameters.get(parameter, 0.0))):
+            return
+    raise where.at("gravity").fail(
+        "gravity is zero and both stiffnesses are unknown, so shapes tell only ratios: "
+        "give gravity, a stiffness, or the effect of a known load."
+    )
+
+
+def _reach(study: Study) -> float | None:
+    """How far (m) the cable reaches when it is drawn straight; None when it may stretch, or no length is known."""
+    longest = longest_cable(study)
+    known = study.known("axial_stiffness")
+    axial = [DEFAULT_AXIAL if "axial_stiffness" not in study.unknown_names and known is None else known]
+    axial += [effect.parameters.get("axial_stiffness") for effect in study.effects if effect.kind == "extensibility"]
+    if "extensibility.axial_stiffness" in study.unknown_names or "natural_stretch" in study.unknown_names:
+        return None
+    if longest is None or any(value is None or float(np.min(value)) < STIFF_AXIAL for value in axial):
+        return None
+    lengths = [longest]
+    for effect in study.effects:
+        if effect.kind == "length_error":
+            if "length_error.length" in study.unknown_names:
+                return None
+            lengths.append(float(np.max(effect.parameters.get("length", longest))))
+    stretch = study.cable.get("natural_stretch")
+    along = 0.0 if stretch is None else float(np.ravel(stretch)[-1])
+    return max(lengths) * (1 + max(along, 0.0))
+
+
+def unit_hint(ratio: float) -> str:
+    """Which unit a length that is `ratio` times too long was probably written in."""
+    for low, high, unit, factor in _UNITS:
+        if low < ratio < high:
+            return f"it looks like {unit}: divide by {factor}"
+    return "correct the length, the unit or the frame"
+
+
+def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
+    """Two ends cannot be held further apart than the cable is long."""
+    if pose.end is None:
+        return
+    span = float(np.linalg.norm(pose.end.position - pose.start.position))
+    slack = SPAN_SLACK * reach
+    if span > slack:
+        raise where.at("end.position").fail(
+            f"the ends are {span:g} m apart, but the cable is at most {reach:g} m long: {unit_hint(span / reach)}."
+        )
+
+
+def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) -> None:
+    """A measured curve is about as long as the cable, and lies where its clamps are."""
+    if pose.guide_points is not None:
+        guided = arc_length(pose.guide_points)
+        if guided > GUIDE_SLACK * reach:
+            sentence = f"the points span {guided:g} m on a cable of {reach:g} m: {unit_hint(guided / reach)}."
+            raise where.at("guide_points").fail(sentence)
+    if pose.curve is None:
+        return
+    key, length = where.at("centre_curve"), arc_length(pose.curve.points)
+    if pose.curve.arc_length is not None:
+        length = max(length, float(pose.curve.arc_length[-1]))
+    if length > CURVE_SLACK * reach:
+        hint = unit_hint(length / reach)
+        raise key.fail(f"the curve is {length:g} m long, but the cable at most {reach:g} m: {hint}.")
+    if study.known("length") is not None and length < CURVE_LEAST * reach:
+        raise key.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: write both in metres.")
+    if not any(kind_format(effect.kind).place == "observation" for effect in study.effects):
+        _check_frame(pose, reach, key)
+
+
+def _check_frame(pose: StudyPose, reach: float, where: Where) -> None:
+    """No point of a cable lies further from where it is held than the cable is long."""
+    points = np.zeros((0, 3)) if pose.curve is None else pose.curve.points
+    for end, clamp in (("start", pose.start), ("end", pose.end)):
+        if clamp is None:
+            continue
+        nearest = float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
+        if nearest > reach:
+            raise where.fail(
+                f"the curve stays {nearest:g} m away from the {end} clamp, more than the cable's {reach:g} m: "
+                "give curve and clamps in one frame."
+            )

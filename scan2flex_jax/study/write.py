@@ -1,0 +1,234 @@
+"""Write a study to a folder, so that `load_study` gives back an equal one and nothing of the user's is lost.
+
+What is saved is first read back in memory by the reader's own checks. Then come the files that the study names, each in
+one step, and `study.toml` last: at no time does it name a file that is not there. A file that would change is kept as
+NAME.bak; a file that says the same already, comments and all, is left as it is.
+"""
+
+import filecmp
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tomlkit
+from tomlkit.items import SingleKey
+
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.curves import checked_curve, checked_points
+from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
+from scan2flex_jax.study.kinds import TOLERANCE
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, relative_name
+from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
+from scan2flex_jax.study.values import Where, one_line
+
+Content = MeasuredCurve | Path | Annotated[np.ndarray, "k 3"]
+
+
+class NamedFiles:
+    """The files that a study will name: what each holds, under the path it gets inside the folder."""
+
+    def __init__(self, folder: Path | None):
+        """`folder` is where the study was read from."""
+        self.folder = folder
+        self.contents: dict[str, Content] = {}
+
+    def add(self, content: Content, path: Path | None, fallback: str) -> str:
+        """The name for `content`: the one it had inside its folder, or `fallback`, numbered where it is taken."""
+        name = fallback if path is None else relative_name(self.folder, path).as_posix()
+        stem, dot, ending = name.rpartition(".")
+        number = 1
+        while self._taken(name, content):
+            number += 1
+            name = f"{stem}-{number}{dot}{ending}" if dot else f"{ending}-{number}"
+        self.contents[name] = content
+        return name
+
+    def _taken(self, name: str, content: Content) -> bool:
+        """Whether a name holds something else; case does not tell names apart on every system."""
+        if name.lower() == STUDY_FILE:
+            return True
+        other = next((key for key in self.contents if key.lower() == name.lower()), None)
+        return other is not None and not (other == name and _equal(self.contents[other], content))
+
+    def curve(self, name: str, where: Where) -> MeasuredCurve:
+        """The centre curve of this name, checked as one that is read."""
+        curve = self.contents[name]
+        _of_kind(curve, MeasuredCurve, where)
+        return checked_curve(curve.points, curve.arc_length, curve.path, where)
+
+    def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
+        """The guide points of this name."""
+        points = self.contents[name]
+        _of_kind(points, np.ndarray, where)
+        return checked_points(points, 2, where), None
+
+    def scan(self, name: str, where: Where) -> Path:
+        """The scan to copy, which must still be there."""
+        path = self.contents[name]
+        _of_kind(path, Path, where)
+        if not path.is_file():
+            raise where.fail(f"the scan {one_line(str(path), 200)} is not there: put it back, or name another.")
+        return path
+
+
+def _of_kind(content: Any, kind: type, where: Where) -> None:
+    """Refuse one name for two things of a study."""
+    if not isinstance(content, kind):
+        raise where.fail("the same file name stands for two things: give each its own.")
+
+
+def _equal(a: Content, b: Content) -> bool:
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        return type(a) is type(b) and np.array_equal(a, b)
+    return a == b
+
+
+def save_study(study: Study, folder: str | Path) -> Path:
+    """Write `study` into `folder` and return the path of its `study.toml`; raises `StudyError`."""
+    folder = Path(folder)
+    toml = folder / STUDY_FILE
+    files = NamedFiles(study.folder)
+    tree = study_tables(study, files)
+    with np.errstate(all="ignore"):
+        again = read_tables(tree, Where(one_line(str(toml), 300)), study.folder, files)
+    if again != study:
+        raise StudyError(toml, None, "the study would not read back as it is: use names and values of the format.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.contents.items():
+            _put_file(folder, name, content)
+        _put_toml(toml, study, render(tree))
+    except (OSError, ValueError) as error:
+        raise writing_error(toml, error) from error
+    return toml
+
+
+def _put_toml(path: Path, study: Study, text: str) -> None:
+    """Write study.toml, unless the one there says the same."""
+    try:
+        if path.exists() and load_study(path) == study:
+            return
+    except StudyError:
+        pass  # what is there is no study, and is kept in the backup
+    backup(path)
+    write_atomic(path, text.encode("utf-8"))
+
+
+def _put_file(folder: Path, name: str, content: Content) -> None:
+    """Write a CSV or copy a scan, unless the file there says the same."""
+    path = inside(folder, name, Where(one_line(str(folder / name), 300)))
+    if isinstance(content, Path):
+        if path.exists() and (path.samefile(content) or filecmp.cmp(path, content, shallow=False)):
+            return
+    elif path.exists() and _holds(folder, name, content):
+        return
+    backup(path)
+    write_atomic(path, content if isinstance(content, Path) else _csv(content).encode("ascii"))
+
+
+def _holds(folder: Path, name: str, content: Content) -> bool:
+    """Whether the CSV in the folder reads as the same numbers."""
+    files, where = FolderFiles(folder, folder), Where(name)
+    try:
+        found = files.curve(name, where) if isinstance(content, MeasuredCurve) else files.guide_points(name, where)[0]
+    except StudyError:
+        return False
+    return _equal(found, content)
+
+
+def _csv(content: MeasuredCurve | Annotated[np.ndarray, "k 3"]) -> str:
+    """The text of a CSV whose digits give back every number exactly."""
+    header, table = "x,y,z", content
+    if isinstance(content, MeasuredCurve):
+        table = content.points
+        if content.arc_length is not None:
+            header, table = "s,x,y,z", np.column_stack([content.arc_length, content.points])
+    lines = [",".join(map(repr, row)) for row in np.asarray(table).tolist()]
+    return "\n".join([header, *lines, ""])
+
+
+def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
+    """The TOML tree of a study, as plain dicts, lists and numbers; files get their names in `files`."""
+    tree: dict[str, Any] = {"format": FORMAT, "title": study.title, "gravity": _plain(study.gravity)}
+    tree["cable"] = {key: _plain(value) for key, value in study.cable.items()}
+    tolerance = {key: getattr(study.tolerance, key) for key in TOLERANCE}
+    if any(tolerance.values()):
+        tree["tolerance"] = {key: float(value) for key, value in tolerance.items() if value}
+    if study.unknowns:
+        tree["unknown"] = {unknown.name: _unknown(unknown) for unknown in study.unknowns}
+    tree["pose"] = [_pose(pose, files) for pose in study.poses]
+    if study.effects:
+        effects = [{"kind": e.kind, **{k: _plain(value) for k, value in e.parameters.items()}} for e in study.effects]
+        tree["effect"] = effects
+    return tree
+
+
+def _plain(value: Any) -> Any:
+    return np.asarray(value, dtype=np.float64).tolist()
+
+
+def _unknown(unknown: Unknown) -> dict[str, Any]:
+    table = {} if unknown.guess is None else {"guess": _plain(unknown.guess)}
+    if unknown.low is not None and unknown.high is not None:
+        table["range"] = [_plain(unknown.low), _plain(unknown.high)]
+    return table
+
+
+def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
+    """The table of one pose, in the order of the format."""
+    slug = re.sub(r"[^A-Za-z0-9_-]+", "-", pose.name).strip("-")[:60] or "pose"
+    table: dict[str, Any] = {"name": pose.name, "role": pose.role, "start": _clamp(pose.start)}
+    if pose.end is not None:
+        table["end"] = _clamp(pose.end)
+    if pose.turns:
+        table["turns"] = pose.turns
+    if pose.curve is not None:
+        table["centre_curve"] = files.add(pose.curve, pose.curve.path, f"{slug}.csv")
+    if pose.scan is not None:
+        table["scan"] = files.add(Path(pose.scan), Path(pose.scan), f"{slug}.ply")
+    if pose.guide_points is not None:
+        table["guide_points"] = files.add(pose.guide_points, pose.guide_points_path, f"{slug}-guides.csv")
+    if pose.viewpoints is not None:
+        table["viewpoints"] = _plain(pose.viewpoints)
+    if pose.noise is not None:
+        table["noise"] = float(pose.noise)
+    if pose.repeat_of is not None:
+        table["repeat_of"] = pose.repeat_of
+    return table
+
+
+def _clamp(clamp: Clamp) -> dict[str, Any]:
+    table = {"position": _plain(clamp.position)}
+    return table if clamp.quaternion is None else {**table, "quaternion": _plain(clamp.quaternion)}
+
+
+def render(tree: dict[str, Any]) -> str:
+    """The TOML text of a study's tree, laid out as in the format: clamps on one line each."""
+    document = tomlkit.document()
+    for key, value in tree.items():
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            array = tomlkit.aot()
+            for entry in value:
+                array.append(_table(entry))
+            document[key] = array
+        elif key == "unknown":
+            nested = tomlkit.table(is_super_table=True)
+            for name, body in value.items():
+                nested.append(SingleKey(name), _table(body))
+            document[key] = nested
+        else:
+            document[key] = _table(value) if isinstance(value, dict) else value
+    return tomlkit.dumps(document)
+
+
+def _table(entries: dict[str, Any]) -> Any:
+    table = tomlkit.table()
+    for key, value in entries.items():
+        if isinstance(value, dict):
+            inline = tomlkit.inline_table()
+            inline.update(value)
+            table[key] = inline
+        else:
+            table[key] = value
+    return table

@@ -1,0 +1,231 @@
+"""The independent rod against shooting and collocation by scipy, Euler's column, and its own invariants.
+
+Symbols: L (m) length, EI and GJ (N m^2), rhoA (kg/m); a state is `(r, q, n, m)` in world axes.
+"""
+
+import itertools
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp, solve_ivp
+from scipy.optimize import brentq
+
+from benchmarks.blind import design, effects, noise, rod, stability
+from benchmarks.blind import quaternions as qt
+from benchmarks.blind.scene import Cable, Scene, interpolate, mesh
+
+E1, E3 = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
+CABLE = Cable(length=1.0, radius=0.004, density=0.1, bending=0.03, torsion=0.02)
+
+
+def one_pose(cable, goal, frame, end_kind=rod.CLAMP, half=0.5):
+    start = qt.between(E3, E1)
+    up = np.array([0, -1.0, 0])
+    return {"start": start, "at": np.zeros(3), "kind": end_kind, "half": half, "axis": up, "goal": goal, "frame": frame}
+
+
+def solved(cable, candidates, intervals=128):
+    """The plain rod in some poses: scene, fields and states."""
+    y, alive = design.travel(cable, candidates)
+    assert len(alive) == len(candidates)
+    scene, sigma = design.assemble(cable, candidates), mesh(intervals, cable.length)
+    F = effects.build(scene, [], sigma)[0]
+    y, ok = rod.solve(F, interpolate(np.linspace(0, 1, design.COARSE + 1), y, sigma))
+    assert ok.all()
+    return scene, F, y
+
+
+def twisted():
+    """A clamped pose out of the plane, twisted by 90 degrees, and a free end."""
+    start = qt.between(E3, E1)
+    last = np.array([0.6, 0.7, 0.3]) / np.linalg.norm([0.6, 0.7, 0.3])
+    frame = qt.product(qt.product(qt.between(E1, last), start), qt.roll(np.pi / 2))
+    return [one_pose(CABLE, np.array([0.55, 0.35, 0.1]), frame), one_pose(CABLE, np.zeros(3), start, rod.FREE, 0.0)]
+
+
+@pytest.fixture(scope="module")
+def poses():
+    return solved(CABLE, twisted())
+
+
+def test_heavy_cantilever_agrees_with_shooting(poses):
+    """`EI theta'' = rhoA g (L - s) cos theta` (theta below the horizontal), theta(0) = 0, theta'(L) = 0."""
+    _, _, y = poses
+    weight = CABLE.density * 9.81 / CABLE.bending
+
+    def path(slope):
+        def rhs(s, x):
+            return [x[1], -weight * (1 - s) * np.cos(x[0]), np.cos(x[0]), -np.sin(x[0])]
+
+        return solve_ivp(rhs, (0, 1), [0, slope, 0, 0], rtol=1e-12, atol=1e-14).y[:, -1]
+
+    tip = path(brentq(lambda slope: path(slope)[1], 0, 40, xtol=1e-14))
+    assert np.allclose(y[1, -1, [0, 2]], tip[2:], atol=1e-5)  # the shooting rod is neither stretched nor sheared
+    assert np.allclose(y[1, -1, 1], 0, atol=1e-12)
+
+
+def test_twisted_pose_agrees_with_scipy_collocation(poses):
+    """All thirteen equations once more, written with rotation matrices and solved to 1e-9."""
+    scene, F, y = poses
+    K = np.array([1 / CABLE.bending, 1 / CABLE.bending, 1 / CABLE.torsion])
+
+    def matrices(q):
+        w, a, b, c = q
+        return np.array([[w * w + a * a - b * b - c * c, 2 * (a * b - w * c), 2 * (a * c + w * b)],
+                         [2 * (a * b + w * c), w * w - a * a + b * b - c * c, 2 * (b * c - w * a)],
+                         [2 * (a * c - w * b), 2 * (b * c + w * a), w * w - a * a - b * b + c * c]])
+
+    def rhs(s, x):
+        R, n, m = matrices(x[3:7]), x[7:10], x[10:]
+        strain = np.einsum("jik,jk->ik", R, n) / 1e5 + E3[:, None]
+        k = K[:, None] * np.einsum("jik,jk->ik", R, m)
+        dr, (w, a, b, c) = np.einsum("ijk,jk->ik", R, strain), x[3:7]
+        dq = 0.5 * np.array([-a * k[0] - b * k[1] - c * k[2], w * k[0] + b * k[2] - c * k[1],
+                             w * k[1] + c * k[0] - a * k[2], w * k[2] + a * k[1] - b * k[0]])
+        weight = np.array([0, 0, CABLE.density * 9.81])[:, None] + 0 * n
+        return np.concatenate([dr, dq, weight, -np.cross(dr.T, n.T).T])
+
+    goal, frame = scene.end[0][0], scene.end[1][0]
+
+    def ends(a, b):
+        held = np.concatenate([a[:3] - scene.start[0][0], a[3:7] - scene.start[1][0], b[:3] - goal])
+        return np.concatenate([held, qt.product(qt.conjugate(frame), b[3:7])[1:]])
+
+    exact = solve_bvp(rhs, ends, F.sigma, y[0].T, tol=1e-9, max_nodes=20000)
+    assert exact.success
+    assert np.abs(exact.sol(F.sigma)[:3].T - y[0, :, :3]).max() < 1e-6
+    assert np.abs(exact.sol(F.sigma)[10:].T - y[0, :, 10:]).max() < 1e-6
+
+
+def test_fourth_order():
+    shapes = [solved(CABLE, twisted(), n)[2][:, :: n // 32, :3] for n in (32, 64, 128, 256)]
+    steps = [np.abs(a - b).max() for a, b in itertools.pairwise(shapes)]
+    assert steps[0] / steps[1] == pytest.approx(16, rel=0.25)
+    assert steps[1] / steps[2] == pytest.approx(16, rel=0.25)
+    assert steps[2] < 1e-6
+
+
+def test_banded_jacobian_is_the_derivative(poses):
+    scene, _, y = poses
+    kinds = [{"kind": "tether", "position": 0.5, "anchor": [0.2, 0.3, 0.5], "stiffness": 2.0, "rest_length": 0.1},
+             {"kind": "support_plane", "normal": [0, 0, 1], "offset": -0.2},
+             {"kind": "elastic_clamp", "stiffness": [1, 2.0]},
+             {"kind": "nonlinear_bending", "slip_curvature": 2.0, "ratio": 0.4}]
+    F = effects.build(scene, kinds, mesh(128, 1.0))[0]
+    rng = np.random.default_rng(0)
+    v = rng.normal(size=y.shape)
+    _, band = rod.linearise(F, y)
+    for p in range(2):
+        product = np.zeros(v[p].size)
+        for k in range(rod.LOWER + rod.UPPER + 1):  # row i of the LAPACK layout holds the diagonal i - column
+            i = np.arange(v[p].size) + k - rod.UPPER
+            inside = (i >= 0) & (i < v[p].size)
+            product[i[inside]] += (band[p, rod.LOWER + k] * v[p].ravel())[inside]
+        exact = rod.residual(F, y + 1j * 1e-30 * v)[p].imag / 1e-30
+        assert np.allclose(product, exact, rtol=1e-9, atol=1e-9 * np.abs(exact).max())
+
+
+def column(load):
+    """A straight, weightless, clamped cable under an axial thrust (N)."""
+    q = qt.between(E3, E1)
+    goal = (E1 * (1 - load / 1e5))[None]
+    scene = Scene(CABLE, np.zeros(3), (np.zeros((1, 3)), q[None]), (goal, q[None]), np.array([rod.CLAMP]))
+    F = effects.build(scene, [], mesh(128, 1.0))[0]
+    y = np.zeros((1, 129, 13))
+    y[0, :, 0], y[0, :, 3:7], y[0, :, 7] = F.sigma * (1 - load / 1e5), q, -load
+    y, ok = rod.solve(F, y)
+    assert ok.all()
+    return F, y
+
+
+def test_stability_knows_eulers_load_and_the_beams_frequency():
+    """Clamped ends: P = 4 pi^2 EI / L^2, and omega^2 = 500.564 EI / (rhoA L^4) without load."""
+    critical = 4 * np.pi**2 * CABLE.bending
+    assert stability.lowest_square_frequency(*column(0.97 * critical), CABLE.density)[0] > 0
+    assert stability.lowest_square_frequency(*column(1.03 * critical), CABLE.density)[0] == -1
+    square = stability.lowest_square_frequency(*column(0.0), CABLE.density)[0]
+    assert square == pytest.approx(500.564 * CABLE.bending / CABLE.density, rel=5e-3)
+
+
+NULLS = [
+    {"kind": "natural_curvature", "curvature": [0.0, 0, 0]},
+    {"kind": "kink", "position": 0.4, "angle": [0.0, 0, 0], "width": 0.1},
+    {"kind": "anisotropic_bending", "ratio": 1.0, "angle": 0.7},
+    {"kind": "bend_twist_coupling", "coupling": [0.0, 0]},
+    {"kind": "nonlinear_bending", "slip_curvature": 3.0, "ratio": 1.0},
+    {"kind": "stiffness_profile", "position": 0.3, "width": 0.2, "factor": 1.0},
+    {"kind": "extensibility", "axial_stiffness": 1e5},
+    {"kind": "point_mass", "position": 0.4, "mass": 0.0},
+    {"kind": "density_profile", "position": 0.3, "width": 0.2, "factor": 1.0},
+    {"kind": "uniform_load", "force": [0.0, 0, 0]},
+    {"kind": "point_load", "position": 0.4, "force": [0.0, 0, 0]},
+    {"kind": "tether", "position": 0.4, "anchor": [0, 0, 1.0], "stiffness": 5.0, "rest_length": 9.0},
+    {"kind": "support_plane", "normal": [0, 0, 1.0], "offset": -3.0},
+    {"kind": "elastic_clamp", "stiffness": [1e12, 1e12]},
+    {"kind": "clamp_rotation", "rotation": [[0.0, 0, 0], [0, 0, 0]]},
+    {"kind": "clamp_offset", "offset": [[0.0, 0, 0], [0, 0, 0]]},
+    {"kind": "length_error", "length": 1.0},
+    {"kind": "scan_scale", "factor": 1.0},
+    {"kind": "scan_offset", "offset": [0.0, 0, 0]},
+    {"kind": "wavy_bending", "amplitude": 0.0, "waves": 2.0, "phase": 0.1},
+    {"kind": "wavy_curvature", "amplitude": [0.0, 0.0], "waves": 2.0, "phase": 0.1},
+    {"kind": "wavy_mass", "amplitude": 0.0, "waves": 2.0, "phase": 0.1},
+    {"kind": "taper_stiffness", "exponent": 0.0},
+    {"kind": "taper_mass", "exponent": 0.0},
+    {"kind": "pose_loads", "harmonics": np.zeros((2, 3, 3))},
+    {"kind": "pose_reseating", "rotation": np.zeros((2, 2, 3))},
+    {"kind": "point_couple", "position": 0.4, "couple": [0.0, 0, 0]},
+    {"kind": "bending_friction", "moment": 0.0, "scale": 1.0, "sign": [1, -1]},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("null", NULLS, ids=lambda e: e["kind"])
+def test_an_effect_of_null_size_changes_nothing(poses, null):
+    scene, F, y = poses
+    G, scale, offset = effects.build(scene, [null], F.sigma)
+    new, ok = rod.solve(G, y)
+    assert ok.all()
+    seen = scale * new[..., :3] + offset
+    assert np.abs(seen - y[..., :3]).max() < 1e-10
+
+
+def test_every_kind_has_a_null():
+    assert {e["kind"] for e in NULLS} == {*effects.CATALOGUE, *effects.HIDDEN}
+
+
+def test_identities_between_effects(poses):
+    """A vertical point load is a point mass; a tilt of gravity is a uniform load; equal sections have no axes."""
+    scene, F, y = poses
+
+    def shape(tables, scene=scene):
+        new, ok = rod.solve(effects.build(scene, tables, F.sigma)[0], y)
+        assert ok.all()
+        return new[..., :3]
+
+    heavy = shape([{"kind": "point_mass", "position": 0.43, "mass": 0.01}])
+    pulled = shape([{"kind": "point_load", "position": 0.43, "force": 0.01 * scene.gravity}])
+    assert np.abs(heavy - pulled).max() < 1e-12 < np.abs(heavy - y[..., :3]).max()
+    side = np.array([0.3, 0.2, 0.0])
+    tilted = shape([], replace(scene, gravity=scene.gravity + side))
+    assert np.abs(tilted - shape([{"kind": "uniform_load", "force": CABLE.density * side}])).max() < 1e-12
+    turned = shape([{"kind": "clamp_rotation", "rotation": [[0, 0, 0.8], [0, 0, 0.8]]}])
+    assert np.abs(turned - y[..., :3]).max() < 1e-10
+
+
+@pytest.mark.parametrize(("kernel", "share"), [("walk", 0.0), ("walk", 0.6), ("waves", 0.6)])
+def test_noise_has_its_variance_and_correlation(kernel, share):
+    law, s = noise.Noise(4e-4, share, 0.05, kernel), np.array([0.0, 0.02, 0.03, 0.11, 0.3])
+    rng = np.random.default_rng(1)
+    draws = np.concatenate([law.draw(rng, s) for _ in range(8000)], axis=1)  # coordinates are independent too
+    sample = draws @ draws.T / draws.shape[1] / law.sigma**2
+    assert np.abs(sample - law.covariance(s) / law.sigma**2).max() < 0.03  # five standard errors
+
+
+def test_the_generator_stands_alone():
+    folder = Path(__file__).parents[2] / "benchmarks" / "blind"
+    text = "\n".join(f.read_text() for f in folder.glob("*.py"))
+    imported = {m.split(".")[0] for m in re.findall(r"^(?:from|import) (\w[\w.]*)", text, re.MULTILINE)}
+    assert imported <= {"numpy", "scipy", "dataclasses", "pathlib", "argparse", "sys", "time"}

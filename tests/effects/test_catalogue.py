@@ -1,0 +1,112 @@
+"""The catalogue: its first-order signatures are those of the effects that it builds, and its tables are complete."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import scan2flex_jax.effects as fx
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.energy import section_law
+from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, kind_format
+
+from . import scene
+
+ENTRIES = {entry.kind: entry for entry in catalogue()}
+# kind -> amplitudes and a site whose parameters in the format the scene's table holds
+KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
+
+
+@pytest.mark.parametrize("kind", ENTRIES)
+def test_signature_is_the_slope_of_the_built_effects(kind):
+    """Sign and size of the one-step estimate: the derivative at zero against a central (or one-sided) difference."""
+    entry = ENTRIES[kind]
+    for i in range(len(entry.amplitudes)):
+        unit = np.eye(len(entry.amplitudes))[i]
+        step = 1e-3 * float(entry.size(scene.CONTEXT)[i])
+        _, slope, _ = scene.solved(tangent=scene.amplitude_direction(kind, unit))
+
+        def at(h, unit=unit):
+            return scene.solved(amplitudes={kind: jnp.asarray(h * unit)})[0]
+
+        if entry.one_sided[i]:
+            difference = (4 * at(step) - at(2 * step) - 3 * at(0.0)) / (2 * step)
+        else:
+            difference = (at(step) - at(-step)) / (2 * step)
+        assert np.abs(slope).max() > 0 or kind == "support_plane"
+        assert np.abs(slope - difference).max() < 1e-4 * np.abs(slope).max() + 3e-11 / step
+
+
+@pytest.mark.parametrize("kind", KNOWN)
+def test_parameters_go_there_and_back(kind):
+    entry = ENTRIES[kind]
+    parameters = {name: np.asarray(getattr(scene.active(kind), name)) for name in kind_format(kind).names}
+    amplitude, site = entry.from_parameters(parameters, scene.CONTEXT)
+    back = entry.to_parameters(amplitude, site, scene.CONTEXT)
+    assert back.keys() == parameters.keys()
+    for name, value in parameters.items():
+        np.testing.assert_allclose(back[name], value, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", [k for k in KNOWN if k != "anisotropic_bending"])
+def test_amplitudes_and_parameters_mean_the_same(kind):
+    """The built effects change the rod as the declared effect does."""
+    entry, effect = ENTRIES[kind], scene.active(kind)
+    parameters = {name: np.asarray(getattr(effect, name)) for name in kind_format(kind).names}
+    amplitude, site = entry.from_parameters(parameters, scene.CONTEXT)
+    built = entry.build(jnp.asarray(amplitude), site, scene.CONTEXT)
+    for given, wanted in zip(rod_leaves(built), rod_leaves((effect,)), strict=True):
+        np.testing.assert_allclose(given, wanted, rtol=1e-10, atol=1e-12)
+
+
+def rod_leaves(effects):
+    """What effects make of sections, loads, supports, section law and scan."""
+    rod = discretise(CableModel(scene.CABLE, scene.DOWN, effects), scene.pose(), 8)
+    points = jnp.arange(6.0).reshape(2, 3)
+    for effect in effects:
+        points = effect.observe(points)
+    strain = jnp.array([0.0, 0.0, 0.001, 2.0, -3.0, 1.0])
+    law = jax.grad(section_law(rod))(strain, rod.section.stiffness[3])
+    return jax.tree.leaves((rod.section, rod.load, rod.boundary, points, law))
+
+
+def test_anisotropy_keeps_the_geometric_mean():
+    entry, ratio, angle = ENTRIES["anisotropic_bending"], 1.7, 0.4
+    amplitude, site = entry.from_parameters({"ratio": ratio, "angle": angle}, scene.CONTEXT)
+    factor = entry.rescaled(amplitude, site, scene.CONTEXT)["bending_stiffness"]
+    cable = dataclasses.replace(scene.CABLE, bending_stiffness=scene.CABLE.bending_stiffness * factor)
+    declared = scene.effect("anisotropic_bending", ratio=ratio, angle=angle)
+    (built,) = entry.build(jnp.asarray(amplitude), site, scene.CONTEXT)
+    wanted = discretise(CableModel(cable, scene.DOWN, (declared,)), scene.pose(), 4).section.stiffness
+    got = discretise(CableModel(scene.CABLE, scene.DOWN, (built,)), scene.pose(), 4).section.stiffness
+    np.testing.assert_allclose(got, wanted, rtol=1e-13, atol=1e-15)
+
+
+def test_entries_are_complete():
+    for entry in catalogue():
+        k, sites = len(entry.amplitudes), entry.sites(scene.CONTEXT)
+        low, high = entry.bounds(scene.CONTEXT)
+        assert np.shape(entry.size(scene.CONTEXT)) == (k,) == np.shape(low) == np.shape(high)
+        assert np.all(entry.size(scene.CONTEXT) > 0)
+        assert np.all(low <= 0)
+        assert np.all(high > 0)
+        assert np.all((low == 0) == np.array(entry.one_sided))
+        assert 1 <= len(sites) <= 60
+        assert len(entry.one_sided) == k
+        assert entry.signature
+        assert entry.settle
+        assert entry.kind in fx.kinds() or entry.kind == "memory_set"
+    assert set(fx.kinds()) <= set(ENTRIES)
+
+
+def test_only_clamped_ends_can_yield():
+    context = dataclasses.replace(scene.CONTEXT, clamped_ends=("start",))
+    entry = entry_of("clamp_rotation")
+    (site,) = entry.sites(context)
+    assert entry.to_parameters(np.arange(6.0), site, context)["rotation"].shape == (1, 3)
+    with pytest.raises(Scan2FlexError, match="no kind"):
+        entry_of(DESCRIPTIVE_KINDS[0])

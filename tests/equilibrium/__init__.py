@@ -1,0 +1,1 @@
+"""Tests of the equilibrium and its derivatives against closed forms and independent solutions."""

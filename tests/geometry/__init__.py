@@ -1,0 +1,1 @@
+"""Tests of rotations, rigid motions and curves."""

@@ -1,0 +1,136 @@
+"""What is saved reads back equal, and nothing of the user's is lost."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.examples import example_names, example_path
+from scan2flex_jax.study import MeasuredCurve, Unknown, load_study, save_study, write_json_atomic
+from scan2flex_jax.study import files as files_module
+
+from .samples import STUDY, write_sample
+
+
+def names(folder):
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def test_round_trip_into_another_folder(tmp_path):
+    study = load_study(write_sample(tmp_path / "a"))
+    assert save_study(study, tmp_path / "b" / "c") == tmp_path / "b" / "c" / "study.toml"
+    again = load_study(tmp_path / "b" / "c")
+    assert again == study and again.folder != study.folder
+    assert names(tmp_path / "b" / "c") == names(tmp_path / "a")
+    assert (tmp_path / "b/c/sag.xyz").read_bytes() == (tmp_path / "a/sag.xyz").read_bytes()
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_round_trip_of_the_examples(tmp_path, name):
+    study = load_study(example_path(name))
+    save_study(study, tmp_path)
+    assert load_study(tmp_path) == study
+
+
+def test_saving_what_is_there_leaves_every_byte(tmp_path):
+    folder = write_sample(tmp_path, STUDY + "\n# a comment\n")
+    before = {name: (folder / name).read_bytes() for name in names(folder)}
+    save_study(load_study(folder), folder)
+    assert {name: (folder / name).read_bytes() for name in names(folder)} == before
+
+
+def test_what_changes_is_kept_beside(tmp_path):
+    folder = write_sample(tmp_path, STUDY + "\n# a comment\n")
+    first, csv = (folder / "study.toml").read_bytes(), (folder / "shapes/sag.csv").read_bytes()
+    study = load_study(folder)
+    pose = study.poses[0]
+    moved = replace(pose, curve=replace(pose.curve, points=pose.curve.points + 1e-4))
+    for i, title in enumerate(["one", "two", "three"]):
+        changed = replace(study, title=title, poses=(moved, study.poses[1]))
+        save_study(changed, folder)
+        assert load_study(folder) == changed
+        assert (folder / ("study.toml.bak" + (f".{i}" if i else ""))).exists()
+    assert (folder / "study.toml.bak").read_bytes() == first
+    assert (folder / "shapes/sag.csv.bak").read_bytes() == csv
+    assert [name for name in names(folder) if "tmp" in name] == []
+
+
+def test_no_study_in_the_way_is_kept_too(tmp_path):
+    study = load_study(write_sample(tmp_path / "a"))
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "study.toml").write_bytes(b"\xff\x00 not a study")
+    save_study(study, tmp_path / "b")
+    assert (tmp_path / "b" / "study.toml.bak").read_bytes() == b"\xff\x00 not a study"
+
+
+def test_curves_from_memory_get_names_of_their_own(tmp_path):
+    study = load_study(write_sample(tmp_path / "a"))
+    poses = tuple(
+        replace(p, name=name, repeat_of=None, scan=None, guide_points_path=None,
+                curve=MeasuredCurve(p.curve.points + i * 1e-3))
+        for i, (p, name) in enumerate(zip(study.poses, ["a/b ü", "a b"], strict=True))
+    )  # fmt: skip
+    new = replace(study, poses=poses, folder=None, unknowns=(*study.unknowns, Unknown("length", 0.9, 0.5, 1.0)))
+    save_study(new, tmp_path / "b")
+    assert load_study(tmp_path / "b") == new
+    assert names(tmp_path / "b") == ["a-b-2.csv", "a-b-guides.csv", "a-b.csv", "study.toml"]
+
+
+def test_clamps_stand_on_one_line(tmp_path):
+    save_study(load_study(write_sample(tmp_path / "a")), tmp_path / "b")
+    lines = (tmp_path / "b" / "study.toml").read_text().splitlines()
+    assert sum(line.startswith("start = {position = [0.0, 0.0, 0.0], quaternion = [") for line in lines) == 2
+    assert '[unknown."point_mass.mass"]' in lines
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"gravity": np.array([0.0, 0.0, np.nan])},
+        {"cable": {"length": 0.9}},
+        {"unknowns": (Unknown("nothing"),)},
+        {"poses": ()},
+    ],
+)
+def test_a_study_that_would_not_load_is_not_written(tmp_path, change):
+    study = load_study(write_sample(tmp_path))
+    before = (tmp_path / "study.toml").read_bytes()
+    with pytest.raises(StudyError):
+        save_study(replace(study, **change), tmp_path)
+    assert (tmp_path / "study.toml").read_bytes() == before and "study.toml.bak" not in names(tmp_path)
+
+
+def test_a_failure_halfway_leaves_the_old_file(tmp_path, monkeypatch):
+    folder = write_sample(tmp_path)
+    before = (folder / "study.toml").read_bytes()
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    study = replace(load_study(folder), title="other")
+    monkeypatch.setattr(files_module.os, "fsync", full)
+    with pytest.raises(StudyError, match="No space left"):
+        save_study(study, folder)
+    assert (folder / "study.toml").read_bytes() == before
+    assert [name for name in names(folder) if "tmp" in name] == []
+
+
+def test_a_folder_that_is_a_file(tmp_path):
+    study = load_study(write_sample(tmp_path))
+    with pytest.raises(StudyError, match="cannot be written"):
+        save_study(study, tmp_path / "sag.xyz")
+
+
+def test_json_is_strict(tmp_path):
+    path = tmp_path / "result.json"
+    write_json_atomic(path, {"a": np.float32(0.5), "b": np.arange(3), "c": [True, None, "ü"], "d": np.int64(2)})
+    assert json.loads(path.read_text(encoding="utf-8")) == {"a": 0.5, "b": [0, 1, 2], "c": [True, None, "ü"], "d": 2}
+    before = path.read_bytes()
+    for bad in (np.nan, float("inf"), np.array([1.0, -np.inf])):
+        with pytest.raises(StudyError, match=r"poses\.sag"):
+            write_json_atomic(path, {"poses": {"sag": bad}})
+    with pytest.raises(StudyError, match="object"):
+        write_json_atomic(path, {"a": object()})
+    assert path.read_bytes() == before

@@ -1,0 +1,59 @@
+"""Imports between sub-packages point downward only."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[1] / "scan2flex_jax"
+NAME = PACKAGE.name
+# for each sub-package, the others that it may import from
+ALLOWED = {
+    "errors": set(),
+    "geometry": {"errors"},
+    "study": {"errors"},
+    "scan": {"geometry", "study", "errors"},
+    "rod": {"geometry", "errors"},
+    "effects": {"geometry", "rod", "study", "errors"},
+    "equilibrium": {"geometry", "rod", "errors"},
+}
+ALLOWED["fit"] = {*ALLOWED, "examples"}
+ALLOWED["explain"] = {*ALLOWED["fit"], "fit"}
+ALLOWED["cli"] = {*ALLOWED["explain"], "explain"}
+NO_JAX = ("study", "errors")
+
+
+def files(part):
+    """The modules of a sub-package, or of a module of that name."""
+    return sorted((PACKAGE / part).rglob("*.py")) + [p for p in [PACKAGE / f"{part}.py"] if p.exists()]
+
+
+def imported(path):
+    """Absolute dotted names that the module imports, wherever in the file."""
+    base = [NAME, *path.relative_to(PACKAGE).parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            stem = base[: len(base) - node.level + 1] if node.level else []
+            name = ".".join([*stem, *([node.module] if node.module else [])])
+            yield from (f"{name}.{alias.name}" for alias in node.names)
+
+
+def parts_of(path):
+    """Sub-packages of this package that the module imports."""
+    return {name.split(".")[1] for name in imported(path) if name.startswith(f"{NAME}.")}
+
+
+@pytest.mark.parametrize("part", ALLOWED)
+def test_imports_point_downward(part):
+    if not files(part):
+        pytest.skip("not there yet")
+    wrong = {str(p.relative_to(PACKAGE)): parts_of(p) - ALLOWED[part] - {part} for p in files(part)}
+    assert {path: names for path, names in wrong.items() if names} == {}
+
+
+@pytest.mark.parametrize("part", NO_JAX)
+def test_reading_a_study_needs_no_jax(part):
+    libraries = {name.split(".")[0] for path in files(part) for name in imported(path)}
+    assert not libraries & {"jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxtyping"}
