@@ -20,6 +20,7 @@ import numpy as np
 import optimistix as optx
 
 from benchmarks.record import record, timed
+from scan2flex_jax import compilation
 from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
@@ -144,12 +145,13 @@ def first_call() -> dict:
 
 
 def fresh_processes() -> dict:
-    """`first_call` in a new process that compiles, and in another that finds the compiled solve in the cache."""
+    """`first_call` in new processes: one compiles, one finds the result in the cache, one has XLA's own options."""
     with tempfile.TemporaryDirectory() as folder:
         settings = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
         table = {}
-        for name in ("compiling", "from the cache"):
-            command = [sys.executable, "-m", "benchmarks.equilibrium", "first-call"]
+        for name in ("compiling", "from the cache", "compiling with fusion emitters"):
+            argument = "first-call-emitters" if "emitters" in name else "first-call"
+            command = [sys.executable, "-m", "benchmarks.equilibrium", argument]
             begin = perf_counter()
             done = subprocess.run(command, env=os.environ | settings, capture_output=True, text=True, check=True)
             table[name] = json.loads(done.stdout) | {"process_s": perf_counter() - begin}
@@ -158,7 +160,9 @@ def fresh_processes() -> dict:
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
-    if sys.argv[1:] == ["first-call"]:
+    if sys.argv[1:] == ["first-call-emitters"]:
+        compilation._options = dict
+    if sys.argv[1:]:
         sys.stdout.write(json.dumps(first_call()))
         return
     parts = {"first call": fresh_processes, "solves": solves, "jacobian": jacobians, "growth": growth, "batch": batch}
@@ -166,7 +170,7 @@ def main() -> None:
     for name, part in parts.items():
         results[name] = part()
         sys.stderr.write(f"{name}: {json.dumps(results[name])}\n")
-    record("equilibrium", results)
+        record("equilibrium", results)  # after each part, so that an interrupted run leaves what it has
 
 
 if __name__ == "__main__":

@@ -10,12 +10,13 @@ NAME = PACKAGE.name
 # for each sub-package, the others that it may import from
 ALLOWED = {
     "errors": set(),
+    "compilation": {"errors"},
     "geometry": {"errors"},
     "study": {"errors"},
     "scan": {"geometry", "study", "errors"},
-    "rod": {"geometry", "errors"},
-    "effects": {"geometry", "rod", "study", "errors"},
-    "equilibrium": {"geometry", "rod", "errors"},
+    "rod": {"geometry", "compilation", "errors"},
+    "effects": {"geometry", "rod", "study", "compilation", "errors"},
+    "equilibrium": {"geometry", "rod", "compilation", "errors"},
 }
 ALLOWED["fit"] = {*ALLOWED, "examples"}
 ALLOWED["explain"] = {*ALLOWED["fit"], "fit"}

@@ -7,9 +7,9 @@ end section. It is eliminated: the twist of the end element, ``x = ds xi``, gets
 that carry a rotation of the element's outer end into ``x`` (at its natural strain),
 
 so the spring sits at the clamp and not in the middle of the element. The end frame stays where the clamp holds it,
-nothing is added to the unknowns, and a rigid grip is exactly the base model. What is left is of
-the order of ``ds theta^2`` (0.5 % of the angle at 0.7 rad and 16 elements). ``compliance`` (rad/(N m)) adds to ``1/stiffness``: it is zero for a
-rigid grip and so has a derivative there. Null: infinite stiffness, no compliance.
+nothing is added to the unknowns, and a rigid grip is exactly the base model. What is left is of the order of
+``ds theta^2`` (0.5 % of the angle at 0.7 rad with 16 elements). ``compliance`` (rad/(N m)) adds to ``1/stiffness``: it
+is zero for a rigid grip and so has a derivative there. Null: infinite stiffness, no compliance.
 """
 
 from typing import ClassVar

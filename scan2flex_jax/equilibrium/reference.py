@@ -12,6 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
 
+from scan2flex_jax.compilation import compiled
 from scan2flex_jax.equilibrium.newton import lendable_stiffness
 from scan2flex_jax.rod.assembly import derivatives, free_motions, out_of_balance
 from scan2flex_jax.rod.energy import potential_energy, retract, supported
@@ -23,7 +24,7 @@ _TOLERANCE = 1.0e-8  # in scaled coordinates, where the minimum has curvature on
 _SMALLEST = 1.0e-9  # curvature, over the largest, below which a direction is not stretched any further
 
 
-@eqx.filter_jit
+@compiled
 def bfgs_configuration(rod: Rod, start: Configuration) -> tuple[Configuration, list]:
     """The rod settled from ``start`` by optimistix BFGS, and the steps that each round took."""
     configuration, steps = supported(rod, start), []

@@ -14,6 +14,7 @@ import optimistix as optx
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from scan2flex_jax.compilation import compiled
 from scan2flex_jax.equilibrium import blocktridiagonal as bt
 from scan2flex_jax.equilibrium.newton import MixedNewton
 from scan2flex_jax.equilibrium.reference import bfgs_configuration
@@ -30,7 +31,7 @@ BALANCE = 1.0e-6  # scaled out-of-balance force of a solved rod; Newton leaves 1
 TURN = 2.0  # rad between neighbouring nodes beyond which the mesh cannot tell one way round from the other
 
 SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
-_SENTENCES = {
+SENTENCES = {
     SOLVED: "stable equilibrium",
     MAX_STEPS_REACHED: "no equilibrium found within the allowed steps",
     NON_FINITE: "the solve met values that are not finite",
@@ -65,7 +66,7 @@ class Verdict(eqx.Module):
 
     def sentence(self) -> str:
         """The verdict in words (of one rod, not of a batch)."""
-        return _SENTENCES[int(self.code)]
+        return SENTENCES[int(self.code)]
 
 
 class Equilibrium(eqx.Module):
@@ -120,7 +121,7 @@ class Equilibrium(eqx.Module):
         return jnp.einsum("eij,ej->ei", R, g[:, :3]), jnp.einsum("eij,ej->ei", R, g[:, 3:])
 
 
-@eqx.filter_jit
+@compiled
 def equilibrium(
     model: CableModel,
     boundary: Boundary,

@@ -7,6 +7,7 @@ along the curve without turning about its tangent, and the twist that the end cl
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
@@ -69,14 +70,14 @@ def curve_start(
     return Configuration(r, R)
 
 
-def complete_curve(points: Float[Array, "m 3"], boundary: Boundary, length: float) -> Float[Array, "m+2 3"]:
-    """A measured curve led to the supports that it stops short of; before a free end it is led straight to ``length``."""
-    first = jnp.where(boundary.held[0, 0] > 0, boundary.position[0], points[0])
-    missing = jnp.maximum(length - curves.arc_length(points)[-1] - jnp.linalg.norm(points[0] - first), 0.0)
+def complete_curve(points: np.ndarray, boundary: Boundary, length: float) -> np.ndarray:
+    """Measured points (m, 3) led to the supports that they stop short of; before a free end straight to ``length``."""
+    held, position = np.asarray(boundary.held)[:, 0] > 0, np.asarray(boundary.position)
+    first = position[0] if held[0] else points[0]
+    measured = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)) + np.linalg.norm(points[0] - first)
     onward = points[-1] - points[-2]
-    onward = points[-1] + missing * onward / jnp.linalg.norm(onward)
-    last = jnp.where(boundary.held[1, 0] > 0, boundary.position[1], onward)
-    return jnp.concatenate([first[None], points, last[None]])
+    onward = points[-1] + max(length - measured, 0.0) * onward / np.linalg.norm(onward)
+    return np.concatenate([first[None], points, (position[1] if held[1] else onward)[None]])
 
 
 def _bisect(too_large, high):

@@ -1,17 +1,20 @@
-"""Residuals of all poses and their Jacobian, from one batch of equilibria: what every method of fitting asks for.
+"""Residuals of all poses and their Jacobian: what every method of fitting asks for.
+
+Poses are solved one after the other by one compiled function: a batch would run all of them to the slowest, and compile
+anew for each number of poses.
 
 The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
 the factors of the solve. A call that only needs residuals compiles and runs without it.
 """
 
+from functools import partial
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.equilibrium.solve import MAX_STEPS, Verdict, equilibrium
+from scan2flex_jax.compilation import compiled
+from scan2flex_jax.equilibrium.solve import Verdict, equilibrium
 from scan2flex_jax.fit.distance import integrated_residuals, normal_residuals
 from scan2flex_jax.fit.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fit.poses import Poses
@@ -36,38 +39,31 @@ class Evaluation(NamedTuple):
         return bool(np.all(np.asarray(self.verdict.solved)) and np.all(np.isfinite(self.residual)))
 
 
-@eqx.filter_jit
-def _evaluate(layout: Layout, template: CableModel, poses: Poses, shared, local, start, elements, distance, derivative):
-    def one(points, mask, expected, boundary, turns, start, z):
-        def residual(x):
-            model = model_at(layout, template, x[: layout.shared])
-            e = equilibrium(
-                model,
-                boundary_at(layout, boundary, x[layout.shared :]),
-                start=start,
-                turns=turns,
-                elements=elements,
-                max_steps=MAX_STEPS,
-            )
+@compiled
+def _evaluate(layout: Layout, template: CableModel, pose: Poses, x, start, elements, distance, derivative):
+    """One pose: its Jacobian, residual, arc lengths, configuration and verdict."""
 
-            def observe(p):
-                for effect in model.effects:
-                    p = effect.observe(p)
-                return p
+    def residual(x):
+        model = model_at(layout, template, x[: layout.shared])
+        boundary = boundary_at(layout, pose.boundary, x[layout.shared :])
+        e = equilibrium(model, boundary, start=start, elements=elements)
+        distances = DISTANCES[distance]
+        ds, d3 = e.rod.section.ds, e.configuration.R[:, :, 2]
+        r, s = distances(e.points, d3, ds, pose.points, pose.expected, partial(observed, model))
+        r = r * pose.mask[:, None]
+        return r, (r, s, jax.lax.stop_gradient(e.configuration), e.verdict)
 
-            ds = e.rod.section.ds
-            r, s = DISTANCES[distance](e.points, e.configuration.R[:, :, 2], ds, points, expected, observe)
-            r = r * mask[:, None]
-            return r, (r, s, jax.lax.stop_gradient(e.configuration), e.verdict)
+    if derivative:
+        jacobian, rest = jax.jacfwd(residual, has_aux=True)(x)
+        return jacobian, *rest
+    return None, *residual(x)[1]
 
-        x = jnp.concatenate([shared, z])
-        if derivative:
-            jacobian, rest = jax.jacfwd(residual, has_aux=True)(x)
-            return jacobian, *rest
-        return None, *residual(x)[1]
 
-    arrays = (poses.points, poses.mask, poses.expected, poses.boundary, poses.turns, start, local)
-    return jax.vmap(one)(*arrays)
+def observed(model: CableModel, points):
+    """Where the scanner sees points of the centre line (m)."""
+    for effect in model.effects:
+        points = effect.observe(points)
+    return points
 
 
 class Evaluator:
@@ -85,8 +81,17 @@ class Evaluator:
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         start = p.start if start is None else start
-        jacobian, r, s, configuration, verdict = _evaluate(
-            self.layout, self.template, p, jnp.asarray(shared), jnp.asarray(local), start, self.elements, self.distance, derivative
-        )
-        jacobian = None if jacobian is None else np.asarray(jacobian)
-        return Evaluation(np.asarray(r), jacobian, np.asarray(s), configuration, verdict)
+        found = [
+            _evaluate(
+                self.layout, self.template, one(p, i), np.concatenate([shared, local[i]]), one(start, i), self.elements,
+                self.distance, derivative,
+            )
+            for i in range(p.count)
+        ]  # fmt: skip
+        jacobian, r, s, configuration, verdict = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *found)
+        return Evaluation(r, jacobian, s, configuration, verdict)
+
+
+def one(tree, i: int):
+    """Pose ``i`` of a tree whose arrays have a leading axis of poses."""
+    return jax.tree.map(lambda x: x[i], tree)

@@ -6,12 +6,12 @@ Curves are padded to a common number of points (a multiple of 64, so that studie
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.equilibrium.starts import complete_curve, curve_start
+from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
@@ -29,12 +29,11 @@ class Poses(eqx.Module):
     boundary: Boundary
     turns: Float[Array, "P"]
     start: Configuration
-    names: tuple[str, ...] = eqx.field(static=True)
 
     @property
     def count(self) -> int:
         """Number of poses."""
-        return len(self.names)
+        return len(self.turns)
 
 
 def boundary_of(pose) -> Boundary:
@@ -50,25 +49,35 @@ def poses_of(study_poses, length: float, elements: int) -> Poses:
             raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
     thinned = [_thinned(np.asarray(p.curve.points), p.curve.arc_length) for p in study_poses]
     room = _BUCKET * -(-max(len(points) for points, _ in thinned) // _BUCKET)
-    stack = [_one(pose, points, given, length, elements, room) for pose, (points, given) in zip(study_poses, thinned, strict=True)]
-    points, mask, expected, boundary, turns, start = jax.tree.map(lambda *x: jnp.stack(x), *stack)
-    return Poses(points, mask, expected, boundary, turns, start, tuple(p.name for p in study_poses))
+    stack = [_one(pose, points, given, length, room) for pose, (points, given) in zip(study_poses, thinned, strict=True)]
+    points, mask, expected, dense, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
+    each = [_start(*one, elements) for one in zip(dense, _unstack(boundary), turns, strict=True)]
+    start = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *each)
+    return Poses(points, mask, expected, boundary, turns, start)
 
 
-def _one(pose, points, given, length, elements, room):
+@compiled
+def _start(dense, boundary, turns, elements):
+    return curve_start(dense, boundary, turns, elements)
+
+
+def _unstack(tree):
+    return [jax.tree.map(lambda x: x[i], tree) for i in range(len(jax.tree.leaves(tree)[0]))]
+
+
+def _one(pose, points, given, length, room):
     boundary = boundary_of(pose)
-    full = np.asarray(complete_curve(jnp.asarray(points), boundary, length))
-    start = curve_start(jnp.asarray(_dense(full)), boundary, pose.turns, elements)
+    full = complete_curve(points, boundary, length)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(full, axis=0), axis=1))])
     expected = s[1:-1] * length / s[-1] if given is None else np.asarray(given)
     pad = room - len(points)
     return (
-        jnp.asarray(np.concatenate([points, np.repeat(points[-1:], pad, axis=0)])),
-        jnp.asarray(np.concatenate([np.ones(len(points)), np.zeros(pad)])),
-        jnp.asarray(np.concatenate([expected, np.repeat(expected[-1:], pad)])),
+        np.concatenate([points, np.repeat(points[-1:], pad, axis=0)]),
+        np.concatenate([np.ones(len(points)), np.zeros(pad)]),
+        np.concatenate([expected, np.repeat(expected[-1:], pad)]),
+        _dense(full),
         boundary,
-        jnp.asarray(float(pose.turns)),
-        start,
+        np.array(float(pose.turns)),
     )
 
 

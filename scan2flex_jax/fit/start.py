@@ -9,26 +9,21 @@ needed). The twist rate ``tau`` is what the end clamp lacks of the transported f
 differentiated data is biased, and only good enough to begin from.
 """
 
-import jax
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 
-from scan2flex_jax.equilibrium.starts import curve_start
 from scan2flex_jax.fit.poses import Poses
-from scan2flex_jax.rod.model import CableModel
 
 _SPANS = 12  # of the smoothing spline: a rod between clamps has a few bends
 _STATIONS = 101
 _INSIDE = 0.05  # of the length left out at each end, where a spline's curvature is poor
 
 
-def balance_start(poses: Poses, model: CableModel, known: dict[str, float]) -> dict[str, float]:
+def balance_start(poses: Poses, weight: np.ndarray, length: float, known: dict[str, float]) -> dict[str, float]:
     """Bending and torsional stiffness (N m^2) that balance the measured curves best, where they are positive.
 
-    ``known`` holds those of the two that are not unknown; the model gives weight per length and length.
+    ``known`` holds those of the two that are not unknown; ``weight`` is per length (3,) in N/m, ``length`` in m.
     """
-    weight = float(model.cable.length_density) * np.asarray(model.gravity)
-    length = float(model.cable.length)
     own_weight = np.linalg.norm(weight) * length**3
     fallback = 0.03 * own_weight if own_weight > 0 else 1.0
     blocks = [_pose_equations(poses, i, length, weight) for i in range(poses.count)]
@@ -73,9 +68,7 @@ def _pose_equations(poses, i, length, weight):
 
 def _twist_rate(poses, i, length):
     """Twist (rad/m) of the start that follows the measured curve; zero where an end is free to turn."""
-    boundary = jax.tree.map(lambda x: x[i], poses.boundary)
-    start = curve_start(poses.start.r[i], boundary, poses.turns[i], poses.start.r.shape[1] - 1)
-    R = np.asarray(start.R)
+    R = np.asarray(poses.start.R[i])
     relative = np.einsum("nji,njk->nik", R[:-1], R[1:])
     return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])) / length)
 

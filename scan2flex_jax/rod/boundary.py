@@ -5,23 +5,25 @@ axes. Quaternions are unit, scalar first ``[w, x, y, z]``, and turn material vec
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 CLAMP, BALL, FREE = (1.0,) * 6, (1.0,) * 3 + (0.0,) * 3, (0.0,) * 6
 
 
-def rotation_of_quaternion(q: Float[Array, "4"]) -> Float[Array, "3 3"]:
-    """Rotation matrix of a quaternion ``[w, x, y, z]``, normalised first."""
-    w, x, y, z = q / jnp.linalg.norm(q)
-    return jnp.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def rotation_of_quaternion(q: Float[Array | np.ndarray, "4"]):
+    """Rotation matrix (3, 3) of a quaternion ``[w, x, y, z]``, normalised first; numpy in, numpy out."""
+    xp = np if isinstance(q, np.ndarray) else jnp
+    w, x, y, z = q / xp.linalg.norm(q)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return xp.stack([xp.stack(row) for row in rows])
 
 
 class Boundary(eqx.Module):
@@ -40,15 +42,15 @@ class Boundary(eqx.Module):
     def of(start, end=None) -> "Boundary":
         """From ``(position, rotation)`` pairs; ``rotation`` is a matrix, a quaternion or None (ball joint); no end = free."""
         p, R, h = zip(*[_support(x) for x in (start, end)], strict=True)
-        return Boundary(jnp.stack(p), jnp.stack(R), jnp.array(h))
+        plain = all(isinstance(x, np.ndarray) for x in (*p, *R))
+        xp = np if plain else jnp
+        return Boundary(*(jnp.asarray(x) for x in (xp.stack(p), xp.stack(R), np.array(h))))
 
 
 def _support(pair):
     if pair is None:
-        return jnp.zeros(3), jnp.eye(3), FREE
-    position, rotation = pair
-    position = jnp.asarray(position, float)
+        return np.zeros(3), np.eye(3), FREE
+    position, rotation = (x if x is None or isinstance(x, jax.Array) else np.asarray(x, float) for x in pair)
     if rotation is None:
-        return position, jnp.eye(3), BALL
-    rotation = jnp.asarray(rotation, float)
+        return position, np.eye(3), BALL
     return position, rotation_of_quaternion(rotation) if rotation.shape == (4,) else rotation, CLAMP

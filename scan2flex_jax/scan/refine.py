@@ -16,6 +16,8 @@ Two forms of ``e_i``:
   p_i should have met the tube of radius r. It is linear in the noise, so a point thrown behind the axis does no harm,
   where the radial form would push the curve away from the sensor.
 
+A third form serves a handful of points set by hand (`marks`): all three coordinates of ``p_i - curve(t_i)``.
+
 Symbols: r radius, sigma noise of a point, std: m; t spline parameter; ``n`` gradient of e_i with respect to curve(t_i).
 Reference: Wood, Fasiolo, "A generalized Fellner-Schall method" (2017).
 """
@@ -84,14 +86,17 @@ def _side(q, tangent, p, eye):
 
 
 @eqx.filter_jit
-def _linearised(x, points, real, eyes, r, sigma, by_ray: bool):
+def _linearised(x, points, real, eyes, r, sigma, form: str):
     """Residuals of all points at the curve through ``x``, their gradients, parameters, and spline weights W."""
     c = spline.coefficients(x)
     t = spline.nearest(c, points)
     q, v = spline.evaluate(c, t), spline.evaluate(c, t, 1)
     tangent = v / jnp.linalg.norm(v, axis=1, keepdims=True)
     radial = jax.vmap(_radial, (0, 0, 0, None, None))(q, tangent, points, eyes[0], r)
-    if not by_ray:
+    if form == "mark":
+        e, n = (points - q).T, jnp.broadcast_to(-jnp.eye(3)[:, None], (3, *q.shape))
+        share = jnp.ones(e.shape)
+    elif form == "radial":
         e, n = jax.vmap(jax.value_and_grad(_radial), (0, 0, 0, None, None))(q, tangent, points, eyes[0], r)
         share = jnp.ones((1, points.shape[0]))
         e, n = e[None], n[None]
@@ -132,18 +137,22 @@ def _spread(e, w) -> float:
     return float(1.4826 * np.median(e)) if len(e) else np.inf
 
 
-def refine(x, points, real, radius: float, eyes=None, noise: float | None = None) -> Refined:
-    """The smooth curve (through K points near ``x``) that explains the points; ``eyes`` are viewpoints (m), if known."""
+def refine(x, points, real, radius: float, eyes=None, noise: float | None = None, marks: bool = False) -> Refined:
+    """The smooth curve (through K points near ``x``) that explains the points; ``eyes`` are viewpoints (m), if known.
+
+    ``marks``: the points are few and were set by hand on the cable: they are the axis but for noise.
+    """
     x, real_host = np.array(x), np.asarray(real)
     rough, rank = spline.roughness(len(x)), 3 * (len(x) - 3)
     looks = jnp.asarray(eyes) if eyes is not None else jnp.zeros((1, 3))
-    by_ray, stiff, settled = False, None, False
+    form, stiff, settled = "mark" if marks else "radial", None, False
     sigma = noise or 0.3 * radius
     cut = 2.0 * radius + 2.0 * sigma
     for k in range(_ITERATIONS):
-        out = _linearised(jnp.asarray(x), points, real, looks, jnp.asarray(radius), jnp.asarray(sigma), by_ray)
+        out = _linearised(jnp.asarray(x), points, real, looks, jnp.asarray(radius), jnp.asarray(sigma), form)
         e, n, share, t, radial, W = (np.asarray(a) for a in out)
         sigma = max(_spread(e, (np.abs(e) < cut) & (share > 0.2)), _LEAST * radius)
+        sigma = noise if marks and noise else sigma  # a handful of residuals cannot tell the noise from the shape
         cut = _TUKEY * max(sigma, 0.3 * radius / (1 + k) ** 2)
         w = np.where(np.abs(e) < cut, (1.0 - (e / cut) ** 2) ** 2, 0.0) * share / sigma**2
         w = np.where(_inner(t, len(x)), w, 0.0)
@@ -154,13 +163,13 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
         stiff = float(np.clip(wanted, stiff / 10.0, stiff * 10.0))
         size = np.linalg.norm(dx, axis=1).max()
         x = spline.evenly(x + dx * min(1.0, 0.7 * radius / max(size, 1e-300)), len(x))
-        if eyes is not None and not by_ray and k == _RAY_FROM and max(noise or 0.0, sigma) > _RAY_ABOVE * radius:
-            by_ray, cut = True, 2.0 * _TUKEY * sigma
+        if eyes is not None and form == "radial" and k == _RAY_FROM and max(noise or 0.0, sigma) > _RAY_ABOVE * radius:
+            form, cut = "ray", 2.0 * _TUKEY * sigma
         elif k > _RAY_FROM + 3 and size < _SETTLED * sigma:
             settled = True
             break
     weight = np.max(w, axis=0) * sigma**2 * real_host
-    return Refined(x, cov, sigma, t, radial, weight, settled, by_ray)
+    return Refined(x, cov, sigma, t, radial, weight, settled, form == "ray")
 
 
 def _inner(t, count):

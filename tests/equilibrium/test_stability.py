@@ -81,9 +81,9 @@ def test_twisted_ring_writhes(GJ):
     """Michell's ring, closed by clamping both ends at one place: total twist 2 pi sqrt(3) EI/GJ.
 
     The twisting moment M turns with the tangent, which takes the force n = M/R along the binormal: M t' + t x n = 0.
-    The known ring with this force and the moments of its strains is judged as it stands. Turning it about its tangent at
-    the clamp costs nothing: a stiffness of 1e-3 on every node, against some 300 of the bending that writhes, takes that
-    motion out of the count.
+    The known ring with this force and the moments of its strains is judged as it stands. Turning it about its tangent
+    at the clamp costs nothing: a stiffness of 1e-3 on every node, against some 300 of the bending that writhes, takes
+    that motion out of the count.
     """
 
     def stable(twist):

@@ -1,0 +1,41 @@
+"""How the package's functions are compiled: XLA options that were measured to make the user wait less.
+
+XLA's CPU fusion emitters spend about twice the compile time on graphs of many small-matrix operations and run no faster
+(`benchmarks/equilibrium.py` records both). Versions of XLA that do not know the option compile without it.
+"""
+
+from functools import cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+
+
+@cache
+def _options() -> dict:
+    if jax.default_backend() != "cpu":
+        return {}
+    try:
+        jax.jit(lambda x: x + 1, compiler_options=_OPTIONS)(jnp.zeros(()))
+    except Exception:  # noqa: BLE001 - any refusal means that this XLA does not have the option
+        return {}
+    return _OPTIONS
+
+
+class compiled:  # noqa: N801 - used as a decorator
+    """`equinox.filter_jit` with the package's compiler options, chosen at the first call."""
+
+    def __init__(self, function):
+        """Nothing is compiled or configured yet."""
+        self.function, self.jitted = function, None
+        self.__doc__, self.__name__, self.__wrapped__ = function.__doc__, function.__name__, function
+
+    def __call__(self, *args, **kwargs):
+        """Call the compiled function; inside another compilation it is part of that one."""
+        if isinstance(jnp.zeros(()), jax.core.Tracer):  # inside jit every operation is traced
+            return self.function(*args, **kwargs)
+        if self.jitted is None:
+            self.jitted = eqx.filter_jit(self.function, compiler_options=_options())
+        return self.jitted(*args, **kwargs)
