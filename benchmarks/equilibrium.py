@@ -147,10 +147,11 @@ def first_call() -> dict:
 def fresh_processes() -> dict:
     """`first_call` in new processes: one compiles, one finds the result in the cache, one has XLA's own options."""
     with tempfile.TemporaryDirectory() as folder:
-        settings = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
         table = {}
         for name in ("compiling", "from the cache", "compiling with fusion emitters"):
             argument = "first-call-emitters" if "emitters" in name else "first-call"
+            cache = f"{folder}/{argument}"  # one each, so that none finds parts of another's work
+            settings = {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
             command = [sys.executable, "-m", "benchmarks.equilibrium", argument]
             begin = perf_counter()
             done = subprocess.run(command, env=os.environ | settings, capture_output=True, text=True, check=True)

@@ -65,7 +65,9 @@ class MixedNewton(optx.AbstractMinimiser):
         empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
-        return NewtonState(empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no)
+        return NewtonState(
+            empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no
+        )
 
     def step(self, fn, y, args, options, state, tags):
         """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
@@ -125,4 +127,3 @@ def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
 def _size(rod, twist):
     """Largest motion of a node: rad, or parts of the length."""
     return jnp.maximum(jnp.max(jnp.abs(twist[:, :3])) / rod.length, jnp.max(jnp.abs(twist[:, 3:])))
-

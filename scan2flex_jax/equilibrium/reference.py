@@ -8,7 +8,6 @@ of rounding (1e-8 of the length), so the last round minimises the squared scaled
 verdict is not optimistix's but `solve.Verdict`, from the out-of-balance force and the inertia of the Hessian.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
 

@@ -77,7 +77,7 @@ class Equilibrium(eqx.Module):
     verdict: Verdict
 
     @property
-    def s(self) -> Float[Array, "nodes"]:
+    def s(self) -> Float[Array, " nodes"]:
         """Arc length of the nodes (m)."""
         return self.rod.node_s
 

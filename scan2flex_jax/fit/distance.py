@@ -41,7 +41,7 @@ def closest_arc_length(r, d3, ds, point: Float[Array, "3"], expected: Float[Arra
     return jax.lax.fori_loop(0, _REFINEMENTS, refine, s)
 
 
-def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, "m"], observe):
+def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
     """``(residual (m, 3), s (m,))``: measured minus modelled (m) along two rotation-minimising normals, and along the
     tangent only where the closest point is an end of the rod.
 
@@ -68,7 +68,7 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
     return jax.vmap(one)(points, expected)
 
 
-def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, "m"], observe):
+def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
     """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10)."""
     length = ds * (r.shape[0] - 1)
     x = jax.vmap(lambda s: observe(curve_at(r, d3, ds, s)[0]))(expected * length / jax.lax.stop_gradient(length))

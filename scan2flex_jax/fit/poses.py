@@ -27,7 +27,7 @@ class Poses(eqx.Module):
     mask: Float[Array, "P m"]
     expected: Float[Array, "P m"]
     boundary: Boundary
-    turns: Float[Array, "P"]
+    turns: Float[Array, " P"]
     start: Configuration
 
     @property

@@ -24,7 +24,10 @@ METHODS = ("least-squares", "bfgs", "nelder-mead")
 _STIFF = ("bending_stiffness", "torsional_stiffness")
 FIT_ELEMENTS = 80  # mesh error of EI below 0.1 % on the simulated cable (0.23 % with 40)
 _NORMAL_95 = 1.959964
+_SAYABLE = 5.0  # standard deviation of a logarithm beyond which an interval is no information
 _PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
+_SLOW, _LONG = 3.0, 0.2  # correlated over white noise, and correlation over cable length, of a residual that is no noise
+_MESH = 5.0e-5  # of the length: a residual this small may be the mesh's
 _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
 
 
@@ -54,7 +57,7 @@ def fit(
     sigma = problem.scale(noise)
     known = uncertainty(minimum, problem.poses, problem.layout, sigma, noise)
     poses = _pose_fits(problem, minimum)
-    valid, verdict = _validity(poses, noise)
+    valid, verdict = _validity(poses, noise, stated, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
     sentences = (*known.sentences, *_bound_sentences(estimates), *verdict)
     spread = np.sqrt(np.diag(known.covariance))
@@ -188,7 +191,7 @@ def _estimates(layout, x, known):
         std = spread
         if slot.log:
             low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(center) * spread
-        shaped = [np.reshape(v, slot.shape) for v in (std, low, high)] if np.all(np.isfinite(spread)) else [None] * 3
+        shaped = [np.reshape(v, slot.shape) for v in (std, low, high)] if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _SAYABLE)) else [None] * 3
         shaped = [v if v is None or slot.shape else float(v) for v in shaped]
         value = values[slot.name] if slot.shape else float(values[slot.name])
         out[slot.name] = Estimate(value, *shaped, bool(np.all(known.determined[here])), bool(bound), unit_of(slot.name))
@@ -199,14 +202,23 @@ def _bound_sentences(estimates):
     return [f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound]
 
 
-def _validity(poses, noise):
-    """Does the model predict the poses that were never fitted, to within the noise?"""
+def _validity(poses, noise, stated, length):
+    """Does the model predict the poses that were never fitted, to within the noise?
+
+    Without a stated noise the fit's own residual stands for it; when that varies slowly along the cable it is no scanner's
+    noise, and nothing that it leaves can be called "within the noise".
+    """
     rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
+    floor = np.sqrt(2.0) * noise.total
+    slow = noise.correlated > _SLOW * noise.white and noise.correlation_length > _LONG * length
+    if stated is None and slow and floor > _MESH * length:
+        left = f"the residual varies slowly along the cable ({1e3 * floor:.2f} mm), unlike the noise of a scanner"
+        return (False if rms else None), [f"{left}: something is missing or misread"]
     if not rms:
         return None, ["no validate pose: whether the model predicts other poses is not known"]
-    floor = np.sqrt(2.0) * noise.total
     bad = [n for n, v in rms.items() if not v <= _PREDICTED * floor]
     worst = max(rms.values(), key=lambda v: np.inf if np.isnan(v) else v)
+    beside = f"({1e3 * worst:.2f} mm beside {1e3 * floor:.2f} mm)"
     if not bad:
-        return True, [f"validate poses are predicted to within the noise ({1e3 * worst:.2f} mm beside {1e3 * floor:.2f} mm)"]
-    return False, [f"the model does not predict {', '.join(bad)} to within the noise ({1e3 * worst:.2f} mm beside {1e3 * floor:.2f} mm): something is missing or misread"]
+        return True, [f"validate poses are predicted to within the noise {beside}"]
+    return False, [f"the model does not predict {', '.join(bad)} to within the noise {beside}: something is missing or misread"]

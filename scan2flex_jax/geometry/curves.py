@@ -10,7 +10,7 @@ from jax import Array
 from jaxtyping import Float
 
 
-def arc_length(points: Float[Array, "n 3"]) -> Float[Array, "n"]:
+def arc_length(points: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Length of the polygon from the first point to each point (m)."""
     steps = jnp.linalg.norm(jnp.diff(points, axis=0), axis=1)
     return jnp.concatenate([jnp.zeros(1), jnp.cumsum(steps)])
@@ -58,7 +58,7 @@ def frame_on(tangent: Float[Array, "3"]) -> Float[Array, "3 3"]:
     return smallest_rotation(jnp.array([0.0, 0.0, 1.0]), tangent)
 
 
-def turned_about_tangent(frames: Float[Array, "n 3 3"], angle: Float[Array, "n"]) -> Float[Array, "n 3 3"]:
+def turned_about_tangent(frames: Float[Array, "n 3 3"], angle: Float[Array, " n"]) -> Float[Array, "n 3 3"]:
     """Frames turned by ``angle`` (rad) about their own d3."""
     c, s = jnp.cos(angle)[:, None], jnp.sin(angle)[:, None]
     d1, d2, d3 = frames[:, :, 0], frames[:, :, 1], frames[:, :, 2]

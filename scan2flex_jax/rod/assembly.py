@@ -184,4 +184,3 @@ def newton_correction(rod: Rod, configuration: Configuration, solve) -> Configur
     start = supported(rod, configuration)
     force = out_of_balance(rod, configuration) * free_motions(rod)
     return retract(start, -solve(force))
-

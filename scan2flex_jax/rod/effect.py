@@ -22,11 +22,11 @@ class Section(eqx.Module):
     diag(GA1, GA2, EA, EI1, EI2, GJ) with couplings (N, N m, N m^2), ``natural`` = (Gamma_0, Omega_0) (-, 1/m),
     ``density`` (kg/m)."""
 
-    s: Float[Array, "n"]
+    s: Float[Array, " n"]
     ds: Float[Array, ""]
     stiffness: Float[Array, "n 6 6"]
     natural: Float[Array, "n 6"]
-    density: Float[Array, "n"]
+    density: Float[Array, " n"]
 
 
 class Node(eqx.Module):
@@ -58,7 +58,7 @@ class AbstractEffect(eqx.Module):
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]):
         """Loads that keep their direction: a `rod.loads.DeadLoad`, or None."""
-        return None
+        return
 
     def strain_energy(self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"]):
         """Energy per length (J/m) beyond the quadratic one, of the strain in excess of the natural one."""

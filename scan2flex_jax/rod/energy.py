@@ -55,7 +55,7 @@ def node_potential(rod: Rod):
     return (lambda node: sum(f.node_potential(node) for f in fields)) if fields else None
 
 
-def node_weights(rod: Rod) -> Float[Array, "nodes"]:
+def node_weights(rod: Rod) -> Float[Array, " nodes"]:
     """Length of cable that each node stands for (m), the trapezoidal rule."""
     w = jnp.ones(rod.elements + 1).at[0].set(0.5).at[-1].set(0.5)
     return w * rod.section.ds

@@ -39,9 +39,7 @@ def point_load(section: Section, position: Float[Array, ""], force: Float[Array,
     h00, h10 = 2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t
     h01, h11 = 1 - h00, t**3 - t**2
     ds = section.ds
-    return DeadLoad(
-        _to_nodes(w * h00 * force, w * h01 * force), _to_nodes(w * ds * h10 * force, w * ds * h11 * force)
-    )
+    return DeadLoad(_to_nodes(w * h00 * force, w * h01 * force), _to_nodes(w * ds * h10 * force, w * ds * h11 * force))
 
 
 def _to_nodes(first, second):

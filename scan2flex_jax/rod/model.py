@@ -53,7 +53,7 @@ class Rod(eqx.Module):
         return self.section.ds * self.elements
 
     @property
-    def node_s(self) -> Float[Array, "nodes"]:
+    def node_s(self) -> Float[Array, " nodes"]:
         """Arc length of the nodes (m)."""
         return jnp.arange(self.elements + 1) * self.section.ds
 

@@ -45,10 +45,10 @@ class CentreCurve:
     """
 
     points: Float[np.ndarray, "n 3"]
-    arc_length: Float[np.ndarray, "n"]
+    arc_length: Float[np.ndarray, " n"]
     tangents: Float[np.ndarray, "n 3"]
     frames: Float[np.ndarray, "n 3 3"]
-    std: Float[np.ndarray, "n"]
+    std: Float[np.ndarray, " n"]
     radius: RadiusStatistics
     noise: float
     gaps: tuple[tuple[float, float], ...]

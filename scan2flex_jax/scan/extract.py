@@ -189,7 +189,7 @@ def _refuse_doubtful(curve: CentreCurve, length, start, end):
 def _disagreements(curve: CentreCurve, radius, length, start, end, settled, few):
     """What the scan says otherwise than the study: length, radius, tangents at the clamps; and gaps, and doubts."""
     said = []
-    if not settled:
+    if not settled and not few:
         said.append("the last stage had not settled after its last iteration: look at the picture")
     ends = ((start, 0, "start"), (end, -1, "end"))
     short = [0.0 if one is None else float(np.linalg.norm(curve.points[k] - one.position)) for one, k, _ in ends]

@@ -52,9 +52,9 @@ class Refined:
     points: Float[np.ndarray, "K 3"]
     covariance: Float[np.ndarray, "K3 K3"]
     sigma: float
-    parameter: Float[np.ndarray, "n"]
-    residual: Float[np.ndarray, "n"]
-    weight: Float[np.ndarray, "n"]
+    parameter: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " n"]
+    weight: Float[np.ndarray, " n"]
     settled: bool
     along_ray: bool
 

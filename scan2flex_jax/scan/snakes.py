@@ -39,14 +39,14 @@ class SnakesProblem(eqx.Module):
     """What the energy needs besides the curve: points and their radii (m), which are real (the rest is padding), r (m)."""
 
     points: Float[Array, "n 3"]
-    radii: Float[Array, "n"]
-    real: Bool[Array, "n"]
-    in_gap: Bool[Array, "m"]
+    radii: Float[Array, " n"]
+    real: Bool[Array, " n"]
+    in_gap: Bool[Array, " m"]
     radius: Float[Array, ""]
     weights: SnakesWeights = SnakesWeights()
 
 
-def gap_samples(count: int) -> Float[Array, "m"]:
+def gap_samples(count: int) -> Float[Array, " m"]:
     """Parameters at which E_1 samples a curve of ``count`` points."""
     return jnp.linspace(0.0, count - 1.0, _SAMPLES_PER_SEGMENT * (count - 1) + 1)
 
@@ -69,7 +69,7 @@ def snakes_residuals(x: Float[Array, "K 3"], problem: SnakesProblem) -> dict[str
     }
 
 
-def _beyond(c, count, problem) -> Float[Array, "m"]:
+def _beyond(c, count, problem) -> Float[Array, " m"]:
     """How far (in r) each curve sample is further than 1.5 r from the nearest cloud point, normalised to a mean square."""
     q = spline.evaluate(c, gap_samples(count))
     p = jnp.where(problem.real[:, None], problem.points, 1e6)

@@ -58,7 +58,7 @@ def evaluate(c: Float[Array, "4 segments 3"], t: Float[Array, "*n"], order: int 
     return (3.0 * a * u + 2.0 * b) * u + d if order == 1 else 6.0 * a * u + 2.0 * b
 
 
-def weights(count: int, t: Float[Array, "n"]) -> Float[Array, "n K"]:
+def weights(count: int, t: Float[Array, " n"]) -> Float[Array, "n K"]:
     """``W_k(t)``: the derivative of the curve with respect to its points."""
     k, u = _split(t, count - 1)
     powers = jnp.stack([u**3, u**2, u, jnp.ones_like(u)])
@@ -71,7 +71,7 @@ def half_knot_tangents(c: Float[Array, "4 segments 3"]) -> Float[Array, "segment
     return 0.75 * c[0] + c[1] + c[2]
 
 
-def nearest(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Array, "n"]:
+def nearest(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Parameter of the curve's nearest point to each ``p``: the best of many samples, then safeguarded Newton steps.
 
     Treat it as a constant when differentiating a distance: at the nearest point the distance does not change with t to
@@ -93,7 +93,7 @@ def nearest(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Ar
     return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, t)
 
 
-def distances(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Array, "n"]:
+def distances(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Distance (m) of each point to the curve; zero distance has zero gradient."""
     square = jnp.sum((p - evaluate(c, nearest(c, p))) ** 2, axis=1)
     zero = square == 0.0

@@ -103,8 +103,8 @@ def _longest(at, along, reach, straight) -> list[int]:
         state = int(np.argmax(np.where(np.isfinite(cost), cost, -1.0)))
         path = []
         while state >= 0:
-            path.append(state // 2)
-            state = before[state]
+            path.append(int(state) // 2)
+            state = int(before[state])
         if len(path) > len(best):
             best = path[::-1]
     return list(dict.fromkeys(best))

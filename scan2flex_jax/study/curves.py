@@ -34,7 +34,7 @@ def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
 
 
 def checked_curve(
-    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, "n"] | None, path: Path | None, where: Where
+    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"] | None, path: Path | None, where: Where
 ) -> MeasuredCurve:
     """A measured curve whose points are finite and apart, and whose arc length grows."""
     points = checked_points(points, FEWEST_POINTS, where)

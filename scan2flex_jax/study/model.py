@@ -91,7 +91,7 @@ class MeasuredCurve(_Compared):
     """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured."""
 
     points: Annotated[np.ndarray, "n 3"]
-    arc_length: Annotated[np.ndarray, "n"] | None = None
+    arc_length: Annotated[np.ndarray, " n"] | None = None
     path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:

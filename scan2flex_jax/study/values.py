@@ -159,7 +159,7 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float 
     return numbers if isinstance(numbers, float) else np.array(numbers)
 
 
-def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, "n"]:
+def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, " n"]:
     """A vector of `size` numbers."""
     return np.asarray(array(value, [(size,)], where))
 
@@ -172,7 +172,7 @@ def rows(value: Any, where: Where) -> Annotated[np.ndarray, "n 3"]:
     return np.asarray(array(value, [(count, 3)], where))
 
 
-def unit(value: Annotated[np.ndarray, "n"], where: Where, name: str) -> Annotated[np.ndarray, "n"]:
+def unit(value: Annotated[np.ndarray, " n"], where: Where, name: str) -> Annotated[np.ndarray, " n"]:
     """The vector made exactly unit, where it is so within `UNIT_TOLERANCE`."""
     length = float(np.linalg.norm(value))
     if abs(length - 1) > UNIT_TOLERANCE:

@@ -1,0 +1,120 @@
+"""The command line, run as a user runs it: in a process of its own where the exit code and the streams count."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scan2flex_jax.cli.app import app
+from scan2flex_jax.examples import example_names, example_path
+
+STUDY = """
+format = "scan2flex-study/1"
+gravity = [0.0, 0.0, -9.81]
+
+[cable]
+length = 1.0
+length_density = 0.2
+bending_stiffness = 0.1
+torsional_stiffness = 0.25
+
+[[pose]]
+name = "sag"
+role = "fit"
+start = { position = [0.0, 0.0, 0.0], quaternion = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0] }
+end = { position = [0.6, 0.0, 0.0], quaternion = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0] }
+centre_curve = "sag.csv"
+"""
+
+
+def scan2flex(*arguments):
+    environment = {**os.environ, "SCAN2FLEX_CACHE": "off"}
+    command = [sys.executable, "-c", "from scan2flex_jax.cli import main; main()", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300, check=False)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    s = np.linspace(0, 1, 30)
+    curve = np.column_stack([0.6 * s, 0 * s, -0.35 * np.sin(np.pi * s) ** 2])
+    np.savetxt(tmp_path / "sag.csv", curve, delimiter=",", header="x,y,z", comments="")
+    (tmp_path / "study.toml").write_text(STUDY)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_check_describes_every_example(name):
+    found = CliRunner().invoke(app, ["check", str(example_path(name))])
+    assert found.exit_code == 0
+    assert "length_density" in found.output
+    assert "Poses" in found.output
+
+
+@pytest.mark.parametrize(
+    ("break_it", "words"),
+    [
+        (lambda f: (f / "study.toml").unlink(), ["study.toml"]),
+        (lambda f: (f / "sag.csv").unlink(), ["sag.csv"]),
+        (lambda f: (f / "sag.csv").write_text("a,b\n1,2\n"), ["sag.csv", "header"]),
+        (lambda f: (f / "sag.csv").write_text("x,y,z\n0,0,0\n0.1,nan,0\n0.2,0,0\n0.3,0,0\n0.4,0,0\n"), ["sag.csv"]),
+        (lambda f: _replace(f, "0.7071067811865476, 0.0]", "0.9, 0.0]"), ["study.toml", "quaternion"]),
+        (lambda f: _replace(f, "[0.6, 0.0, 0.0]", "[1.6, 0.0, 0.0]"), ["study.toml", "end.position"]),
+        (lambda f: _replace(f, "bending_stiffness = 0.1", "bending_stiffness = inf"), ["bending_stiffness"]),
+        (lambda f: _replace(f, "length_density", "lenght_density"), ["lenght_density"]),
+        (lambda f: _replace(f, 'role = "fit"', 'role = "validate"'), ["fit"]),
+        (lambda f: _replace(f, '"sag.csv"', '"../sag.csv"'), ["centre_curve"]),
+        (lambda f: None, ["unknown"]),
+    ],
+    ids=["no-toml", "no-csv", "columns", "nan", "quaternion", "apart", "infinite", "misspelt", "no-fit", "outside", "nothing-unknown"],
+)
+def test_bad_input_is_one_sentence_and_exit_code_two(folder, break_it, words):
+    break_it(folder)
+    found = scan2flex("fit", folder)
+    assert found.returncode == 2, found.stderr
+    assert "Traceback" not in found.stderr
+    assert found.stdout == ""
+    for word in words:
+        assert word in found.stderr
+
+
+def _replace(folder, old, new):
+    file = folder / "study.toml"
+    assert old in file.read_text()
+    file.write_text(file.read_text().replace(old, new))
+
+
+def test_zero_gravity_with_everything_unknown_is_refused(folder):
+    _replace(folder, "-9.81", "0.0")
+    text = (folder / "study.toml").read_text()
+    text += "\n[unknown.bending_stiffness]\n[unknown.torsional_stiffness]\n[unknown.length_density]\n"
+    (folder / "study.toml").write_text(text)
+    found = scan2flex("fit", folder)
+    assert found.returncode == 2
+    assert "gravity" in found.stderr
+
+
+def test_fit_and_simulate_write_what_they_say(tmp_path):
+    found = scan2flex(
+        "fit", example_path("simulated-cable"), "--elements", 40, "--json", tmp_path / "fit.json",
+        "--save", tmp_path / "fitted", "--figure", tmp_path / "fit.png",
+    )  # fmt: skip
+    assert found.returncode == 0, found.stderr
+    result = json.loads((tmp_path / "fit.json").read_text())
+    assert result["format"] == "scan2flex-result/1"
+    estimate = result["estimates"]["bending_stiffness"]
+    assert estimate["low"] < estimate["value"] < estimate["high"]
+    assert estimate["value"] == pytest.approx(0.1, rel=5e-3)
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+    found = scan2flex("simulate", tmp_path / "fitted", "--out", tmp_path / "shapes")
+    assert found.returncode == 0, found.stderr
+    shape = np.loadtxt(tmp_path / "shapes" / "plane.csv", delimiter=",", skiprows=1)
+    forces = np.loadtxt(tmp_path / "shapes" / "plane-forces.csv", delimiter=",", skiprows=1)
+    assert shape[-1, 0] == pytest.approx(1.0)
+    np.testing.assert_allclose(shape[[0, -1], 1:], [[0, 0, 0], [0.6, 0, 0]], atol=1e-9)
+    # equilibrium of the part between two sections: the force changes by the weight in between (paper, Eq. 5)
+    weight = 0.2 * 9.81 * (forces[-1, 0] - forces[0, 0])
+    np.testing.assert_allclose(forces[-1, 1:4] - forces[0, 1:4], [0, 0, weight], atol=1e-4 * weight)

@@ -1,0 +1,154 @@
+"""The whole chain on scans of known curves: accuracy, one-sidedness, gaps, clutter, guide points, refusals."""
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.scan import extract, load_cloud, refine, scanner, shapes
+from scan2flex_jax.scan import extract as extract_function
+from tests.scan.truth import EYES, ends, errors, scanned
+
+LENGTH, RADIUS = 1.0, 0.012
+NOISE = scanner.STRUCTURED_LIGHT.noise
+
+
+@pytest.mark.parametrize("family", shapes.FAMILIES)
+def test_structured_light_without_guide_points(family):
+    curve, scan = scanned(family, LENGTH, RADIUS)
+    start, end = ends(curve)
+    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    rms, shift, length = errors(found, curve, RADIUS, 2)
+    assert rms < 0.3 * NOISE
+    assert shift < 0.2
+    assert abs(length) < 0.005
+    assert abs(found.radius.mean / RADIUS - 1.0) < 0.02
+    assert found.found_by == "cloud"
+
+
+def test_a_scan_from_one_side_does_not_pull_the_curve_to_the_sensor():
+    curve, scan = scanned("helix", LENGTH, RADIUS, views=1)
+    start, end = ends(curve)
+    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    _, shift, _ = errors(found, curve, RADIUS, 1)
+    assert abs(shift) < 0.02  # the mean of the points would be off by 0.6
+
+
+@pytest.mark.parametrize("radius", [0.004, 0.045])
+def test_time_of_flight(radius):
+    length = 1.0 if radius < 0.01 else 1.8
+    curve, scan = scanned("random", length, radius, scanner.TIME_OF_FLIGHT, views=2)
+    start, end = ends(curve)
+    found = extract(scan.points, radius, length=length, start=start, end=end, viewpoints=EYES[:2])
+    rms, shift, error = errors(found, curve, radius, 2)
+    assert rms < 0.5 * scanner.TIME_OF_FLIGHT.noise
+    assert shift < 0.2
+    assert abs(error) < 0.01
+    assert found.along_ray == (radius < 0.01)
+
+
+def test_a_gap_is_bridged_and_marked():
+    gap = (0.35, 0.45)
+    curve, scan = scanned("random", LENGTH, RADIUS, views=3, gaps=(gap,))
+    start, end = ends(curve)
+    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    assert len(found.gaps) == 1
+    np.testing.assert_allclose(found.gaps[0], gap, atol=0.01)
+    inside = (found.arc_length > gap[0] + 0.02) & (found.arc_length < gap[1] - 0.02)
+    assert found.std[inside].min() > 2.0 * np.median(found.std)
+    assert any("no points were seen" in said for said in found.warnings)
+
+
+def test_guide_points_and_a_table():
+    curve = shapes.figure_of_eight(LENGTH, RADIUS)
+    scan = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 3, clutter=[scanner.table(curve, RADIUS)])
+    marks = curve[np.linspace(8, len(curve) - 9, 14).astype(int)] + np.array([0.0, 0.0, RADIUS])
+    found = extract(scan.points, RADIUS, length=LENGTH, guide_points=marks)
+    rms, _, _ = errors(found, curve, RADIUS, 2)
+    assert rms < 0.3 * NOISE
+
+
+def test_the_answer_is_complete_and_the_same_again():
+    curve, scan = scanned("loop", LENGTH, RADIUS)
+    start, end = ends(curve)
+    one = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    two = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    np.testing.assert_array_equal(one.points, two.points)
+    np.testing.assert_allclose(np.linalg.det(one.frames), 1.0, atol=1e-9)
+    np.testing.assert_allclose(one.frames[:, :, 2], one.tangents, atol=1e-9)
+    steps = np.linalg.norm(np.diff(one.points, axis=0), axis=1)
+    np.testing.assert_allclose(steps, one.arc_length[1], rtol=1e-2)
+    assert {"cloud", "coarse", "snakes", "points used"} <= set(one.stages)
+
+
+def test_the_standard_deviation_is_honest():
+    """Errors over the stated standard deviation, over several scans: of order one (a range bias is not in it)."""
+    sensor = scanner.Sensor(noise=5e-4, lateral_noise=1e-4)
+    ratios = []
+    for key in range(4):
+        curve, scan = scanned("helix", LENGTH, RADIUS, sensor, views=3, key=key)
+        start, end = ends(curve)
+        found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+        rms, _, _ = errors(found, curve, RADIUS, 3)
+        ratios.append(rms / np.sqrt(2.0 * np.mean(found.std**2)))
+    assert 0.4 < np.mean(ratios) < 2.0
+
+
+def test_poses_of_a_study_share_one_compilation():
+    refine._linearised.clear_cache() if hasattr(refine._linearised, "clear_cache") else None
+    sizes = []
+    for key in (1, 2):
+        curve, scan = scanned("random", LENGTH, RADIUS, key=key)
+        start, end = ends(curve)
+        extract(scan.points[: 9000 + 500 * key], RADIUS, length=LENGTH, start=start, end=end)
+        sizes.append(refine._linearised._cached._cache_size() if hasattr(refine._linearised, "_cached") else 1)
+    assert sizes[0] == sizes[1]
+
+
+@pytest.fixture(scope="module")
+def good():
+    curve, scan = scanned("random", LENGTH, RADIUS)
+    start, end = ends(curve)
+    return scan.points, {"length": LENGTH, "start": start, "end": end}, curve
+
+
+BAD = {
+    "millimetres": (lambda p: 1000.0 * p, "millimetres"),
+    "empty": (lambda p: p[:0], "0 points"),
+    "NaN": (lambda p: np.where(np.arange(len(p))[:, None] == 7, np.nan, p), "not finite"),
+    "another frame": (lambda p: p + 5.0, "clamps"),
+    "no cable": (lambda p: np.random.default_rng(0).normal(size=(3000, 3)) * 0.1 + p.mean(axis=0), ""),
+}
+
+
+@pytest.mark.parametrize("fault", BAD)
+def test_bad_clouds_are_refused_in_one_sentence(good, fault):
+    points, known, _ = good
+    change, word = BAD[fault]
+    with pytest.raises(Scan2FlexError, match=word) as refusal:
+        extract(change(points), RADIUS, **known)
+    assert "\n" not in str(refusal.value)
+
+
+def test_guide_points_in_a_wrong_order_are_refused(good):
+    points, known, curve = good
+    marks = curve[np.linspace(10, len(curve) - 11, 9).astype(int)]
+    with pytest.raises(Scan2FlexError, match="wrong order"):
+        extract(points, RADIUS, guide_points=marks[[0, 5, 2, 7, 4, 1, 6, 3, 8]], **known)
+    turned = extract(points, RADIUS, guide_points=marks[::-1], **known)
+    assert any("turned round" in said for said in turned.warnings)
+
+
+def test_a_wrong_radius_or_length_is_reported(good):
+    points, known, _ = good
+    found = extract(points, RADIUS, **(known | {"length": 1.03 * LENGTH}))
+    assert any("where the study says 1.03 m" in said for said in found.warnings)
+
+
+def test_a_corrupt_file_is_refused(tmp_path):
+    path = tmp_path / "broken.ply"
+    path.write_bytes(b"ply\nformat binary_little_endian 1.0\nelement vertex 900\nproperty float x\nend_header\n\x00\x01")
+    with pytest.raises(Scan2FlexError, match=r"broken\.ply") as refusal:
+        load_cloud(path)
+    assert "\n" not in str(refusal.value)
+    assert callable(extract_function)
+    assert issubclass(StudyError, Scan2FlexError)
