@@ -20,7 +20,9 @@ ALLOWED = {
 }
 ALLOWED["fit"] = {*ALLOWED, "examples"}
 ALLOWED["explain"] = {*ALLOWED["fit"], "fit"}
-ALLOWED["cli"] = {*ALLOWED["explain"], "explain"}
+ALLOWED["predict"] = ALLOWED["explain"]
+ALLOWED["plot"] = {*ALLOWED["predict"], "predict"}
+ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "explain"}
 NO_JAX = ("study", "errors")
 
 

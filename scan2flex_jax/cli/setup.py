@@ -17,9 +17,7 @@ ERRORS = Console(stderr=True, highlight=False)
 def prepare_jax() -> None:
     """Switch on float64 and the compilation cache; a cache folder that cannot be made is done without."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
-    os.environ.setdefault(
-        "TF_CPP_MIN_LOG_LEVEL", "3"
-    )  # XLA names tuning hints of cached code it does not know as errors
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA names tuning hints of cached code it does not know as errors
     import jax  # noqa: PLC0415 - the environment must be set first
 
     jax.config.update("jax_enable_x64", True)

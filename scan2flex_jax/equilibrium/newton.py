@@ -20,13 +20,14 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.equilibrium import blocktridiagonal as bt
-from scan2flex_jax.rod.assembly import Derivatives, derivatives, free_motions, strain_increment
+from scan2flex_jax.rod.assembly import Derivatives, derivatives, free_motions, strain_increment, to_nodes
 from scan2flex_jax.rod.energy import retract, supported
 from scan2flex_jax.rod.model import Rod
 
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
 _PUSH = 0.2  # the same for a push off a saddle
 _SETTLED = 1.0e-2  # steps below this, still indefinite, mean that a saddle attracts
+_HOLD = 1.0e-15  # stiffness that holds neutral motions, over the largest of the rod
 _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
 
 
@@ -65,9 +66,7 @@ class MixedNewton(optx.AbstractMinimiser):
         empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
-        return NewtonState(
-            empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no
-        )
+        return NewtonState(empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no)
 
     def step(self, fn, y, args, options, state, tags):
         """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
@@ -75,7 +74,10 @@ class MixedNewton(optx.AbstractMinimiser):
         y = supported(rod, y)
         looking = state.size < self.atol
         d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, state, looking))
-        both, negative = bt.factor_and_solve(d.diagonal, d.upper, jnp.stack([-d.gradient, state.mode], axis=-1))
+        # neutral motions (a rod spinning between ball joints) are held by less than rounding leaves of them
+        diagonal = d.diagonal + _HOLD * jnp.max(jnp.abs(d.diagonal)) * jnp.eye(6)
+        followed = _lent_forces(rod, d.elements, state.mode) * free_motions(rod)
+        both, negative = bt.factor_and_solve(diagonal, d.upper, jnp.stack([-d.gradient, followed], axis=-1))
         twist, mode = both[..., 0], both[..., 1]
         mode = mode / _size(rod, mode)
         size = _size(rod, twist)
@@ -122,6 +124,14 @@ def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
     own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
     weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
     return jnp.diag(jnp.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])) * (own + 0.1 * weight)
+
+
+def _lent_forces(rod, elements, mode):
+    """The lent stiffness applied to a motion of the nodes: with it inverse iteration follows the motion in which the energy
+    falls fastest for the bending that it takes, and not one that merely costs little, like spinning."""
+    strain = strain_increment(rod, elements, mode) @ lendable_stiffness(rod)
+    near = -jnp.einsum("nji,nkj,nk->ni", elements.A, elements.T, strain)
+    return to_nodes(near, jnp.einsum("nji,nj->ni", elements.T, strain))
 
 
 def _size(rod, twist):

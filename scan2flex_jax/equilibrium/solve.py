@@ -28,6 +28,7 @@ from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 DEFAULT_ELEMENTS = 40
 MAX_STEPS = 200
 BALANCE = 1.0e-6  # scaled out-of-balance force of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
+_ROUNDING = 1.0e-8  # force, over the axial stiffness, that positions rounded to 1e-16 leave at a tolerance of BALANCE
 TURN = 2.0  # rad between neighbouring nodes beyond which the mesh cannot tell one way round from the other
 
 SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
@@ -167,9 +168,7 @@ def _implicit_jvp(primals, tangents):
     rod, configuration, d = primals
     solve = partial(bt.solve, bt.factor(d.diagonal, d.upper))
     arrays, static = eqx.partition(rod, eqx.is_inexact_array)
-    moving = jax.tree.map(
-        lambda x, t: jnp.zeros_like(x) if t is None else t, arrays, tangents[0], is_leaf=lambda x: x is None
-    )
+    moving = jax.tree.map(lambda x, t: jnp.zeros_like(x) if t is None else t, arrays, tangents[0], is_leaf=lambda x: x is None)
     moving = jax.tree.map(lambda x, t: None if x is None else t, arrays, moving, is_leaf=lambda x: x is None)
 
     def corrected(a):
@@ -183,7 +182,8 @@ def _judge(rod, c, d, negative, result, steps):
     softest = jnp.min(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:])
     n, left = jnp.abs(d.elements.n), jnp.abs(d.gradient)
     moment = jnp.max(n[:, 3:]) + 1e-3 * softest / rod.length
-    force = jnp.max(n[:, :3]) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
+    stiffest = jnp.max(rod.section.stiffness[:, 2, 2]) * jnp.maximum(1.0, rod.elements / DEFAULT_ELEMENTS)
+    force = _ROUNDING * stiffest + jnp.max(n[:, :3]) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
     left = jnp.maximum(jnp.max(left[:, :3]) / force, jnp.max(left[:, 3:]) / (moment + force * rod.length))
     turn = jnp.max(jnp.linalg.norm(d.elements.x[:, 3:], axis=1))
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))

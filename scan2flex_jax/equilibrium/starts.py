@@ -33,9 +33,7 @@ def sagging_start(
     free_end = boundary.held[1, 0] == 0
     chord = p1 - p0
     distance = jnp.linalg.norm(chord)
-    along = jnp.where(
-        distance > 1e-9 * length, chord / jnp.maximum(distance, 1e-12 * length), boundary.rotation[0, :, 2]
-    )
+    along = jnp.where(distance > 1e-9 * length, chord / jnp.maximum(distance, 1e-12 * length), boundary.rotation[0, :, 2])
     weight = jnp.linalg.norm(gravity)
     down = jnp.where(weight > 0, gravity / jnp.where(weight > 0, weight, 1.0), boundary.rotation[0, :, 0])
     ends = [jnp.where(boundary.held[e, 3] > 0, boundary.rotation[e, :, 2], along) for e in (0, 1)]
@@ -62,9 +60,7 @@ def curve_start(
     r = curves.resample(points, elements + 1)
     tangent = curves.tangents(r)
     for end, node in ((0, 0), (1, -1)):
-        tangent = tangent.at[node].set(
-            jnp.where(boundary.held[end, 3] > 0, boundary.rotation[end, :, 2], tangent[node])
-        )
+        tangent = tangent.at[node].set(jnp.where(boundary.held[end, 3] > 0, boundary.rotation[end, :, 2], tangent[node]))
     first = jnp.where(boundary.held[0, 3] > 0, boundary.rotation[0], curves.frame_on(tangent[0]))
     R = curves.transported_frames(tangent, first)
     lack = R[-1].T @ boundary.rotation[1]

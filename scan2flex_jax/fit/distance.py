@@ -69,12 +69,15 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
 
 
 def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
-    """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10)."""
-    length = ds * (r.shape[0] - 1)
-    x = jax.vmap(lambda s: observe(curve_at(r, d3, ds, s)[0]))(expected * length / jax.lax.stop_gradient(length))
+    """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10).
+
+    Points that repeat the one before them, such as padding, have no share.
+    """
+    x = jax.vmap(lambda s: observe(curve_at(r, d3, ds, s)[0]))(expected)
     edges = jnp.concatenate([expected[:1], 0.5 * (expected[1:] + expected[:-1]), expected[-1:]])
-    share = jnp.diff(edges)
-    return (points - x) * jnp.sqrt(share / jnp.mean(share))[:, None], expected
+    share = jnp.abs(jnp.diff(edges))
+    mean = jnp.sum(share) / jnp.maximum(jnp.sum(share > 0), 1)
+    return (points - x) * jnp.sqrt(share / mean)[:, None], expected
 
 
 def integrated_distance(a: Float[Array, "n 3"], b: Float[Array, "m 3"], count: int = 401) -> Float[Array, ""]:

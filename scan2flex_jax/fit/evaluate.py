@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from scan2flex_jax.compilation import compiled
-from scan2flex_jax.equilibrium.solve import Verdict, equilibrium
+from scan2flex_jax.equilibrium.solve import SOLVED, Verdict, equilibrium
 from scan2flex_jax.fit.distance import integrated_residuals, normal_residuals
 from scan2flex_jax.fit.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fit.poses import Poses
@@ -36,7 +36,7 @@ class Evaluation(NamedTuple):
     @property
     def solved(self) -> bool:
         """Whether every pose is a stable equilibrium with finite residuals."""
-        return bool(np.all(np.asarray(self.verdict.solved)) and np.all(np.isfinite(self.residual)))
+        return bool(np.all(np.asarray(self.verdict.code) == SOLVED) and np.all(np.isfinite(self.residual)))
 
 
 @compiled

@@ -5,7 +5,7 @@ length, the tilt of gravity (two axes across it), and per pose the positions and
 priors: standard normal, never flat.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import equinox as eqx
 import jax
@@ -42,8 +42,8 @@ class Slot:
     name: str
     shape: tuple[int, ...]
     log: bool
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+    low: tuple[float, ...] = field(compare=False)  # a range plays no part in what is compiled
+    high: tuple[float, ...] = field(compare=False)
     at: int
     unit: str
 
@@ -182,7 +182,7 @@ def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
     return Boundary(boundary.position + layout.position_tolerance * z[:, :3], boundary.rotation @ turn, boundary.held)
 
 
-def start_vector(study, layout: Layout, own: dict[str, np.ndarray]) -> np.ndarray:
+def start_vector(study, layout: Layout, own: dict[str, float | np.ndarray]) -> np.ndarray:
     """``x`` of the unknowns at the user's guess where there is one, else at the package's ``own`` start."""
     parts = []
     for slot in layout.slots:

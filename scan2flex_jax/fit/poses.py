@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from scan2flex_jax.equilibrium.starts import complete_curve, curve_start
 from scan2flex_jax.compilation import compiled
@@ -23,11 +23,11 @@ _BUCKET = 64
 class Poses(eqx.Module):
     """P poses: measured points (m), their expected arc length (m), supports, and where solves start."""
 
-    points: Float[Array, "P m 3"]
-    mask: Float[Array, "P m"]
-    expected: Float[Array, "P m"]
+    points: Float[Array | np.ndarray, "P m 3"]
+    mask: Float[Array | np.ndarray, "P m"]
+    expected: Float[Array | np.ndarray, "P m"]
     boundary: Boundary
-    turns: Float[Array, " P"]
+    turns: Int[Array | np.ndarray, " P"]
     start: Configuration
 
     @property
@@ -77,7 +77,7 @@ def _one(pose, points, given, length, room):
         np.concatenate([expected, np.repeat(expected[-1:], pad)]),
         _dense(full),
         boundary,
-        np.array(float(pose.turns)),
+        np.array(int(pose.turns)),
     )
 
 

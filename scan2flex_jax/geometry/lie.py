@@ -26,9 +26,7 @@ def _even(t, coefficients, closed):
 
 def sinc(t):
     """``sin(a)/a`` with ``t = a^2``."""
-    return _even(
-        t, [1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800], lambda t: jnp.sin(jnp.sqrt(t)) / jnp.sqrt(t)
-    )
+    return _even(t, [1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800], lambda t: jnp.sin(jnp.sqrt(t)) / jnp.sqrt(t))
 
 
 def versine(t):

@@ -73,7 +73,7 @@ def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "node
         return lie.right_jacobian_inverse(-x).T @ n, lie.right_jacobian_inverse(x).T @ n
 
     near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)
-    return _to_nodes(-near, far) + _outer_gradient(rod, c)
+    return to_nodes(-near, far) + _outer_gradient(rod, c)
 
 
 def derivatives(
@@ -91,9 +91,9 @@ def derivatives(
     T, A, p, stiffness, bracket = _element_blocks(rod, c, x, n, K if damping is None else K + damping, predict(n))
     At = jnp.swapaxes(A, 1, 2)
     near = At @ stiffness
-    diagonal = _to_nodes(near @ A, stiffness)
+    diagonal = to_nodes(near @ A, stiffness)
     upper = -(near + 0.5 * At @ bracket)
-    gradient = _to_nodes(-jnp.einsum("nij,nj->ni", At, p), p) + _outer_gradient(rod, c)
+    gradient = to_nodes(-jnp.einsum("nij,nj->ni", At, p), p) + _outer_gradient(rod, c)
     diagonal = diagonal + _outer_hessian(rod, c)
     free = free_motions(rod)
     diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
@@ -130,7 +130,8 @@ def _element_blocks(rod, c, x, n, K, forces):
     return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], x, n, K, forces)
 
 
-def _to_nodes(near, far):
+def to_nodes(near, far):
+    """Sum at each node of what the element before it has at its far end and the one after it at its near end."""
     pad = jnp.zeros((1, *near.shape[1:]), near.dtype)
     return jnp.concatenate([near, pad]) + jnp.concatenate([pad, far])
 

@@ -1,7 +1,7 @@
 """From a cable, its effects and its supports to the discrete rod whose energy is minimised.
 
 The rod has ``n`` elements of equal length ``ds = L/n``. Node ``i`` carries a frame ``(r_i, R_i)``; along an element the
-strain ``xi = (Gamma + e3, Omega)`` is constant, so it is the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3). Second order
+strain ``xi = (Gamma + e3, Omega)`` is constant, so it is the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3): second order
 in ``ds``, exact for circles and helices, and unaffected by rigid motions.
 Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
 """

@@ -6,6 +6,7 @@ frame (d1, d2, d3) rotation-minimising: it turns about the tangent not at all.
 
 from dataclasses import dataclass, field
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -75,10 +76,12 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
     t = np.interp(np.linspace(0.0, s[-1], count), s, fine)
     v = np.asarray(spline.evaluate(c, jnp.asarray(t), 1))
     tangents = v / np.linalg.norm(v, axis=1, keepdims=True)
-    frames = curves.transported_frames(jnp.asarray(tangents), curves.frame_on(jnp.asarray(tangents[0])))
+    frames = _frames(jnp.asarray(tangents))
     near = np.abs(fit.residual) < 2.0 * radius
     seen = fit.residual[on]
-    stats = RadiusStatistics(float(radius + seen.mean()), float(seen.std()), int(on.sum()), float(on.sum() / max(near.sum(), 1)))
+    stats = RadiusStatistics(
+        float(radius + seen.mean()), float(seen.std()), int(on.sum()), float(on.sum() / max(near.sum(), 1))
+    )
     return CentreCurve(
         points=np.asarray(spline.evaluate(c, jnp.asarray(t))),
         arc_length=np.linspace(0.0, s[-1], count),
@@ -93,6 +96,12 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
         stages=dict(stages),
         warnings=tuple(warnings),
     )
+
+
+@jax.jit
+def _frames(tangents):
+    """Rotation-minimising frames, the first one some frame on the first tangent."""
+    return curves.transported_frames(tangents, curves.frame_on(tangents[0]))
 
 
 def _span_and_gaps(t, c, radius, clamps):

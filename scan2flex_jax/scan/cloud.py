@@ -44,7 +44,7 @@ def load_cloud(path: str | Path) -> Cloud:
         loaded = trimesh.load(path)
     except Exception as fault:  # each of trimesh's readers fails in its own way
         raise Scan2FlexError(f"the scan {path} cannot be read as a point cloud: {_one_line(fault)}") from fault
-    meshes = [g for g in loaded.geometry.values()] if isinstance(loaded, trimesh.Scene) else [loaded]
+    meshes = list(loaded.geometry.values()) if isinstance(loaded, trimesh.Scene) else [loaded]
     faces = [m for m in meshes if isinstance(m, trimesh.Trimesh) and len(m.faces)]
     if faces:
         mesh = trimesh.util.concatenate(faces)

@@ -61,13 +61,13 @@ def axis_votes(points: Float[np.ndarray, "n 3"], radius: float) -> tuple[Float[n
     thick, wide = np.sqrt(np.maximum(size[:, 0], 0.0)), np.sqrt(size[:, 1])
     if np.median(thick) > _NOISY * radius * min(1.0, np.median(wide) / (0.5 * radius)):
         apparent = max(radius, _WIDER * _across(points, tree, radius))
-        return _gathered(_gathered(points, points, apparent), points, apparent), apparent
+        return gathered(gathered(points, points, apparent), points, apparent), apparent
     sparse = points[:: max(1, len(points) // 2000)]
-    middle = _gathered(points, sparse, 0.7 * radius)
+    middle = gathered(points, sparse, 0.7 * radius)
     normal = axes[:, :, 0]
     outward = np.sign(np.sum(normal * (points - middle), axis=1, keepdims=True))
     votes = points - radius * outward * normal
-    return _gathered(votes, votes, 0.5 * radius), radius
+    return gathered(votes, votes, 0.5 * radius), radius
 
 
 def _principal(groups: Float[np.ndarray, "n k 3"], weight: Float[np.ndarray, "n k"]):
@@ -90,7 +90,7 @@ def _across(points, tree, radius) -> float:
     return float(np.median(np.linalg.norm(off, axis=2)[inside]) / _MEDIAN_OF_TWO)
 
 
-def _gathered(votes, source, width):
+def gathered(votes, source, width):
     """Each vote moved to the Gaussian mean (of ``width``, m) of the source points around it: one step of mean shift."""
     away, index = cKDTree(source).query(votes, min(_CROWD, len(source)))
     weight = np.exp(-0.5 * (away**2 - away[:, :1] ** 2) / width**2)[..., None]

@@ -70,7 +70,9 @@ def extract(
     extended = _extended(coarse.points, max(2.0 * radius, 0.02 * coarse.length))
     near = points[clouds.near_polyline(points, spline.evenly(extended, 800), wide)]
     if len(near) < 4:
-        raise Scan2FlexError(f"only {len(near)} points of the cloud lie near the coarse curve: check the guide points and the units")
+        raise Scan2FlexError(
+            f"only {len(near)} points of the cloud lie near the coarse curve: check the guide points and the units"
+        )
     snake = _snake(extended, near, radius, method)
     stages["snakes"] = snake
     near = near[clouds.thin(near, REFINE_POINTS)]
@@ -207,6 +209,11 @@ def _disagreements(curve: CentreCurve, radius, length, start, end, settled, few)
         bend = float(np.linalg.norm(curve.tangents[b] - curve.tangents[a]) / (8 * step))
         if angle > _TANGENT_AGREES + bend * (away + 4 * step):
             said.append(f"at the {name} the curve points {np.degrees(angle):.0f} degrees away from the clamp's direction")
+    if not few and not curve.along_ray and curve.noise > refine.RAY_ABOVE * radius:
+        said.append(
+            f"a point is uncertain by {curve.noise:.2g} m where the radius is {radius:.4g} m, and no viewpoints are given:"
+            f" a scan from one side then draws the curve towards the sensor by up to half a radius; give the viewpoints"
+        )
     for a, b in curve.gaps:
         said.append(f"no points were seen from s = {a:.4g} m to {b:.4g} m: there the curve is a smooth guess")
     return said
@@ -261,5 +268,5 @@ def _tell(progress, *what):
     if progress is not None:
         try:
             progress(*what)
-        except Exception:  # noqa: BLE001, S110
+        except Exception:
             return

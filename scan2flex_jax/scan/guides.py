@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan.coarse import Coarse, _gathered, axis_votes
+from scan2flex_jax.scan.coarse import Coarse, axis_votes, gathered
 from scan2flex_jax.scan.spline import evenly
 
 _TOO_LONG = 1.08  # of L: points on the outside of bends make a slightly longer polyline, a wrong order a much longer one
@@ -23,7 +23,9 @@ def checked_guides(guides, radius: float, length: float | None, start=None, end=
     """The guide points from start to end and a note when they ran the other way; a wrong order is refused."""
     guides = np.asarray(guides, float)
     if guides.ndim != 2 or guides.shape[1] != 3 or len(guides) < 2 or not np.isfinite(guides).all():
-        raise Scan2FlexError(f"guide points need at least two rows of three finite coordinates (m), got the shape {guides.shape}")
+        raise Scan2FlexError(
+            f"guide points need at least two rows of three finite coordinates (m), got the shape {guides.shape}"
+        )
     total = _length(guides)
     best = _length(_untangled(guides))
     step = np.diff(guides, axis=0)
@@ -76,7 +78,7 @@ def guided_curve(guides, points, radius: float) -> Coarse:
     if len(points) >= 100:
         votes, apparent = axis_votes(points, radius)
         near = cKDTree(votes).query(curve)[0] < 2.5 * apparent
-        moved = _gathered(curve, votes, 0.7 * apparent)
+        moved = gathered(curve, votes, 0.7 * apparent)
         curve = np.where(near[:, None], moved, curve)
         kernel = np.hanning(11)[1:-1] / np.hanning(11)[1:-1].sum()
         padded = np.concatenate([2 * curve[0] - curve[4:0:-1], curve, 2 * curve[-1] - curve[-2:-6:-1]])

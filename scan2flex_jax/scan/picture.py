@@ -41,7 +41,8 @@ def _along(figure, curve: CentreCurve) -> None:
     above.plot(curve.arc_length, 1e3 * curve.std)
     above.set(ylabel="std (mm)", ylim=(0.0, None))
     above.set_title(
-        f"length {curve.length:.4f} m, radius {1e3 * curve.radius.mean:.2f} mm, noise {1e3 * curve.noise:.2f} mm", fontsize="small"
+        f"length {curve.length:.4f} m, radius {1e3 * curve.radius.mean:.2f} mm, noise {1e3 * curve.noise:.2f} mm",
+        fontsize="small",
     )
     below = figure.add_subplot(2, 2, 4, sharex=above)
     bend = np.linalg.norm(np.gradient(curve.tangents, curve.arc_length, axis=0), axis=1)

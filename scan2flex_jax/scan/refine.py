@@ -28,7 +28,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.scan import spline
@@ -38,8 +37,9 @@ _ITERATIONS = 40
 _RAY_FROM = 5  # iteration at which the kind of residual is chosen
 _LEAST = 1e-3  # of r: smaller residuals are rounding of the scanner
 _SETTLED = 0.1  # of sigma: a smaller step of any spline point, sliding included, ends the iteration
+_WIDE, _NARROWING = 3.0, 0.7  # radii within which a point has a say at first, and how that shrinks per iteration
 _TUKEY = 4.0  # standard deviations beyond which a point has no say
-_RAY_ABOVE = 0.25  # of r: noise above this is judged along the ray
+RAY_ABOVE = 0.25  # of r: noise above this is judged along the ray
 _SILHOUETTE = 0.9  # of r: beyond this the depth of the surface changes too fast to tell anything
 _STIFF_START = 3.0  # share of the data's weight given to smoothness at the start
 _SLIDE = 1.0  # damping along the curve, in mean weights of a point of the spline
@@ -153,7 +153,8 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
         e, n, share, t, radial, W = (np.asarray(a) for a in out)
         sigma = max(_spread(e, (np.abs(e) < cut) & (share > 0.2)), _LEAST * radius)
         sigma = noise if marks and noise else sigma  # a handful of residuals cannot tell the noise from the shape
-        cut = _TUKEY * max(sigma, 0.3 * radius / (1 + k) ** 2)
+        wide = _WIDE * radius * _NARROWING**k
+        cut = max(_TUKEY * sigma, wide)
         w = np.where(np.abs(e) < cut, (1.0 - (e / cut) ** 2) ** 2, 0.0) * share / sigma**2
         w = np.where(_inner(t, len(x)), w, 0.0)
         if stiff is None:
@@ -163,9 +164,9 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
         stiff = float(np.clip(wanted, stiff / 10.0, stiff * 10.0))
         size = np.linalg.norm(dx, axis=1).max()
         x = spline.evenly(x + dx * min(1.0, 0.7 * radius / max(size, 1e-300)), len(x))
-        if eyes is not None and form == "radial" and k == _RAY_FROM and max(noise or 0.0, sigma) > _RAY_ABOVE * radius:
+        if eyes is not None and form == "radial" and k == _RAY_FROM and max(noise or 0.0, sigma) > RAY_ABOVE * radius:
             form, cut = "ray", 2.0 * _TUKEY * sigma
-        elif k > _RAY_FROM + 3 and size < _SETTLED * sigma:
+        elif k > _RAY_FROM + 3 and wide < _TUKEY * sigma and size < _SETTLED * sigma:
             settled = True
             break
     weight = np.max(w, axis=0) * sigma**2 * real_host

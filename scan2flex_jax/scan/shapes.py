@@ -25,7 +25,7 @@ def arc_length(points: Curve) -> Float[np.ndarray, " n"]:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
-def resample(points: Curve, count: int = SAMPLES) -> Curve:
+def resample(points: Curve, count: int = SAMPLES) -> Float[np.ndarray, "count 3"]:
     """``count`` points at equal arc length on the cubic spline through ``points``."""
     s = arc_length(points)
     for _ in range(2):  # the chord length is not yet the arc length: once more on the fine curve
@@ -35,7 +35,7 @@ def resample(points: Curve, count: int = SAMPLES) -> Curve:
     return CubicSpline(s, points)(np.linspace(0.0, s[-1], count))
 
 
-def _of_length(points: Curve, length: float) -> Curve:
+def _of_length(points: Curve, length: float) -> Float[np.ndarray, "m 3"]:
     """The curve scaled to ``length`` and centred."""
     points = resample(points)
     points = points * (length / arc_length(points)[-1])

@@ -11,7 +11,7 @@ polynomial coefficients scipy gives once per K. Evaluation is plain `jax.numpy`,
 Symbols: ``x`` (K, 3) points (m); ``t`` parameter (-); ``c`` (4, K-1, 3) polynomial coefficients, highest power first.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +37,7 @@ def roughness(count: int) -> Float[np.ndarray, "count count"]:
     return third.T @ third
 
 
+@jax.jit
 def coefficients(x: Float[Array, "K 3"]) -> Float[Array, "4 segments 3"]:
     """Polynomials of the spline through ``x``."""
     return jnp.einsum("psk,kd->psd", cardinal(x.shape[0]), x)
@@ -48,6 +49,7 @@ def _split(t, segments):
     return k, t - k
 
 
+@partial(jax.jit, static_argnames="order")
 def evaluate(c: Float[Array, "4 segments 3"], t: Float[Array, "*n"], order: int = 0) -> Float[Array, "*n 3"]:
     """Position (order 0) or derivative (order 1, 2) of the curve at ``t``, in m per parameter unit."""
     k, u = _split(t, c.shape[1])
@@ -58,6 +60,7 @@ def evaluate(c: Float[Array, "4 segments 3"], t: Float[Array, "*n"], order: int 
     return (3.0 * a * u + 2.0 * b) * u + d if order == 1 else 6.0 * a * u + 2.0 * b
 
 
+@partial(jax.jit, static_argnums=0)
 def weights(count: int, t: Float[Array, " n"]) -> Float[Array, "n K"]:
     """``W_k(t)``: the derivative of the curve with respect to its points."""
     k, u = _split(t, count - 1)
@@ -71,6 +74,7 @@ def half_knot_tangents(c: Float[Array, "4 segments 3"]) -> Float[Array, "segment
     return 0.75 * c[0] + c[1] + c[2]
 
 
+@jax.jit
 def nearest(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Parameter of the curve's nearest point to each ``p``: the best of many samples, then safeguarded Newton steps.
 

@@ -11,6 +11,7 @@ Reference: Dijkstra's algorithm (scipy.sparse.csgraph); weighted matching (Galil
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import networkx as nx
 import numpy as np
@@ -67,7 +68,7 @@ def draw_strands(nodes: Nodes, reach: float, straight: float) -> list[Float[np.n
         strand = nodes.at[active[path]]
         if np.sum(np.linalg.norm(np.diff(strand, axis=0), axis=1)) > _CRUMB * reach:
             strands.append(strand)
-        fine = np.concatenate([np.linspace(a, b, 5) for a, b in zip(strand[:-1], strand[1:], strict=True)])
+        fine = np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(strand)])
         away, which = cKDTree(fine).query(nodes.at)
         direction = np.repeat(np.diff(strand, axis=0), 5, axis=0)[which]
         aligned = np.abs(np.sum(nodes.along * direction, axis=1)) > 0.6 * np.linalg.norm(direction, axis=1)
@@ -148,7 +149,7 @@ def _outward(strand, side):
 
 
 def _join_cost(p, out_p, q, out_q, reach, limit):
-    """Cost (m) of joining two ends, or None if they are too far or face elsewhere. A direction of None faces anywhere."""
+    """Cost (m) of joining two ends, or None if they are too far or face elsewhere. No direction faces anywhere."""
     step = q - p
     size = float(np.linalg.norm(step))
     if size > limit + reach:

@@ -69,7 +69,19 @@ def test_check_describes_every_example(name):
         (lambda f: _replace(f, '"sag.csv"', '"../sag.csv"'), ["centre_curve"]),
         (lambda f: None, ["unknown"]),
     ],
-    ids=["no-toml", "no-csv", "columns", "nan", "quaternion", "apart", "infinite", "misspelt", "no-fit", "outside", "nothing-unknown"],
+    ids=[
+        "no-toml",
+        "no-csv",
+        "columns",
+        "nan",
+        "quaternion",
+        "apart",
+        "infinite",
+        "misspelt",
+        "no-fit",
+        "outside",
+        "nothing-unknown",
+    ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_two(folder, break_it, words):
     break_it(folder)
@@ -117,4 +129,4 @@ def test_fit_and_simulate_write_what_they_say(tmp_path):
     np.testing.assert_allclose(shape[[0, -1], 1:], [[0, 0, 0], [0.6, 0, 0]], atol=1e-9)
     # equilibrium of the part between two sections: the force changes by the weight in between (paper, Eq. 5)
     weight = 0.2 * 9.81 * (forces[-1, 0] - forces[0, 0])
-    np.testing.assert_allclose(forces[-1, 1:4] - forces[0, 1:4], [0, 0, weight], atol=1e-4 * weight)
+    np.testing.assert_allclose(forces[-1, 1:4] - forces[0, 1:4], [0, 0, weight], atol=1e-3 * weight)  # second order, 80 elements

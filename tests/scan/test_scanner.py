@@ -42,6 +42,7 @@ def test_a_gap_holds_no_points_and_a_strand_hides_another():
     s = shapes.arc_length(curve)[cKDTree(curve).query(points)[1]]
     assert not np.any((s > 0.405) & (s < 0.495))
     line = np.linspace([-0.3, 0.0, 0.0], [0.3, 0.0, 0.0], 101)
-    behind = scan(line, RADIUS, np.array([[0.0, -1.0, 0.0]]), PERFECT, 1, clutter=[tube_mesh(line[40:61] - [0, 0.2, 0], RADIUS)])
+    front = tube_mesh(line[40:61] - [0, 0.2, 0], RADIUS)
+    behind = scan(line, RADIUS, np.array([[0.0, -1.0, 0.0]]), PERFECT, 1, clutter=[front])
     on = behind.points[behind.on_cable]
     assert not np.any(np.abs(on[:, 0]) < 0.04)

@@ -1,0 +1,141 @@
+"""`explain` over a folder of blind cases, scored against the sealed answers: the figures of the README's benchmark table.
+
+    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--append]
+
+Answers are read only after all cases are diagnosed. ``accept`` in an answer lists the kinds that shapes alone cannot tell
+from the truth; a case counts as found when the tie set holds an accepted kind.
+"""
+
+import argparse
+import json
+import os
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def diagnose(folder: Path) -> dict:
+    from scan2flex_jax.explain import explain  # noqa: PLC0415 - the environment must be set first
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+
+    began = time.perf_counter()
+    try:
+        study = load_study(folder)
+        if any(pose.curve is None for pose in study.poses):
+            return {"skipped": "no centre curves"}
+        found = explain(study)
+    except Exception as fault:  # a benchmark counts failures
+        return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
+    out = found.to_json()
+    out["poses_fitted"] = len(study.fit_poses)
+    out["floor"] = 2**0.5 * found.noise.total if found.noise else None
+    out["ranking"] = out.get("ranking", [])[:6]
+    return out
+
+
+def score(result: dict, answer: dict) -> dict:
+    """What one case counts for."""
+    truth = set(answer.get("kinds", []))
+    accept = set(answer.get("accept", [])) | truth
+    off = answer.get("off_catalogue", "none") not in ("none", "")
+    chosen = [c["kind"] for c in result.get("chosen", [])]
+    ties = set(chosen) | {k for r in result.get("ranking", []) if r["verdict"] == "tied" for k in (r["kind"], *r["tied_with"])}
+    out = {
+        "truth": sorted(truth), "off": answer.get("off_catalogue", "none"), "strength": answer.get("plain_over_noise", 0.0),
+        "poses": result.get("poses_fitted"), "verdict": result.get("verdict"), "p": result.get("test", {}).get("p_value"),
+        "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"),
+        "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
+    }  # fmt: skip
+    named = result.get("verdict") == "explained"
+    out["detected"] = bool(result.get("test", {}).get("significant"))
+    out["in_tie_set"] = bool(ties & accept) if chosen else False
+    out["top_1"] = bool(chosen) and chosen[0] in accept
+    out["named_and_wrong"] = named and not set(chosen) <= accept
+    out["both"] = len(truth) > 1 and truth <= set(chosen)
+    after, before, floor = result.get("after", {}), result.get("before", {}), result.get("floor")
+    if floor and chosen:
+        out["fit_over_floor"] = after.get("rms_fit", float("nan")) / floor
+        if "rms_validate" in after:
+            out["validate_over_floor"] = after["rms_validate"] / floor
+            out["validate_better"] = after["rms_validate"] < before["rms_validate"]
+    for name in ("bending_stiffness", "torsional_stiffness"):
+        e, true = result.get("estimates", {}).get(name, {}), answer.get(f"true_{name}")
+        if "low" in e and true is not None:
+            out[f"covers_{name}"] = bool(e["low"] <= true <= e["high"])
+    return out
+
+
+def table(rows: list[dict]) -> dict:
+    """Shares over the cases of each class, with their counts."""
+
+    def share(rows, key):
+        known = [r[key] for r in rows if r.get(key) is not None]
+        return {"share": sum(known) / len(known), "of": len(known)} if known else {"share": None, "of": 0}
+
+    def under(rows, key, most):
+        return share([{"f": r[key] < most} for r in rows if key in r], "f")
+
+    def of(name):
+        return [r for r in rows if r["class"] == name and not r.get("fault")]
+
+    none, one, two, off = (of(n) for n in ("none", "one", "two", "off"))
+    found = [r for r in one if r["detected"]]
+    strong = [r for r in one if r["strength"] > 1.5]
+    right = [r for r in one if r["top_1"]]
+    chosen = [r for r in one + two if r["chosen"]]
+    covers = [{"c": r[k]} for r in right for k in r if k.startswith("covers_")]
+    mean = lambda rows, f: sum(map(f, rows)) / len(rows) if rows else None  # noqa: E731
+    return {
+        "cases": len(rows), "faults": sum(bool(r.get("fault")) for r in rows),
+        "false_alarms": share(none, "detected"),
+        "detected": share(one, "detected"),
+        "detected_above_0.7": share([r for r in one + two if r["strength"] > 0.7], "detected"),
+        "truth_in_tie_set": share(one, "in_tie_set"),
+        "truth_in_tie_set_6_poses": share([r for r in one if (r["poses"] or 0) >= 6], "in_tie_set"),
+        "truth_in_tie_set_when_detected": share(found, "in_tie_set"),
+        "mean_tie_set": mean([r for r in one if r["chosen"]], lambda r: len(r["ties"])),
+        "top_1": share(one, "top_1"), "top_1_above_1.5": share(strong, "top_1"),
+        "named_and_wrong": share(one + off + none, "named_and_wrong"),
+        "both_of_a_pair": share(two, "both"), "one_of_a_pair": share(two, "in_tie_set"),
+        "off_catalogue_flagged": share([r | {"f": r["verdict"] == "unexplained"} for r in off], "f"),
+        "fit_within_5_percent": under(right, "fit_over_floor", 1.05),
+        "validate_better": share(chosen, "validate_better"),
+        "validate_within_1.15": under(right, "validate_over_floor", 1.15),
+        "coverage_95": share(covers, "c"),
+        "seconds_mean": mean([r for r in rows if r.get("seconds")], lambda r: r["seconds"]),
+        "seconds_most": max((r["seconds"] for r in rows if r.get("seconds")), default=None),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("cases", type=Path)
+    parser.add_argument("answers", type=Path)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--only", default="")
+    args = parser.parse_args()
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
+
+    prepare_jax()
+    wanted = set(filter(None, args.only.split(",")))
+    folders = [f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)]
+    results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
+    for folder in folders:
+        if folder.name in results:
+            continue
+        results[folder.name] = diagnose(folder)
+        brief = {k: results[folder.name].get(k) for k in ("verdict", "seconds", "fault")}
+        sys.stderr.write(f"{folder.name} {brief} {[c['kind'] for c in results[folder.name].get('chosen', [])]}\n")
+        args.json.write_text(json.dumps({"results": results}))
+    done = {n: r for n, r in results.items() if "skipped" not in r}
+    answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in done}
+    rows = {n: score(done[n], answers[n]) for n in done}
+    args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows, "results": results}, indent=1) + "\n")
+    sys.stdout.write(json.dumps(table(list(rows.values())), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""When nothing fits: which family of physics the residual behaves like, described by a field with a band.
+
+A ghost field has smooth random values along the cable (or per pose), one amplitude ``a`` and no place of its own. With
+``Z`` its whitened columns beyond the base, ``Z = U diag(d) V'``, the log marginal likelihood over the base alone is
+
+    max_a  sum_i 1/2 (u_i' y)^2 a^2 d_i^2/(1 + a^2 d_i^2) - 1/2 log(1 + a^2 d_i^2).
+
+Such a field describes; it does not name, and one that differs from pose to pose cannot predict another pose.
+Reference: Girolami et al., "The statistical finite element method" (2021).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.effects import CurvatureProfile, DistributedLoad
+
+POINTS = 9  # of a field along the cable
+_SMOOTH = 0.2  # of the length: over which a field's values are alike
+_AMPLITUDES = np.geomspace(0.05, 300.0, 28)  # of a times the largest d
+WORDS = {
+    "curvature": "a natural curvature that varies along the cable",
+    "load": "a load that varies along the cable, the same in every pose",
+    "pose loads": "loads that differ from pose to pose",
+    "stiffness": "a stiffness that varies along the cable",
+    "mass": "a mass per length that varies along the cable",
+}
+
+
+@dataclass(frozen=True)
+class Family:
+    """One ghost field: ``U`` (n, k) and ``d`` (k,) of its columns beyond the base."""
+
+    name: str
+    U: np.ndarray
+    d: np.ndarray
+
+    def gain(self, Y: np.ndarray) -> np.ndarray:
+        """Log evidence over the base for each column of ``Y``, at the best amplitude."""
+        u2 = (self.U.T @ Y) ** 2
+        best = np.zeros(Y.shape[1])
+        for a in _AMPLITUDES / max(self.d[0], 1e-300):
+            t = (a * self.d) ** 2
+            best = np.maximum(best, 0.5 * (t / (1 + t)) @ u2 - 0.5 * np.sum(np.log1p(t)))
+        return best
+
+
+def family_of(name: str, columns: np.ndarray, base: np.ndarray, mix: np.ndarray | None = None) -> Family:
+    """From whitened columns (n, k); ``mix`` is a root of their prior covariance."""
+    Z = columns if mix is None else columns @ mix
+    Z = Z - base @ (base.T @ Z)
+    U, d, _ = np.linalg.svd(Z, full_matrices=False)
+    keep = d > 1e-6 * max(d[0], 1e-300)
+    return Family(name, U[:, keep], d[keep])
+
+
+def smooth_root(points: int, per_point: int) -> np.ndarray:
+    """Root of the covariance of a field on ``points`` with ``per_point`` independent components."""
+    s = np.linspace(0, 1, points)
+    K = np.exp(-0.5 * ((s[:, None] - s) / _SMOOTH) ** 2) + 1e-6 * np.eye(points)
+    return np.kron(np.linalg.cholesky(K), np.eye(per_point))
+
+
+def ghost_columns(bench, vector, start) -> dict:
+    """Columns (m, 3, K) per pose of the fields of curvature and of load."""
+    shape = (POINTS, 3)
+    return {
+        "curvature": bench.field_columns(vector, CurvatureProfile, shape, start),
+        "load": bench.field_columns(vector, DistributedLoad, shape, start),
+    }
+
+
+def families(white, fields, columns, owner, components, base) -> list[Family]:
+    """All ghost fields, from their columns and those of the catalogue's spans."""
+    root = smooth_root(POINTS, 3)
+    curvature, load = white.stack(fields["curvature"]), white.stack(fields["load"])
+    per_pose = np.concatenate([load * _only(rows, len(load)) for rows in white.rows], axis=1)
+    out = [family_of("curvature", curvature, base, root), family_of("load", load, base, root)]
+    out.append(family_of("pose loads", per_pose, base, np.kron(np.eye(len(white.rows)), root)))
+    for name, kind in (("stiffness", "stiffness_profile"), ("mass", "density_profile")):
+        own = [k for k, c in enumerate(components) if c.kind == kind]
+        narrow = min(float(components[k].site["width"]) for k in own)
+        keep = np.isin(owner, [k for k in own if np.isclose(float(components[k].site["width"]), narrow)])
+        out.append(family_of(name, columns[:, keep], base, smooth_root(int(keep.sum()), 1)))
+    return out
+
+
+def _only(rows, n):
+    mask = np.zeros((n, 1))
+    mask[rows] = 1.0
+    return mask

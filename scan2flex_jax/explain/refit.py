@@ -1,0 +1,188 @@
+"""Nonlinear refits: the base numbers, the amplitudes and the places of one or more kinds, all free.
+
+Levenberg-Marquardt on the whitened residual with priors: nearly known numbers and amplitudes are standard normal in units of
+their tolerance and size, continuous parts of a site are flat over the range that was scanned. Evidence is Laplace's,
+
+    log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites), relative to the base model's,
+
+and a flat range R counts as a normal of standard deviation ``R/sqrt(12)``. Symbols as in `sensitivity` and `residual`.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.explain.residual import whiten
+from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
+
+_MOST = 14  # iterations: a refit begins at the one-step estimate
+_ENOUGH = 2e-3  # drop of the cost below which a refit has settled: verdicts turn on units
+_GIVE_UP = 1e7
+_EDGE = 0.01  # of the length: no place closer to a clamp
+_CONTACT_STAGES = (20.0, 400.0, 1e4)  # stiffness of a plane in units of its size: contact is hard, and met step by step
+
+
+@dataclass
+class Refit:
+    """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance."""
+
+    components: tuple[Component, ...]
+    vector: np.ndarray
+    shapes: list
+    cost: float
+    chi2: float
+    log_evidence: float
+    covariance: np.ndarray
+    converged: bool
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of its components."""
+        return tuple(c.kind for c in self.components)
+
+    def amplitudes(self, bench: Bench, k: int) -> np.ndarray:
+        """Amplitudes of component ``k``."""
+        return self.vector[Numbers(bench, self.components).amplitudes(k)]
+
+
+class Prior:
+    """Precision (0 = flat) and centre of every number, and its bounds."""
+
+    def __init__(self, bench: Bench, components):
+        """From tolerances, sizes and ranges."""
+        n = Numbers(bench, components)
+        self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
+        self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
+        self.precision[n.nearly_known] = 1.0
+        self.low[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.low]
+        self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
+        self.frozen = np.zeros(n.count, bool)
+        for k, c in enumerate(components):
+            at = n.amplitudes(k)
+            size = c.entry.size(bench.context)
+            self.precision[at] = 1.0 / size**2
+            self.low[at], self.high[at] = c.entry.bounds(bench.context)
+            if c.kind == "support_plane":
+                self.frozen[at] = True
+                self.precision[at] = 0.0
+            if "ends" in c.site:
+                self.frozen[at] |= np.repeat(np.asarray(c.site["ends"]) == 0, len(at) // 2)
+            self._sites(bench, c, n.site(k))
+
+    def _sites(self, bench, c, at):
+        scanned = c.entry.sites(bench.context)
+        for i, name in zip(at, c.moving, strict=True):
+            values = np.array([s[name] for s in scanned], float)
+            low, high = values.min(), values.max()
+            if name == "position":
+                low, high = _EDGE * bench.context.length, (1 - _EDGE) * bench.context.length
+            if name == "width":
+                low, high = 0.5 * low, 1.5 * high
+            self.low[i], self.high[i] = low, high
+            self.width[i] = 12.0 / max(high - low, 1e-12) ** 2
+
+
+def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST) -> Refit:
+    """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum."""
+    components = tuple(components)
+    n, prior = Numbers(bench, components), Prior(bench, components)
+    vector = np.zeros(n.count)
+    vector[: n.base] = guess[: n.base]
+    for k, (c, a) in enumerate(zip(components, amplitudes, strict=True)):
+        vector[n.amplitudes(k)] = a
+        vector[n.site(k)] = [float(c.site[name]) for name in c.moving]
+    start = None
+    for stage in _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,):
+        for k, c in enumerate(components):
+            if c.kind == "support_plane":
+                vector[n.amplitudes(k)] = np.minimum(stage * c.entry.size(bench.context), c.entry.bounds(bench.context)[1])
+        vector = np.clip(vector, prior.low, prior.high)
+        found = _descend(bench, components, n, prior, noise, vector, start, most)
+        vector, start = found.vector, _configurations(found.shapes)
+    return found
+
+
+def _configurations(shapes):
+    c = shapes[0].configuration
+    return type(c)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
+
+
+def _cost(bench, shapes, n, prior, noise, vector):
+    if any(int(s.verdict.code) != 0 or not np.all(np.isfinite(s.residual)) for s in shapes):
+        return np.inf, None
+    white = whiten(shapes, bench.real, n, vector, noise)
+    own = prior.precision.copy()
+    own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
+    return float(white.r @ white.r + own @ vector**2), white
+
+
+def _descend(bench, components, n, prior, noise, vector, start, most):
+    shapes = bench.shapes(components, vector, start)
+    cost, white = _cost(bench, shapes, n, prior, noise, vector)
+    damping, converged = 1e-4, False
+    amplitudes = np.concatenate([n.amplitudes(k) for k in range(len(components))]) if components else np.zeros(0, int)
+    while not np.isfinite(cost) and len(amplitudes) and np.any(np.abs(vector[amplitudes]) > 0) and damping < 1e-1:
+        vector[amplitudes] *= 0.3
+        shapes, damping = bench.shapes(components, vector, start), damping * 10
+        cost, white = _cost(bench, shapes, n, prior, noise, vector)
+    iteration = 0
+    while np.isfinite(cost) and iteration < most and damping < _GIVE_UP:
+        iteration += 1
+        trial = _step(white, n, prior, vector, damping)
+        shapes2 = bench.shapes(components, trial, _configurations(shapes))
+        cost2, white2 = _cost(bench, shapes2, n, prior, noise, trial)
+        if cost2 < cost:
+            converged = cost - cost2 < _ENOUGH
+            vector, shapes, white, cost, damping = trial, shapes2, white2, cost2, max(0.1 * damping, 1e-9)
+        else:
+            converged = np.isfinite(cost2) and cost2 - cost < _ENOUGH
+            damping = max(10.0 * damping, 1e-3)
+        if converged:
+            break
+    return _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
+
+
+def _step(white, n, prior, vector, damping):
+    own = prior.precision.copy()
+    own[n.nearly_known] = 0.0
+    A = white.J.T @ white.J + np.diag(own)
+    g = _gradient(white, n, vector) + own * vector
+    free = ~prior.frozen & ~(((vector <= prior.low) & (g > 0)) | ((vector >= prior.high) & (g < 0)))
+    scale = np.sqrt(np.diag(A) + prior.width) + 1e-300
+    inside = np.ix_(free, free)
+    H = A[inside] / np.outer(scale, scale)[inside] + damping * np.eye(int(free.sum()))
+    step = np.zeros_like(vector)
+    step[free] = np.linalg.lstsq(H, -g[free] / scale[free], rcond=1e-12)[0] / scale[free]
+    reach = np.where(prior.width > 0, 0.25 * (prior.high - prior.low), np.inf)
+    shrink = np.min(np.where(np.abs(step) > reach, reach / np.maximum(np.abs(step), 1e-300), 1.0), initial=1.0)
+    logs = np.max(np.abs(step[: n.shared]), initial=0.0)
+    return np.clip(vector + step * min(shrink, 1.0 / max(logs, 1.0)), prior.low, prior.high)
+
+
+def _gradient(white, n, vector):
+    """Columns are derivatives of measured minus modelled; those of the priors' rows are the numbers' own."""
+    return white.J.T @ white.r
+
+
+def _finish(bench, components, n, prior, vector, shapes, white, cost, converged):
+    final, chi2, evidence = [], np.inf, -np.inf
+    covariance = np.full((n.count, n.count), np.nan)
+    for k, c in enumerate(components):
+        site = c.site | dict(zip(c.moving, (float(v) for v in vector[n.site(k)]), strict=True))
+        final.append(Component(c.kind, site))
+    if white is not None:
+        own = prior.precision + prior.width
+        own[n.nearly_known] = 0.0
+        free = ~prior.frozen
+        A = (white.J.T @ white.J + np.diag(own))[np.ix_(free, free)]
+        scale = np.sqrt(np.diag(A)) + 1e-300
+        correlation = A / np.outer(scale, scale) + 1e-12 * np.eye(len(A))
+        known = (prior.precision + prior.width)[free]
+        logdet = np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale))
+        added = np.arange(n.count)[free] >= n.base
+        evidence = -0.5 * cost - 0.5 * logdet + 0.5 * np.sum(np.log(known[added]))
+        one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
+        evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
+        covariance[np.ix_(free, free)] = np.linalg.inv(correlation) / np.outer(scale, scale)
+        chi2 = float(white.r @ white.r)
+    return Refit(tuple(final), vector, shapes, cost, chi2, float(evidence), covariance, converged)

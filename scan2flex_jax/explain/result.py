@@ -1,0 +1,159 @@
+"""What `explain` returns: the verdict in words, the format's JSON, and the study with the effect declared."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fit.noise import Noise
+from scan2flex_jax.fit.result import Estimate
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One kind: evidence over the base (nats), what it would be, and its verdict; RMS in m where it was refitted."""
+
+    kind: str
+    parameters: dict
+    log_evidence: float
+    p_value: float
+    verdict: str
+    tied_with: tuple[str, ...] = ()
+    rms_fit: float | None = None
+    rms_validate: float | None = None
+    std: dict = field(default_factory=dict)
+
+    def to_json(self) -> dict:
+        """As in the study format."""
+        out = {"kind": self.kind, "parameters": _plain(self.parameters), "log_evidence": float(self.log_evidence)}
+        out |= {"p_value": float(self.p_value)}
+        out |= {k: float(v) for k in ("rms_fit", "rms_validate") if (v := getattr(self, k)) is not None and np.isfinite(v)}
+        if self.std:
+            out["std"] = _plain(self.std)
+        return out | {"verdict": self.verdict, "tied_with": list(self.tied_with)}
+
+
+@dataclass(frozen=True)
+class PoseChange:
+    """One pose before and after: RMS distance (m), the largest after, and the residual along s for a picture."""
+
+    role: str
+    rms_before: float
+    rms: float
+    worst: float
+    stable: bool
+    s: np.ndarray = field(repr=False)
+    residual_before: np.ndarray = field(repr=False)
+    residual: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
+    modelled: np.ndarray = field(repr=False)
+
+    def to_json(self) -> dict:
+        """As in the study format."""
+        named = {"rms_before": self.rms_before, "rms": self.rms, "max": self.worst}
+        figures = {k: float(v) for k, v in named.items() if np.isfinite(v)}
+        return {"role": self.role, "stable": self.stable} | figures
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What physics the model lacks, with the evidence, the refitted model, and the error before and after.
+
+    ``ranking`` holds every kind, the most likely first; ``chosen`` the effects of the refitted model (none, one or
+    several); ``estimates`` are those after; ``families`` log evidence of each family of ghost fields; ``sentences`` say in
+    words what was found, ``settle`` what measurement would decide a tie. ``study`` has the effects declared.
+    """
+
+    study: object = field(repr=False)
+    fit: object = field(repr=False)
+    verdict: str
+    p_value: float
+    noise: Noise | None
+    ranking: tuple[Ranked, ...] = ()
+    chosen: tuple[Ranked, ...] = ()
+    p_after: float | None = None
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    poses: dict[str, PoseChange] = field(default_factory=dict)
+    families: dict[str, float] = field(default_factory=dict)
+    settle: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ()
+    gates: dict = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @property
+    def significant(self) -> bool:
+        """Whether the plain rod leaves more than noise, at the 5 % level."""
+        return bool(self.p_value <= 0.05)
+
+    def rms(self, role: str = "fit", after: bool = True) -> float:
+        """Root mean square distance (m) over all points of the poses of a role; NaN where there are none."""
+        own = [p.residual if after else p.residual_before for p in self.poses.values() if p.role == role]
+        points = sum(len(r) for r in own)
+        return float(np.sqrt(sum(np.sum(r**2) for r in own) / points)) if points else float("nan")
+
+    def to_json(self) -> dict:
+        """The format's result object."""
+        out = {"format": "scan2flex-result/1", "verdict": self.verdict}
+        if self.noise is None:
+            return out | {"settle": list(self.settle), "messages": list(self.sentences), "seconds": self.seconds}
+        n = self.noise
+        before = {name: _plain(e.value) for name, e in self.fit.estimates.items()}
+        after = {name: _plain(e.value) for name, e in self.estimates.items()}
+        return {
+            "format": "scan2flex-result/1",
+            "estimates": {name: e.to_json() for name, e in self.estimates.items()},
+            "poses": {name: p.to_json() for name, p in self.poses.items()},
+            "noise": {"white": n.white, "correlated": n.correlated, "correlation_length": n.correlation_length},
+            "test": {"p_value": float(self.p_value), "significant": self.significant}
+            | ({} if self.p_after is None else {"p_value_after": float(self.p_after)}),
+            "ranking": [r.to_json() for r in self.ranking],
+            "chosen": [{"kind": r.kind, "parameters": _plain(r.parameters)} for r in self.chosen],
+            "verdict": self.verdict,
+            "before": self._errors(False) | {"estimates": before},
+            "after": self._errors(True) | {"estimates": after},
+            "families": {k: float(v) for k, v in self.families.items()},
+            "gates": _plain(self.gates),
+            "settle": list(self.settle),
+            "messages": list(self.sentences),
+            "seconds": float(self.seconds),
+        }
+
+    def _errors(self, after):
+        values = {f"rms_{role}": self.rms(role, after) for role in ("fit", "validate")}
+        return {k: v for k, v in values.items() if np.isfinite(v)}
+
+    def summary(self) -> str:
+        """The explanation in plain text, about one page."""
+        lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences)]
+        if self.noise is None:
+            return "\n".join(lines)
+        lines += ["", "  kind                      log evidence   verdict"]
+        for r in self.ranking[:8]:
+            tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
+            lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {r.verdict}{tied}")
+        lines += ["", "  estimate                    before         after"]
+        for name, e in self.estimates.items():
+            lines.append(f"  {name:<22}{_shown(self.fit.estimates[name].value):>14}{_shown(e.value):>14}")
+        lines += ["", "  pose                 role       before mm   after mm"]
+        lines += [f"  {n:<20} {p.role:<9}{1e3 * p.rms_before:11.3f}{1e3 * p.rms:11.3f}" for n, p in self.poses.items()]
+        n = self.noise
+        lines.append(f"\n  noise {1e3 * np.sqrt(2) * n.total:.3f} mm RMS (white {1e3 * n.white:.3f}, correlated "
+                     f"{1e3 * n.correlated:.3f} over {1e3 * n.correlation_length:.0f} mm, per normal)")  # fmt: skip
+        return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
+
+
+def signature_of(kind: str) -> str:
+    """What a kind looks like, in plain words."""
+    return entry_of(kind).signature
+
+
+def _shown(value):
+    return f"{float(value):.5g}" if np.ndim(value) == 0 else ", ".join(f"{v:.3g}" for v in np.ravel(value))
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if np.ndim(value) == 0:
+        return value if isinstance(value, str | bool) or value is None else float(value)
+    return np.asarray(value).tolist()

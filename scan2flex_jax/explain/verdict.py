@@ -1,0 +1,55 @@
+"""From evidence to words: what may be named, what is tied, what these poses cannot see.
+
+Evidence is in nats over the base model. A lead of five names a kind, three favours it, less is a tie (the thresholds of the
+method's prototype, where 13 of 14 wrong first places led by less than three).
+"""
+
+from dataclasses import dataclass
+
+NAMED, FAVOURED, TIED, ABSENT, INCONCLUSIVE = "named", "favoured", "tied", "absent", "inconclusive"
+NONE, EXPLAINED, TIE, UNEXPLAINED, UNSOLVED = (
+    "no missing effect", "explained", "tied", "unexplained", "not in equilibrium",
+)  # fmt: skip
+ALARM = 0.05
+LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
+_AFTER = 0.01  # p-value after the best kind below which it does not explain the shapes
+_BEATEN = 5.0  # nats by which a ghost field must beat the best kind to say that no kind fits
+_LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
+_SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A set of kinds and its evidence."""
+
+    kinds: tuple[str, ...]
+    log_evidence: float
+
+
+def ties(candidates) -> list[int]:
+    """Indices within `LEAD_FAVOURED` of the best, best first."""
+    order = sorted(range(len(candidates)), key=lambda i: -candidates[i].log_evidence)
+    best = candidates[order[0]].log_evidence
+    return [i for i in order if candidates[i].log_evidence > best - LEAD_FAVOURED]
+
+
+def leading(candidates) -> str:
+    """Verdict of the best candidate."""
+    order = sorted((c.log_evidence for c in candidates), reverse=True)
+    lead = order[0] - order[1] if len(order) > 1 else float("inf")
+    return NAMED if lead >= LEAD_NAMED else FAVOURED if lead >= LEAD_FAVOURED else TIED
+
+
+def whole(p_value: float, p_after: float, candidates, family_gain: float) -> str:
+    """Verdict of the study, once every pose is solved."""
+    if p_value > ALARM:
+        return NONE
+    best = max((c.log_evidence for c in candidates), default=float("-inf"))
+    if best < _LEAST or p_after <= _AFTER or family_gain > best + _BEATEN:
+        return UNEXPLAINED
+    return EXPLAINED if leading(candidates) != TIED else TIE
+
+
+def of_kind(log_evidence: float, visible: float) -> str:
+    """Verdict of a kind that is not among the best: absent, or not to be seen in these poses."""
+    return ABSENT if visible >= _SEEN and log_evidence < LEAD_FAVOURED else INCONCLUSIVE

@@ -1,0 +1,121 @@
+"""The statistics on synthetic numbers: only linear algebra, no cable."""
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.explain import evidence, families, pairs, score, verdict
+from scan2flex_jax.explain.residual import orthonormal, signature_basis
+
+ROWS = 120
+
+
+def groups(rng, count=12, width=2, one_sided=False):
+    base = orthonormal(rng.standard_normal((ROWS, 3)))
+    sided = (one_sided,) * width
+    return base, [score.group_of(k, rng.standard_normal((ROWS, width)), np.ones(width), base, sided) for k in range(count)]
+
+
+def test_false_alarms_come_at_the_stated_rate():
+    rng = np.random.default_rng(1)
+    base, many = groups(rng)
+    ghosts = {"field": families.family_of("field", rng.standard_normal((ROWS, 8)), base).gain}
+
+    def noise(n):
+        y = rng.standard_normal((ROWS, n))
+        return y - base @ (base.T @ y)
+
+    draws, trials = noise(300), 300
+    p = np.array([score.global_test(many, ghosts, y, draws, ROWS - 3).p_value for y in noise(trials).T])
+    for level in (0.05, 0.2):
+        assert abs(np.mean(p <= level) - level) < 4 * np.sqrt(level * (1 - level) / trials)
+
+
+def test_a_strong_effect_is_found_in_its_group():
+    rng = np.random.default_rng(2)
+    base, many = groups(rng)
+    y = many[5].X @ np.array([1.0, -1.0]) + rng.standard_normal(ROWS)
+    y, draws = (v - base @ (base.T @ v) for v in (y, rng.standard_normal((ROWS, 200))))
+    found = score.global_test(many, {}, y, draws, ROWS - 3)
+    assert found.best == 5
+    assert found.p_value < 0.01
+
+
+def test_a_one_sided_effect_of_the_wrong_sign_counts_nothing():
+    rng = np.random.default_rng(3)
+    _, many = groups(rng, 1, 1, one_sided=True)
+    y = many[0].X[:, :1]
+    assert score.statistics(many, y)[0, 0] > 0
+    assert score.statistics(many, -y)[0, 0] == 0
+
+
+def test_evidence_is_the_ratio_of_gaussian_likelihoods():
+    rng = np.random.default_rng(4)
+    X, y = rng.standard_normal((20, 3)), rng.standard_normal(20)
+    with_effect = np.eye(20) + X @ X.T
+    exact = -0.5 * (y @ np.linalg.solve(with_effect, y) + np.linalg.slogdet(with_effect)[1]) + 0.5 * y @ y
+    assert evidence.log_evidence(X.T @ X, X.T @ y) == pytest.approx(exact)
+
+
+def test_one_sided_evidence_is_that_of_half_the_prior():
+    A, b = np.array([[4.0]]), np.array([3.0])
+    a = np.linspace(0, 12, 200001)
+    density = 2 * np.exp(-0.5 * a**2) / np.sqrt(2 * np.pi) * np.exp(b[0] * a - 0.5 * A[0, 0] * a**2)
+    exact = np.log(np.trapezoid(density, a))
+    assert evidence.log_evidence(A, b, (True,)) == pytest.approx(exact, abs=1e-6)
+
+
+def test_pairs_from_the_gram_matrix_are_those_of_brute_force():
+    rng = np.random.default_rng(5)
+    _, many = groups(rng, 8)
+    y = many[1].X @ [0.7, 0.2] + many[6].X @ [-0.4, 0.6] + rng.standard_normal(ROWS)
+    kinds = list("abcdefgh")
+    singles = np.array([evidence.log_evidence(g.X.T @ g.X, g.X.T @ y) for g in many])
+    found = pairs.best_pairs(many, y, singles, kinds)
+    brute = {}
+    for i in range(8):
+        for j in range(i):
+            X = np.column_stack([many[i].X, many[j].X])
+            brute[frozenset((i, j))] = evidence.log_evidence(X.T @ X, X.T @ y)
+    assert frozenset(found[0][1:]) == max(brute, key=brute.get) == frozenset((1, 6))
+    assert found[0][0] == pytest.approx(max(brute.values()))
+
+
+def test_ghost_fields_gain_by_structure_only():
+    rng = np.random.default_rng(6)
+    field = families.family_of("field", rng.standard_normal((ROWS, 6)), np.zeros((ROWS, 0)))
+    noise = rng.standard_normal((ROWS, 200))
+    assert np.mean(field.gain(noise) > 3.0) < 0.05
+    assert field.gain(3.0 * field.U[:, :3].sum(axis=1, keepdims=True) + noise[:, :1])[0] > 3.0
+
+
+def test_the_basis_of_signatures_carries_them():
+    rng = np.random.default_rng(7)
+    base = orthonormal(rng.standard_normal((ROWS, 2)))
+    S = rng.standard_normal((ROWS, 4)) @ rng.standard_normal((4, 30))
+    basis = signature_basis(S, base)
+    left = S - base @ (base.T @ S)
+    assert basis.shape[1] == 4
+    np.testing.assert_allclose(basis @ (basis.T @ left), left, atol=1e-8)
+
+
+@pytest.mark.parametrize(("lead", "words"), [(6.0, "named"), (4.0, "favoured"), (2.0, "tied")])
+def test_the_lead_decides_the_word(lead, words):
+    candidates = [verdict.Candidate(("a",), 20.0 - lead), verdict.Candidate(("b",), 20.0)]
+    assert verdict.leading(candidates) == words
+    assert verdict.ties(candidates) == ([1, 0] if words == "tied" else [1])
+
+
+@pytest.mark.parametrize(
+    ("p_value", "p_after", "evidences", "gain", "expected"),
+    [
+        (0.3, 0.5, (20.0,), 0.0, "no missing effect"),
+        (0.001, 0.5, (20.0, 5.0), 10.0, "explained"),
+        (0.001, 0.5, (20.0, 18.5), 10.0, "tied"),
+        (0.001, 0.001, (20.0, 5.0), 10.0, "unexplained"),
+        (0.001, 0.5, (20.0, 5.0), 40.0, "unexplained"),
+        (0.04, 0.5, (-2.0,), 0.0, "unexplained"),
+    ],
+)
+def test_the_verdict_of_the_whole(p_value, p_after, evidences, gain, expected):
+    candidates = [verdict.Candidate((str(i),), e) for i, e in enumerate(evidences)]
+    assert verdict.whole(p_value, p_after, candidates, gain) == expected
