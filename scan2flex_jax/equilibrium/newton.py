@@ -27,7 +27,8 @@ from scan2flex_jax.rod.model import Rod
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
 _PUSH = 0.2  # the same for a push off a saddle
 _SETTLED = 1.0e-2  # steps below this, still indefinite, mean that a saddle attracts
-_HOLD = 1.0e-15  # stiffness that holds neutral motions, over the largest of the rod
+_ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+_HOLD = 1.0e-13  # stiffness that holds each motion of a node, over the largest of the rod: beyond rounding, below physics
 _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
 
 
@@ -74,8 +75,8 @@ class MixedNewton(optx.AbstractMinimiser):
         y = supported(rod, y)
         looking = state.size < self.atol
         d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, state, looking))
-        # neutral motions (a rod spinning between ball joints) are held by less than rounding leaves of them
-        diagonal = d.diagonal + _HOLD * jnp.max(jnp.abs(d.diagonal)) * jnp.eye(6)
+        # a motion without stiffness (a rod that spins between ball joints) must not drown in rounding
+        diagonal = d.diagonal + _hold(rod, d.diagonal)
         followed = _lent_forces(rod, d.elements, state.mode) * free_motions(rod)
         both, negative = bt.factor_and_solve(diagonal, d.upper, jnp.stack([-d.gradient, followed], axis=-1))
         twist, mode = both[..., 0], both[..., 1]
@@ -123,7 +124,14 @@ def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
     """A bending and torsional stiffness (N m^2) of the size of the softer one, or of what the weight asks for."""
     own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
     weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
-    return jnp.diag(jnp.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])) * (own + 0.1 * weight)
+    return jnp.diag(jnp.array(_ROTATION)) * (own + 0.1 * weight)
+
+
+def _hold(rod, diagonal):
+    """The small stiffness that keeps a motion without any out of the rounding; alike for rad and parts of the length."""
+    unit = jnp.array([1.0, 1.0, 1.0, rod.length, rod.length, rod.length]) / rod.length
+    largest = jnp.max(jnp.abs(diagonal) / jnp.outer(unit, unit))
+    return _HOLD * largest * jnp.diag(unit**2)
 
 
 def _lent_forces(rod, elements, mode):

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.explain import gates, report, search, verdict
 from scan2flex_jax.explain.evidence import one_step
@@ -63,7 +64,7 @@ class _Search:
                 self.best = self.pairs[0]
                 self.after = search.test_after(stage, self.best)
         rivals = self.pairs if len(self.best.components) > 1 else self.singles
-        candidates = [verdict.Candidate(r.kinds, r.log_evidence) for r in rivals]
+        candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.cost, search.same_shapes(r)) for r in rivals]
         self.tied = [rivals[i] for i in verdict.ties(candidates)]
         gain = max(self.test.family_gain.values())
         self.verdict = verdict.whole(self.test.p_value, self.after.p_value, candidates, gain)
@@ -151,4 +152,14 @@ def _sentences(found, chosen):
     text = f"something is missing (p = {p:.3f}); {names} explains it"
     rest = found.after.p_value
     tail = "what is left is noise" if rest > verdict.ALARM else f"some structure is left (p = {rest:.3f})"
-    return (f"{text}; {tail}",)
+    return (f"{text}; {tail}", *_never_told(chosen))
+
+
+def _never_told(chosen):
+    """What is no kind of the catalogue and gives the same shapes all the same."""
+    out = []
+    for r in chosen:
+        for other, when in entry_of(r.kind).same_shapes:
+            if "always" in when and other not in {e.kind for e in catalogue()}:
+                out.append(f"shapes alone never tell {r.kind} from an error of the {other.replace('_', ' ')}: {when}")
+    return tuple(out)

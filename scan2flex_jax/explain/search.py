@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.explain import evidence, families, pairs, score, verdict
 from scan2flex_jax.explain.refit import Refit, refit
 from scan2flex_jax.explain.residual import Complement, noise_like, orthonormal, signature_basis, whiten
@@ -114,8 +115,9 @@ def refit_singles(stage: Stage, amplitudes, table, statistics, progress) -> list
     worth = [k for k in order[:REFITS] if table[k][0] > table[order[0]][0] - _WORTH]
     bic = {k: evidence.bic(statistics[table[k][1]], stage.groups[table[k][1]].rank, n) for k in table}
     worth += [k for k in sorted(bic, key=lambda k: -bic[k])[:2] if k not in worth]
-    rivals = [other for other, _ in stage.components[table[order[0]][1]].entry.same_shapes if other in table]
-    worth += [k for k in rivals if k not in worth and table[k][0] > 0]
+    best = stage.components[table[order[0]][1]].entry
+    rivals = [k for k in table if k in dict(best.same_shapes) or best.kind in dict(entry_of(k).same_shapes)]
+    worth += [k for k in rivals if k not in worth and bic[k] > 0.5 * bic[order[0]]]
     out = []
     for kind in worth:
         progress(f"refit with {kind}")
@@ -136,6 +138,11 @@ def refit_pairs(stage: Stage, values, singles, progress) -> list[Refit]:
         split = len(size[0])
         out.append(_relative(stage, [stage.components[i], stage.components[j]], [a[:split] * size[0], a[split:] * size[1]]))
     return sorted(out, key=lambda r: -r.log_evidence)
+
+
+def same_shapes(found: Refit) -> tuple[str, ...]:
+    """Kinds that shapes alone cannot tell from a refit's, under the conditions that the catalogue states."""
+    return tuple(other for c in found.components for other, _ in c.entry.same_shapes)
 
 
 def _relative(stage, components, amplitudes):

@@ -15,26 +15,41 @@ LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
 _AFTER = 0.01  # p-value after the best kind below which it does not explain the shapes
 _BEATEN = 5.0  # nats by which a ghost field must beat the best kind to say that no kind fits
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
+_SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A set of kinds and its evidence."""
+    """A set of kinds, its evidence, its misfit, and the kinds that shapes alone can never tell from it."""
 
     kinds: tuple[str, ...]
     log_evidence: float
+    chi2: float = 0.0
+    same_shapes: tuple[str, ...] = ()
 
 
 def ties(candidates) -> list[int]:
-    """Indices within `LEAD_FAVOURED` of the best, best first."""
+    """Indices within `LEAD_FAVOURED` of the best, best first; and those of its exact class that fit as well.
+
+    Within an exact class evidence compares nothing but assumed sizes, so the misfit decides.
+    """
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].log_evidence)
-    best = candidates[order[0]].log_evidence
-    return [i for i in order if candidates[i].log_evidence > best - LEAD_FAVOURED]
+    best = candidates[order[0]]
+    return [i for i in order if candidates[i].log_evidence > best.log_evidence - LEAD_FAVOURED or _alike(best, candidates[i])]
+
+
+def _alike(a: Candidate, b: Candidate) -> bool:
+    """Whether two single kinds are declared to give the same shapes, and do so here."""
+    if len(a.kinds) != 1 or len(b.kinds) != 1:
+        return False
+    return (b.kinds[0] in a.same_shapes or a.kinds[0] in b.same_shapes) and b.chi2 <= a.chi2 + _SAME_MISFIT
 
 
 def leading(candidates) -> str:
     """Verdict of the best candidate."""
+    if len(ties(candidates)) > 1:
+        return TIED
     order = sorted((c.log_evidence for c in candidates), reverse=True)
     lead = order[0] - order[1] if len(order) > 1 else float("inf")
     return NAMED if lead >= LEAD_NAMED else FAVOURED if lead >= LEAD_FAVOURED else TIED

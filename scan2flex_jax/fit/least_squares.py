@@ -18,6 +18,7 @@ from scan2flex_jax.fit.evaluate import Evaluation, Evaluator
 _MOST_ITERATIONS = 60
 _LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
 _COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-12, 1.0e-9
+UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
 _GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
@@ -106,6 +107,7 @@ def _step(goal, e, shared, local, damping):
     high = np.r_[goal.high, np.full(len(x) - n, np.inf)]
     free = ~(((x <= low) & (Jr > 0)) | ((x >= high) & (Jr < 0)))
     scale = np.diag(JJ) + 1e-300
+    free &= scale > UNSEEN**2 * np.max(scale)
     A = JJ + damping * np.diag(scale)
     step = np.zeros_like(x)
     root = np.sqrt(np.diag(A))

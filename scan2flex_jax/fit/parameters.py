@@ -201,5 +201,5 @@ def values_of(layout: Layout, x: np.ndarray) -> dict[str, np.ndarray]:
     out = {}
     for slot in layout.slots:
         value = np.asarray(x[slot.at : slot.at + slot.size]).reshape(slot.shape)
-        out[slot.name] = np.exp(value) if slot.log else value
+        out[slot.name] = np.asarray(np.exp(value) if slot.log else value)
     return out

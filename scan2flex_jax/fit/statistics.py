@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.fit.least_squares import normal_equations
+from scan2flex_jax.fit.least_squares import UNSEEN, normal_equations
 from scan2flex_jax.fit.noise import Noise, estimate_noise
 from scan2flex_jax.fit.parameters import Layout
 
-_OPEN = 1.0e-5  # singular value, over the largest of the unit-column Jacobian, that means "not determined at all"
+_OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
 _VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
 _NORMALS = 2
 
@@ -44,20 +44,22 @@ def uncertainty(minimum, poses, layout: Layout, sigma: np.ndarray, noise: Noise)
     JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
     B = _middle(e, poses, layout, sigma, noise, len(JJ))
     scale = np.sqrt(np.diag(JJ))
-    scale = np.where(scale > 0, scale, 1.0)
+    hidden = scale <= UNSEEN * np.max(scale)
+    unseen = hidden[: layout.unknowns]
+    JJ = np.where(hidden[:, None] | hidden, 0.0, JJ)
+    scale = np.where(hidden, 1.0, scale)
     values, vectors = np.linalg.eigh(JJ / np.outer(scale, scale))
     closed = values > _OPEN**2 * max(values[-1], 1e-300)
     inverse = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
     covariance = (inverse @ B @ inverse)[: layout.unknowns, : layout.unknowns]
     open_part = (vectors[:, ~closed] / scale[:, None])[: layout.unknowns]
     weight = np.abs(open_part).max(axis=1, initial=0.0) > 0.05 * np.abs(open_part).max(initial=0.0)
-    unseen = np.sqrt(np.diag(JJ))[: layout.unknowns] == 0
     lost = (weight & (open_part.size > 0)) | unseen
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
     logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
     vague = logs & (np.sqrt(np.diag(covariance)) > _VAGUE)
-    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, vague & ~lost)
+    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, vague & ~lost)
     return Uncertainty(covariance, ~(lost | vague), tuple(sentences))
 
 
@@ -98,8 +100,19 @@ def _open_sentences(layout, directions, unseen):
     return sentences
 
 
-def _vague_sentences(layout, vague):
-    return [f"{layout.labels[i]} is not determined: its uncertainty exceeds a factor of 2.7" for i in np.flatnonzero(vague)]
+def _vague_sentences(layout, covariance, vague):
+    """Numbers that are vague by themselves, and those that only a vague combination makes so."""
+    own = np.flatnonzero(vague)
+    variance, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
+    directions = np.zeros((len(vague), int(np.sum(variance > _VAGUE**2))))
+    directions[own] = vectors[:, variance > _VAGUE**2]
+    involved = np.abs(directions) > 0.05 * np.abs(directions).max(axis=0, initial=0.0)
+    shared = np.sum(involved, axis=0) > 1
+    alone = vague & ~np.any(involved[:, shared], axis=1)
+    sentences = _open_sentences(layout, directions[:, shared], np.zeros(len(vague), bool))
+    return sentences + [
+        f"{layout.labels[i]} is not determined: its uncertainty exceeds a factor of 2.7" for i in np.flatnonzero(alone)
+    ]
 
 
 def _and(names):

@@ -76,7 +76,8 @@ def test_house_cases_to_two_millimetres(refined, name):
 
 @pytest.mark.parametrize("name", POSES)
 def test_poses_to_a_ten_thousandth_of_the_length(refined, name):
-    answer, reference, _ = refined[name][1]
+    """With 40 elements, the twisted P3 with 80: there 40 leave 2.3e-4 (second order; 62 would do)."""
+    answer, reference, _ = refined[name][2 if name == "P3" else 1]
     assert distance(answer, reference) < 1e-4
 
 
@@ -154,9 +155,7 @@ def displaced(configuration, length, seed):
 @pytest.fixture(scope="module")
 def settled_poses():
     """The four poses and the four house cases, each with its equilibrium from the generic start."""
-    models = [
-        (cases.model(Cable(1.0, 0.2, 0.1, 0.25)), cases.clamped(pose.end, pose.frame)) for pose in cases.four_poses()
-    ]
+    models = [(cases.model(Cable(1.0, 0.2, 0.1, 0.25)), cases.clamped(pose.end, pose.frame)) for pose in cases.four_poses()]
     models += [cases.reference_case(name) for name in HOUSE]
     return [(model, boundary, cases.solved(model, boundary, 20)) for model, boundary in models]
 

@@ -119,3 +119,11 @@ def test_the_lead_decides_the_word(lead, words):
 def test_the_verdict_of_the_whole(p_value, p_after, evidences, gain, expected):
     candidates = [verdict.Candidate((str(i),), e) for i, e in enumerate(evidences)]
     assert verdict.whole(p_value, p_after, candidates, gain) == expected
+
+
+def test_an_exact_class_is_a_tie_whatever_sizes_were_assumed():
+    twist = verdict.Candidate(("natural_curvature",), 20.0, chi2=100.0, same_shapes=("clamp_rotation",))
+    roll = verdict.Candidate(("clamp_rotation",), 10.0, chi2=101.0)
+    assert verdict.leading([twist, roll]) == "tied"
+    other = verdict.Candidate(("clamp_rotation",), 10.0, chi2=120.0)
+    assert verdict.leading([twist, other]) == "named"

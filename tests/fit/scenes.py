@@ -16,6 +16,7 @@ from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, load_study
 ELEMENTS = 40
 POINTS = 60
 EI, GJ = 0.1, 0.25  # N m^2, the paper's Section 6.2
+EXACT = Tolerance()
 BOTH = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
 # where the made curves are measured: uneven, and 2 % of the length short of both clamps
 STATIONS = 0.02 + 0.96 * np.linspace(0.0, 1.0, POINTS) ** 1.2
@@ -44,14 +45,13 @@ def _poses(names):
     return tuple(thinned(p) for p in example().poses if p.name in names)
 
 
-def study_of(unknowns=BOTH, poses=("plane", "twist-90", "aside-45"), effects=(), tolerance=Tolerance(), **cable):
+def study_of(unknowns=BOTH, poses=("plane", "twist-90", "aside-45"), effects=(), tolerance=EXACT, **cable):
     """The simulated cable with these unknowns; stiffnesses are known where they are not among them."""
     cable = {"bending_stiffness": EI, "torsional_stiffness": GJ, **example().cable, **cable}
     names = [u.name for u in unknowns]
     cable = {k: v for k, v in cable.items() if k not in names}
-    return replace(
-        example(), cable=cable, unknowns=tuple(unknowns), poses=_poses(tuple(poses)), effects=tuple(effects), tolerance=tolerance
-    )
+    study = replace(example(), cable=cable, unknowns=tuple(unknowns), poses=_poses(tuple(poses)))
+    return replace(study, effects=tuple(effects), tolerance=tolerance)
 
 
 def vector(layout, truth):

