@@ -55,7 +55,7 @@ def _one_pose(pose, model, elements):
     start = None
     if pose.curve is not None:
         start = one(poses_of([pose], float(model.cable.length), elements).start, 0)
-    e = equilibrium(model, boundary_of(pose), start=start, turns=float(pose.turns), elements=elements)
+    e = equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
     s, f, m = e.section_forces()
     reaction = e.reactions()
     points = np.asarray(observed(model, e.points))

@@ -54,7 +54,13 @@ class Goal:
 
     def normal_equations(self, e: Evaluation, shared, local):
         """``J'J`` and ``J'r`` of the cost in shared and then all local numbers."""
-        return normal_equations(self.evaluator.layout, e.residual / self.sigma[:, None, None], e.jacobian / self.sigma[:, None, None, None], shared, local)
+        return normal_equations(
+            self.evaluator.layout,
+            e.residual / self.sigma[:, None, None],
+            e.jacobian / self.sigma[:, None, None, None],
+            shared,
+            local,
+        )
 
 
 def normal_equations(layout, residual, jacobian, shared, local):
@@ -114,7 +120,10 @@ def _step(goal, e, shared, local, damping):
     inside = np.ix_(free, free)
     solved = np.linalg.lstsq(A[inside] / np.outer(root, root)[inside], -Jr[free] / root[free], rcond=1e-14)[0]
     step[free] = solved / root[free]
-    longest = np.max(np.abs(step[:n]) / np.where(np.isfinite(low[:n]) & (np.abs(high[:n] - low[:n]) < 60), 1.0, 1.0 + np.abs(x[:n])), initial=0.0)
+    longest = np.max(
+        np.abs(step[:n]) / np.where(np.isfinite(low[:n]) & (np.abs(high[:n] - low[:n]) < 60), 1.0, 1.0 + np.abs(x[:n])),
+        initial=0.0,
+    )
     step *= min(1.0, _LONGEST / longest) if longest > 0 else 1.0
     x = np.clip(x + step, low, high)
     return x[:n], x[n:].reshape(local.shape)

@@ -163,9 +163,7 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
 def _put(model, name, value):
     kind, dot, parameter = name.partition(".")
     if not dot:
-        return eqx.tree_at(
-            lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape)
-        )
+        return eqx.tree_at(lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape))
     i = next(k for k, e in enumerate(model.effects) if e.kind == kind)
     old = getattr(model.effects[i], parameter)
     if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two

@@ -10,8 +10,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from scan2flex_jax.equilibrium.starts import complete_curve, curve_start
 from scan2flex_jax.compilation import compiled
+from scan2flex_jax.equilibrium.starts import complete_curve, curve_start
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
@@ -62,7 +62,7 @@ def _start(dense, boundary, turns, elements):
 
 
 def _unstack(tree):
-    return [jax.tree.map(lambda x: x[i], tree) for i in range(len(jax.tree.leaves(tree)[0]))]
+    return [jax.tree.map(lambda x, i=i: x[i], tree) for i in range(len(jax.tree.leaves(tree)[0]))]
 
 
 def _one(pose, points, given, length, room):

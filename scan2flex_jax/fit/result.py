@@ -99,7 +99,10 @@ class Fit:
             "format": "scan2flex-result/1",
             "method": self.method,
             "estimates": {name: e.to_json() for name, e in self.estimates.items()},
-            "correlations": {"names": self.labels, "matrix": np.where(np.isfinite(self.correlation), self.correlation, 0.0).tolist()},
+            "correlations": {
+                "names": self.labels,
+                "matrix": np.where(np.isfinite(self.correlation), self.correlation, 0.0).tolist(),
+            },
             "poses": {name: p.to_json() for name, p in self.poses.items()},
             "noise": {"white": noise.white, "correlated": noise.correlated, "correlation_length": noise.correlation_length},
             "converged": self.converged,
@@ -122,7 +125,7 @@ class Fit:
             f"\n  residual as noise: white {1e3 * n.white:.3f} mm, correlated {1e3 * n.correlated:.3f} mm over "
             f"{1e3 * n.correlation_length:.0f} mm (per normal)"
         )
-        return "\n".join(lines + [f"  {s}" for s in self.sentences])
+        return "\n".join([*lines, *(f"  {s}" for s in self.sentences)])
 
 
 def unit_of(name: str) -> str:

