@@ -36,6 +36,7 @@ def fit(
     prepare_jax()
     from scan2flex_jax.fit import fit as run  # noqa: PLC0415
 
+    loaded = _with_curves(loaded)
     with progress(f"fitting {loaded.title}") as tell:
         result = run(loaded, method, distance=distance, elements=elements, progress=tell)
     typer.echo(result.summary())
@@ -107,10 +108,66 @@ def demo(
         typer.echo(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
 
 
-def _draw(result, file: Path) -> None:
+@app.command()
+def extract(
+    study: StudyFolder,
+    save: Annotated[Path | None, typer.Option(help="Folder for the study with its curves; default: the study itself.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for a picture per pose.")] = None,
+) -> None:
+    """Find the centre curves of scanned poses and write them into the study. Example: scan2flex extract my-cable"""
+    from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    found, curves = _extracted(loaded)
+    save_study(found, save or loaded.folder)
+    for name, curve in curves.items():
+        typer.echo(f"{name}: {curve.arc_length[-1]:.4f} m of centre curve" + "".join(f"; {w}" for w in curve.warnings))
+        if figures:
+            _agg()
+            from scan2flex_jax.scan import save_picture  # noqa: PLC0415
+
+            figures.mkdir(parents=True, exist_ok=True)
+            save_picture(curve, figures / f"{name}.png", name)
+
+
+@app.command()
+def explain(study: StudyFolder, json: JsonFile = None) -> None:
+    """Find which physics the model lacks, with the error before and after. Example: scan2flex explain my-cable"""
+    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    from scan2flex_jax.explain import explain as run  # noqa: PLC0415
+
+    loaded = _with_curves(loaded)
+    with progress(f"explaining {loaded.title}") as tell:
+        result = run(loaded, progress=tell)
+    typer.echo(result.summary())
+    if json:
+        write_json_atomic(json, result.to_json())
+
+
+def _with_curves(study):
+    """The study itself, or with the centre curves of its scans where poses have none."""
+    return study if all(pose.curve is not None for pose in study.poses) else _extracted(study)[0]
+
+
+def _extracted(study):
+    from scan2flex_jax.scan import extract_study  # noqa: PLC0415
+
+    with progress("extracting centre curves") as tell:
+        return extract_study(study, progress=lambda name, i, n: tell(f"{name} ({i} of {n})"))
+
+
+def _agg() -> None:
     import matplotlib as mpl  # noqa: PLC0415
 
     mpl.use("Agg")
+
+
+def _draw(result, file: Path) -> None:
+    _agg()
     from scan2flex_jax import plot  # noqa: PLC0415
 
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -116,7 +116,7 @@ class Fit:
         """The fit in plain text."""
         lines = [f"{self.study.title}: {self.method} fit, {self.equilibria} equilibria, {self.seconds:.2f} s", ""]
         lines += [f"  {name:<24} {_value_text(e)}" for name, e in self.estimates.items()] + [""]
-        lines += _correlation_lines(self) + ["  pose                 role       rms mm    max mm"]
+        lines += [*_correlation_lines(self), "  pose                 role       rms mm    max mm"]
         for name, p in self.poses.items():
             figures = f"{1e3 * p.rms:9.3f} {1e3 * p.worst:9.3f}" if np.isfinite(p.rms) else f"  {p.verdict}"
             lines.append(f"  {name:<20} {p.role:<9}{figures}")
