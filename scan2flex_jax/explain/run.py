@@ -59,7 +59,8 @@ class _Search:
         self.best = self.singles[0]
         self.after = search.test_after(stage, self.best)
         if self.after.p_value <= verdict.ALARM and stage.bench.poses.count >= 3:
-            self.pairs = search.refit_pairs(stage, self.values, self.singles, say)
+            both = search.refit_pairs(stage, self.values, say) + search.refit_greedy(stage, self.best, say)
+            self.pairs = search.one_of_each(both)
             if search.accepted(self.after.p_value, self.best, self.pairs[0] if self.pairs else None):
                 self.best = self.pairs[0]
                 self.after = search.test_after(stage, self.best)

@@ -15,7 +15,7 @@ from scan2flex_jax.explain.residual import Complement, noise_like, orthonormal, 
 from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers, all_components
 from scan2flex_jax.fit.noise import Noise
 
-REFITS, PAIR_REFITS = 5, 4
+REFITS, PAIR_REFITS, GREEDY_REFITS = 5, 3, 2
 NOISE_LAWS = 8  # noises drawn beside the estimated one, for what the test does not know of the noise
 _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
 
@@ -126,7 +126,7 @@ def refit_singles(stage: Stage, amplitudes, table, statistics, progress) -> list
     return sorted(out, key=lambda r: -r.log_evidence)
 
 
-def refit_pairs(stage: Stage, values, singles, progress) -> list[Refit]:
+def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
     """Refits of the best pairs of kinds."""
     kinds = [c.kind for c in stage.components]
     out = []
@@ -138,6 +138,34 @@ def refit_pairs(stage: Stage, values, singles, progress) -> list[Refit]:
         split = len(size[0])
         out.append(_relative(stage, [stage.components[i], stage.components[j]], [a[:split] * size[0], a[split:] * size[1]]))
     return sorted(out, key=lambda r: -r.log_evidence)
+
+
+def one_of_each(found: list[Refit]) -> list[Refit]:
+    """The best refit of each set of kinds, best first."""
+    best = {}
+    for r in sorted(found, key=lambda r: r.log_evidence):
+        best[frozenset(r.kinds)] = r
+    return sorted(best.values(), key=lambda r: -r.log_evidence)
+
+
+def refit_greedy(stage: Stage, single: Refit, progress) -> list[Refit]:
+    """Refits of a second kind beside the best one, ranked at that one's refit: right where the first is far from linear."""
+    numbers = Numbers(stage.bench, single.components)
+    white = whiten(single.shapes, stage.bench.real, numbers, single.vector, stage.noise)
+    Q = orthonormal(white.J)
+    y, best = white.r - Q @ (Q.T @ white.r), {}
+    for g, group in enumerate(stage.groups):
+        X = group.X - Q @ (Q.T @ group.X)
+        A, b = X.T @ X, X.T @ y
+        value, kind = evidence.log_evidence(A, b, group.one_sided), stage.components[g].kind
+        if kind not in single.kinds and (kind not in best or value > best[kind][0]):
+            best[kind] = value, g, evidence.one_step(A, b) * stage.components[g].entry.size(stage.bench.context)
+    out = []
+    for _, g, a in sorted(best.values(), key=lambda item: -item[0])[:GREEDY_REFITS]:
+        progress(f"refit with {single.kinds[0]} and {stage.components[g].kind}")
+        first = [single.amplitudes(stage.bench, k) for k in range(len(single.components))]
+        out.append(_relative(stage, [*single.components, stage.components[g]], [*first, a]))
+    return out
 
 
 def same_shapes(found: Refit) -> tuple[str, ...]:
