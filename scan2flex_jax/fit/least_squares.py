@@ -19,6 +19,7 @@ _MOST_ITERATIONS = 60
 _LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
 _COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-12, 1.0e-9
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
+_GAIN = 1.0e-4  # of the cost: what a converged fit may still promise to gain
 _GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
@@ -161,4 +162,13 @@ def _scipy(goal, shared, method, derivative, options):
     found = optimize.minimize(value, shared, method=method, jac=derivative, bounds=bounds, options=options)
     x = best.get("x", shared)
     e = evaluator(x, local)
-    return Minimum(x, local, e, goal.cost(e, x, local), int(found.nit), bool(found.success))
+    cost = goal.cost(e, x, local)
+    converged = bool(found.success) or (np.isfinite(cost) and _to_gain(goal, e, x, local) <= _GAIN * cost)
+    return Minimum(x, local, e, cost, int(found.nit), bool(converged))
+
+
+def _to_gain(goal, e, x, local):
+    """What a Gauss-Newton step still promises of the cost: a line search that rounding has ended is at the minimum."""
+    JJ, Jr = goal.normal_equations(e, x, local)
+    n = len(x)
+    return float(Jr[:n] @ np.linalg.lstsq(JJ[:n, :n], Jr[:n], rcond=1e-12)[0])
