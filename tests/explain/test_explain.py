@@ -50,6 +50,7 @@ def test_a_clip_is_found(clip):
 
 
 def test_the_clip_is_weighed_and_placed_within_its_errors(clip):
+    """The place comes out 3.7 % of L off, 2.7 of its own standard errors: short of the 2 % that the loop is to reach."""
     found = next(r for r in clip.ranking if r.kind == "point_mass")
     for name, truth in (("position", PLACE), ("mass", MASS)):
         assert found.parameters[name] == pytest.approx(truth, abs=4.0 * found.std[name])
