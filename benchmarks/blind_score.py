@@ -1,6 +1,6 @@
 """`explain` over a folder of blind cases, scored against the sealed answers: the figures of the README's benchmark table.
 
-    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--append]
+    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--jobs 2] [--record blind]
 
 Answers are read only after all cases are diagnosed. ``accept`` in an answer lists the kinds that shapes alone cannot tell
 from the truth; a case counts as found when the tie set holds an accepted kind.
@@ -8,16 +8,27 @@ from the truth; a case counts as found when the tie set holds an accepted kind.
 
 import argparse
 import json
+import multiprocessing
 import os
 import sys
 import time
 import tomllib
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+
+from benchmarks.record import record
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
+_PER_PROCESS = 25
 BEYOND_THE_TABLE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_taper"}  # truths that the package may know
+
+
+def prepare() -> None:
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415 - in each process
+
+    prepare_jax()
 
 
 def diagnose(folder: Path) -> dict:
@@ -121,24 +132,29 @@ def main() -> None:
     parser.add_argument("answers", type=Path)
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--only", default="")
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--record", help="name of the record in benchmarks/results")
     args = parser.parse_args()
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
-    prepare_jax()
     wanted = set(filter(None, args.only.split(",")))
     folders = [f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)]
     results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
-    for folder in folders:
-        if folder.name in results:
-            continue
-        results[folder.name] = diagnose(folder)
-        brief = {k: results[folder.name].get(k) for k in ("verdict", "seconds", "fault")}
-        sys.stderr.write(f"{folder.name} {brief} {[c['kind'] for c in results[folder.name].get('chosen', [])]}\n")
-        args.json.write_text(json.dumps({"results": results}))
+    todo, context = [f for f in folders if f.name not in results], multiprocessing.get_context("spawn")
+    # fresh processes now and then: after some seventy cases the compiled code of one process has crashed it
+    for batch in (todo[i : i + _PER_PROCESS * args.jobs] for i in range(0, len(todo), _PER_PROCESS * args.jobs)):
+        with ProcessPoolExecutor(args.jobs, context, prepare) as pool:
+            running = {pool.submit(diagnose, f): f.name for f in batch}
+            for finished in as_completed(running):
+                name = running[finished]
+                results[name] = finished.result()
+                brief = {k: results[name].get(k) for k in ("verdict", "seconds", "fault")}
+                sys.stderr.write(f"{name} {brief} {[c['kind'] for c in results[name].get('chosen', [])]}\n")
+                args.json.write_text(json.dumps({"results": results}))
     done = {n: r for n, r in results.items() if "skipped" not in r}
     answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in done}
     rows = {n: score(done[n], answers[n]) for n in done}
     args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows, "results": results}, indent=1) + "\n")
+    if args.record:
+        record(args.record, {"table": table(list(rows.values())), "rows": rows})
     sys.stdout.write(json.dumps(table(list(rows.values())), indent=1) + "\n")
 
 

@@ -4,7 +4,9 @@ Start with ``fit(load_study(folder))``. float64 must be on before the first arra
 ``jax.config.update("jax_enable_x64", True)``.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 
 _HOMES = {
     "Boundary": "rod.boundary",
@@ -15,8 +17,10 @@ _HOMES = {
     "Scan2FlexError": "errors",
     "StudyError": "errors",
     "equilibrium": "equilibrium.solve",
+    "explain": "explain",
     "fit": "fit",
     "load_study": "study",
+    "plan": "explain",
     "plot": "",
     "predict": "predict",
     "save_study": "study",
@@ -25,13 +29,29 @@ __all__ = sorted(_HOMES)
 __version__ = "0.1.0"
 
 
+
+def _public(name):
+    """A public object, imported when it is first asked for, so that reading a study does not load JAX."""
+    home = import_module(f"{__name__}.{_HOMES[name] or name}")
+    return getattr(home, name) if _HOMES[name] else home
+
+
+class _Package(ModuleType):
+    """The package. `equilibrium`, `fit` and `predict` name its functions, though modules are called so too: those are
+    reached by imports from them, ``from scan2flex_jax.fit import METHODS``."""
+
+    equilibrium = property(lambda self: _public("equilibrium"), lambda self, module: None)
+    fit = property(lambda self: _public("fit"), lambda self, module: None)
+    predict = property(lambda self: _public("predict"), lambda self, module: None)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
 def __getattr__(name: str):
-    """Public names are imported when they are first used, so that reading a study does not load JAX."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name == "plot":
-        return import_module(f"{__name__}.plot")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return _public(name)
 
 
 def __dir__():

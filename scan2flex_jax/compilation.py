@@ -5,6 +5,7 @@ XLA's CPU fusion emitters spend about twice the compile time on graphs of many s
 """
 
 from functools import cache
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -27,6 +28,8 @@ def _options() -> dict:
 class compiled:  # noqa: N801 - used as a decorator
     """`equinox.filter_jit` with the package's compiler options, chosen at the first call."""
 
+    _more: ClassVar[dict] = {}
+
     def __init__(self, function):
         """Nothing is compiled or configured yet."""
         self.function, self.jitted = function, None
@@ -37,5 +40,11 @@ class compiled:  # noqa: N801 - used as a decorator
         if isinstance(jnp.zeros(()), jax.core.Tracer):  # inside jit every operation is traced
             return self.function(*args, **kwargs)
         if self.jitted is None:
-            self.jitted = eqx.filter_jit(self.function, compiler_options=_options())
+            self.jitted = eqx.filter_jit(self.function, compiler_options=_options() | self._more)
         return self.jitted(*args, **kwargs)
+
+
+class lightly_compiled(compiled):  # noqa: N801 - used as a decorator
+    """The same for functions that run in no time and only cost their compilation: without optimisation."""
+
+    _more: ClassVar[dict] = {"xla_backend_optimization_level": 0}

@@ -37,7 +37,7 @@ class Prediction:
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
 
 
-def predict(study, *, elements: int = 80) -> dict[str, Prediction]:
+def predict(study, *, elements: int = 40) -> dict[str, Prediction]:
     """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
     for unknown in study.unknowns:
         if study.start_value(unknown.name) is None:

@@ -23,11 +23,12 @@ Elements = Annotated[int, typer.Option(min=8, max=5000, help="Elements of the ro
 def fit(
     study: StudyFolder,
     method: Annotated[str, typer.Option(help="least-squares, bfgs or nelder-mead.")] = "least-squares",
-    distance: Annotated[str, typer.Option(help="normal, or integrated (the paper's Eq. 10).")] = "normal",
+    data: Annotated[str, typer.Option(help="curve, cloud (the points of the scans), or auto: curves where given.")] = "auto",
+    distance: Annotated[str, typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.")] = "normal",
     json: JsonFile = None,
     save: Annotated[Path | None, typer.Option(help="Save the study with its estimates to this folder.")] = None,
     figure: Annotated[Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.")] = None,
-    elements: Elements = 80,
+    elements: Elements = 40,
 ) -> None:
     """Estimate the unknowns of a study from its shapes. Example: scan2flex fit my-cable --json result.json"""
     from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
@@ -36,9 +37,8 @@ def fit(
     prepare_jax()
     from scan2flex_jax.fit import fit as run  # noqa: PLC0415
 
-    loaded = _with_curves(loaded)
     with progress(f"fitting {loaded.title}") as tell:
-        result = run(loaded, method, distance=distance, elements=elements, progress=tell)
+        result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
     typer.echo(result.summary())
     if json:
         write_json_atomic(json, result.to_json())
@@ -63,7 +63,7 @@ def simulate(
     study: StudyFolder,
     out: Annotated[Path, typer.Option(help="Folder for the CSV files.")] = Path("simulated"),
     json: JsonFile = None,
-    elements: Elements = 80,
+    elements: Elements = 40,
 ) -> None:
     """Predict shapes, section forces and moments, and clamp reactions of all poses, as CSV.
 
@@ -90,7 +90,7 @@ def simulate(
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for the pictures and results.")] = Path("scan2flex-demo"),
 ) -> None:
-    """Fit two studies that come with the package: the paper's simulated cable and a real wire."""
+    """Fit two studies that come with the package, and find what the rod lacks for the real wire."""
     from scan2flex_jax.examples import example_path  # noqa: PLC0415
     from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
 
@@ -106,6 +106,11 @@ def demo(
         _draw(result, out / f"{name}.png")
         write_json_atomic(out / f"{name}.json", result.to_json())
         typer.echo(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
+    result = _explained(loaded, 40)
+    if result.fit is not None:
+        _draw_explanation(result, out)
+        typer.echo(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")
+    write_json_atomic(out / "explanation.json", result.to_json())
 
 
 @app.command()
@@ -132,20 +137,68 @@ def extract(
 
 
 @app.command()
-def explain(study: StudyFolder, json: JsonFile = None) -> None:
-    """Find which physics the model lacks, with the error before and after. Example: scan2flex explain my-cable"""
+def explain(
+    study: StudyFolder,
+    json: JsonFile = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for pictures of the evidence, residuals and shapes.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Save the study with the effect declared to this folder.")] = None,
+    elements: Elements = 40,
+) -> None:
+    """Find which physics the model lacks, with the error before and after.
+
+    Example: scan2flex explain my-cable --json result.json --figures pictures
+    """
+    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    result = _explained(loaded, elements)
+    if json:
+        write_json_atomic(json, result.to_json())
+    if figures and result.fit is not None:
+        _draw_explanation(result, figures)
+    if save:
+        save_study(result.study, save)
+    if result.fit is None:
+        raise typer.Exit(NOT_TO_BELIEVE)
+
+
+@app.command()
+def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40) -> None:
+    """Rank poses that could be scanned next by what they would settle. Example: scan2flex plan my-cable
+
+    The clamps of the first poses are varied: twisted, rolled, nearer, aside. Poses of your own: `scan2flex_jax.plan` in Python.
+    """
     from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
 
     loaded = load_study(study)
     prepare_jax()
+    from scan2flex_jax.explain import plan as rank  # noqa: PLC0415
+
+    result = _explained(loaded, elements)
+    with progress("solving poses that could be scanned"):
+        ranked = rank(result)
+    typer.echo("\n" + ranked.summary())
+    if json:
+        write_json_atomic(json, ranked.to_json())
+
+
+def _explained(loaded, elements):
     from scan2flex_jax.explain import explain as run  # noqa: PLC0415
 
     loaded = _with_curves(loaded)
     with progress(f"explaining {loaded.title}") as tell:
-        result = run(loaded, progress=tell)
+        result = run(loaded, elements=elements, progress=tell)
     typer.echo(result.summary())
-    if json:
-        write_json_atomic(json, result.to_json())
+    return result
+
+
+def _draw_explanation(result, folder: Path) -> None:
+    _agg()
+    from scan2flex_jax import plot  # noqa: PLC0415
+
+    plot.save(plot.explained(result), folder / "explanation.png")
+    plot.save(plot.overview(result), folder / "shapes.png")
 
 
 def _with_curves(study):
@@ -170,8 +223,7 @@ def _draw(result, file: Path) -> None:
     _agg()
     from scan2flex_jax import plot  # noqa: PLC0415
 
-    file.parent.mkdir(parents=True, exist_ok=True)
-    plot.overview(result).savefig(file, dpi=150)
+    plot.save(plot.overview(result), file)
 
 
 def main() -> None:

@@ -1,8 +1,8 @@
 """Physics beyond the plain rod: one file per kind, each an effect of the rod's extension point.
 
 `effect_of` makes the effect that a study declares, `parameters_of` writes it back, `ordered` brings several into the
-order that the format means. A new kind is one file with a class (see `point_mass`), one entry in `_ALL` and, when it is
-not in the table of `study.kinds` yet, one in `_BEYOND_THE_TABLE`.
+order that the format means. A new kind of one's own is one file that ends in `catalogue.add_kind` (docs/adding-an-effect.md);
+one of the package has its class here, its format in `study.kinds` and its entry in `_materials`, `_loads` or `_ends`.
 """
 
 from scan2flex_jax.effects._registry import effect_class, effect_of, kinds, ordered, parameters_of, register_effect
@@ -33,7 +33,6 @@ from scan2flex_jax.effects.tension_stiffening import TensionStiffening
 from scan2flex_jax.effects.tension_twist_coupling import TensionTwistCoupling
 from scan2flex_jax.effects.tether import Tether
 from scan2flex_jax.effects.uniform_load import UniformLoad
-from scan2flex_jax.study.kinds import KindFormat, ParameterFormat, register_kind
 
 _ALL = (
     NaturalCurvature, Kink, AnisotropicBending, BendTwistCoupling, NonlinearBending, StiffnessProfile, Extensibility,
@@ -43,25 +42,6 @@ _ALL = (
 )  # fmt: skip
 for _class in _ALL:
     register_effect(_class)
-
-_BEYOND_THE_TABLE = (
-    KindFormat("stiffness_taper", "energy", (ParameterFormat("taper", "-"),), "stiffness grows from start to end"),
-    KindFormat("density_taper", "energy", (ParameterFormat("taper", "-"),), "mass per length grows from start to end"),
-    KindFormat("tension_twist_coupling", "energy", (ParameterFormat("lever", "m"),), "tension twists the cable"),
-    KindFormat("tension_stiffening", "energy", (ParameterFormat("gain", "m^2"),), "bending stiffens under tension"),
-    KindFormat(
-        "elastic_support",
-        "energy",
-        (
-            ParameterFormat("normal", "-", (3,), domain="unit"),
-            ParameterFormat("offset", "m"),
-            ParameterFormat("stiffness", "N/m^2", domain="nonnegative"),
-        ),
-        "a soft bed holds the cable on both sides of a plane",
-    ),
-)
-for _format in _BEYOND_THE_TABLE:
-    register_kind(_format)
 
 __all__ = ["effect_class", "effect_of", "kinds", "ordered", "parameters_of", "register_effect"]
 __all__ += [_class.__name__ for _class in _ALL]

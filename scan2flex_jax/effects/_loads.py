@@ -20,10 +20,10 @@ def _places(c):
 
 
 def _levels(c):
-    """Heights of planes that the lowest points of the poses reach at least in part, and a little above."""
+    """Heights of planes, from the lowest measured point (in a pose that touches, it lies on the plane) to a little above."""
     low, high = c.lowest_range
     margin = 0.02 * c.length
-    return tuple({"offset": h} for h in np.linspace(low + 0.25 * margin, max(high, low) + 2.0 * margin, 12))
+    return tuple({"offset": h} for h in np.linspace(low - 0.25 * margin, max(high, low) + 2.0 * margin, 13))
 
 
 def _tether_of(p, c):
@@ -68,7 +68,7 @@ ENTRIES = (
         signature="all poses lean to the same side of space",
         settle="check gravity with a plumb line in the scan frame, and scan once without draught",
         same_shapes=(("gravity", "a tilt of the scan frame, always"),
-                     ("length_density", "the part along gravity: a scale of all stiffnesses, always")),
+                     ("length_density", "the part along gravity, as a scale of all stiffnesses")),
     ),
     CatalogueEntry(
         "tether", "energy", ("stiffness", "pull x", "pull y", "pull z"),

@@ -69,6 +69,7 @@ ENTRIES = (
         settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",
         same_shapes=(
             ("clamp_rotation", "the part about d3 (natural twist) and a roll of one clamp, always"),
+            ("kink", "the part about d3 (natural twist) and a twist at one place, always"),
             ("bend_twist_coupling", "in fewer than four poses, or in poses that lie in one plane"),
         ),
     ),

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from jax import Array
 
+from scan2flex_jax.effects._registry import register_effect
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import ENDS, Place
+from scan2flex_jax.study.kinds import ENDS, KindFormat, Place, register_kind
 
 Site = dict[str, Any]
 
@@ -110,11 +111,23 @@ class CatalogueEntry:
         return np.where(self.one_sided, 0.0, -most), most
 
 
+_ADDED: dict[str, CatalogueEntry] = {}
+
+
+def add_kind(cls: type[AbstractEffect], format: KindFormat, entry: CatalogueEntry | None = None) -> None:
+    """Make a class the effect of a new kind: studies may declare it, fits may estimate its parameters, and with an ``entry``
+    `explain` looks for it. Adding the same again changes nothing; raises `Scan2FlexError` when the name is taken."""
+    register_kind(format)
+    register_effect(cls)
+    if entry is not None:
+        _ADDED[entry.kind] = entry
+
+
 def catalogue() -> tuple[CatalogueEntry, ...]:
     """All kinds that can be scanned for."""
     from scan2flex_jax.effects import _ends, _loads, _materials  # noqa: PLC0415  they are written with this module's classes
 
-    return (*_materials.ENTRIES, *_loads.ENTRIES, *_ends.ENTRIES)
+    return (*_materials.ENTRIES, *_loads.ENTRIES, *_ends.ENTRIES, *_ADDED.values())
 
 
 def entry_of(kind: str) -> CatalogueEntry:

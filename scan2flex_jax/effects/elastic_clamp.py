@@ -12,9 +12,9 @@ nothing is added to the unknowns, and a rigid grip is exactly the base model. Wh
 is zero for a rigid grip and so has a derivative there. Null: infinite stiffness, no compliance.
 """
 
+from dataclasses import replace
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
@@ -22,6 +22,7 @@ from jaxtyping import Float
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.effect import AbstractEffect, Section
+from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.energy import E3
 
 
@@ -52,4 +53,4 @@ class ElasticClamp(AbstractEffect):
             KU = K[element] @ U
             less = c * KU @ jnp.linalg.solve(ds * jnp.eye(3) + c * U.T @ KU, KU.T)
             K = K.at[element].add(-0.5 * (less + less.T))
-        return eqx.tree_at(lambda s: s.stiffness, section, K)
+        return replace(section, stiffness=K, within=stiffness_within(section.stiffness))

@@ -40,7 +40,8 @@ def sagging_start(
     t = jnp.linspace(0.0, 1.0, _DENSE)[:, None]
     hermite = (2 * t**3 - 3 * t**2 + 1) * p0 + (3 * t**2 - 2 * t**3) * p1
     reach = (t**3 - 2 * t**2 + t) * ends[0] + (t**3 - t**2) * ends[1]
-    sag = 16 * t**2 * (1 - t) ** 2 * down
+    flat = boundary.held[:, 3]  # a clamp keeps its tangent while the curve sags, a ball joint lets it tilt
+    sag = 4.0 ** (1 + flat[0] * flat[1]) * t ** (1 + flat[0]) * (1 - t) ** (1 + flat[1]) * down
 
     def too_long(m, a):
         return curves.arc_length(hermite + m * reach + a * sag)[-1] > length

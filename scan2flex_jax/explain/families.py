@@ -37,12 +37,15 @@ class Family:
 
     def gain(self, Y: np.ndarray) -> np.ndarray:
         """Log evidence over the base for each column of ``Y``, at the best amplitude."""
-        u2 = (self.U.T @ Y) ** 2
-        best = np.zeros(Y.shape[1])
-        for a in _AMPLITUDES / max(self.d[0], 1e-300):
-            t = (a * self.d) ** 2
-            best = np.maximum(best, 0.5 * (t / (1 + t)) @ u2 - 0.5 * np.sum(np.log1p(t)))
-        return best
+        return np.maximum(best_amplitude(self.U, self.d, Y)[1], 0.0)
+
+
+def best_amplitude(U: np.ndarray, d: np.ndarray, Y: np.ndarray):
+    """The amplitude of a field that makes ``Y`` (n,) or each column of (n, B) likeliest, and its log evidence over none."""
+    grid = _AMPLITUDES / max(d[0], 1e-300)
+    t = (grid[:, None] * d) ** 2
+    values = (0.5 * (t / (1 + t)) @ (U.T @ Y) ** 2).T - 0.5 * np.sum(np.log1p(t), axis=1)
+    return grid[np.argmax(values, axis=-1)], values.max(axis=-1)
 
 
 def family_of(name: str, columns: np.ndarray, base: np.ndarray, mix: np.ndarray | None = None) -> Family:

@@ -8,16 +8,18 @@ their tolerance and size, continuous parts of a site are flat over the range tha
 and a flat range R counts as a normal of standard deviation ``R/sqrt(12)``. Symbols as in `sensitivity` and `residual`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scan2flex_jax.explain.residual import whiten
 from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.fit.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _ENOUGH = 2e-3  # drop of the cost below which a refit has settled: verdicts turn on units
 _GIVE_UP = 1e7
+_WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 _EDGE = 0.01  # of the length: no place closer to a clamp
 _CONTACT_STAGES = (20.0, 400.0, 1e4)  # stiffness of a plane in units of its size: contact is hard, and met step by step
 
@@ -91,18 +93,29 @@ def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = 
     for k, (c, a) in enumerate(zip(components, amplitudes, strict=True)):
         vector[n.amplitudes(k)] = a
         vector[n.site(k)] = [float(c.site[name]) for name in c.moving]
+        if c.kind == "support_plane":  # nothing lies below a hard plane
+            vector[n.site(k)] = bench.context.lowest_range[0] + noise.total
     start = None
     for stage in _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,):
         for k, c in enumerate(components):
             if c.kind == "support_plane":
                 vector[n.amplitudes(k)] = np.minimum(stage * c.entry.size(bench.context), c.entry.bounds(bench.context)[1])
         vector = np.clip(vector, prior.low, prior.high)
-        found = _descend(bench, components, n, prior, noise, vector, start, most)
-        vector, start = found.vector, _configurations(found.shapes)
+        for law in _tempered(noise):
+            found = _descend(bench, components, n, prior, law, vector, start, most)
+            vector, start = found.vector, configurations(found.shapes)
     return found
 
 
-def _configurations(shapes):
+def _tempered(noise: Noise) -> tuple[Noise, ...]:
+    """The noise, after a whiter one where it is smooth: its metric makes a narrow valley that a start from afar is lost in."""
+    if noise.white > _WHITE * noise.correlated:
+        return (noise,)
+    return replace(noise, white=_WHITE * noise.correlated), noise
+
+
+def configurations(shapes):
+    """The configurations of solved poses, with a leading axis of poses."""
     c = shapes[0].configuration
     return type(c)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
 
@@ -129,13 +142,13 @@ def _descend(bench, components, n, prior, noise, vector, start, most):
     while np.isfinite(cost) and iteration < most and damping < _GIVE_UP:
         iteration += 1
         trial = _step(white, n, prior, vector, damping)
-        shapes2 = bench.shapes(components, trial, _configurations(shapes))
+        shapes2 = bench.shapes(components, trial, configurations(shapes))
         cost2, white2 = _cost(bench, shapes2, n, prior, noise, trial)
         if cost2 < cost:
-            converged = cost - cost2 < _ENOUGH
+            converged = bool(cost - cost2 < _ENOUGH)
             vector, shapes, white, cost, damping = trial, shapes2, white2, cost2, max(0.1 * damping, 1e-9)
         else:
-            converged = np.isfinite(cost2) and cost2 - cost < _ENOUGH
+            converged = bool(np.isfinite(cost2)) and cost2 - cost < _ENOUGH
             damping = max(10.0 * damping, 1e-3)
         if converged:
             break
@@ -146,9 +159,9 @@ def _step(white, n, prior, vector, damping):
     own = prior.precision.copy()
     own[n.nearly_known] = 0.0
     A = white.J.T @ white.J + np.diag(own)
-    g = _gradient(white, n, vector) + own * vector
+    g = white.J.T @ white.r + own * vector  # columns are derivatives of the residual itself
     free = ~prior.frozen & ~(((vector <= prior.low) & (g > 0)) | ((vector >= prior.high) & (g < 0)))
-    scale = np.sqrt(np.diag(A) + prior.width) + 1e-300
+    scale = np.sqrt(np.diag(A) + prior.width) + 1e-150
     inside = np.ix_(free, free)
     H = A[inside] / np.outer(scale, scale)[inside] + damping * np.eye(int(free.sum()))
     step = np.zeros_like(vector)
@@ -157,11 +170,6 @@ def _step(white, n, prior, vector, damping):
     shrink = np.min(np.where(np.abs(step) > reach, reach / np.maximum(np.abs(step), 1e-300), 1.0), initial=1.0)
     logs = np.max(np.abs(step[: n.shared]), initial=0.0)
     return np.clip(vector + step * min(shrink, 1.0 / max(logs, 1.0)), prior.low, prior.high)
-
-
-def _gradient(white, n, vector):
-    """Columns are derivatives of measured minus modelled; those of the priors' rows are the numbers' own."""
-    return white.J.T @ white.r
 
 
 def _finish(bench, components, n, prior, vector, shapes, white, cost, converged):
@@ -175,7 +183,7 @@ def _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
         own[n.nearly_known] = 0.0
         free = ~prior.frozen
         A = (white.J.T @ white.J + np.diag(own))[np.ix_(free, free)]
-        scale = np.sqrt(np.diag(A)) + 1e-300
+        scale = np.sqrt(np.diag(A)) + 1e-150
         correlation = A / np.outer(scale, scale) + 1e-12 * np.eye(len(A))
         known = (prior.precision + prior.width)[free]
         logdet = np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale))

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.explain import locate
 from scan2flex_jax.explain.refit import Refit
 from scan2flex_jax.explain.result import PoseChange, Ranked
 from scan2flex_jax.explain.sensitivity import Numbers
@@ -103,8 +104,8 @@ def predicted(bench, found: Refit):
     return bench.shapes(found.components, vector, derivative=False)
 
 
-def pose_changes(study_poses, bench, before, after) -> dict[str, PoseChange]:
-    """Poses of one bench before and after."""
+def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, PoseChange]:
+    """Poses of one bench before and after; ``unseen`` (poses, 2) their RMS (m) when left out, before and after."""
     out = {}
     for i, pose in enumerate(study_poses):
         (r0, _, ok0), (r1, s, ok1) = residuals(bench, before)[i], residuals(bench, after)[i]
@@ -112,7 +113,8 @@ def pose_changes(study_poses, bench, before, after) -> dict[str, PoseChange]:
         figures = [float(np.sqrt(np.mean(d**2))) for d in size]
         points = np.asarray(bench.poses.points[i])[bench.real[i]]
         modelled = np.asarray(after[i].configuration.r)
-        out[pose.name] = PoseChange(pose.role, *figures, float(np.max(size[1])), ok1, s, r0, r1, points, modelled)
+        known = () if unseen is None else tuple(float(v) for v in unseen[i])
+        out[pose.name] = PoseChange(pose.role, *figures, float(np.max(size[1])), ok1, s, r0, r1, points, modelled, *known)
     return out
 
 
@@ -127,6 +129,14 @@ def declared(study, estimates_after, chosen):
     unknowns = tuple(replace(u, guess=estimates_after[u.name].value) for u in study.unknowns)
     add = tuple(EffectDeclaration(r.kind, r.parameters) for r in chosen if r.kind in kind_names())
     return replace(study, cable=cable, unknowns=unknowns, effects=(*study.effects, *add))
+
+
+def description(found) -> Ranked:
+    """The field that describes what no effect explains: curvature or load, whichever is likelier. Not physics."""
+    fields = {"curvature_profile": locate.common_curvature(found.stage), "distributed_load": locate.common_load(found.stage)}
+    kind = max(fields, key=lambda k: fields[k].gain)
+    f, name = fields[kind], {"curvature_profile": "curvature", "distributed_load": "force"}[kind]
+    return Ranked(kind, {name: f.mean}, f.gain, found.test.p_value, "description", std={name: f.std})
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:

@@ -10,15 +10,17 @@ so that an effect in the data does not make the noise look larger.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import linalg
 
-from scan2flex_jax.fit.noise import Noise
+from scan2flex_jax.fit.noise import Noise, most_likely
 
 _NORMALS = 2
 _MOST = 64  # points of a pose that enter the likelihood of the noise
 _RANK = 24  # directions of all signatures together that are kept out of the noise
+_KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
@@ -94,34 +96,39 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
 
 
 class Complement:
-    """Restricted likelihood of the noise in the complement of base numbers (under their priors) and signatures.
+    """Restricted likelihood of the noise in the complement of the model's numbers (under their priors) and signatures.
 
-    ``signatures`` (per pose (m, 2, K)) are directions that carry them. Long curves are thinned first.
+    ``signatures`` (per pose (m, 2, K)) are directions that carry them. Poses that were scanned again (``repeats``, groups of
+    indices) share a residual of any shape, of which only their differences are noise. Long curves are thinned first.
     """
 
-    def __init__(self, shapes, real, numbers, vector, signatures, length, stated=None):
+    def __init__(self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=()):
         """Thinned curves and columns, each with where its columns stand."""
         self.length, self.stated, self.curves = length, stated, []
         extra = signatures[0].shape[-1]
-        self.columns = numbers.base + extra
+        self.columns = numbers.count + extra + len(repeats) * _NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
             own = numbers.of_pose(i)
             X = np.concatenate([shape.columns[keep][:, :_NORMALS, : len(own)], signatures[i]], axis=-1)
             thin = np.unique(np.round(np.linspace(0, len(X) - 1, min(len(X), _MOST))).astype(int))
             order = np.argsort(shape.s[keep], kind="stable")[thin]
-            at = np.r_[own, numbers.base + np.arange(extra)]
+            at = np.r_[own, numbers.count + np.arange(extra)]
+            for k in [k for k, group in enumerate(repeats) if i in group]:
+                hats = np.clip(1 - np.abs(shape.s[keep][:, None] * (_KNOTS - 1) / length - np.arange(_KNOTS)), 0, 1)
+                X = np.concatenate([X, np.einsum("mk,ab->mabk", hats, np.eye(_NORMALS)).reshape(len(X), _NORMALS, -1)], axis=-1)
+                at = np.r_[at, numbers.count + extra + k * _NORMALS * _KNOTS + np.arange(_NORMALS * _KNOTS)]
             self.curves.append((shape.s[keep][order], shape.residual[keep][order][:, :_NORMALS], X[order], at))
         self.prior = np.zeros(self.columns)
         self.prior[numbers.nearly_known] = 1.0
-        self.vector = np.r_[vector[: numbers.base], np.zeros(extra)]
+        self.vector = np.r_[vector, np.zeros(self.columns - numbers.count)]
         size = np.sqrt(np.mean([np.mean(r**2) for _, r, _, _ in self.curves]))
         self.size = max(size, 1e-12 * length)
         spacing = np.median(np.concatenate([np.diff(s) for s, *_ in self.curves]))
         self.shortest = max(spacing, 0.01 * length)
 
-    def __call__(self, u) -> float:
-        """Negative log likelihood with weak priors at ``u`` = logarithms of white, correlated (m) and length (m)."""
-        noise, total = Noise(*np.exp(u)), 0.0
+    def __call__(self, noise: Noise, u) -> float:
+        """Negative log likelihood with weak priors at ``u`` = logarithms of white, correlated (m) and length (m) of a noise."""
+        total = 0.0
         XX, Xr = np.diag(self.prior), self.prior * self.vector
         for s, r, X, at in self.curves:
             factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
@@ -129,7 +136,7 @@ class Complement:
             total += _NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * both[:, 0] @ both[:, 0]
             XX[np.ix_(at, at)] += both[:, 1:].T @ both[:, 1:]
             Xr[at] += both[:, 1:].T @ both[:, 0]
-        scale = np.sqrt(np.diag(XX)) + 1e-300
+        scale = np.sqrt(np.diag(XX)) + 1e-150
         values, vectors = np.linalg.eigh(XX / np.outer(scale, scale))
         keep = values > 1e-9 * values[-1]
         projected = vectors[:, keep].T @ (Xr / scale)
@@ -144,28 +151,27 @@ class Complement:
         beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(0.3 * L)) ** 2
         return prior + 1e3 * beyond
 
+    @cached_property
     def estimate(self) -> Noise:
         """The most likely noise."""
-        guess = self.stated or self.size
-        starts = [(0.8, 0.3, 0.06), (0.4, 0.7, 0.1)]
-        options = {"xatol": 2e-2, "fatol": 2e-2, "maxiter": 90}
-        found = [
-            optimize.minimize(self, np.log([a * guess, b * guess, c * self.length]), method="Nelder-Mead", options=options)
-            for a, b, c in starts
-        ]
-        return Noise(*(float(v) for v in np.exp(min(found, key=lambda f: f.fun).x)))
+        return most_likely(self, self.stated or self.size, self.length)
 
     def draws(self, noise: Noise, count: int, rng) -> list[Noise]:
         """Noises as likely as the estimated one: a normal law in their logarithms with the likelihood's curvature."""
         u, h, E = np.log([noise.white, noise.correlated, noise.correlation_length]), 0.08, np.eye(3)
         H = np.zeros((3, 3))
+
+        def at(v):
+            return self(Noise(*np.exp(v), noise.smoothness), v)
+
         for i in range(3):
             for j in range(i + 1):
                 a, b = h * E[i], h * E[j]
-                H[i, j] = H[j, i] = (self(u + a + b) - self(u + a - b) - self(u - a + b) + self(u - a - b)) / (4 * h * h)
+                H[i, j] = H[j, i] = (at(u + a + b) - at(u + a - b) - at(u - a + b) + at(u - a - b)) / (4 * h * h)
         values, vectors = np.linalg.eigh(H)
         spread = vectors / np.sqrt(np.maximum(values, 4.0))
-        return [Noise(*np.exp(u + np.clip(spread @ rng.standard_normal(3), -0.7, 0.7))) for _ in range(count)]
+        found = [u + np.clip(spread @ rng.standard_normal(3), -0.7, 0.7) for _ in range(count)]
+        return [Noise(*np.exp(v), noise.smoothness) for v in found]
 
 
 def noise_like(white: Whitened, shapes, noises, count: int, rng) -> np.ndarray:

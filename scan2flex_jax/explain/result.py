@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.explain.locate import Field
 from scan2flex_jax.fit.noise import Noise
 from scan2flex_jax.fit.result import Estimate
 
@@ -35,7 +36,10 @@ class Ranked:
 
 @dataclass(frozen=True)
 class PoseChange:
-    """One pose before and after: RMS distance (m), the largest after, and the residual along s for a picture."""
+    """One pose before and after: RMS distance (m), the largest after, and the residual along s for a picture.
+
+    ``left_out``: RMS distance (m) when the pose is predicted from the other fitted poses (None for validate poses).
+    """
 
     role: str
     rms_before: float
@@ -47,11 +51,14 @@ class PoseChange:
     residual: np.ndarray = field(repr=False)
     measured: np.ndarray = field(repr=False)
     modelled: np.ndarray = field(repr=False)
+    left_out_before: float | None = None
+    left_out: float | None = None
 
     def to_json(self) -> dict:
         """As in the study format."""
         named = {"rms_before": self.rms_before, "rms": self.rms, "max": self.worst}
-        figures = {k: float(v) for k, v in named.items() if np.isfinite(v)}
+        named |= {"left_out_before": self.left_out_before, "left_out": self.left_out}
+        figures = {k: float(v) for k, v in named.items() if v is not None and np.isfinite(v)}
         return {"role": self.role, "stable": self.stable} | figures
 
 
@@ -61,7 +68,9 @@ class Explanation:
 
     ``ranking`` holds every kind, the most likely first; ``chosen`` the effects of the refitted model (none, one or
     several); ``estimates`` are those after; ``families`` log evidence of each family of ghost fields; ``sentences`` say in
-    words what was found, ``settle`` what measurement would decide a tie. ``study`` has the effects declared.
+    words what was found, ``settle`` what measurement would decide a tie. ``load`` is the equivalent load field (N/m) that all
+    poses share and ``pose_loads`` that of each fitted pose: where something acts, not what. ``description`` stands in for an
+    effect where none explains the shapes: a field that describes and is not physics. ``study`` has the effects declared.
     """
 
     study: object = field(repr=False)
@@ -79,6 +88,10 @@ class Explanation:
     sentences: tuple[str, ...] = ()
     gates: dict = field(default_factory=dict)
     seconds: float = 0.0
+    load: Field | None = field(repr=False, default=None)
+    pose_loads: tuple[Field, ...] = field(repr=False, default=())
+    description: Ranked | None = None
+    search: object = field(repr=False, default=None)
 
     @property
     def significant(self) -> bool:
@@ -90,6 +103,13 @@ class Explanation:
         own = [p.residual if after else p.residual_before for p in self.poses.values() if p.role == role]
         points = sum(len(r) for r in own)
         return float(np.sqrt(sum(np.sum(r**2) for r in own) / points)) if points else float("nan")
+
+    def rms_left_out(self, after: bool = True) -> float:
+        """Root mean square distance (m) over the fitted poses, each predicted from the others; NaN with a single one."""
+        own = [(p.left_out if after else p.left_out_before, len(p.residual)) for p in self.poses.values() if p.role == "fit"]
+        if len(own) < 2 or any(v is None for v, _ in own):
+            return float("nan")
+        return float(np.sqrt(sum(v**2 * n for v, n in own) / sum(n for _, n in own)))
 
     def to_json(self) -> dict:
         """The format's result object."""
@@ -113,6 +133,8 @@ class Explanation:
             "after": self._errors(True) | {"estimates": after},
             "families": {k: float(v) for k, v in self.families.items()},
             "gates": _plain(self.gates),
+            "equivalent_load": self.load.to_json(),
+            **({} if self.description is None else {"description": self.description.to_json()}),
             "settle": list(self.settle),
             "messages": list(self.sentences),
             "seconds": float(self.seconds),
@@ -120,6 +142,7 @@ class Explanation:
 
     def _errors(self, after):
         values = {f"rms_{role}": self.rms(role, after) for role in ("fit", "validate")}
+        values["rms_left_out"] = self.rms_left_out(after)
         return {k: v for k, v in values.items() if np.isfinite(v)}
 
     def summary(self) -> str:
@@ -134,8 +157,8 @@ class Explanation:
         lines += ["", "  estimate                    before         after"]
         for name, e in self.estimates.items():
             lines.append(f"  {name:<22}{_shown(self.fit.estimates[name].value):>14}{_shown(e.value):>14}")
-        lines += ["", "  pose                 role       before mm   after mm"]
-        lines += [f"  {n:<20} {p.role:<9}{1e3 * p.rms_before:11.3f}{1e3 * p.rms:11.3f}" for n, p in self.poses.items()]
+        lines += ["", "  pose                 role       before mm   after mm   left out: before, after mm"]
+        lines += [_pose_line(n, p) for n, p in self.poses.items()]
         n = self.noise
         lines.append(f"\n  noise {1e3 * np.sqrt(2) * n.total:.3f} mm RMS (white {1e3 * n.white:.3f}, correlated "
                      f"{1e3 * n.correlated:.3f} over {1e3 * n.correlation_length:.0f} mm, per normal)")  # fmt: skip
@@ -145,6 +168,11 @@ class Explanation:
 def signature_of(kind: str) -> str:
     """What a kind looks like, in plain words."""
     return entry_of(kind).signature
+
+
+def _pose_line(name, p):
+    line = f"  {name:<20} {p.role:<9}{1e3 * p.rms_before:11.3f}{1e3 * p.rms:11.3f}"
+    return line if p.left_out is None else f"{line}{1e3 * p.left_out_before:19.3f}{1e3 * p.left_out:11.3f}"
 
 
 def _shown(value):

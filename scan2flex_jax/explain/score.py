@@ -79,7 +79,7 @@ def global_test(groups, families, y: np.ndarray, draws: np.ndarray, freedom: int
     """
     rank = np.array([g.rank for g in groups])
     both = np.column_stack([y, draws])
-    scale = np.sum(both**2, axis=0) / freedom
+    scale = np.maximum(np.sum(both**2, axis=0) / freedom, 1.0)  # less than the noise foretells is no reason for an alarm
     both = both / np.sqrt(scale)
     T = statistics(groups, both)
     strength = np.where(rank[:, None] > 0, log_p(T, rank), 0.0)

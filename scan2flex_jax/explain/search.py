@@ -1,116 +1,109 @@
-"""The search: from the plain fit to the candidates that are worth a refit, and the refits.
+"""The search: from the scores to refits, from one effect to several, and what is tied with the best.
 
-Stages, each using the last: noise beside the signatures, the base in the metric of that noise, the global test, one-step
-evidence of every group, refits of the best kinds, pairs when one kind is not enough, and the test again after the best.
+Each round refits what the scores find most likely: single kinds first, then pairs (found together from one Gram matrix, or one
+beside the best), then a third beside the best pair. A wider set must be asked for by the test on what is left, win by three
+nats, and lose as much when any of its effects is dropped (backward check).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from scan2flex_jax.effects.catalogue import entry_of
-from scan2flex_jax.explain import evidence, families, pairs, score, verdict
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.explain import evidence, pairs, verdict
 from scan2flex_jax.explain.refit import Refit, refit
-from scan2flex_jax.explain.residual import Complement, noise_like, orthonormal, signature_basis, whiten
-from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers, all_components
-from scan2flex_jax.fit.noise import Noise
+from scan2flex_jax.explain.residual import orthonormal, whiten
+from scan2flex_jax.explain.score import Test
+from scan2flex_jax.explain.sensitivity import Numbers
+from scan2flex_jax.explain.stage import Stage, one_step, test, test_after
 
-REFITS, PAIR_REFITS, GREEDY_REFITS = 5, 3, 2
-NOISE_LAWS = 8  # noises drawn beside the estimated one, for what the test does not know of the noise
+REFITS, PAIR_REFITS, GREEDY_REFITS = 5, 4, 3
+MOST_EFFECTS = 3
 _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
 
 
 @dataclass
-class Stage:
-    """All that the scores rest on: whitened residual, groups (one per component), families, noise draws."""
+class Found:
+    """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
+    the ``best`` one (the base when nothing is missing), those ``tied`` with it, the verdict and that of the best alone."""
 
-    bench: Bench
-    noise: Noise
-    base: Refit
-    components: list[Component]
-    groups: list
-    families: list
-    white: object
-    draws: np.ndarray
-    y: np.ndarray
-    Q: np.ndarray
-    owner: np.ndarray
+    stage: Stage
+    test: Test
+    values: np.ndarray
+    amplitudes: list
+    table: dict
+    refits: dict[frozenset, Refit] = field(default_factory=dict)
+    best: Refit | None = None
+    tied: list[Refit] = field(default_factory=list)
+    after: Test | None = None
+    lead: str = verdict.ABSENT
+    verdict: str = verdict.NONE
 
-    def projected(self, extra=None):
-        """``(y, draws, basis)`` beyond the base and ``extra`` columns."""
-        Q = self.Q if extra is None else orthonormal(np.column_stack([self.Q, extra]))
-        return self.white.r - Q @ (Q.T @ self.white.r), self.draws - Q @ (Q.T @ self.draws), Q
+    @property
+    def singles(self) -> list[Refit]:
+        """Refits of one kind, best first."""
+        return sorted((r for r in self.refits.values() if len(r.kinds) == 1), key=lambda r: -r.log_evidence)
 
+    def add(self, refits) -> None:
+        """Of each set of kinds the best refit stays."""
+        for r in refits:
+            key = frozenset(r.kinds)
+            if key not in self.refits or r.log_evidence > self.refits[key].log_evidence:
+                self.refits[key] = r
 
-def prepare(bench: Bench, minimum, stated, seed: int = 0) -> Stage:
-    """Signatures, noise, the base refitted in its metric, and the groups."""
-    vector = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
-    components = all_components(bench.context)
-    start = minimum.evaluation.configuration
-    shapes = bench.shapes((), vector)
-    columns, owner = bench.catalogue_columns(vector, components, start)
-    fields = families.ghost_columns(bench, vector, start)
-    numbers = Numbers(bench, ())
-    noise, complement = _noise(bench, shapes, numbers, vector, columns, fields, stated)
-    base = refit(bench, (), noise, vector, most=6)
-    white = whiten(base.shapes, bench.real, numbers, base.vector, noise)
-    S, Q = -white.stack(columns), white.base
-    groups = [
-        score.group_of(k, S[:, owner == k], c.entry.size(bench.context), Q, c.entry.one_sided)
-        for k, c in enumerate(components)
-    ]
-    rng = np.random.default_rng(seed)
-    laws = [noise, *complement.draws(noise, NOISE_LAWS, rng)]
-    draws = noise_like(white, base.shapes, laws, score.DRAWS, rng)
-    found = families.families(white, fields, S, owner, components, Q)
-    stage = Stage(bench, noise, base, components, groups, found, white, draws, white.r, Q, owner)
-    stage.y, stage.draws, _ = stage.projected()
-    return stage
+    def widest(self, count: int) -> Refit | None:
+        """The best refit of ``count`` effects."""
+        own = [r for r in self.refits.values() if len(r.kinds) == count]
+        return max(own, key=lambda r: r.log_evidence, default=None)
 
 
-def _noise(bench, shapes, numbers, vector, columns, fields, stated):
-    size = np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(shapes, bench.real, strict=True)]))
-    plain = Noise(max(size, 1e-9), 1e-3 * max(size, 1e-9), 0.05 * bench.context.length)
-    white = whiten(shapes, bench.real, numbers, vector, plain)
-    every = np.concatenate([white.stack(columns), white.stack(fields["curvature"]), white.stack(fields["load"])], axis=1)
-    basis = signature_basis(every, white.base)
-    parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.rows]
-    complement = Complement(shapes, bench.real, numbers, vector, parts, bench.context.length, stated)
-    return complement.estimate(), complement
+def search(stage: Stage, progress=lambda message: None) -> Found:
+    """Everything from the test to the verdict at one estimate of the noise."""
+    progress("test")
+    found = Found(stage, test(stage), *one_step(stage), best=stage.base, tied=[stage.base])
+    if found.test.p_value > verdict.ALARM:
+        return found
+    found.add(refit_singles(stage, found, progress))
+    found.best = found.widest(1)
+    found.after = test_after(stage, found.best)
+    most = min(MOST_EFFECTS, (stage.bench.poses.count + 1) // 2)
+    while found.after.p_value <= verdict.ALARM and len(found.best.kinds) < most:
+        count = len(found.best.kinds) + 1
+        if count == 2:
+            found.add(refit_pairs(stage, found.values, progress))
+        found.add(refit_greedy(stage, found.best, progress))
+        wider = found.widest(count)
+        if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
+            break
+        if not _all_needed(stage, found, wider, progress):
+            break
+        found.best, found.after = wider, test_after(stage, wider)
+    rivals = list(found.refits.values())
+    candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
+    found.tied = [rivals[i] for i in verdict.ties(candidates)]
+    found.lead = verdict.leading(candidates)
+    found.verdict = verdict.whole(found.test, found.after, candidates)
+    return found
 
 
-def test(stage: Stage, extra=None, r=None) -> score.Test:
-    """The global test, of the base or (with ``extra`` columns taken out and residual ``r``) after an effect."""
-    y, draws, Q = stage.y, stage.draws, stage.Q
-    groups, ghosts = stage.groups, {f.name: f.gain for f in stage.families}
-    if extra is not None:
-        Q = orthonormal(np.column_stack([stage.Q, extra]))
-        y, draws = r - Q @ (Q.T @ r), draws - Q @ (Q.T @ draws)
-        ones = [np.ones(g.X.shape[1]) for g in stage.groups]
-        groups = [score.group_of(g.owner, g.X, o, Q, g.one_sided) for g, o in zip(stage.groups, ones, strict=True)]
-        ghosts = {f.name: families.family_of(f.name, f.U * f.d, Q).gain for f in stage.families}
-    return score.global_test(groups, ghosts, y, draws, len(y) - Q.shape[1])
+def _all_needed(stage, found, wider, progress) -> bool:
+    """Backward check: every effect of the set, dropped, costs three nats; the smaller sets are kept for the ties."""
+    kept = range(len(wider.kinds))
+    for dropped in kept:
+        rest = [k for k in kept if k != dropped]
+        key = frozenset(wider.kinds[k] for k in rest)
+        if key not in found.refits:
+            progress(f"refit without {wider.kinds[dropped]}")
+            components = [wider.components[k] for k in rest]
+            found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest])])
+        if found.refits[key].log_evidence > wider.log_evidence - verdict.LEAD_FAVOURED:
+            return False
+    return True
 
 
-def one_step(stage: Stage):
-    """Per group ``(log evidence, amplitudes)``, and per kind the averaged evidence and its best group."""
-    values, amplitudes = np.full(len(stage.groups), -np.inf), []
-    for g, group in enumerate(stage.groups):
-        A, b = group.X.T @ group.X, group.X.T @ stage.y
-        values[g] = evidence.log_evidence(A, b, group.one_sided)
-        a = evidence.one_step(A, b) * stage.components[g].entry.size(stage.bench.context)
-        amplitudes.append(np.clip(a, *stage.components[g].entry.bounds(stage.bench.context)))
-    kinds = [c.kind for c in stage.components]
-    table = {}
-    for kind in dict.fromkeys(kinds):
-        own = [g for g in range(len(kinds)) if kinds[g] == kind]
-        table[kind] = (evidence.averaged(values[own]), max(own, key=lambda g: values[g]))
-    return values, amplitudes, table
-
-
-def refit_singles(stage: Stage, amplitudes, table, statistics, progress) -> list[Refit]:
+def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
     """Refits of the best kinds by evidence, and of the best by BIC; evidence relative to the base."""
-    n = len(stage.y)
+    n, table, amplitudes, statistics = len(stage.y), found.table, found.amplitudes, found.test.T
     order = sorted(table, key=lambda k: -table[k][0])
     worth = [k for k in order[:REFITS] if table[k][0] > table[order[0]][0] - _WORTH]
     bic = {k: evidence.bic(statistics[table[k][1]], stage.groups[table[k][1]].rank, n) for k in table}
@@ -123,7 +116,7 @@ def refit_singles(stage: Stage, amplitudes, table, statistics, progress) -> list
         progress(f"refit with {kind}")
         g = table[kind][1]
         out.append(_relative(stage, [stage.components[g]], [amplitudes[g]]))
-    return sorted(out, key=lambda r: -r.log_evidence)
+    return out
 
 
 def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
@@ -137,15 +130,7 @@ def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
         size = [stage.components[g].entry.size(stage.bench.context) for g in (i, j)]
         split = len(size[0])
         out.append(_relative(stage, [stage.components[i], stage.components[j]], [a[:split] * size[0], a[split:] * size[1]]))
-    return sorted(out, key=lambda r: -r.log_evidence)
-
-
-def one_of_each(found: list[Refit]) -> list[Refit]:
-    """The best refit of each set of kinds, best first."""
-    best = {}
-    for r in sorted(found, key=lambda r: r.log_evidence):
-        best[frozenset(r.kinds)] = r
-    return sorted(best.values(), key=lambda r: -r.log_evidence)
+    return out
 
 
 def refit_greedy(stage: Stage, single: Refit, progress) -> list[Refit]:
@@ -173,6 +158,14 @@ def same_shapes(found: Refit) -> tuple[str, ...]:
     return tuple(other for c in found.components for other, _ in c.entry.same_shapes)
 
 
+def outside(found: Refit) -> tuple[str, ...]:
+    """What is no kind and always gives the shapes of a single effect: an input of the study that may be in error."""
+    if len(found.components) != 1:
+        return ()
+    kinds = {e.kind for e in catalogue()}
+    return tuple(other for other, when in found.components[0].entry.same_shapes if "always" in when and other not in kinds)
+
+
 def _relative(stage, components, amplitudes):
     found = refit(stage.bench, components, stage.noise, stage.base.vector, amplitudes)
     found.log_evidence -= stage.base.log_evidence
@@ -180,15 +173,3 @@ def _relative(stage, components, amplitudes):
         discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(stage.bench.context)}
         found.log_evidence -= np.log(len(discrete))
     return found
-
-
-def test_after(stage: Stage, found: Refit) -> score.Test:
-    """The global test with the effect in the model."""
-    numbers = Numbers(stage.bench, found.components)
-    white = whiten(found.shapes, stage.bench.real, numbers, found.vector, stage.noise)
-    return test(stage, orthonormal(white.J), white.r)
-
-
-def accepted(p_after: float, single: Refit, pair: Refit | None) -> bool:
-    """Whether the pair is worth its second effect: the single one leaves structure, and the pair wins by three nats."""
-    return pair is not None and p_after <= verdict.ALARM and pair.log_evidence > single.log_evidence + verdict.LEAD_FAVOURED

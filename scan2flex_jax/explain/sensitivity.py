@@ -10,16 +10,18 @@ Units: residuals in m; columns in m per unit of their number; amplitudes as the 
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.compilation import compiled
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import Context, Site, catalogue, entry_of
 from scan2flex_jax.explain import states
 from scan2flex_jax.fit.evaluate import one
 from scan2flex_jax.fit.parameters import boundary_at, model_at
+from scan2flex_jax.rod.effect import overriding
 
 CONTINUOUS = ("position", "width", "slip_curvature", "offset")  # parts of a site that a refit may move
 
@@ -74,7 +76,7 @@ class Bench:
 
     def __init__(self, problem, minimum, poses=None):
         """From a fit's problem and minimum; ``poses`` other than the fitted ones (for prediction)."""
-        self.problem, self.layout, self.template = problem, problem.layout, problem.template
+        self.problem, self.minimum, self.layout, self.template = problem, minimum, problem.layout, problem.template
         self.elements, self.poses = problem.elements, problem.poses if poses is None else poses
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
@@ -93,16 +95,36 @@ class Bench:
         return out
 
     def catalogue_columns(self, vector, components, start):
-        """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column."""
-        kinds = list(dict.fromkeys(c.kind for c in components))
+        """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.
+
+        ``start`` must be the equilibrium of ``vector``. Most kinds share its factors. A section law whose knee is scanned
+        is a slot of the state with another value in it at every site, and is solved once for each.
+        """
+        laws = [k for k, c in enumerate(components) if self._is_scanned_law(c)]
+        rest = [k for k in range(len(components)) if k not in laws]
+        kinds = list(dict.fromkeys(components[k].kind for k in rest))
         numbers, out = Numbers(self, ()), []
         for i in range(self.poses.count):
-            state, _ = self._state((), vector[numbers.of_pose(i)], i)
-            parts = [self._scan(k, [c for c in components if c.kind == k], vector[numbers.of_pose(i)], i) for k in kinds]
-            tangents = jax.tree.map(lambda *x: np.concatenate(x), *parts)
-            out.append(self._solve(state, tangents, i, one(start, i)).columns)
-        owner = [k for kind in kinds for k, c in enumerate(components) if c.kind == kind for _ in c.entry.amplitudes]
-        return out, np.array(owner)
+            x, here = vector[numbers.of_pose(i)], one(start, i)
+            state, _ = self._state((), x, i)
+            own = [[components[k] for k in rest if components[k].kind == kind] for kind in kinds]
+            parts = [self._scan(kind, same, x, i, here) for kind, same in zip(kinds, own, strict=True)]
+            tangents = jax.tree.map(lambda *t: np.concatenate(t), *parts)
+            columns = [self._solve(state, tangents, i, here).columns]
+            columns += [self._law_columns(components[k], x, i, here) for k in laws]
+            out.append(np.concatenate(columns, axis=-1))
+        owner = [k for kind in kinds for k in rest if components[k].kind == kind] + laws
+        return out, np.array([k for k in owner for _ in components[k].entry.amplitudes])
+
+    def _is_scanned_law(self, component):
+        slots = self.nulls.get(component.kind, ())
+        return bool(component.site) and bool(overriding(slots, "strain_energy"))
+
+    def _law_columns(self, component, x, i, start):
+        count = len(component.entry.amplitudes)
+        null = np.r_[x, np.zeros(count), [float(component.site[name]) for name in component.moving]]
+        state, tangents = self._state((component,), null, i)
+        return self._solve(state, jax.tree.map(lambda t: t[len(x) : len(x) + count], tangents), i, start).columns
 
     def field_columns(self, vector, make, shape, start):
         """Columns of a field that is no kind of the catalogue: ``make(values)`` gives its effect."""
@@ -127,10 +149,10 @@ class Bench:
         state, tangents = _state(*given, sites, self._scene(i), self.nulls)
         return state, jax.tree.map(np.asarray, tangents)
 
-    def _scan(self, kind, components, x, i):
+    def _scan(self, kind, components, x, i, start):
         sites = jax.tree.map(lambda *v: np.stack(v), *[_numeric(c.site) for c in components])
         given = (self.layout, self.elements, kind, len(components), self.template, one(self.poses.boundary, i))
-        return jax.tree.map(np.asarray, _scan(*given, jnp.asarray(x), sites, self._scene(i), self.nulls))
+        return jax.tree.map(np.asarray, _scan(*given, jnp.asarray(x), sites, self._scene(i), self.nulls, start))
 
     def _scene(self, i):
         c = self.context
@@ -198,7 +220,7 @@ def replace_effects(model, added):
     return type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
 
 
-@compiled
+@lightly_compiled
 def _state(layout, elements, kinds, moving, template, boundary, x, sites, scene, nulls):
     """State of one pose and its derivatives with respect to ``x`` = shared, local, then amplitudes and sites."""
     base = layout.shared + layout.local
@@ -216,9 +238,13 @@ def _state(layout, elements, kinds, moving, template, boundary, x, sites, scene,
     return state(x), jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(jnp.eye(len(x)))
 
 
-@compiled
-def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nulls):
-    """Derivatives of the state with respect to the amplitudes of one kind at zero, at all its sites: (sites * amplitudes)."""
+@lightly_compiled
+def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nulls, start):
+    """Derivatives of the state with respect to the amplitudes of one kind at zero, at all its sites: (sites * amplitudes).
+
+    An outer field acts at first order as the dead load that it would be at the equilibrium ``start``: as such it may stand at
+    any site of one and the same state.
+    """
     null = jnp.zeros(len(entry_of(kind).amplitudes))
 
     def at_site(site):
@@ -226,12 +252,21 @@ def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nu
             model, slots = _model(layout, template, x, (kind,), (a,), (site,), scene, nulls)
             return states.state_of(model, boundary_at(layout, boundary, x[layout.shared :]), elements, slots)
 
-        return jax.vmap(lambda t: jax.jvp(state, (null,), (t,))[1])(jnp.eye(len(null)))
+        def load(a):
+            fields = entry_of(kind).build(a, site, SimpleNamespace(**scene))
+            return states.load_of_fields(fields, state(null), start)
+
+        tangents = jax.vmap(lambda t: jax.jvp(state, (null,), (t,))[1])(jnp.eye(len(null)))
+        if not overriding(nulls.get(kind, ()), "node_potential"):
+            return tangents
+        loads = jax.vmap(lambda t: jax.jvp(load, (null,), (t,))[1])(jnp.eye(len(null)))
+        still = jax.tree.map(jnp.zeros_like, tangents.slots)
+        return eqx.tree_at(lambda t: (t.load, t.slots), tangents, (loads, still))
 
     return jax.tree.map(lambda v: v.reshape(-1, *v.shape[2:]), jax.vmap(at_site, axis_size=count)(sites))
 
 
-@compiled
+@lightly_compiled
 def _field(layout, elements, make, shape, template, boundary, x, nulls):
     size = int(np.prod(shape))
     slots = tuple(s for null in nulls.values() for s in null)

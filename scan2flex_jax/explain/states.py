@@ -25,9 +25,10 @@ from scan2flex_jax.equilibrium.solve import Verdict, equilibrium
 from scan2flex_jax.fit.distance import normal_residuals
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.effect import AbstractEffect, Section, overriding
+from scan2flex_jax.rod.effect import AbstractEffect, Node, Section, overriding
+from scan2flex_jax.rod.energy import node_weights
 from scan2flex_jax.rod.loads import DeadLoad
-from scan2flex_jax.rod.model import CableModel, Configuration, discretise
+from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 
 CHUNK = 48  # tangents that one call pushes through: enough for a refit with all its nuisances
 _ENERGY_HOOKS = ("strain_energy", "node_potential")
@@ -100,6 +101,22 @@ def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> Sta
     origin = seen(jnp.zeros((1, 3)))[0]
     view = jnp.concatenate([(seen(jnp.eye(3)) - origin).T, origin[:, None]], axis=1)
     return State(rod.section, rod.load, rod.boundary, slots, view)
+
+
+def load_of_fields(effects, state: State, configuration: Configuration) -> DeadLoad:
+    """The dead load that outer fields of effects are at a configuration: of nodes and of their tangents d3."""
+    rod = Rod(state.section, state.load, state.boundary, ())
+
+    def energy(r, d3):
+        R = configuration.R.at[:, :, 2].set(d3)
+        def node(*a):
+            seen = Node(*a, rod.section.ds, rod.boundary)
+            return sum(field.node_potential(seen) for field in overriding(effects, "node_potential"))
+
+        return jnp.sum(jax.vmap(node)(r, R, rod.node_s, node_weights(rod)))
+
+    force, lever = jax.grad(energy, argnums=(0, 1))(configuration.r, configuration.R[:, :, 2])
+    return DeadLoad(-force, -lever)
 
 
 def _shape(state, start, points, mask, expected):

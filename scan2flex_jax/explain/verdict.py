@@ -13,20 +13,25 @@ NONE, EXPLAINED, TIE, UNEXPLAINED, UNSOLVED = (
 ALARM = 0.05
 LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
 _AFTER = 0.01  # p-value after the best kind below which it does not explain the shapes
-_BEATEN = 5.0  # nats by which a ghost field must beat the best kind to say that no kind fits
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
+_VARIES = {
+    "point_mass": "mass", "density_profile": "mass", "density_taper": "mass",
+    "stiffness_profile": "stiffness", "stiffness_taper": "stiffness",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A set of kinds, its evidence, its misfit, and the kinds that shapes alone can never tell from it."""
+    """A set of kinds, its evidence, its misfit, the kinds that shapes alone can never tell from it, and what is no kind (the
+    gravity of the study, its density) and gives the same shapes ``outside`` the catalogue."""
 
     kinds: tuple[str, ...]
     log_evidence: float
     chi2: float = 0.0
     same_shapes: tuple[str, ...] = ()
+    outside: tuple[str, ...] = ()
 
 
 def ties(candidates) -> list[int]:
@@ -48,19 +53,25 @@ def _alike(a: Candidate, b: Candidate) -> bool:
 
 def leading(candidates) -> str:
     """Verdict of the best candidate."""
-    if len(ties(candidates)) > 1:
+    if len(ties(candidates)) > 1 or max(candidates, key=lambda c: c.log_evidence).outside:
         return TIED
     order = sorted((c.log_evidence for c in candidates), reverse=True)
     lead = order[0] - order[1] if len(order) > 1 else float("inf")
     return NAMED if lead >= LEAD_NAMED else FAVOURED if lead >= LEAD_FAVOURED else TIED
 
 
-def whole(p_value: float, p_after: float, candidates, family_gain: float) -> str:
-    """Verdict of the study, once every pose is solved."""
-    if p_value > ALARM:
+def whole(test, after, candidates) -> str:
+    """Verdict of the study, once every pose is solved, from the test before and after the best candidate.
+
+    A kind explains the shapes when it is likelier than nothing and no structure is left beside it. Several kinds that all say
+    how one property varies along the cable are pieces of a field, which describes it and names nothing.
+    """
+    if test.p_value > ALARM:
         return NONE
-    best = max((c.log_evidence for c in candidates), default=float("-inf"))
-    if best < _LEAST or p_after <= _AFTER or family_gain > best + _BEATEN:
+    best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
+    pieces = {_VARIES.get(kind) for kind in best.kinds}
+    of_a_field = len(best.kinds) > 1 and len(pieces) == 1 and None not in pieces
+    if best.log_evidence < _LEAST or after.p_value <= _AFTER or of_a_field:
         return UNEXPLAINED
     return EXPLAINED if leading(candidates) != TIED else TIE
 

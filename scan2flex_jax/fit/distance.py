@@ -48,36 +48,58 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
     Closest points and frames are held while differentiating; the gradient of the squared distance is exact all the same,
     since the closest point is where it is stationary.
     """
-    fixed_r, fixed_d3 = jax.lax.stop_gradient((observe(r), d3))
-    frames = jax.lax.stop_gradient(curves.transported_frames(fixed_d3, curves.frame_on(fixed_d3[0])))
-    length = jax.lax.stop_gradient(ds) * (r.shape[0] - 1)
+    fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
+    axes_at = _held_axes(fixed_r, fixed_d3, fixed_ds)
+    length = fixed_ds * (r.shape[0] - 1)
 
     def one(point, expected):
-        s = jax.lax.stop_gradient(closest_arc_length(fixed_r, fixed_d3, jax.lax.stop_gradient(ds), point, expected))
-        x, _ = curve_at(r, d3, ds, s * ds / jax.lax.stop_gradient(ds))
-        _, t = curve_at(fixed_r, fixed_d3, jax.lax.stop_gradient(ds), s)
-        t = t / jnp.linalg.norm(t)
-        n1 = frames[jnp.round(s / jax.lax.stop_gradient(ds)).astype(int), :, 0]
-        n1 = n1 - (n1 @ t) * t
-        n1 = n1 / jnp.linalg.norm(n1)
-        axes = jax.lax.stop_gradient(jnp.stack([n1, jnp.cross(t, n1), t]))
+        s = jax.lax.stop_gradient(closest_arc_length(fixed_r, fixed_d3, fixed_ds, point, expected))
+        x, _ = curve_at(r, d3, ds, s * ds / fixed_ds)
         beyond = (s <= 0.0) | (s >= length)
-        d = axes @ (point - observe(x))
+        d = axes_at(s) @ (point - observe(x))
         return d * jnp.array([1.0, 1.0, 1.0]).at[2].set(jnp.where(beyond, 1.0, 0.0)), s
 
     return jax.vmap(one)(points, expected)
 
 
+def hausdorff_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
+    """Like `normal_residuals`, zero but at the point that is farthest off: its length is the Hausdorff distance (m) from the
+    measured curve to the model (directed, since a measured curve may stop short of the clamps). Not smooth."""
+    residual, s = normal_residuals(r, d3, ds, points, expected, observe)
+    farthest = jnp.argmax(jnp.sum(residual**2, axis=1))
+    return residual * (jnp.arange(len(points)) == farthest)[:, None], s
+
+
 def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
     """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10).
 
+    Along the two normals and the tangent, as in `normal_residuals`, so that the first two tell the noise in any pose.
     Points that repeat the one before them, such as padding, have no share.
     """
-    x = jax.vmap(lambda s: observe(curve_at(r, d3, ds, s)[0]))(expected)
+    axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
+
+    def one(point, s):
+        return axes_at(jax.lax.stop_gradient(s)) @ (point - observe(curve_at(r, d3, ds, s)[0]))
+
     edges = jnp.concatenate([expected[:1], 0.5 * (expected[1:] + expected[:-1]), expected[-1:]])
     share = jnp.abs(jnp.diff(edges))
     mean = jnp.sum(share) / jnp.maximum(jnp.sum(share > 0), 1)
-    return (points - x) * jnp.sqrt(share / mean)[:, None], expected
+    return jax.vmap(one)(points, expected) * jnp.sqrt(share / mean)[:, None], expected
+
+
+def _held_axes(r, d3, ds):
+    """Function of arc length (m) to two rotation-minimising normals and the tangent there (rows); no derivatives."""
+    frames = curves.transported_frames(d3, curves.frame_on(d3[0]))
+
+    def at(s):
+        _, t = curve_at(r, d3, ds, s)
+        t = t / jnp.linalg.norm(t)
+        n1 = frames[jnp.clip(jnp.round(s / ds), 0, r.shape[0] - 1).astype(int), :, 0]
+        n1 = n1 - (n1 @ t) * t
+        n1 = n1 / jnp.linalg.norm(n1)
+        return jax.lax.stop_gradient(jnp.stack([n1, jnp.cross(t, n1), t]))
+
+    return at
 
 
 def integrated_distance(a: Float[Array, "n 3"], b: Float[Array, "m 3"], count: int = 401) -> Float[Array, ""]:

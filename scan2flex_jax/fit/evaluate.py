@@ -15,12 +15,12 @@ import numpy as np
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.equilibrium.solve import SOLVED, Verdict, equilibrium
-from scan2flex_jax.fit.distance import integrated_residuals, normal_residuals
+from scan2flex_jax.fit.distance import hausdorff_residuals, integrated_residuals, normal_residuals
 from scan2flex_jax.fit.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fit.poses import Poses
 from scan2flex_jax.rod.model import CableModel, Configuration
 
-DISTANCES = {"normal": normal_residuals, "integrated": integrated_residuals}
+DISTANCES = {"normal": normal_residuals, "integrated": integrated_residuals, "hausdorff": hausdorff_residuals}
 
 
 class Evaluation(NamedTuple):

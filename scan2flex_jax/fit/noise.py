@@ -1,8 +1,10 @@
 """The noise of measured curves: a white part and a part correlated along the cable, estimated from residuals.
 
-Covariance of one normal component of one pose: ``sw^2 I + sc^2 k(|s - s'|/l)``, ``k`` the Matern-3/2 kernel. ``sw, sc, l``
-maximise the restricted likelihood: what the base model's sensitivities explain is projected out, so fitting parameters
-does not make the noise look smaller. Weak log-normal priors keep each from running away where the data say nothing.
+Covariance of one normal component of one pose: ``sw^2 I + sc^2 k(|s - s'|/l)``, ``k`` a Matern kernel of smoothness 3/2, 5/2
+or infinity (a squared exponential): errors of a scanner may be as smooth as a spline that was laid through its points, and a
+kernel that is rougher than they are takes them for a signal. ``sw, sc, l`` and the smoothness maximise the restricted
+likelihood: what the base model's sensitivities explain is projected out, so fitting parameters does not make the noise look
+smaller. Weak log-normal priors keep each from running away where the data say nothing.
 Reference: Rasmussen and Williams, "Gaussian Processes for Machine Learning" (2006), eqs. 4.17 and 5.8; Patterson and
 Thompson (1971) for the restricted likelihood.
 """
@@ -14,15 +16,20 @@ from scipy import linalg, optimize
 
 _MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
 _NORMALS = 2
+_SMOOTHNESS = (1.5, 2.5, np.inf)
+_FLOOR = 0.1  # white part over the size of the residual: nothing finer is asked of a model of the cable
+_MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that is smooth over the whole cable, no more
+_STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in units of the size, and the length
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of one normal component (m) of the white and the correlated part, and its length (m)."""
+    """Standard deviations of one normal component (m) of the white and the correlated part, its length (m) and smoothness."""
 
     white: float
     correlated: float
     correlation_length: float
+    smoothness: float = 1.5
 
     @property
     def total(self) -> float:
@@ -31,13 +38,41 @@ class Noise:
 
     def covariance(self, s: np.ndarray) -> np.ndarray:
         """Covariance (m^2) at arc lengths ``s`` (m) of one pose."""
-        return self.white**2 * np.eye(len(s)) + self.correlated**2 * matern(s, self.correlation_length)
+        return self.white**2 * np.eye(len(s)) + self.correlated**2 * matern(s, self.correlation_length, self.smoothness)
 
 
-def matern(s: np.ndarray, length: float) -> np.ndarray:
-    """Matern-3/2 correlation of arc lengths ``s`` (m)."""
-    a = np.sqrt(3.0) * np.abs(s[:, None] - s[None, :]) / length
-    return (1.0 + a) * np.exp(-a)
+def matern(s: np.ndarray, length: float, smoothness: float = 1.5) -> np.ndarray:
+    """Matern correlation of smoothness 3/2, 5/2 or infinity of arc lengths ``s`` (m)."""
+    d = np.abs(s[:, None] - s[None, :]) / length
+    if smoothness == 1.5:
+        a = np.sqrt(3.0) * d
+        return (1.0 + a) * np.exp(-a)
+    if smoothness == 2.5:
+        a = np.sqrt(5.0) * d
+        return (1.0 + a + a**2 / 3.0) * np.exp(-a)
+    return np.exp(-0.5 * d**2)
+
+
+def most_likely(negative, size: float, length: float) -> Noise:
+    """The noise that minimises ``negative(noise, u)``, ``u`` the logarithms of its white, correlated (m) and length (m).
+
+    ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides.
+    """
+    options = {"xatol": 1e-2, "fatol": 1e-2, "maxiter": 120}
+
+    def objective(u, smoothness):
+        noise = Noise(*np.exp(u), smoothness)
+        beyond = max(0.0, np.log(_FLOOR * size) - u[0]) ** 2 + max(0.0, np.log(noise.total / (_MOST_OF_SIZE * size))) ** 2
+        return negative(noise, u) + 1e3 * beyond
+
+    found = []
+    for smoothness in _SMOOTHNESS:
+        for start in _STARTS if not found else _STARTS[-1:]:
+            u = np.log([start[0] * size, start[1] * size, start[2] * length])
+            f = optimize.minimize(objective, u, args=(smoothness,), method="Nelder-Mead", options=options)
+            found.append((f.fun, smoothness, f.x))
+    _, smoothness, u = min(found, key=lambda f: f[0])
+    return Noise(*(float(v) for v in np.exp(u)), smoothness)
 
 
 def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
@@ -47,26 +82,20 @@ def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
     states (m), held to within 15 %.
     """
     thin = [_thin(*c) for c in curves]
-    size = np.sqrt(np.mean(np.concatenate([r.ravel() for _, r, _ in thin]) ** 2))
-    size = max(size, 1e-12 * length)
+    r = np.concatenate([r.ravel() for _, r, _ in thin])
+    X = np.concatenate([X.reshape(_NORMALS * len(X), X.shape[2]) for _, _, X in thin])
+    left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
+    size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
     spacing = np.median(np.concatenate([np.diff(s) for s, _, _ in thin]))
     shortest = max(spacing, 0.01 * length)
 
-    def negative(u):
-        noise = Noise(*np.exp(u))
+    def negative(noise, u):
         prior = 0.5 * ((u[2] - np.log(0.07 * length)) / 0.8) ** 2 + 0.02 * ((u[1] - u[0]) ** 2)
         prior += 0.5 * ((np.log(noise.total) - np.log(stated)) / 0.15) ** 2 if stated else 0.0
         bound = 1e3 * max(0.0, np.log(shortest) - u[2]) ** 2 + 1e3 * max(0.0, u[2] - np.log(0.5 * length)) ** 2
         return restricted_likelihood(thin, noise) + prior + bound
 
-    guess = stated or size
-    starts = [(0.8, 0.5, 0.08), (0.4, 0.9, 0.15)]
-    options = {"xatol": 1e-2, "fatol": 1e-2, "maxiter": 120}
-    found = [
-        optimize.minimize(negative, np.log([a * guess, b * guess, c * length]), method="Nelder-Mead", options=options)
-        for a, b, c in starts
-    ]
-    return Noise(*(float(v) for v in np.exp(min(found, key=lambda f: f.fun).x)))
+    return most_likely(negative, stated or size, length)
 
 
 def restricted_likelihood(curves, noise: Noise) -> float:

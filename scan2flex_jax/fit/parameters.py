@@ -18,7 +18,7 @@ from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
 from scan2flex_jax.rod.model import CableModel
-from scan2flex_jax.study.kinds import CABLE, kind_format
+from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
 
 # Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
 DEFAULT_RANGE = {
@@ -37,7 +37,8 @@ CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the 
 
 @dataclass(frozen=True)
 class Slot:
-    """One unknown: where it stands in ``x``, its shape, whether by its logarithm, and its range in ``x``'s own unit."""
+    """One unknown: where it stands in ``x``, its shape, whether by its logarithm, its range in ``x``'s own unit, and the end
+    (0 start, 1 end) of a parameter with a value per end in a study that clamps only one."""
 
     name: str
     shape: tuple[int, ...]
@@ -46,6 +47,7 @@ class Slot:
     high: tuple[float, ...] = field(compare=False)
     at: int
     unit: str
+    end: int = 0
 
     @property
     def size(self) -> int:
@@ -104,7 +106,7 @@ def layout_of(study) -> Layout:
 def _slot(study, unknown, at):
     form = _format(unknown.name)
     given = [v for v in (unknown.guess, study.given(unknown.name)) if v is not None]
-    shape = np.shape(given[0]) if given else form.shapes()[0]
+    shape = np.shape(given[0]) if given else form.shapes(len(study.clamped_ends))[0]
     log = form.domain == "positive"
     default = DEFAULT_RANGE.get(unknown.name) or _ANY.get(form.domain, (-1e6, 1e6))
     if form.domain == "along_cable":
@@ -115,7 +117,8 @@ def _slot(study, unknown, at):
     )
     if log:
         low, high = np.log(low), np.log(high)
-    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit)
+    end = ENDS.index(study.clamped_ends[0]) if study.clamped_ends else 0
+    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end)
 
 
 def _format(name):
@@ -135,7 +138,8 @@ def template(study) -> CableModel:
             name = f"{declaration.kind}.{parameter.name}"
             if parameter.name not in given and name in study.unknown_names:
                 start = study.start_value(name)
-                given[parameter.name] = np.ones(parameter.shapes()[0]) * 1e-3 if start is None else start
+                shape = parameter.shapes(len(study.clamped_ends))[0]
+                given[parameter.name] = np.ones(shape) * 1e-3 if start is None else start
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
     return CableModel(cable, jnp.asarray(study.gravity), ordered(effects))
 
@@ -144,7 +148,7 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
     """The template with the shared numbers ``x`` put in; differentiable in ``x``."""
     for slot in layout.slots:
         value = x[slot.at : slot.at + slot.size].reshape(slot.shape)
-        model = _put(model, slot.name, jnp.exp(value) if slot.log else value)
+        model = _put(model, slot.name, jnp.exp(value) if slot.log else value, slot.end)
     at = layout.unknowns
     if layout.length_tolerance > 0:
         length = model.cable.length + layout.length_tolerance * x[at]
@@ -160,14 +164,14 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
     return model
 
 
-def _put(model, name, value):
+def _put(model, name, value, end):
     kind, dot, parameter = name.partition(".")
     if not dot:
         return eqx.tree_at(lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape))
     i = next(k for k, e in enumerate(model.effects) if e.kind == kind)
     old = getattr(model.effects[i], parameter)
     if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two
-        value = jnp.concatenate([value, old[1:]])
+        value = old.at[end].set(value[0])
     return eqx.tree_at(lambda m: getattr(m.effects[i], parameter), model, jnp.broadcast_to(value, jnp.shape(old)))
 
 

@@ -53,7 +53,8 @@ class Fit:
 
     ``correlation`` is that of the numbers named by ``labels``; ``sentences`` say what the poses cannot determine, what lies
     at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
-    poses).
+    poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
+    of poses are then those of the cable's axis, station by station along it).
     """
 
     study: object = field(repr=False)
@@ -71,6 +72,7 @@ class Fit:
     seconds: float
     cost: float
     problem: object = field(repr=False, default=None)
+    data: str = "curve"
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -98,6 +100,7 @@ class Fit:
         return {
             "format": "scan2flex-result/1",
             "method": self.method,
+            "data": self.data,
             "estimates": {name: e.to_json() for name, e in self.estimates.items()},
             "correlations": {
                 "names": self.labels,
@@ -114,7 +117,8 @@ class Fit:
 
     def summary(self) -> str:
         """The fit in plain text."""
-        lines = [f"{self.study.title}: {self.method} fit, {self.equilibria} equilibria, {self.seconds:.2f} s", ""]
+        to = "to point clouds" if self.data == "cloud" else "to centre curves"
+        lines = [f"{self.study.title}: {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s", ""]
         lines += [f"  {name:<24} {_value_text(e)}" for name, e in self.estimates.items()] + [""]
         lines += [*_correlation_lines(self), "  pose                 role       rms mm    max mm"]
         for name, p in self.poses.items():

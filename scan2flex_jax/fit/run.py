@@ -12,6 +12,7 @@ import numpy as np
 
 from scan2flex_jax.equilibrium.solve import SENTENCES
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fit.direct import Direct, measured_by
 from scan2flex_jax.fit.evaluate import DISTANCES, Evaluator
 from scan2flex_jax.fit.least_squares import Goal, bfgs, levenberg_marquardt, nelder_mead
 from scan2flex_jax.fit.parameters import layout_of, start_vector, template, values_of
@@ -21,8 +22,9 @@ from scan2flex_jax.fit.start import balance_start
 from scan2flex_jax.fit.statistics import noise_of, uncertainty
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
+DATA = ("auto", "curve", "cloud")
 _STIFF = ("bending_stiffness", "torsional_stiffness")
-FIT_ELEMENTS = 80  # mesh error of EI below 0.1 % on the simulated cable (0.23 % with 40)
+FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
 _NORMAL_95 = 1.959964
 _SAYABLE = 5.0  # standard deviation of a logarithm beyond which an interval is no information
 _PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
@@ -35,6 +37,7 @@ def fit(
     study,
     method: str = "least-squares",
     *,
+    data: str = "auto",
     distance: str = "normal",
     elements: int = FIT_ELEMENTS,
     progress: Callable[[str], None] | None = None,
@@ -42,30 +45,38 @@ def fit(
     """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
 
     ``method``: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance)
-    or "nelder-mead" (the paper's). ``distance``: "normal" or "integrated" (the paper's Eq. 10). ``progress`` is called with
-    a line of text now and then. Raises `Scan2FlexError` when there is nothing to fit or no pose can be solved.
+    or "nelder-mead" (the paper's). ``data``: "curve" fits centre curves (extracted first where a pose has a scan only),
+    "cloud" the points of the scans themselves, "auto" curves where every pose has one or a scan is too coarse for its
+    cable, else clouds. ``distance``, of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and
+    "nelder-mead": it has no least squares). ``progress`` is called with a line of text now and then. Raises `Scan2FlexError`
+    when there is nothing to fit or no pose can be solved.
     """
-    _check(study, method, distance)
+    _check(study, method, distance, data)
     began = time.perf_counter()
-    problem = Problem(study, elements, distance, progress or (lambda message: None))
+    progress = progress or (lambda message: None)
+    whole, scans, said = measured_by(study, data, method, distance, progress)
+    problem = Problem(whole, elements, distance, progress)
     minimum = problem.minimise(method)
+    if distance == "hausdorff":
+        minimum, said = problem.seen_by_normals(minimum), (*said, _HAUSDORFF)
     stated = _stated_noise(study)
-    noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
-    if problem.layout.shared > problem.layout.unknowns or problem.layout.local:
-        minimum = problem.with_priors(minimum, noise)
-        noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
-    sigma = problem.scale(noise)
-    known = uncertainty(minimum, problem.poses, problem.layout, sigma, noise)
-    poses = _pose_fits(problem, minimum)
+    if scans is None:
+        minimum, noise, known = _from_curves(problem, minimum, stated)
+        poses, solved = _pose_fits(problem, minimum), problem.evaluator.equilibria
+    else:
+        direct = Direct(problem, scans)
+        minimum, noise, known = direct.fit(minimum)
+        poses, solved = direct.pose_fits(minimum), direct.equilibria
+        said = (*said, *direct.sentences())
     valid, verdict = _validity(poses, noise, stated, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
-    sentences = (*known.sentences, *_bound_sentences(estimates), *verdict)
+    sentences = (*said, *known.sentences, *_bound_sentences(estimates), *verdict)
     spread = np.sqrt(np.diag(known.covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = known.covariance / np.outer(spread, spread)
     np.fill_diagonal(correlation, 1.0)
     return Fit(
-        study,
+        study if scans else whole,
         method,
         distance,
         estimates,
@@ -76,11 +87,24 @@ def fit(
         sentences,
         valid,
         minimum.converged,
-        problem.evaluator.equilibria,
+        solved,
         time.perf_counter() - began,
         minimum.cost,
         (problem, minimum),
+        "curve" if scans is None else "cloud",
     )
+
+
+def _from_curves(problem, minimum, stated):
+    """The minimum under its priors, the noise of the curves, and what is known of the estimates."""
+    noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
+    if problem.layout.shared > problem.layout.unknowns or problem.layout.local:
+        minimum = problem.with_priors(minimum, noise)
+        noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
+    return minimum, noise, uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), noise)
+
+
+_HAUSDORFF = "fitted to the largest distance of each pose: the intervals are those of a least-squares fit at these values"
 
 
 class Problem:
@@ -140,6 +164,14 @@ class Problem:
                 return minimum
         return minimum
 
+    def seen_by_normals(self, minimum):
+        """The minimum of another distance with all its residuals, for the statistics and the poses."""
+        old = self.evaluator
+        self.evaluator = Evaluator(self.layout, self.template, self.poses, self.elements, "normal")
+        self.evaluator.equilibria = old.equilibria
+        start = minimum.evaluation.configuration
+        return replace(minimum, evaluation=self.evaluator(minimum.shared, minimum.local, start=start))
+
     def with_priors(self, minimum, noise):
         """The fit again, with the nearly known numbers free under their priors."""
         return self._finite(levenberg_marquardt(self.goal(self.scale(noise)), minimum.shared, minimum.local))
@@ -156,11 +188,15 @@ class Problem:
         )
 
 
-def _check(study, method, distance):
+def _check(study, method, distance, data="curve"):
+    if data not in DATA:
+        raise Scan2FlexError(f"data {data!r} is not known: use one of {', '.join(DATA)}")
     if method not in METHODS:
         raise Scan2FlexError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
     if distance not in DISTANCES:
         raise Scan2FlexError(f"distance {distance!r} is not known: use one of {', '.join(DISTANCES)}")
+    if distance == "hausdorff" and method == "least-squares":
+        raise Scan2FlexError("the Hausdorff distance has no least squares: use method bfgs or nelder-mead with it")
     if not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     if not study.fit_poses:

@@ -24,8 +24,9 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
-from scan2flex_jax.rod.effect import Node, overriding
-from scan2flex_jax.rod.energy import E3, node_potential, node_weights, retract, section_law, strains, supported
+from scan2flex_jax.rod.effect import Node
+from scan2flex_jax.rod.element_law import element_forces, element_stiffness
+from scan2flex_jax.rod.energy import E3, node_potential, node_weights, retract, strains, supported
 from scan2flex_jax.rod.model import Configuration, Rod
 
 
@@ -51,7 +52,7 @@ class Derivatives(NamedTuple):
 
 def section_forces(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
     """Force and moment of each element in material axes (N, N m); paper, Eq. 3."""
-    return _law_derivatives(rod, strains(rod, configuration) - rod.section.natural)[0]
+    return element_forces(rod, strains(rod, configuration) - rod.section.natural)
 
 
 def free_motions(rod: Rod) -> Float[Array, "nodes 6"]:
@@ -86,7 +87,8 @@ def derivatives(
     """
     c = configuration
     strain = strains(rod, c)
-    n, K = _law_derivatives(rod, strain - rod.section.natural)
+    excess = strain - rod.section.natural
+    n, K = element_forces(rod, excess), element_stiffness(rod, excess)
     x = rod.section.ds * (strain + jnp.array(E3))
     T, A, p, stiffness, bracket = _element_blocks(rod, c, x, n, K if damping is None else K + damping, predict(n))
     At = jnp.swapaxes(A, 1, 2)
@@ -105,15 +107,6 @@ def strain_increment(rod: Rod, elements: Elements, twist: Float[Array, "nodes 6"
     """First-order change of the strains (-, 1/m) when the nodes move by ``twist``."""
     near = jnp.einsum("nij,nj->ni", elements.A, twist[:-1])
     return jnp.einsum("nij,nj->ni", elements.T, twist[1:] - near) / rod.section.ds
-
-
-def _law_derivatives(rod, excess):
-    """Force and tangent stiffness of the section law; the linear law, the usual case, needs no differentiation."""
-    stiffness = rod.section.stiffness
-    if not overriding(rod.effects, "strain_energy"):
-        return jnp.einsum("nij,nj->ni", stiffness, excess), stiffness
-    law = section_law(rod)
-    return jax.vmap(jax.grad(law))(excess, stiffness), jax.vmap(jax.hessian(law))(excess, stiffness)
 
 
 def _element_blocks(rod, c, x, n, K, forces):

@@ -20,13 +20,15 @@ from scan2flex_jax.rod.cable import Cable
 class Section(eqx.Module):
     """The rod's sections, one per element: ``s`` and ``ds`` its middle and length (m), ``stiffness`` the 6x6 matrix
     diag(GA1, GA2, EA, EI1, EI2, GJ) with couplings (N, N m, N m^2), ``natural`` = (Gamma_0, Omega_0) (-, 1/m),
-    ``density`` (kg/m)."""
+    ``density`` (kg/m). ``within`` (N m^2) is the stiffness against what varies inside an element (`element_law`); None
+    stands for that of ``stiffness``, and an effect that lays a spring between two elements keeps the material's."""
 
     s: Float[Array, " n"]
     ds: Float[Array, ""]
     stiffness: Float[Array, "n 6 6"]
     natural: Float[Array, "n 6"]
     density: Float[Array, " n"]
+    within: Float[Array, "n 3 3"] | None = None
 
 
 class Node(eqx.Module):

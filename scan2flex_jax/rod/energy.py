@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.effect import Node, overriding
+from scan2flex_jax.rod.element_law import element_energy
 from scan2flex_jax.rod.model import Configuration, Rod
 
 E3 = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the strain xi of a straight, unstretched rod: it moves along d3
@@ -39,16 +40,6 @@ def strains(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
     return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:]) / rod.section.ds - jnp.array(E3)
 
 
-def section_law(rod: Rod):
-    """Function (excess strain, stiffness) -> energy per length (J/m) of one section."""
-    laws = overriding(rod.effects, "strain_energy")
-
-    def energy(e, K):
-        return 0.5 * e @ K @ e + sum(law.strain_energy(e, K) for law in laws)
-
-    return energy
-
-
 def node_potential(rod: Rod):
     """Function Node -> energy (J) of the outer fields, or None when no effect has one."""
     fields = overriding(rod.effects, "node_potential")
@@ -65,7 +56,7 @@ def potential_energy(configuration: Configuration, rod: Rod) -> Float[Array, ""]
     """Total potential energy (J) of the rod with its ends at the supports."""
     c = supported(rod, configuration)
     excess = strains(rod, c) - rod.section.natural
-    total = rod.section.ds * jnp.sum(jax.vmap(section_law(rod))(excess, rod.section.stiffness))
+    total = rod.section.ds * jnp.sum(element_energy(rod, excess))
     total = total - jnp.sum(rod.load.force * c.r) - jnp.sum(rod.load.lever * c.R[:, :, 2])
     field = node_potential(rod)
     if field is not None:

@@ -1,11 +1,12 @@
 """From a cable, its effects and its supports to the discrete rod whose energy is minimised.
 
 The rod has ``n`` elements of equal length ``ds = L/n``. Node ``i`` carries a frame ``(r_i, R_i)``; along an element the
-strain ``xi = (Gamma + e3, Omega)`` is constant, so it is the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3): second order
-in ``ds``, exact for circles and helices, and unaffected by rigid motions.
+strain ``xi = (Gamma + e3, Omega)`` is the mean one, that of the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3), unaffected by
+rigid motions; with the element's law (`element_law`) positions are of fourth order in ``ds``.
 Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect, Section
+from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 
 
@@ -68,6 +70,8 @@ def discretise(model: CableModel, boundary: Boundary, elements: int) -> Rod:
     section = _plain_section(cable, elements)
     for effect in model.effects:
         section = effect.section(section, cable.length)
+    if section.within is None:
+        section = replace(section, within=stiffness_within(section.stiffness))
     load = distributed_load(section, section.density[:, None] * model.gravity)
     for effect in model.effects:
         load = load + effect.dead_load(section, model.gravity)

@@ -9,11 +9,12 @@ Symbols: r radius, L length between the clamps, s arc length: m.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
@@ -261,6 +262,62 @@ def extract_pose(study, pose, method: str = "least squares") -> CentreCurve:
         raise
     except Scan2FlexError as fault:
         raise StudyError(name, f"pose {pose.name!r}", f"{fault}") from fault
+
+
+@dataclass(frozen=True)
+class NearCurve:
+    """A cleaned cloud for a direct fit: points (m) near a curve (m) that is good enough to start from.
+
+    ``noise``: standard deviation of a point from the surface (m), where extraction found it; ``refused``: why it did not.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    curve: Float[np.ndarray, "m 3"]
+    noise: float | None = None
+    refused: str | None = None
+
+
+def near_curve(study, pose) -> NearCurve:
+    """The cloud of a pose, cleaned, near its centre curve: the study's, an extracted one, or a coarse one where that fails."""
+    radius, length = study.cable.get("radius"), study.cable.get("length")
+    if pose.curve is None:
+        try:
+            found = extract_pose(study, pose)
+            return NearCurve(found.stages["points used"], found.points, found.noise)
+        except Scan2FlexError as refusal:
+            if radius is None:
+                raise
+            try:
+                return _near_coarse(study, pose, refusal)
+            except Scan2FlexError:
+                raise refusal from None
+    if radius is None:
+        raise StudyError(str(pose.scan), "cable.radius", "a scan needs the cable's radius (m): give it under [cable].")
+    points = clouds.check_cloud(clouds.load_cloud(pose.scan).points, float(radius), length)
+    curve = np.asarray(pose.curve.points)
+    return NearCurve(_near(points, curve, float(radius)), curve)
+
+
+def _near(points, curve, radius):
+    wide = max(3.0 * radius, 0.015 * float(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))))
+    near = points[clouds.near_polyline(points, spline.evenly(_extended(curve, 2.0 * radius), 800), wide)]
+    if len(near) < 4:
+        raise Scan2FlexError(f"only {len(near)} points of the cloud lie near the curve that the fit starts from")
+    return near
+
+
+def _near_coarse(study, pose, refusal):
+    """Where extraction refuses: the curve through the guide points, or the doubtful one."""
+    radius, length = float(study.cable["radius"]), study.cable.get("length")
+    points = clouds.check_cloud(clouds.load_cloud(pose.scan).points, radius, length)
+    ends = [None if c is None else End(c.position, c.tangent) for c in (pose.start, pose.end)]
+    points = _cleaned(points, radius, length, *ends, pose.guide_points)
+    some = points[clouds.thin(points, coarse_step.VOTERS)]
+    if pose.guide_points is not None:
+        curve = guide_step.guided_curve(pose.guide_points, some, radius).points
+    else:
+        curve = coarse_step.find_curve(some, radius, length, *ends).points
+    return NearCurve(_near(points, curve, radius), curve, None, str(refusal))
 
 
 def _tell(progress, *what):

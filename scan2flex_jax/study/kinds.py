@@ -155,3 +155,21 @@ for _kind, _place, _words, *_parameters in (
     ("scan_offset", "observation", "measured shapes are shifted", ParameterFormat("offset", "m", (3,))),
 ):
     register_kind(KindFormat(_kind, _place, tuple(_parameters), _words))
+
+for _format in (  # real cables show these too; the format's table does not have them
+    KindFormat("stiffness_taper", "energy", (ParameterFormat("taper", "-"),), "stiffness grows from start to end"),
+    KindFormat("density_taper", "energy", (ParameterFormat("taper", "-"),), "mass per length grows from start to end"),
+    KindFormat("tension_twist_coupling", "energy", (ParameterFormat("lever", "m"),), "tension twists the cable"),
+    KindFormat("tension_stiffening", "energy", (ParameterFormat("gain", "m^2"),), "bending stiffens under tension"),
+    KindFormat(
+        "elastic_support",
+        "energy",
+        (
+            ParameterFormat("normal", "-", (3,), domain="unit"),
+            ParameterFormat("offset", "m"),
+            ParameterFormat("stiffness", "N/m^2", domain="nonnegative"),
+        ),
+        "a soft bed holds the cable on both sides of a plane",
+    ),
+):
+    register_kind(_format)

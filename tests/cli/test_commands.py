@@ -5,11 +5,14 @@ import os
 import subprocess
 import sys
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from scan2flex_jax import plot
 from scan2flex_jax.cli.app import app
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_names, example_path
 
 STUDY = """
@@ -121,7 +124,7 @@ def test_fit_and_simulate_write_what_they_say(tmp_path):
     assert estimate["low"] < estimate["value"] < estimate["high"]
     assert estimate["value"] == pytest.approx(0.1, rel=5e-3)
     assert (tmp_path / "fit.png").stat().st_size > 10_000
-    found = scan2flex("simulate", tmp_path / "fitted", "--out", tmp_path / "shapes")
+    found = scan2flex("simulate", tmp_path / "fitted", "--out", tmp_path / "shapes", "--elements", 80)
     assert found.returncode == 0, found.stderr
     shape = np.loadtxt(tmp_path / "shapes" / "plane.csv", delimiter=",", skiprows=1)
     forces = np.loadtxt(tmp_path / "shapes" / "plane-forces.csv", delimiter=",", skiprows=1)
@@ -130,4 +133,24 @@ def test_fit_and_simulate_write_what_they_say(tmp_path):
     # equilibrium of the part between two sections: the force changes by the weight in between (paper, Eq. 5)
     weight = 0.2 * 9.81 * (forces[-1, 0] - forces[0, 0])
     change = forces[-1, 1:4] - forces[0, 1:4]
-    np.testing.assert_allclose(change, [0, 0, weight], atol=1e-3 * weight)  # second order, 80 elements
+    np.testing.assert_allclose(change, [0, 0, weight], atol=1e-3 * weight)  # second order
+
+
+def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    """The old file stays when the new one fails, and nothing is left beside it."""
+    figure, file = plt.figure(), tmp_path / "deep" / "fit.svg"
+    plot.save(figure, file)
+    old = file.read_bytes()
+    assert b"<svg" in old
+
+    def full(self, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.replace", full)
+    with pytest.raises(OSError, match="No space"):
+        plot.save(figure, file)
+    assert file.read_bytes() == old
+    assert list(file.parent.iterdir()) == [file]
+    with pytest.raises(Scan2FlexError, match="no kind of picture"):
+        plot.save(figure, tmp_path / "fit.docx")
+    plt.close(figure)

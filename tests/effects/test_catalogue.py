@@ -10,7 +10,7 @@ import pytest
 import scan2flex_jax.effects as fx
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.rod.energy import section_law
+from scan2flex_jax.rod.element_law import element_forces
 from scan2flex_jax.rod.model import CableModel, discretise
 from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, kind_format
 
@@ -70,7 +70,7 @@ def rod_leaves(effects):
     for effect in effects:
         points = effect.observe(points)
     strain = jnp.array([0.0, 0.0, 0.001, 2.0, -3.0, 1.0])
-    law = jax.grad(section_law(rod))(strain, rod.section.stiffness[3])
+    law = element_forces(rod, jnp.tile(strain, (8, 1)))
     return jax.tree.leaves((rod.section, rod.load, rod.boundary, points, law))
 
 

@@ -27,7 +27,7 @@ from scan2flex_jax.rod.model import CableModel, Configuration, discretise
 START_FRAME = clamped_cases.START_FRAME
 WEIGHTLESS = (0.0, 0.0, 0.0)
 EARTH = (0.0, 0.0, -9.81)
-MESHES = (20, 40, 80)
+MESHES = (10, 20, 40)
 traces = []  # one entry for each time that a model with a point force is traced
 
 
@@ -149,12 +149,12 @@ def critical(is_stable, low, high, tolerance=1e-4) -> float:
     return 0.5 * (low + high)
 
 
-def order(errors) -> np.ndarray:
-    """Observed orders of convergence of errors on meshes that halve."""
+def order(errors, floor=0.0) -> np.ndarray:
+    """Observed orders of convergence of errors on meshes that halve; only those whose finer error is above ``floor``."""
     errors = np.asarray(errors)
-    return np.log2(errors[:-1] / errors[1:])
+    return np.log2(errors[:-1] / errors[1:])[errors[1:] > floor]
 
 
-def at_stations(points, count=20) -> np.ndarray:
+def at_stations(points, count=10) -> np.ndarray:
     """Those of the nodes that lie at ``count + 1`` equal stations."""
     return np.asarray(points)[:: (len(points) - 1) // count]

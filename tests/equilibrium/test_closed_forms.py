@@ -1,4 +1,8 @@
-"""Closed forms and certified values of static rods, each approached at second order when the mesh is refined."""
+"""Closed forms and certified values of static rods, approached at fourth order when the mesh is refined.
+
+Closed forms of inextensible rods have a floor: what shear and stretch of a rod that is only nearly rigid add. An order
+is read only where the finer error is well above it.
+"""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,8 +20,9 @@ from scan2flex_jax.rod.model import CableModel
 
 from . import cases
 
-RIGID = 1.0e7  # N, beside EI = 1 N m^2 and L = 1 m; under large loads in proportion, so that no strain exceeds 1e-6
-ORDER = 1.9
+RIGID = 1.0e8  # N, beside EI = 1 N m^2 and L = 1 m; under large loads in proportion, so that no strain exceeds 1e-7
+FLOOR = 3.0e-8  # three times what shear and stretch of such a rod leave (1e-8 L, measured with 80 elements)
+ORDER = 3.5
 
 
 def tip(cable, boundary=None, **loads):
@@ -38,8 +43,10 @@ def test_tip_loaded_cantilever(load):
     rigid = RIGID * max(1.0, load)
     got = tip(Cable(1.0, 0.0, 1.0, 1.0, rigid, rigid), gravity=cases.WEIGHTLESS, force=(0.0, 0.0, -load))
     errors = np.abs(got - [1 - back, -drop, slope])
-    assert np.all(errors[1] < 5e-5 * max(1.0, load))
-    assert np.all(cases.order(np.linalg.norm(errors[:, :2], axis=1)) > ORDER)
+    assert np.all(errors[2] < 1.5e-8 * (1.0 + load))
+    orders = cases.order(np.linalg.norm(errors[:, :2], axis=1), FLOOR)
+    assert np.all(orders > ORDER)
+    assert len(orders) >= (load >= 2) + (load >= 10)  # smaller loads reach the floor with 20 elements
 
 
 @pytest.mark.parametrize("weight", [1, 2, 5, 10, 20, 50, 100])
@@ -48,30 +55,33 @@ def test_heavy_cantilever(weight):
     drop, x, slope = elastica.heavy_cantilever(weight)
     got = tip(Cable(1.0, weight / 9.81, 1.0, 1.0, RIGID * weight, RIGID * weight))
     errors = np.abs(got - [x, -drop, slope])
-    assert np.all(errors[1] < 3e-5 * weight)
-    assert np.all(cases.order(np.linalg.norm(errors[:, :2], axis=1)) > ORDER)
+    assert np.all(errors[2] < 2.2e-8 * weight)
+    orders = cases.order(np.linalg.norm(errors[:, :2], axis=1), FLOOR)
+    assert np.all(orders > ORDER)
+    assert len(orders) >= (weight >= 5) + (weight >= 10)  # smaller weights reach the floor with 20 elements
 
 
 def test_small_weight_bends_by_the_linear_formula():
     """Tip deflection q L^4/(8 EI): the 1/2 of the strain energy. The next term is of order (q L^3/EI)^2 = 1e-6."""
     got = tip(Cable(1.0, 1e-3 / 9.81, 1.0, 1.0))
-    np.testing.assert_allclose(-got[:, 1], 1e-3 / 8, rtol=2e-3)
-    np.testing.assert_allclose(-got[2, 1], 1e-3 / 8, rtol=2e-4)
+    np.testing.assert_allclose(-got[:, 1], 1e-3 / 8, rtol=1e-4)  # 4e-5 of it is shear: 4 EI / (GA L^2) with GA = 1e5 N
 
 
 @pytest.mark.parametrize("load", [300.0, 450.0, 600.0])
 @pytest.mark.parametrize("J", [bend45.POLAR_J, bend45.SAINT_VENANT_J], ids=["J=1/6", "J=0.141"])
 def test_bend45(load, J):
     """Bathe and Bolourchi's bend with shear and stretch (`reference.bend45`); the two torsion constants are apart by
-    0.5 % of the length, fifty times the error allowed here."""
+    0.5 % of the length, a hundred thousand times the error allowed here."""
     exact = bend45.tip_position(load, J, bend45.GA, bend45.EA)
     cable = Cable(bend45.LENGTH, 0.0, bend45.EI, bend45.SHEAR_MODULUS * J, bend45.GA, bend45.EA, bend45.NATURAL_CURVATURE)
     model = cases.model(cable, cases.WEIGHTLESS, (0.0, 0.0, load))
     answers = [cases.solved(model, cases.cantilever(bend45.START_FRAME), n) for n in cases.MESHES]
     assert all(a.verdict.solved for a in answers)
     errors = np.array([np.linalg.norm(np.asarray(a.points[-1]) - exact) for a in answers]) / bend45.LENGTH
-    assert errors[1] < 1e-4
-    assert np.all(cases.order(errors) > ORDER)
+    assert errors[2] < 5e-8
+    orders = cases.order(errors, FLOOR)  # the reference's own floor is near 1e-8
+    assert np.all(orders > ORDER)
+    assert len(orders) > 0
 
 
 @pytest.mark.parametrize("turns", [0.25, 1.0, 2.0])
@@ -111,13 +121,19 @@ def test_end_moment_rolls_up(turns):
     np.testing.assert_allclose(answer.points, np.stack([x, 0 * x, -down], axis=1), atol=1e-8)
 
 
-def test_straight_rod_becomes_a_helix():
-    """The body moment (0, EI kappa, GJ tau) on the end, as natural strains: an exact helix of two coils (cardillo)."""
+@pytest.mark.parametrize("EA", [1e4, 1e8, 1.6e9])
+def test_straight_rod_becomes_a_helix(EA):
+    """The body moment (0, EI kappa, GJ tau) on the end, as natural strains: an exact helix of two coils (cardillo).
+
+    The more slender the rod (EA L^2/EI), the more steps: 51, 157 and 237, the last beyond what a solve has by default.
+    """
     case = helix.helix_case()
     frame, shrink = cases.START_FRAME, case.length  # the same helix at unit length
     strain = shrink * np.array([0.0, case.curvature, case.torsion])
-    cable = Cable(1.0, 0.0, 1.0, 1.0, 1e4, 1e4, strain)  # EA L^2/EI = 1e4; see the README for far more slender free rods
-    answer = cases.solved(cases.model(cable, cases.WEIGHTLESS), cases.cantilever(frame), 40)
+    boundary = cases.cantilever(frame)
+    model = cases.model(Cable(1.0, 0.0, 1.0, 1.0, EA, EA, strain), cases.WEIGHTLESS)
+    start = cases.generic_start(boundary, model.cable.length, model.gravity, 0, 40)
+    answer = equilibrium(model, boundary, start=start, max_steps=400)
     assert answer.verdict.solved, answer.verdict.sentence()
     r, R = helix.under_end_moment(
         shrink * np.asarray(answer.s), helix.helix_moment(case, frame), case.stiffness, case.stiffness, frame
@@ -127,7 +143,10 @@ def test_straight_rod_becomes_a_helix():
 
 
 def test_helix_between_clamps_carries_a_constant_moment():
-    """EI and GJ apart, ends clamped where the closed form ends: no force, and the moment of the closed form."""
+    """EI and GJ apart, ends clamped where the closed form ends: no force, and the moment of the closed form.
+
+    Shapes and reactions are of fourth order. The moment of a section is that of the element's mean strain: second order.
+    """
     frame, moment, EI, GJ = cases.START_FRAME, np.array([0.5, 1.5, 0.8]), 1.0, 0.6
     end, end_frame = (x[0] for x in helix.under_end_moment([1.0], moment, EI, GJ, frame))
     model = cases.model(Cable(1.0, 0.0, EI, GJ, RIGID, RIGID), cases.WEIGHTLESS)
@@ -135,12 +154,14 @@ def test_helix_between_clamps_carries_a_constant_moment():
     for n in cases.MESHES:
         answer = cases.solved(model, cases.clamped(end, end_frame), n)
         assert answer.verdict.solved
-        _, (_, f, m), (force, _) = cases.loads_of(answer)
+        _, (_, f, m), (force, couple) = cases.loads_of(answer)
         r, _ = helix.under_end_moment(answer.s, moment, EI, GJ, frame)
         distances = np.linalg.norm(np.asarray(answer.points) - r, axis=1)
-        errors.append([distances.max(), np.abs(m - moment).max(), np.abs(f).max(), np.abs(force).max()])
-    assert np.all(np.array(errors[1]) < [1e-5, 1e-3, 1e-3, 1e-3])
-    assert np.all(cases.order(np.array(errors)[:, 1:]) > ORDER)
+        turned = np.abs(couple[1] - moment).max()
+        errors.append([distances.max(), np.abs(m - moment).max(), np.abs(f).max(), np.abs(force).max(), turned])
+    assert np.all(np.array(errors[2]) < [5e-9, 6e-5, 6e-7, 6e-7, 1.5e-7])
+    orders = np.log2(np.array(errors)[:-1] / errors[1:])
+    assert np.all(orders > [ORDER, 1.95, ORDER, ORDER, ORDER])
 
 
 @pytest.mark.parametrize("turns", [-1, 0, 1])
@@ -175,21 +196,23 @@ def catenary(span, length, s):
     return c * np.arcsinh(along) + span / 2, c * (np.hypot(1, along) - np.hypot(1, length / 2 / c))
 
 
-def test_soft_cable_between_ball_joints_is_a_catenary():
+# 40 elements are too long for the bends at the joints of the softest, 2.5e-5
+@pytest.mark.parametrize(("EI", "elements"), [(1e-3, 40), (1e-3, 80), (4e-4, 40), (1e-4, 80)])
+def test_soft_cable_between_ball_joints_is_a_catenary(EI, elements):
     """Ball joints bend nothing, so bending stiffness moves the chain by an amount proportional to EI/(H L^2) only.
 
     A cable free to spin about its own axis has a motion without stiffness, which the solve leaves alone.
     """
-    span, EI = 0.7, 1e-3  # limper ones (1e-4) are not settled from the generic start: an honest code, see the README
+    span = 0.7
     ends = Boundary.of((jnp.zeros(3), None), (jnp.array([span, 0.0, 0.0]), None))
     errors = []
     for stiffness in (EI, EI / 4):
-        answer = cases.solved(cases.model(Cable(1.0, 0.2, stiffness, stiffness)), ends, 80)
+        answer = cases.solved(cases.model(Cable(1.0, 0.2, stiffness, stiffness)), ends, elements)
         assert answer.verdict.solved, answer.verdict.sentence()
         x, z = catenary(span, 1.0, np.asarray(answer.s))
         errors.append(np.abs(np.asarray(answer.points) - np.stack([x, 0 * x, z], axis=1)).max())
         _, _, (force, moment) = cases.loads_of(answer)
         np.testing.assert_allclose(moment, 0, atol=1e-9)
         np.testing.assert_allclose(force.sum(0), [0, 0, 0.2 * 9.81], atol=1e-6)
-    assert errors[0] < 1e-3
+    assert errors[0] < 1.5 * EI  # m, beside a horizontal pull of 0.7 N
     assert errors[1] < 0.5 * errors[0]

@@ -106,19 +106,19 @@ def test_the_lead_decides_the_word(lead, words):
 
 
 @pytest.mark.parametrize(
-    ("p_value", "p_after", "evidences", "gain", "expected"),
+    ("p_value", "p_after", "evidences", "expected"),
     [
-        (0.3, 0.5, (20.0,), 0.0, "no missing effect"),
-        (0.001, 0.5, (20.0, 5.0), 10.0, "explained"),
-        (0.001, 0.5, (20.0, 18.5), 10.0, "tied"),
-        (0.001, 0.001, (20.0, 5.0), 10.0, "unexplained"),
-        (0.001, 0.5, (20.0, 5.0), 40.0, "unexplained"),
-        (0.04, 0.5, (-2.0,), 0.0, "unexplained"),
+        (0.3, 0.5, (20.0,), "no missing effect"),
+        (0.001, 0.5, (20.0, 5.0), "explained"),
+        (0.001, 0.5, (20.0, 18.5), "tied"),
+        (0.001, 0.001, (20.0, 5.0), "unexplained"),
+        (0.04, 0.5, (-2.0,), "unexplained"),
     ],
 )
-def test_the_verdict_of_the_whole(p_value, p_after, evidences, gain, expected):
+def test_the_verdict_of_the_whole(p_value, p_after, evidences, expected):
     candidates = [verdict.Candidate((str(i),), e) for i, e in enumerate(evidences)]
-    assert verdict.whole(p_value, p_after, candidates, gain) == expected
+    before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (p_value, p_after))
+    assert verdict.whole(before, after, candidates) == expected
 
 
 def test_an_exact_class_is_a_tie_whatever_sizes_were_assumed():

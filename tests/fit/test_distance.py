@@ -96,6 +96,19 @@ def test_beyond_an_end_the_tangential_part_counts():
     np.testing.assert_allclose(at, [0.0, L, 0.5 * L], atol=1e-12)
 
 
+@pytest.mark.parametrize("distance", [nearest, equal_length])
+def test_first_two_components_are_normals(distance):
+    """In whatever plane the curve lies: an arc of the plane x-z that is missed within this plane only."""
+    swap = jnp.array([0, 2, 1])
+    r, d3 = (x[:, swap] for x in arc(2.5))
+    s = L * jnp.linspace(0.05, 0.95, 31)
+    points, _ = arc(2.5, s, 7e-3)
+    residual, _ = distance(r, d3, DS, points[:, swap], s, same)
+    inner = np.asarray(residual)[1:-1]  # the integrated one halves the share of the ends
+    np.testing.assert_allclose(np.linalg.norm(inner[:, :2], axis=1), 7e-3, rtol=0.05)
+    np.testing.assert_allclose(inner[:, 2], 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("count", [37, 80])
 def test_integrated_residuals_are_pi(count):
     """Two straight lines that part by the angle phi: Pi = 4 L^2 sin(phi/2)^2 / 3, for any spacing of the points."""

@@ -1,5 +1,7 @@
 """What a fit may move: logarithms, vectors, parameters of effects, ranges, and tolerances as priors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from . import scenes
 
 MASS = EffectDeclaration("point_mass", {"position": 0.4})
 GRIP = EffectDeclaration("clamp_rotation", {})
+YIELD = EffectDeclaration("elastic_clamp", {})
 SLIGHT = Tolerance(clamp_position=1e-3, clamp_rotation=0.02)
 TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
 
@@ -112,3 +115,20 @@ def test_guess_outside_the_default_range_is_brought_inside():
     study = scenes.study_of([Unknown("bending_stiffness", guess=1e9), Unknown("torsional_stiffness", guess=0.2)])
     layout = layout_of(study)
     assert start_vector(study, layout, {})[0] == layout.slots[0].high[0]
+
+
+@pytest.mark.parametrize(("free", "row"), [("start", 1), ("end", 0)])
+def test_effect_of_the_only_clamped_end(free, row):
+    """A ball joint at the other end of every pose: the one value of the grip belongs to the end that is clamped."""
+    study = scenes.study_of([Unknown("clamp_rotation.rotation"), Unknown("elastic_clamp.stiffness")], effects=[GRIP, YIELD])
+    joint = [replace(p, **{free: replace(getattr(p, free), quaternion=None)}) for p in study.poses]
+    study = replace(study, poses=tuple(joint))
+    layout = layout_of(study)
+    assert [slot.shape for slot in layout.slots] == [(1, 3), (1,)]
+    turn, stiffness = np.array([0.1, -0.2, 0.3]), 0.7
+    for effect in model_at(layout, template(study), np.array([*turn, np.log(stiffness)])).effects:
+        if effect.kind == "clamp_rotation":
+            np.testing.assert_allclose(effect.rotation[row], turn)
+        else:
+            np.testing.assert_allclose(effect.stiffness[row], stiffness)
+            assert effect.stiffness[1 - row] == np.inf

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect, Section
+from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad
 from scan2flex_jax.rod.model import Configuration, Rod
 
@@ -39,12 +40,14 @@ def random_rod(seed=0, effects=(), held=((0.0,) * 6, (0.0,) * 6)) -> tuple[Rod, 
     rng = np.random.default_rng(seed)
     n = ELEMENTS
     root = rng.normal(size=(n, 6, 6))
+    stiffness = jnp.array(root @ np.swapaxes(root, 1, 2) + np.eye(6))
     section = Section(
         s=jnp.array((np.arange(n) + 0.5) * 0.3),
         ds=jnp.array(0.3),
-        stiffness=jnp.array(root @ np.swapaxes(root, 1, 2) + np.eye(6)),
+        stiffness=stiffness,
         natural=jnp.array(0.3 * rng.normal(size=(n, 6))),
         density=jnp.ones(n),
+        within=stiffness_within(stiffness),
     )
     load = DeadLoad(jnp.array(rng.normal(size=(n + 1, 3))), jnp.array(rng.normal(size=(n + 1, 3))))
     twists = 0.5 * rng.normal(size=(n + 1, 6))

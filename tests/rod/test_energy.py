@@ -40,18 +40,24 @@ def smaller(x):
 
 def test_scaling_of_stiffness_and_loads():
     rod, c = random_rod(1)
-    scaled = eqx.tree_at(lambda r: (r.section.stiffness, r.load), rod, replace_fn=lambda x: jax.tree.map(smaller, x))
+    parts = lambda r: (r.section.stiffness, r.section.within, r.load)  # noqa: E731
+    scaled = eqx.tree_at(parts, rod, replace_fn=lambda x: jax.tree.map(smaller, x))
     np.testing.assert_allclose(energy(c, scaled), 1e-6 * energy(c, rod), rtol=1e-12)
 
 
-def test_strain_energy_of_uniform_strains_has_its_half():
-    """A rod bent to a circle, twisted and stretched uniformly holds (1/2 EI k^2 + 1/2 GJ t^2 + 1/2 EA e^2) L."""
-    n, L, k, t, e = 10, 2.0, 0.7, 0.3, 0.01
+@pytest.mark.parametrize(("bend", "twist"), [(0.7, 0.0), (0.0, 0.3)])
+def test_strain_energy_of_uniform_strains_has_its_half(bend, twist):
+    """A rod bent to a circle or twisted, and stretched, holds (1/2 EI k^2 + 1/2 GJ t^2 + 1/2 EA e^2) L.
+
+    Bent and twisted at once, with EI apart from GJ, it would not: between the same end frames it then relaxes inside its
+    elements (`rod.element_law`).
+    """
+    n, L, e = 10, 2.0, 0.01
     model = CableModel(Cable(L, 0.0, 1.5, 0.8, 1e3, 2e3), jnp.zeros(3))
     rod = discretise(model, Boundary.of((jnp.zeros(3), jnp.eye(3))), n)
-    steps = [motion(L * i / n * jnp.array([0.0, 0, 1 + e, k, 0, t])) for i in range(n + 1)]
+    steps = [motion(L * i / n * jnp.array([0.0, 0, 1 + e, bend, 0, twist])) for i in range(n + 1)]
     c = Configuration(jnp.stack([r for r, _ in steps]), jnp.stack([R for _, R in steps]))
-    expected = 0.5 * L * (1.5 * k**2 + 0.8 * t**2 + 2e3 * e**2)
+    expected = 0.5 * L * (1.5 * bend**2 + 0.8 * twist**2 + 2e3 * e**2)
     np.testing.assert_allclose(energy(c, rod), expected, rtol=1e-12)
 
 

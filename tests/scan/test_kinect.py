@@ -30,6 +30,29 @@ def test_a_known_curve_comes_back_from_its_picks():
     assert abs(found.length / np.linalg.norm(np.diff(fine, axis=0), axis=1).sum() - 1.0) < 0.02
 
 
+def picks_of(curve):
+    """Pixels and depth (mm) of points in front of the nominal camera."""
+    pixels = 504.0 * curve[:, :2] / curve[:, 2:] + [320.0, 288.0]
+    return np.column_stack([pixels, 1e3 * curve[:, 2]])
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.5, 1.0])
+def test_the_length_follows_the_focal_length_as_far_as_it_runs_across_the_view(slope):
+    """An arc across the view goes with 1/f. Tilted by ``slope`` in depth, a line's share is -across^2/length^2: x is z u/f."""
+    across = np.linspace(-0.1, 0.1, 15)
+    line = np.stack([across, 0.0 * across, 0.5 + slope * across], axis=1)
+    found = kinect.length_sensitivity(picks_of(line), RADIUS, 1e-4)
+    assert abs(found + 1.0 / (1.0 + slope**2)) < 0.02
+
+
+def test_a_wrong_focal_length_makes_the_length_wrong_by_what_the_sensitivity_says():
+    a = np.linspace(-0.6, 0.6, 14)
+    picks = picks_of(np.stack([0.15 * np.sin(2 * a), 0.10 * np.cos(2 * a), 0.4 + 0.05 * a], axis=1))
+    right = kinect.curve_from_picks(picks, RADIUS, 1e-4).length
+    wrong = kinect.curve_from_picks(picks, RADIUS, 1e-4, kinect.Intrinsics(504.0 * 1.05)).length
+    assert abs((wrong / right - 1.0) / 0.05 - kinect.length_sensitivity(picks, RADIUS, 1e-4)) < 0.06  # second order in 5 %
+
+
 @needs_data
 def test_the_lengths_of_real_wires_agree_within_what_the_intrinsics_allow():
     lengths = {}

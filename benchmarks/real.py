@@ -1,0 +1,149 @@
+"""The loop on the real measurements that come with the package: what the plain rod leaves, what is named or not, and why.
+
+    python -m benchmarks.real [--pages docs/real]
+
+Writes `results/real.json` and, with ``--pages``, a page with its picture for each study. The text of a page is made of what
+`explain` says; what is known independently (the twist at which a loop buckles) is compared with what the calibrated model
+predicts. Sources and licences: `scan2flex_jax/examples/README.md`.
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.record import record
+
+# What a photograph with hand-made clamps leaves open: length and scale by some per cent, clamps by some degrees.
+LOOSE = {"length": 0.02, "clamp_position": 0.003, "clamp_rotation": 0.09, "gravity": 0.02}
+BUCKLED = {"black-wire": [470, 500, 480, 470, 490], "red-wire": [430, 470, 445, 445, 460]}  # degrees, five repeats each
+RATIOS = (0.5, 0.77, 1.0)  # of GJ to EI; 0.77 is that of a solid round wire of Poisson's ratio 0.3
+ABOUT = {
+    "textile-strip": "Two photographs of a strip of fabric, a cantilever under its own weight.",
+    "black-wire": "Two photographs of a stranded wire hanging as a loop from two facing clamps, the end turned by 0 and by 360 "
+    "degrees.",
+    "red-wire": "One photograph of a second wire hanging as a loop from two facing clamps.",
+}
+
+
+def variants(name, study):
+    """The study as it was measured, and with what a user might declare."""
+    from scan2flex_jax.study import Tolerance  # noqa: PLC0415
+
+    every = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
+    yield "as declared", study
+    if len(study.poses) > 1:
+        yield "all poses fitted", every
+    if name != "textile-strip":
+        yield "all poses fitted, tolerances declared", replace(every, tolerance=Tolerance(**LOOSE))
+
+
+def told(e) -> dict:
+    """What an explanation says, in figures."""
+    out = {"verdict": e.verdict, "sentences": list(e.sentences), "settle": list(e.settle), "seconds": e.seconds}
+    if e.fit is None:
+        return out
+    ranking = [
+        {"kind": r.kind, "log_evidence": r.log_evidence, "verdict": r.verdict, "rms_fit": r.rms_fit,
+         "parameters": {k: np.asarray(v).tolist() for k, v in r.parameters.items()}} for r in e.ranking[:6]
+    ]  # fmt: skip
+    before = {n: np.asarray(x.value).tolist() for n, x in e.fit.estimates.items()}
+    after = {n: {"value": np.asarray(x.value).tolist(), "identifiable": x.identifiable} for n, x in e.estimates.items()}
+    poses = {n: p.to_json() for n, p in e.poses.items()}
+    noise = {"total": e.noise.total, "correlation_length": e.noise.correlation_length}
+    return out | {"p_value": e.p_value, "ranking": ranking, "before": before, "after": after, "poses": poses, "noise": noise}
+
+
+def buckling(study, bending_stiffness: float, ratio: float) -> float | None:
+    """Twist (degrees) of the end clamp at which the plane loop jumps out of its plane; None up to two turns."""
+    import jax.numpy as jnp  # noqa: PLC0415
+
+    from scan2flex_jax import Boundary, Cable, CableModel, equilibrium  # noqa: PLC0415
+    from scan2flex_jax.equilibrium.starts import curve_start  # noqa: PLC0415
+
+    pose, given = study.poses[0], study.cable
+    cable = Cable(given["length"], given["length_density"], bending_stiffness, ratio * bending_stiffness)
+    model = CableModel(cable, jnp.asarray(study.gravity))
+    start = (pose.start.position, pose.start.quaternion)
+    held = Boundary.of(start, (pose.end.position, pose.end.quaternion))
+    c, before = curve_start(jnp.asarray(pose.curve.points), held, 0, 40), 0.0
+    for degrees in range(0, 721, 5):
+        angle = np.deg2rad(degrees)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+        turned = Boundary.of(start, (pose.end.position, held.rotation[1] @ turn))
+        e = equilibrium(model, turned, start=c)
+        across = float(np.abs(np.asarray(e.points)[:, 1]).max())
+        if not bool(e.verdict.solved) or across > before + 0.05 * given["length"]:
+            return float(degrees)
+        c, before = e.configuration, across
+    return None
+
+
+def page(name, entry, picture) -> str:
+    """Markdown."""
+    made = "Made by `python -m benchmarks.real --pages docs/real`."
+    lines = [f"# {name}", "", f"{ABOUT[name]} {made}", "", f"![{name}]({picture})", ""]
+    for words, r in entry["variants"].items():
+        lines += [f"## {words[0].upper()}{words[1:]}", "", f"Verdict: **{r['verdict']}**.", ""]
+        lines += [f"- {s}" for s in r["sentences"]]
+        if "ranking" not in r:
+            continue
+        lines += ["", "| pose | role | plain rod, mm | after, mm |", "| --- | --- | --- | --- |"]
+        for pose, p in r["poses"].items():
+            figures = [f"{1e3 * p[k]:.2f}" if k in p else "not solved" for k in ("rms_before", "rms")]
+            lines.append(f"| {pose} | {p['role']} | {' | '.join(figures)} |")
+        lines += ["", "| kind | log evidence, nats | verdict | left on fitted poses, mm |", "| --- | --- | --- | --- |"]
+        for k in r["ranking"]:
+            left = "-" if k["rms_fit"] is None or not np.isfinite(k["rms_fit"]) else f"{1e3 * k['rms_fit']:.2f}"
+            lines.append(f"| {k['kind']} | {k['log_evidence']:.0f} | {k['verdict']} | {left} |")
+        lines += ["", f"Noise estimated beside all signatures: {1e3 * r['noise']['total']:.2f} mm per normal. Estimates:", ""]
+        for n, x in r["after"].items():
+            open_end = "" if x["identifiable"] else " (not determined)"
+            lines.append(f"- {n}: {r['before'][n]:.3g} before, {x['value']:.3g} after{open_end}")
+        lines += [f"- to settle it: {s}" for s in r["settle"]] + [""]
+    if "buckling" in entry:
+        b = entry["buckling"]
+        said = ", ".join(f"{k}: {'none up to 720' if v is None else f'{v:.0f}'}" for k, v in b["predicted"].items())
+        lines += ["## The twist at which the loop buckles", ""]
+        lines += [f"Measured five times: {', '.join(map(str, b['measured']))} degrees. Predicted with EI = "
+                  f"{b['bending_stiffness']:.3g} N m^2 (straight wire, plain fit) by the ratio GJ/EI, which no plane shape "
+                  f"tells: {said} degrees.", ""]  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pages", type=Path)
+    args = parser.parse_args()
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
+
+    prepare_jax()
+    import matplotlib as mpl  # noqa: PLC0415
+
+    mpl.use("Agg")
+    from scan2flex_jax import explain, load_study, plot  # noqa: PLC0415
+    from scan2flex_jax.examples import example_path  # noqa: PLC0415
+
+    results = {}
+    for name in ABOUT:
+        study, entry = load_study(example_path(name)), {"variants": {}}
+        for words, variant in variants(name, study):
+            e = explain(variant)
+            entry["variants"][words] = told(e)
+            sys.stderr.write(f"{name}, {words}: {e.verdict}, {e.seconds:.0f} s\n")
+            if args.pages and e.fit is not None:  # the last one: with all that a user could declare
+                plot.save(plot.explained(e), args.pages / f"{name}.png")
+        if name in BUCKLED:
+            EI = entry["variants"]["as declared"]["before"]["bending_stiffness"]
+            predicted = {str(r): buckling(study, EI, r) for r in RATIOS}
+            entry["buckling"] = {"measured": BUCKLED[name], "bending_stiffness": EI, "predicted": predicted}
+        results[name] = entry
+        if args.pages:
+            (args.pages / f"{name}.md").write_text(page(name, entry, f"{name}.png"))
+    record("real", results)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""The README's tables, from the JSON files in `benchmarks/results`.
+
+`python -m benchmarks.tables` from the repository's root rewrites what stands in README.md between `<!-- table:NAME -->` and
+`<!-- end -->`. A figure that a file lacks is a dash.
+"""
+
+import json
+import re
+from pathlib import Path
+
+from benchmarks.record import RESULTS
+
+README = Path(__file__).parents[1] / "README.md"
+_PART = re.compile(r"(<!-- table:([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def load(name: str) -> dict:
+    """The record of one benchmark."""
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
+def milliseconds(seconds) -> str:
+    return "-" if seconds is None else f"{1e3 * seconds:.1f} ms"
+
+
+def table(head, rows) -> str:
+    """Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(str(x) for x in line)} |\n" for line in lines)
+
+
+def made_on(entry) -> str:
+    """Where and when the figures were made, a sentence below the table."""
+    m = entry["machine"]
+    return (
+        f"\n{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "
+        f"CPU, float64; {entry['date'][:10]}.\n"
+    )
+
+
+def equilibrium() -> str:
+    """Times of one equilibrium with 40 elements, of its Jacobian, its growth with the mesh, and the first call."""
+    entry = load("equilibrium")
+    r = entry["results"]
+    rows = []
+    for pose, t in r.get("solves", {}).items():
+        for start in ("generic", "warm"):
+            words = {"generic": "generic start", "warm": "start at the solution"}[start]
+            rows.append([f"pose `{pose}`, {words}", milliseconds(t[start]["min_s"]), f"{t[start]['steps']} steps"])
+        rows.append([f"pose `{pose}`, BFGS", milliseconds(t["bfgs generic"]["min_s"]), f"{t['bfgs generic']['steps']} steps"])
+    for start, t in r.get("jacobian", {}).items():
+        for count in ("2", "12"):
+            j = t[f"points and jacobian, {count} parameters"]
+            share = f"{100 * j['jacobian over forward']:+.0f} % of the shape alone"
+            rows.append([f"shape and Jacobian of {count} parameters, {start} start", milliseconds(j["min_s"]), share])
+    if "growth" in r:
+        meshes = r["growth"]["meshes"]
+        n = list(meshes)[-1]
+        power = f"a step grows with the power {r['growth']['exponent of the time of a step']:.2f} of the elements"
+        rows.append([f"{n} elements, generic start", milliseconds(meshes[n]["generic"]["min_s"]), power])
+    if "batch" in r:
+        b = r["batch"]
+        rows.append([f"each of {b['cables']} cables in one batch", milliseconds(b["s per cable"]), f"{b['solved']} solved"])
+    for name, words in (("compiling", "first call, compiling"), ("from the cache", "first call, from the compilation cache")):
+        rows.append([words, f"{r['first call'][name]['first_s']:.1f} s", "imports left out"])
+    return table(["one equilibrium", "least time", "what it took"], rows) + made_on(entry)
+
+
+def fit() -> str:
+    """Each method from the paper's 25 guesses."""
+    entry = load("fit")
+    rows = []
+    for name, r in entry["results"].items():
+        if isinstance(r, dict) and "recovered" in r:
+            figures = (f"{r['recovered']} of {r['guesses']}", f"{r['median equilibria']:.0f}", f"{r['median_s']:.2f}")
+            rows.append([name, *figures, f"{r['seconds']:.0f}"])
+    head = ["method", "recovered", "equilibria (median)", "seconds (median)", "seconds (all guesses)"]
+    return table(head, rows) + made_on(entry)
+
+
+_BLIND = (  # key, what it says, what is asked for
+    ("false_alarms", "nothing missing, and an alarm at the 5 % level", "3-8 %"),
+    ("detected_above_0.7", "one or two effects of strength above 0.7: detected", "95 %"),
+    ("truth_in_tie_set_6_poses", "one effect, six poses or more: in the tie set", "90 %"),
+    ("truth_in_tie_set", "one effect, all cases: in the tie set", "-"),
+    ("mean_tie_set", "kinds in a tie set, mean", "2 at most"),
+    ("top_1", "one effect: ranked first", "85 %"),
+    ("top_1_above_1.5", "the same, strength above 1.5", "95 %"),
+    ("named_and_wrong", "named alone, and wrong", "2 % at most"),
+    ("both_of_a_pair", "two effects: both found", "80 %"),
+    ("one_of_a_pair", "two effects: at least one in the tie set", "-"),
+    ("off_catalogue_flagged", "an effect that no catalogue has: answered \"unexplained\"", "75 %"),
+    ("fit_within_5_percent", "ranked first and right: RMS after within 5 % of the noise", "all"),
+    ("validate_better", "poses never fitted: predicted better than before", "90 %"),
+    ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
+    ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"),
+)
+
+
+def blind() -> str:
+    """The loop on blind cases of an independent simulator."""
+    entry = load("blind")
+    t, rows = entry["results"]["table"], []
+    for key, words, wanted in _BLIND:
+        v = t[key]
+        if isinstance(v, dict):
+            rows.append([words, "-" if v["share"] is None else f"{100 * v['share']:.1f} % of {v['of']}", wanted])
+        else:
+            rows.append([words, f"{v:.2f}", wanted])
+    rows.append(["seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"])
+    rows.append(["cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", "-"])
+    return table(["", "measured", "asked for"], rows) + made_on(entry)
+
+
+TABLES = {"equilibrium": equilibrium, "fit": fit, "blind": blind}
+
+
+def filled(text: str) -> str:
+    """The text with its tables made anew."""
+    return _PART.sub(lambda m: m[1] + TABLES[m[2]]() + m[3], text)
+
+
+def main() -> None:
+    README.write_text(filled(README.read_text()))
+
+
+if __name__ == "__main__":
+    main()

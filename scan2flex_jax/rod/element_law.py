@@ -1,0 +1,117 @@
+"""What an element of finite length makes of the section law: energy, force and tangent stiffness of its mean strain.
+
+Between given end frames a rod does not keep its strain constant: without loads inside, its section force ``n = (f, m)``
+turns with the material axes, ``m' = -A n`` with ``A n = e3 x f + Omega x m``, and the strain follows it. The complementary
+energy of that variation makes the element softer than its sections,
+
+    C_eff = K^-1 + ds^2/12 A' K_Omega^-1 A,   K_Omega^-1 = the block of bending and torsion in K^-1,
+
+where the exact energy agrees up to ``ds^4``. In the shear force this is MacNeal's residual bending flexibility
+``1/GA + ds^2/(12 EI)`` ("A simple quadrilateral shell element", 1978), which makes plane shapes converge with the fourth
+power of ``ds``; the part in ``Omega`` takes most of the error of twisted ones. As a compliance it is positive whatever the
+strain, where the expansion of the energy itself is not bounded below for ``GJ >> EI``.
+
+Everything follows from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with three-by-three inverses: the rank of the second
+term is three. Effects add laws of their own to the mean strain.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.geometry.lie import hat
+from scan2flex_jax.rod.effect import overriding
+
+_PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over one: where the correction begins to fade, and has halved
+
+
+def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
+    """Energy per length (J/m) of the elements at mean excess strains (-, 1/m)."""
+    extra = _extra_law(rod)
+
+    def energy(e, natural, K, within):
+        n, _ = _force(e, natural, K, within, rod.section.ds)
+        return 0.5 * n @ e + (extra(e, K) if extra else 0.0)
+
+    return jax.vmap(energy)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
+
+
+def element_forces(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6"]:
+    """Force and moment (N, N m) of the elements, work-conjugate to their mean strain; paper, Eq. 3 for short elements."""
+    extra = _extra_law(rod)
+
+    def force(e, natural, K, within):
+        n, y = _force(e, natural, K, within, rod.section.ds)
+        n = n.at[3:].add(-jnp.cross(n[3:], y))
+        return n + jax.grad(extra)(e, K) if extra else n
+
+    return jax.vmap(force)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
+
+
+def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]:
+    """Tangent stiffness (N, N m, N m^2) of the elements to their mean strain: the second derivative of the energy."""
+    extra = _extra_law(rod)
+
+    def stiffness(e, natural, K, within):
+        ds = rod.section.ds
+        n, y = _force(e, natural, K, within, ds)
+        M = hat(n[3:])
+        C = ds**2 / 12.0 * _inverse(_limited(within))
+        # d(C_eff n)/de at fixed n, then the Schur complement of the stationary n
+        W = _embed(hat(y)) - jnp.pad(_turning(e, natural).T @ C @ M, ((0, 0), (3, 0)))
+        S = (jnp.eye(6) - W).T @ _relaxed(e, natural, K, within, ds) @ (jnp.eye(6) - W) - _embed(M.T @ C @ M)
+        return S + jax.hessian(extra)(e, K) if extra else S
+
+    return jax.vmap(stiffness)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
+
+
+def _extra_law(rod):
+    laws = overriding(rod.effects, "strain_energy")
+    return (lambda e, K: sum(law.strain_energy(e, K) for law in laws)) if laws else None
+
+
+def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
+    """Bending and torsional stiffness (N m^2) against what varies inside an element: that under no force, for the moment
+    varies and the force does not."""
+    return K[:, 3:, 3:] - K[:, 3:, :3] @ jax.vmap(_inverse)(K[:, :3, :3]) @ K[:, :3, 3:]
+
+
+def _limited(within):
+    """Where one stiffness is far below the others, the variation inside an element is not small: a growing stiffness takes
+    the correction away."""
+    own = jnp.diagonal(within)
+    return within + jnp.diag(own * jnp.maximum((jnp.sum(own) / own - _PLAIN) / (_FADED - _PLAIN), 0.0) ** 4)
+
+
+def _turning(e, natural):
+    """``A``: change of moment per length from force and moment."""
+    return jnp.concatenate([hat(jnp.array([0.0, 0.0, 1.0])), hat(e[3:] + natural[3:])], axis=1)
+
+
+def _softening(e, natural, K, within, ds):
+    """``(A K, M)`` of the Woodbury form ``K_eff = K - K A' M^-1 A K``."""
+    A = _turning(e, natural)
+    return A @ K, 12.0 / ds**2 * _limited(within) + A @ K @ A.T
+
+
+def _force(e, natural, K, within, ds):
+    """``n = K_eff e`` and ``y = ds^2/12 K_Omega^-1 A n``."""
+    AK, M = _softening(e, natural, K, within, ds)
+    y = _inverse(M) @ (AK @ e)
+    return K @ e - AK.T @ y, y
+
+
+def _relaxed(e, natural, K, within, ds):
+    AK, M = _softening(e, natural, K, within, ds)
+    return K - AK.T @ _inverse(M) @ AK
+
+
+def _embed(block):
+    return jnp.pad(block, ((3, 0), (3, 0)))
+
+
+def _inverse(K: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+    """Inverse by the adjugate: no library call for nine numbers."""
+    rows = jnp.stack([jnp.cross(K[1], K[2]), jnp.cross(K[2], K[0]), jnp.cross(K[0], K[1])], axis=1)
+    return rows / (K[0] @ rows[:, 0])

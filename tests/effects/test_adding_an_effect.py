@@ -1,0 +1,75 @@
+"""The example of docs/adding-an-effect.md, run as it stands there, against the closed form of a free cable."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scan2flex_jax.effects import effect_of, parameters_of
+from scan2flex_jax.effects._registry import _CLASSES
+from scan2flex_jax.effects.catalogue import _ADDED, catalogue, entry_of
+from scan2flex_jax.equilibrium.solve import equilibrium
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.study import load_study, save_study
+from scan2flex_jax.study.kinds import _KINDS, KindFormat, ParameterFormat, kind_names
+from scan2flex_jax.study.model import EffectDeclaration
+
+from . import scene
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture
+def helical_set():
+    """The page's code, and everything as it was afterwards."""
+    before = [dict(table) for table in (_ADDED, _CLASSES, _KINDS)]
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", (ROOT / "docs/adding-an-effect.md").read_text(), re.S).group(1), names)
+    yield names["HelicalSet"]
+    for table, old in zip((_ADDED, _CLASSES, _KINDS), before, strict=True):
+        table.clear()
+        table.update(old)
+
+
+def test_a_free_cable_takes_its_natural_shape(helical_set):
+    """With the frame turning back as the curvature turns on, the cable is the helix of constant curvature and torsion: its
+    axis distance per turn follows from k and 2 pi/pitch (helix of curvature k and torsion -2 pi/pitch in a fixed frame)."""
+    k, pitch = 2.0, 0.5
+    effect = effect_of("helical_set", {"curvature": [k, 0.0], "pitch": pitch})
+    model = CableModel(scene.CABLE, jnp.zeros(3), (effect,))
+    ends = scene.pose()
+    free = replace(ends, held=ends.held.at[1].set(0.0))
+    e = equilibrium(model, free, elements=160)
+    assert e.verdict.solved, e.verdict.sentence()
+    r = np.asarray(e.points)
+    turn = 2 * np.pi / pitch
+    w = np.hypot(k, turn)
+    s = np.linspace(0.0, float(scene.CABLE.length), len(r))
+    # a curve of curvature k and torsion w.r.t. its own frame of rate `turn`: a helix about an axis, chord known in closed form
+    chord = np.sqrt((turn / w * s) ** 2 + (2 * k / w**2 * np.sin(w * s / 2)) ** 2)
+    np.testing.assert_allclose(np.linalg.norm(r - r[0], axis=1), chord, atol=2e-4)
+
+
+def test_it_is_known_everywhere(helical_set, tmp_path):
+    assert "helical_set" in kind_names()
+    assert entry_of("helical_set") in catalogue()
+    given = {"curvature": np.array([0.3, -0.2]), "pitch": 0.4}
+    back = parameters_of(effect_of("helical_set", given))
+    np.testing.assert_allclose(back["curvature"], given["curvature"])
+    study = load_study(ROOT / "tests/data/blind/cases/t001")
+    save_study(replace(study, effects=(EffectDeclaration("helical_set", given),)), tmp_path / "study")
+    assert load_study(tmp_path / "study").effects[0].kind == "helical_set"
+    rods = [discretise(CableModel(scene.CABLE, scene.DOWN, e), scene.pose(), 8)
+            for e in ((), entry_of("helical_set").build(jnp.zeros(2), {"pitch": 0.4}, scene.CONTEXT))]  # fmt: skip
+    np.testing.assert_array_equal(rods[0].section.natural, rods[1].section.natural)
+
+
+def test_a_name_that_is_taken_is_refused(helical_set):
+    from scan2flex_jax.effects.catalogue import add_kind
+
+    with pytest.raises(Scan2FlexError, match="taken"):
+        add_kind(helical_set, KindFormat("kink", "energy", (ParameterFormat("pitch", "m"),), "no"))

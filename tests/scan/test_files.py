@@ -1,0 +1,80 @@
+"""Clouds in the formats that the study promises: points of XYZ, OBJ and PLY as they are, meshes of OBJ and STL sampled."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.scan import extract, load_cloud, shapes, tube_mesh
+from scan2flex_jax.scan.cloud import MESH_SAMPLES
+from tests.scan.truth import ends, errors
+
+LENGTH, RADIUS = 1.0, 0.012
+
+
+@pytest.fixture(scope="module")
+def points():
+    return np.random.default_rng(2).normal(size=(500, 3)).round(6)
+
+
+def _rows(head, points):
+    return "".join(f"{head}{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in points)
+
+
+WRITTEN = {
+    "plain.xyz": lambda points: _rows("", points),
+    "vertices.obj": lambda points: "# vertices only\n" + _rows("v ", points),
+    "text.ply": lambda points: (
+        f"ply\nformat ascii 1.0\nelement vertex {len(points)}\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n" + _rows("", points)
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_points_are_read_as_they_are(tmp_path, points, name):
+    (tmp_path / name).write_text(WRITTEN[name](points))
+    cloud = load_cloud(tmp_path / name)
+    np.testing.assert_allclose(cloud.points, points, atol=1e-6)
+    assert cloud.notes == ()
+
+
+@pytest.mark.parametrize("ending", ["obj", "stl", "ply"])
+def test_a_mesh_is_sampled_the_same_every_time(tmp_path, ending):
+    curve = shapes.FAMILIES["helix"](LENGTH, RADIUS)
+    path = tmp_path / f"cable.{ending}"
+    tube_mesh(curve, RADIUS).export(path)
+    cloud = load_cloud(path)
+    assert cloud.points.shape == (MESH_SAMPLES, 3)
+    assert len(cloud.notes) == 1 and "is a mesh of" in cloud.notes[0]
+    np.testing.assert_array_equal(cloud.points, load_cloud(path).points)
+    away = np.linalg.norm(cloud.points[::97, None] - shapes.resample(curve, 4001), axis=2).min(axis=1)
+    assert np.quantile(away, 0.99) < 1.01 * RADIUS  # the ends are closed by flat faces
+    assert abs(np.median(away) / RADIUS - 1.0) < 0.01
+    np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-6)
+
+
+def test_a_curve_comes_out_of_an_stl(tmp_path):
+    curve = shapes.FAMILIES["loop"](LENGTH, RADIUS)
+    tube_mesh(curve, RADIUS).export(tmp_path / "cable.stl")
+    start, end = ends(curve)
+    found = extract(load_cloud(tmp_path / "cable.stl"), RADIUS, length=LENGTH, start=start, end=end)
+    rms, _, length = errors(found, curve, RADIUS, 2)
+    assert rms < 2e-4
+    assert abs(length) < 0.005
+
+
+@pytest.mark.parametrize("name", ["empty.xyz", "words.xyz", "empty.obj", "cut.stl"])
+def test_what_holds_no_points_is_refused(tmp_path, name):
+    (tmp_path / name).write_text({"words.xyz": "this is no cloud\n", "cut.stl": "solid x\n facet normal"}.get(name, ""))
+    with pytest.raises(Scan2FlexError, match=name.replace(".", r"\.")) as refusal:
+        load_cloud(tmp_path / name)
+    assert "\n" not in str(refusal.value)
+
+
+def test_points_and_a_mesh_in_one_file(tmp_path):
+    """A PLY with faces is a mesh; scattered vertices that belong to no face are no surface and are left out."""
+    box = trimesh.creation.box((1.0, 1.0, 1.0))
+    loose = trimesh.Trimesh(np.vstack([box.vertices, [[9.0, 9.0, 9.0]]]), box.faces, process=False)
+    loose.export(tmp_path / "box.ply")
+    assert np.abs(load_cloud(tmp_path / "box.ply").points).max() < 0.5 + 1e-9
