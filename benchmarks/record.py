@@ -44,10 +44,17 @@ def _cpu_model():
 
 def timed(call, repeats: int) -> dict:
     """Seconds of ``call()``, which must wait for its result: least and median of ``repeats``, after one to warm up."""
-    call()
-    seconds = []
-    for _ in range(repeats):
-        begin = perf_counter()
+    return timed_in_turn({"it": call}, repeats)["it"]
+
+
+def timed_in_turn(calls: dict, repeats: int) -> dict:
+    """The same of several calls, one after the other in each repeat, so that a slow spell of the machine meets all of them."""
+    seconds = {name: [] for name in calls}
+    for call in calls.values():
         call()
-        seconds.append(perf_counter() - begin)
-    return {"min_s": min(seconds), "median_s": float(np.median(seconds)), "repeats": repeats}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            begin = perf_counter()
+            call()
+            seconds[name].append(perf_counter() - begin)
+    return {n: {"min_s": min(s), "median_s": float(np.median(s)), "repeats": repeats} for n, s in seconds.items()}

@@ -20,22 +20,80 @@ def _places(c):
 
 
 def _levels(c):
-    """Heights of planes, from the lowest measured point (in a pose that touches, it lies on the plane) to a little above."""
+    """Heights of soft supports, from the lowest measured point to a little above the highest of the lowest ones."""
     low, high = c.lowest_range
     margin = 0.02 * c.length
     return tuple({"offset": h} for h in np.linspace(low - 0.25 * margin, max(high, low) + 2.0 * margin, 13))
 
 
+def _ground(c):
+    """Heights of planes: nothing lies below a hard one, so the lowest measured point is on it but for the scanner's noise."""
+    return tuple({"offset": c.lowest_range[0] + part * c.length} for part in (-0.002, 0.0, 0.002, 0.005))
+
+
+_SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: of the size, and of the logarithm of the stiffness in units of the size
+
+
+def _tether_size(c):
+    return np.array([0.3 * c.force / c.length, *(3 * [0.1 * c.force])])  # a thread that pulls with a tenth
+
+
+def _tether(a, site, c):
+    """A spring of rest length zero about the middle of the scans; with a ``reach`` a string, whose stiffness is log-normal."""
+    if "reach" not in site:
+        return (AnchoredSpring(site["position"], jnp.asarray(c.centre), a[0], a[1:]),)
+    k = _string_stiffness(a[0], site["softest"])
+    return (AnchoredSpring(site["position"], jnp.asarray(site["place"]), k, a[1:], site["reach"]),)
+
+
+def _string_stiffness(a, softest):
+    return softest * jnp.exp(_SPREAD * a * _SOFTEST / softest)
+
+
+def _string_amplitude(k, softest):
+    return np.log(k / softest) / _SPREAD * softest / _SOFTEST
+
+
 def _tether_of(p, c):
-    """Amplitude and site of a tether as of one with rest length zero: the same pull at the same place."""
-    k, anchor = float(p["stiffness"]), np.asarray(p["anchor"], float) - c.centre
-    return np.array([k, *(k * anchor)]), {"position": float(p["position"])}
+    """Amplitude and site of a tether."""
+    k, anchor, rest = float(p["stiffness"]), np.asarray(p["anchor"], float), float(p.get("rest_length", 0.0))
+    if not rest:
+        return np.array([k, *(k * (anchor - c.centre))]), {"position": float(p["position"])}
+    towards, taut = (anchor - c.centre) / np.linalg.norm(anchor - c.centre), 0.1 * c.length
+    softest, place = _SOFTEST * _tether_size(c)[0], anchor - (rest + taut) * towards
+    site = {"position": float(p["position"]), "reach": rest + taut, "place": place, "softest": softest}
+    return np.array([_string_amplitude(k, softest), *(k * taut * towards)]), site
 
 
 def _tether_parameters(a, site, c):
-    a = np.asarray(a, float)
-    anchor = c.centre + a[1:] / a[0] if a[0] > 0 else c.centre + a[1:]
-    return {"position": float(site["position"]), "anchor": anchor, "stiffness": float(a[0]), "rest_length": 0.0}
+    a, position = np.asarray(a, float), float(site["position"])
+    if "reach" not in site:
+        anchor = c.centre + a[1:] / a[0] if a[0] > 0 else c.centre + a[1:]
+        return {"position": position, "anchor": anchor, "stiffness": float(a[0]), "rest_length": 0.0}
+    k, tension = float(_string_stiffness(a[0], site["softest"])), float(np.linalg.norm(a[1:]))
+    reach = max(float(site["reach"]), tension / k)
+    anchor = np.asarray(site["place"]) + reach * a[1:] / max(tension, 1e-300)
+    return {"position": position, "anchor": anchor, "stiffness": k, "rest_length": reach - tension / k}
+
+
+def _strings(a, site, c, places):
+    """From a spring of rest length zero to strings that pull alike at the tautest of ``places`` (m): anchored nearer."""
+    if "reach" in site or len(places) < 2:
+        return []
+    pulls = np.asarray(a, float)[1:] - float(a[0]) * (places - c.centre)
+    forces = np.linalg.norm(pulls, axis=1)
+    tautest = np.argmax(forces)
+    pull, tension, place = pulls[tautest], forces[tautest], places[tautest]
+    if tension < 1e-3 * c.force:
+        return []
+    out, softest = [], _SOFTEST * _tether_size(c)[0]
+    for reach in (0.2 * c.length, 0.4 * c.length):
+        distance = np.linalg.norm(places - place - reach * pull / tension, axis=1)
+        slope = np.polyfit(distance - reach, forces, 1)[0]
+        k = np.clip(slope, 6.0 * softest, 200.0 * softest)
+        moved = {"position": float(site["position"]), "reach": reach, "place": place, "softest": softest}
+        out.append((np.array([_string_amplitude(k, softest), *pull]), moved))
+    return out
 
 
 ENTRIES = (
@@ -72,11 +130,11 @@ ENTRIES = (
     ),
     CatalogueEntry(
         "tether", "energy", ("stiffness", "pull x", "pull y", "pull z"),
-        lambda c: np.array([0.3 * c.force / c.length, *(3 * [0.1 * c.force])]),  # a thread that pulls with a tenth
-        build=lambda a, site, c: (AnchoredSpring(site["position"], jnp.asarray(c.centre), a[0], a[1:]),),
+        _tether_size,
+        build=_tether,
         to_parameters=_tether_parameters,
         from_parameters=_tether_of,
-        sites=_places, one_sided=(True, False, False, False),
+        sites=_places, one_sided=(True, False, False, False), other_starts=_strings,
         signature="the cable is drawn at one place of it towards one point of space, from whichever side",
         settle="look for a string at the named place",
         same_shapes=(("point_load", "an anchor far away beside the motion of the place between poses"),),
@@ -87,7 +145,7 @@ ENTRIES = (
         build=lambda a, site, c: (SupportPlane(jnp.asarray(c.up), site["offset"], a[0]),),
         to_parameters=lambda a, site, c: {"normal": np.asarray(c.up), "offset": float(site["offset"])},
         from_parameters=lambda p, c: (np.array([CONTACT]), {"offset": float(p["offset"])}),
-        sites=_levels, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),
+        sites=_ground, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),
         signature="low poses are flat below one level, poses above it are untouched",
         settle="scan the table along with the cable",
         same_shapes=(("elastic_support", "when every pose lies below the level"),),

@@ -75,7 +75,9 @@ class CatalogueEntry:
     there is no choice), ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their least
     and largest values, ``one_sided`` which of them cannot be negative. ``to_parameters`` and ``from_parameters``
     change to the format's parameters and back; ``rescaled`` says by which factor a parameter of the cable itself
-    changes in that exchange. ``same_shapes``: kinds that shapes alone cannot tell from it, each with the condition.
+    changes in that exchange. ``other_starts(amplitude, site, context, places)`` lists more starts (amplitude, site) for a
+    refit that ended there, with the cable at ``places`` (m, one per pose) at its position. ``same_shapes``: kinds that
+    shapes alone cannot tell from it, each with the condition.
     ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
     """
 
@@ -93,6 +95,7 @@ class CatalogueEntry:
     bounds_of: Callable[[Context], tuple[np.ndarray, np.ndarray]] | None = None
     same_shapes: tuple[tuple[str, str], ...] = ()
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = lambda amplitude, site, context: {}
+    other_starts: Callable[[Any, Site, Context, Any], list] = lambda amplitude, site, context, places: []
 
     def __post_init__(self) -> None:
         """Two-sided unless it is said otherwise."""

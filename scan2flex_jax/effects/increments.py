@@ -12,7 +12,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
-from scan2flex_jax.effects.tether import place_on_cable
+from scan2flex_jax.effects.tether import TINY, place_on_cable
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect, Node, Section
 
@@ -39,23 +39,28 @@ class AxialCompliance(AbstractEffect):
 
 
 class AnchoredSpring(AbstractEffect):
-    """A `tether` of rest length zero: energy ``1/2 k |r - centre|^2 - pull . (r - centre)`` of the cable at
-    ``position``.
+    """A `tether` by its ``pull`` (N) on the cable at ``position`` when that is at ``centre``: both numbers may be zero.
 
-    ``stiffness`` k (N/m), ``pull`` = k (anchor - centre) (N): linear in both, so that both may be zero. ``position``
-    and ``centre`` in m.
+    With ``reach`` 0 its rest length is zero, and the energy is ``1/2 k |r - centre|^2 - pull . (r - centre)``, linear in the
+    ``stiffness`` k (N/m) and the pull. Otherwise it is anchored at ``reach`` from the centre towards the pull, and the energy
+    is ``(k (d - reach) + |pull|)^2/(2 k)`` at the distance d from there, zero where it is slack. Places and lengths in m.
     """
 
     position: Float[Array, ""] = parameter()
     centre: Float[Array, "3"] = parameter(3)
     stiffness: Float[Array, ""] = parameter()
     pull: Float[Array, "3"] = parameter(3)
+    reach: Float[Array, ""] = parameter(default=0.0)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
         """Energy (J) of the spring, as far as it hangs on this node."""
         point, weight = place_on_cable(node, self.position)
-        span = point - self.centre
-        return weight * (0.5 * self.stiffness * span @ span - self.pull @ span)
+        span, k, string = point - self.centre, self.stiffness, self.reach > 0
+        tension = jnp.sqrt(self.pull @ self.pull + TINY)
+        away = span - self.reach * self.pull / tension
+        longer = jnp.sqrt(away @ away + TINY) - self.reach
+        taut = jnp.maximum(k * longer + tension, 0.0) ** 2 / jnp.where(string, 2.0 * k, 1.0)
+        return weight * jnp.where(string, taut, 0.5 * k * span @ span - self.pull @ span)
 
 
 class BendingSplit(AbstractEffect):

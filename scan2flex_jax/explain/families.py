@@ -18,10 +18,11 @@ from scan2flex_jax.effects import CurvatureProfile, DistributedLoad
 POINTS = 9  # of a field along the cable
 _SMOOTH = 0.2  # of the length: over which a field's values are alike
 _AMPLITUDES = np.geomspace(0.05, 300.0, 28)  # of a times the largest d
+POSE_LOADS = "pose loads"  # can stand for contact and for much else: it describes, and takes no effect's place
 WORDS = {
     "curvature": "a natural curvature that varies along the cable",
     "load": "a load that varies along the cable, the same in every pose",
-    "pose loads": "loads that differ from pose to pose",
+    POSE_LOADS: "loads that differ from pose to pose",
     "stiffness": "a stiffness that varies along the cable",
     "mass": "a mass per length that varies along the cable",
 }
@@ -79,7 +80,7 @@ def families(white, fields, columns, owner, components, base) -> list[Family]:
     curvature, load = white.stack(fields["curvature"]), white.stack(fields["load"])
     per_pose = np.concatenate([load * _only(rows, len(load)) for rows in white.rows], axis=1)
     out = [family_of("curvature", curvature, base, root), family_of("load", load, base, root)]
-    out.append(family_of("pose loads", per_pose, base, np.kron(np.eye(len(white.rows)), root)))
+    out.append(family_of(POSE_LOADS, per_pose, base, np.kron(np.eye(len(white.rows)), root)))
     for name, kind in (("stiffness", "stiffness_profile"), ("mass", "density_profile")):
         own = [k for k, c in enumerate(components) if c.kind == kind]
         narrow = min(float(components[k].site["width"]) for k in own)

@@ -1,7 +1,7 @@
 """Gates: what looks like missing physics and is none.
 
-A mesh that is too coarse would be reported as physics, so it is refined before anything is looked for: the mesh error of the
-plain fit's shapes is estimated from half the mesh, and while it reaches a fifth of the noise the number of elements is doubled.
+A mesh that is too coarse would be reported as physics, so it is refined before anything is looked for: the plain fit's shapes
+are solved with twice the elements, and while that moves a node by a fifth of the noise the number of elements is doubled.
 Poses on a saddle or off balance never enter (`fit` and every refit require a stable equilibrium from the measured curve), and
 that every effect vanishes at zero amplitude is a property of the catalogue that its tests hold.
 """
@@ -9,6 +9,7 @@ that every effect vanishes at zero amplitude is a property of the catalogue that
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.fit.evaluate import one
@@ -16,26 +17,28 @@ from scan2flex_jax.fit.parameters import boundary_at, model_at
 
 OF_NOISE = 0.2  # mesh error over the noise of one component beyond which the mesh is refined
 MOST_ELEMENTS = 160
-_ORDER = 3.0  # half a mesh is off by at least four times as much (second order; smooth shapes by sixteen)
 
 
 def mesh_error(problem, minimum) -> np.ndarray:
-    """Estimated largest error (m) of each pose's shape from the number of elements, by solving with half of them.
-
-    NaN where the half mesh finds no equilibrium.
-    """
-    half = problem.elements // 2
+    """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
     model = model_at(problem.layout, problem.template, jnp.asarray(minimum.shared))
     out = []
     for i in range(problem.poses.count):
         said = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
         boundary = boundary_at(problem.layout, said, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)
-        start = type(c)(c.r[::2], c.R[::2])
-        e = equilibrium(model, boundary, start=start, elements=half)
-        error = np.max(np.linalg.norm(np.asarray(e.points) - c.r[::2], axis=1)) / _ORDER
+        e = equilibrium(model, boundary, start=_doubled(c), elements=2 * problem.elements)
+        error = np.max(np.linalg.norm(np.asarray(e.points)[::2] - c.r, axis=1))
         out.append(error if bool(e.verdict.solved) else np.nan)
     return np.array(out)
+
+
+def _doubled(c):
+    """The configuration with a node in the middle of each element."""
+    a, b = Rotation.from_matrix(c.R[:-1]), Rotation.from_matrix(c.R[1:])
+    r, R = (np.repeat(x, 2, axis=0)[:-1] for x in (c.r, c.R))
+    r[1::2], R[1::2] = 0.5 * (c.r[:-1] + c.r[1:]), (a * (a.inv() * b) ** 0.5).as_matrix()
+    return type(c)(r, R)
 
 
 def too_coarse(error: np.ndarray, noise: float, names) -> list[str]:

@@ -17,7 +17,8 @@ from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.fit.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
-_ENOUGH = 2e-3  # drop of the cost below which a refit has settled: verdicts turn on units
+_ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
+_REACH = np.array([0.03, 1.0])  # of the length: from the cable to where a string is anchored
 _GIVE_UP = 1e7
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 _EDGE = 0.01  # of the length: no place closer to a clamp
@@ -74,8 +75,8 @@ class Prior:
     def _sites(self, bench, c, at):
         scanned = c.entry.sites(bench.context)
         for i, name in zip(at, c.moving, strict=True):
-            values = np.array([s[name] for s in scanned], float)
-            low, high = values.min(), values.max()
+            values = np.array([s[name] for s in scanned if name in s], float)
+            low, high = (values.min(), values.max()) if len(values) else _REACH * bench.context.length
             if name == "position":
                 low, high = _EDGE * bench.context.length, (1 - _EDGE) * bench.context.length
             if name == "width":
@@ -85,8 +86,38 @@ class Prior:
 
 
 def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST) -> Refit:
-    """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum."""
-    components = tuple(components)
+    """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum.
+
+    Entries may then propose other starts; the likeliest end is returned.
+    """
+    found = _refit(bench, tuple(components), noise, guess, amplitudes, None, most)
+    ends = [found]
+    for other, begin in _other_starts(bench, found):
+        ends.append(_refit(bench, other, noise, found.vector, begin, configurations(found.shapes), 2 * most))
+    return max(ends, key=lambda f: f.log_evidence)
+
+
+def again(bench: Bench, before: Refit, noise) -> Refit:
+    """A refit anew with another noise, from where it ended before."""
+    n, prior = Numbers(bench, before.components), Prior(bench, before.components)
+    return _descend(bench, before.components, n, prior, noise, before.vector, configurations(before.shapes), _MOST)
+
+
+def _other_starts(bench, found):
+    """Components and amplitudes of the starts that the entries propose after a first refit."""
+    n = Numbers(bench, found.components)
+    amplitudes = [found.vector[n.amplitudes(k)] for k in range(len(found.components))]
+    for k, c in enumerate(found.components):
+        if "position" not in c.site or not np.isfinite(found.cost):
+            continue
+        nodes = np.linspace(0.0, bench.context.length, bench.elements + 1)
+        places = np.array([[np.interp(c.site["position"], nodes, x) for x in s.configuration.r.T] for s in found.shapes])
+        for a, site in c.entry.other_starts(amplitudes[k], c.site, bench.context, places):
+            other = Component(c.kind, site)
+            yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]]
+
+
+def _refit(bench, components, noise, guess, amplitudes, start, most):
     n, prior = Numbers(bench, components), Prior(bench, components)
     vector = np.zeros(n.count)
     vector[: n.base] = guess[: n.base]
@@ -95,7 +126,6 @@ def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = 
         vector[n.site(k)] = [float(c.site[name]) for name in c.moving]
         if c.kind == "support_plane":  # nothing lies below a hard plane
             vector[n.site(k)] = bench.context.lowest_range[0] + noise.total
-    start = None
     for stage in _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,):
         for k, c in enumerate(components):
             if c.kind == "support_plane":

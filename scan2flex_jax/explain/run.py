@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
@@ -20,6 +21,7 @@ _UNLIKE = 0.01  # p-value of one size in all poses below which it is said
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def explain(
     study, *, elements: int = FIT_ELEMENTS, progress: Callable[[str], None] | None = None, seed: int = 0, mesh: bool = True
 ) -> Explanation:
@@ -94,7 +96,7 @@ def _explanation(study, fitted, found, checks, warnings, began):
     tied = found.tied if kinds else [base]
     estimates = report.estimates(bench, tied, chosen_refit)
     tie_kinds = {k for r in tied for k in r.kinds}
-    constancy = confirm.constancy(found.stage, chosen_refit)
+    constancy = found.constancy if kinds else None
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     sentences = (*_sentences(found, chosen, description), *_confirmed(poses, constancy, kinds), *warnings)
     ordered = {p.name: poses[p.name] for p in study.poses if p.name in poses}
@@ -154,12 +156,26 @@ def _sentences(found, chosen, description):
         family, gain = max(found.test.family_gain.items(), key=lambda item: item[1])
         tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), which describes and does not name" if gain > 0 else ""
         field = f"{description.kind} describes it along the cable: a field with a band, not physics"
-        return (text + tail, field)
+        return (text + tail, *_not_enough(found), field)
     names = " and ".join(r.kind for r in chosen)
     text = f"something is missing (p = {p:.3f}); {names} explains it"
     rest = found.after.p_value
     tail = "what is left is noise" if rest > verdict.ALARM else f"some structure is left (p = {rest:.3f})"
     return (f"{text}; {tail}", *_never_told(chosen))
+
+
+def _not_enough(found):
+    """Why the likeliest kinds do not explain the shapes."""
+    names, said = " and ".join(found.best.kinds), []
+    if not names:
+        return ()
+    if found.after.p_value <= verdict.ALARM:
+        said.append(f"leaves structure (p = {found.after.p_value:.3f})")
+    if found.constancy is not None and found.constancy < verdict.SAME_SIZE:
+        said.append(f"would need another size in each pose (p = {found.constancy:.3f})")
+    if found.field_evidence > found.best.log_evidence + verdict.FIELD_LEADS:
+        said.append(f"is less likely than a field, by {found.field_evidence - found.best.log_evidence:.1f} nats")
+    return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
 
 
 def _confirmed(poses, constancy, kinds):

@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
-from scan2flex_jax.explain import evidence, pairs, verdict
-from scan2flex_jax.explain.refit import Refit, refit
+from scan2flex_jax.explain import confirm, evidence, pairs, verdict
+from scan2flex_jax.explain.families import POSE_LOADS
+from scan2flex_jax.explain.refit import Refit, again, refit
 from scan2flex_jax.explain.residual import orthonormal, whiten
 from scan2flex_jax.explain.score import Test
 from scan2flex_jax.explain.sensitivity import Numbers
@@ -25,7 +26,8 @@ _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit can
 @dataclass
 class Found:
     """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
-    the ``best`` one (the base when nothing is missing), those ``tied`` with it, the verdict and that of the best alone."""
+    the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the best ``field_evidence``
+    in its place, those ``tied`` with it, the verdict and that of the best alone."""
 
     stage: Stage
     test: Test
@@ -36,6 +38,8 @@ class Found:
     best: Refit | None = None
     tied: list[Refit] = field(default_factory=list)
     after: Test | None = None
+    constancy: float | None = None
+    field_evidence: float = 0.0
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
 
@@ -82,7 +86,9 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
     found.tied = [rivals[i] for i in verdict.ties(candidates)]
     found.lead = verdict.leading(candidates)
-    found.verdict = verdict.whole(found.test, found.after, candidates)
+    found.constancy = confirm.constancy(stage, found.best)
+    found.field_evidence = float(max(f.gain(stage.y[:, None])[0] for f in stage.families if f.name != POSE_LOADS))
+    found.verdict = verdict.whole(found.test, found.after, candidates, found.constancy, found.field_evidence)
     return found
 
 
@@ -167,7 +173,11 @@ def outside(found: Refit) -> tuple[str, ...]:
 
 
 def _relative(stage, components, amplitudes):
-    found = refit(stage.bench, components, stage.noise, stage.base.vector, amplitudes)
+    before = stage.known.get(frozenset(c.kind for c in components))
+    if before is not None and np.isfinite(before.cost):
+        found = again(stage.bench, before, stage.noise)
+    else:
+        found = refit(stage.bench, components, stage.noise, stage.base.vector, amplitudes)
     found.log_evidence -= stage.base.log_evidence
     for c in components:  # choices between sites that are not continuous
         discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(stage.bench.context)}

@@ -23,7 +23,7 @@ from scan2flex_jax.fit.evaluate import one
 from scan2flex_jax.fit.parameters import boundary_at, model_at
 from scan2flex_jax.rod.effect import overriding
 
-CONTINUOUS = ("position", "width", "slip_curvature", "offset")  # parts of a site that a refit may move
+CONTINUOUS = ("position", "width", "slip_curvature", "offset", "reach")  # parts of a site that a refit may move
 
 
 @dataclass(frozen=True)

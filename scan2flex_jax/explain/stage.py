@@ -16,7 +16,10 @@ _SHARPER = 0.9  # of the noise: a lower estimate beside an effect replaces the f
 
 @dataclass
 class Stage:
-    """All that the scores rest on: whitened residual, groups (one per component), families, noise draws."""
+    """All that the scores rest on: whitened residual, groups (one per component), families, noise draws.
+
+    ``known``: refits with another estimate of the noise, by their kinds; a refit of the same kinds begins where they ended.
+    """
 
     bench: Bench
     noise: Noise
@@ -29,6 +32,7 @@ class Stage:
     draws: np.ndarray
     y: np.ndarray
     Q: np.ndarray
+    known: dict
 
 
 @dataclass
@@ -83,8 +87,8 @@ def repeated(poses) -> tuple[list[int], ...]:
     return tuple(g for g in groups.values() if len(g) > 1)
 
 
-def stage_of(of: Signatures, complement: Complement) -> Stage:
-    """The base refitted in the metric of the noise, and the groups beyond it."""
+def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
+    """The base refitted in the metric of the noise, and the groups beyond it; ``known`` refits are begun from."""
     bench, noise = of.bench, complement.estimate
     base = refit(bench, (), noise, of.vector, most=6)
     white = whiten(base.shapes, bench.real, Numbers(bench, ()), base.vector, noise)
@@ -98,7 +102,7 @@ def stage_of(of: Signatures, complement: Complement) -> Stage:
     draws = noise_like(white, base.shapes, laws, score.DRAWS, rng)
     found = families.families(white, of.fields, S, of.owner, of.components, Q)
     y, draws = (x - Q @ (Q.T @ x) for x in (white.r, draws))
-    return Stage(bench, noise, base, of.components, groups, found, of.fields, white, draws, y, Q)
+    return Stage(bench, noise, base, of.components, groups, found, of.fields, white, draws, y, Q, known or {})
 
 
 def sharpened(of: Signatures, found) -> Stage | None:
@@ -108,7 +112,8 @@ def sharpened(of: Signatures, found) -> Stage | None:
     """
     best = found.best
     complement = of.complement(best.shapes, Numbers(of.bench, best.components), best.vector)
-    return stage_of(of, complement) if complement.estimate.total < _SHARPER * found.stage.noise.total else None
+    sharper = complement.estimate.total < _SHARPER * found.stage.noise.total
+    return stage_of(of, complement, found.refits) if sharper else None
 
 
 def test(stage: Stage, extra=None, r=None) -> score.Test:

@@ -30,7 +30,7 @@ from scan2flex_jax.rod.energy import node_weights
 from scan2flex_jax.rod.loads import DeadLoad
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 
-CHUNK = 48  # tangents that one call pushes through: enough for a refit with all its nuisances
+CHUNK = 24  # tangents that one call pushes through: a refit needs about a dozen, the catalogue some 250
 _ENERGY_HOOKS = ("strain_energy", "node_potential")
 
 

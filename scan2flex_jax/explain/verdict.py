@@ -13,6 +13,8 @@ NONE, EXPLAINED, TIE, UNEXPLAINED, UNSOLVED = (
 ALARM = 0.05
 LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
 _AFTER = 0.01  # p-value after the best kind below which it does not explain the shapes
+SAME_SIZE = 0.005  # p-value of one size in all poses below which an effect is no property of the cable
+FIELD_LEADS = 5.0  # nats by which a field must be likelier than the best kinds to stand in for them
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
@@ -60,18 +62,20 @@ def leading(candidates) -> str:
     return NAMED if lead >= LEAD_NAMED else FAVOURED if lead >= LEAD_FAVOURED else TIED
 
 
-def whole(test, after, candidates) -> str:
+def whole(test, after, candidates, constancy: float | None = None, field: float = 0.0) -> str:
     """Verdict of the study, once every pose is solved, from the test before and after the best candidate.
 
-    A kind explains the shapes when it is likelier than nothing and no structure is left beside it. Several kinds that all say
-    how one property varies along the cable are pieces of a field, which describes it and names nothing.
+    A kind explains the shapes when it is likelier than nothing, no structure is left beside it, its size is the same in all
+    poses (``constancy``, a p-value) and no ``field`` (log evidence of the best family) is clearly likelier. Several kinds that
+    all say how one property varies along the cable are pieces of a field, which describes it and names nothing.
     """
     if test.p_value > ALARM:
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
     pieces = {_VARIES.get(kind) for kind in best.kinds}
     of_a_field = len(best.kinds) > 1 and len(pieces) == 1 and None not in pieces
-    if best.log_evidence < _LEAST or after.p_value <= _AFTER or of_a_field:
+    varies = constancy is not None and constancy < SAME_SIZE
+    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= _AFTER or of_a_field or varies:
         return UNEXPLAINED
     return EXPLAINED if leading(candidates) != TIED else TIE
 

@@ -17,7 +17,7 @@ from scan2flex_jax.fit.evaluate import Evaluation, Evaluator
 
 _MOST_ITERATIONS = 60
 _LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
-_COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-12, 1.0e-9
+_COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-10, 1.0e-8
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
 _GAIN = 1.0e-4  # of the cost: what a converged fit may still promise to gain
 _GIVE_UP = 1.0e12  # damping at which no step helps

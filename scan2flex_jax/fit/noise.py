@@ -19,6 +19,7 @@ _NORMALS = 2
 _SMOOTHNESS = (1.5, 2.5, np.inf)
 _FLOOR = 0.1  # white part over the size of the residual: nothing finer is asked of a model of the cable
 _MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that is smooth over the whole cable, no more
+_WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
 _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in units of the size, and the length
 
 
@@ -58,21 +59,24 @@ def most_likely(negative, size: float, length: float) -> Noise:
 
     ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides.
     """
-    options = {"xatol": 1e-2, "fatol": 1e-2, "maxiter": 120}
-
     def objective(u, smoothness):
         noise = Noise(*np.exp(u), smoothness)
         beyond = max(0.0, np.log(_FLOOR * size) - u[0]) ** 2 + max(0.0, np.log(noise.total / (_MOST_OF_SIZE * size))) ** 2
         return negative(noise, u) + 1e3 * beyond
 
-    found = []
-    for smoothness in _SMOOTHNESS:
-        for start in _STARTS if not found else _STARTS[-1:]:
-            u = np.log([start[0] * size, start[1] * size, start[2] * length])
-            f = optimize.minimize(objective, u, args=(smoothness,), method="Nelder-Mead", options=options)
-            found.append((f.fun, smoothness, f.x))
+    starts = [np.log([a * size, b * size, c * length]) for a, b, c in _STARTS]
+    found = [_nearest(objective, _SMOOTHNESS[0], u, _WIDE) for u in starts]
+    for smoothness in _SMOOTHNESS[1:]:  # other kernels differ little in their numbers
+        found.append(_nearest(objective, smoothness, min(found, key=lambda f: f[0])[2], _NARROW))
     _, smoothness, u = min(found, key=lambda f: f[0])
     return Noise(*(float(v) for v in np.exp(u)), smoothness)
+
+
+def _nearest(objective, smoothness, u, reach):
+    """``(value, smoothness, u)`` of the minimum from ``u``, by a simplex that reaches ``reach`` in each logarithm."""
+    options = {"xatol": 1e-2, "fatol": 1e-2, "maxiter": 120, "initial_simplex": u + np.vstack([np.zeros(3), reach * np.eye(3)])}
+    f = optimize.minimize(objective, u, args=(smoothness,), method="Nelder-Mead", options=options)
+    return f.fun, smoothness, f.x
 
 
 def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:

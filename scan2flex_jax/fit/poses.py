@@ -1,6 +1,6 @@
 """The measured poses as arrays of one shape, so that all of them are solved and differentiated in one batch.
 
-Curves are padded to a common number of points (a multiple of 64, so that studies of similar size share one compilation);
+Curves are padded to one of two numbers of points, so that all poses, and studies of other sizes, share one compilation;
 ``mask`` is 1 for real points. Long curves are thinned evenly along their arc length first.
 """
 
@@ -17,7 +17,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
 
 MOST_POINTS = 256  # of a curve that enter a fit: more say nothing new about a smooth curve whose noise is correlated
-_BUCKET = 64
+_ROOMS = (128, MOST_POINTS)
 
 
 class Poses(eqx.Module):
@@ -48,7 +48,8 @@ def poses_of(study_poses, length: float, elements: int) -> Poses:
         if pose.curve is None:
             raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
     thinned = [_thinned(np.asarray(p.curve.points), p.curve.arc_length) for p in study_poses]
-    room = _BUCKET * -(-max(len(points) for points, _ in thinned) // _BUCKET)
+    longest = max(len(points) for points, _ in thinned)
+    room = next(r for r in _ROOMS if r >= longest)
     stack = [_one(pose, points, given, length, room) for pose, (points, given) in zip(study_poses, thinned, strict=True)]
     points, mask, expected, dense, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
     each = [_start(*one, elements) for one in zip(dense, _unstack(boundary), turns, strict=True)]

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from scan2flex_jax.equilibrium.solve import SENTENCES
 from scan2flex_jax.errors import Scan2FlexError
@@ -30,9 +31,11 @@ _SAYABLE = 5.0  # standard deviation of a logarithm beyond which an interval is 
 _PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
 _SLOW, _LONG = 3.0, 0.2  # correlated over white noise, and correlation over cable length, of a residual that is no noise
 _MESH = 5.0e-5  # of the length: a residual this small may be the mesh's
+_CREDIBLE = 0.01  # of the length: RMS of a minimum beyond which another start is tried too
 _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")  # matrices of some 70 rows: threads cost more than they bring
 def fit(
     study,
     method: str = "least-squares",
@@ -141,7 +144,10 @@ class Problem:
         return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
 
     def minimise(self, method: str):
-        """The best minimum from the starts (the slower methods use the first one only), without priors' numbers moving."""
+        """The minimum from the start that fits better, and from the other one too where that leaves doubt.
+
+        The slower methods use the first start only. Numbers with priors do not move yet.
+        """
         sigma = np.full(self.poses.count, 1e-3 * self.length)
         stated = [p.noise for p in self.study.fit_poses]
         if all(stated):
@@ -151,8 +157,26 @@ class Problem:
         if method != "least-squares":
             run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
             return self._finite(run(goal, np.r_[self.starts()[0], prior]))
-        found = [self._descend(goal, np.r_[x, prior]) for x in self.starts()]
+        starts = [np.r_[x, prior] for x in self.starts()]
+        if len(starts) > 1:
+            starts.sort(key=lambda x: self._cost_at(goal, x))
+        found = []
+        for x in starts:
+            found.append(self._descend(goal, x))
+            if self._beyond_doubt(found[-1], goal):
+                break
         return self._finite(min(found, key=lambda m: m.cost))
+
+    def _cost_at(self, goal, x):
+        local = np.zeros((self.poses.count, self.layout.local))
+        return goal.cost(self.evaluator(x, local), x, local)
+
+    def _beyond_doubt(self, minimum, goal):
+        """Whether a minimum needs no second start: converged, at no bound, and the shapes are those that were measured."""
+        inside = np.all((minimum.shared > goal.low) & (minimum.shared < goal.high))
+        own = np.asarray(self.poses.mask).sum()
+        rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
+        return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
 
     def _descend(self, goal, x):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
