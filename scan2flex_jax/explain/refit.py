@@ -25,7 +25,7 @@ _EDGE = 0.01  # of the length: no place closer to a clamp
 _CONTACT_STAGES = (20.0, 400.0, 1e4)  # stiffness of a plane in units of its size: contact is hard, and met step by step
 
 
-@dataclass
+@dataclass(eq=False)
 class Refit:
     """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance."""
 

@@ -82,14 +82,26 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
         if not _all_needed(stage, found, wider, progress):
             break
         found.best, found.after = wider, test_after(stage, wider)
-    rivals = list(found.refits.values())
+    rivals = _of_one_size(stage, found)
     candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
     found.tied = [rivals[i] for i in verdict.ties(candidates)]
+    first = found.tied[0]
+    if first is not found.best and len(first.kinds) == len(found.best.kinds):
+        found.best, found.after = first, test_after(stage, first)
     found.lead = verdict.leading(candidates)
     found.constancy = confirm.constancy(stage, found.best)
     found.field_evidence = float(max(f.gain(stage.y[:, None])[0] for f in stage.families if f.name != POSE_LOADS))
     found.verdict = verdict.whole(found.test, found.after, candidates, found.constancy, found.field_evidence)
     return found
+
+
+def _of_one_size(stage, found) -> list[Refit]:
+    """The refits without those near the best whose size would have to differ between the poses, when others need not."""
+    rivals = list(found.refits.values())
+    best = max(r.log_evidence for r in rivals)
+    near = [r for r in rivals if r.log_evidence > best - verdict.LEAD_NAMED]
+    unlike = [r for r in near if (p := confirm.constancy(stage, r)) is not None and p < verdict.SAME_SIZE]
+    return [r for r in rivals if r not in unlike] if len(unlike) < len(near) else rivals
 
 
 def _all_needed(stage, found, wider, progress) -> bool:
