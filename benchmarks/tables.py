@@ -112,7 +112,58 @@ def blind() -> str:
     return table(["", "measured", "asked for"], rows) + made_on(entry)
 
 
-TABLES = {"equilibrium": equilibrium, "fit": fit, "blind": blind}
+def peers() -> str:
+    """Other programs on the same cables: time at equal accuracy and error at equal mesh, both over ours."""
+    entry = load("peers")
+    results, rows = entry["results"], []
+    for name, about in results["peers"].items():
+        r = results["ratios"].get(name)
+        if r is None:
+            continue
+        spread = [r["seconds over ours at equal accuracy"], r["error over ours at equal mesh"]]
+        words = ["-" if x is None else f"{x['least']:.2g} ({x['median']:.2g})" for x in spread]
+        most = "-" if r["memory_MB"] is None else f"{r['memory_MB']:.0f} MB"
+        least = about.get("missing", "-") if r["least error"] is None else f"{r['least error']:.1e}"
+        rows.append([name, about["what"], least, *words, most])
+    head = ["program", "how", "least error", "time over ours, as accurate", "error over ours, same mesh", "memory"]
+    return table(head, rows) + made_on(entry)
+
+
+def sensitivity() -> str:
+    """Recovery from grids of guesses, and what turned clamps do to the estimates."""
+    entry = load("sensitivity")
+    r, rows = entry["results"], []
+    for size, methods in r["guesses"].items():
+        for method, g in methods.items():
+            found = f"{g['recovered']} of {g['guesses']} recovered"
+            rows.append([f"{size} guesses, {method}", found, f"{g['median equilibria']:.0f} equilibria (median)"])
+    for name, c in r["clamps"].items():
+        EI, GJ = (c[k] for k in ("bending_stiffness", "torsional_stiffness"))
+        means = ", ".join(f"{100 * x['mean']:+.2f} ± {100 * x['standard error']:.2f} %" for x in (EI, GJ))
+        low = [100 * x for x in (EI["underestimated"], GJ["underestimated"], c["both underestimated"])]
+        below = "below the truth: {:.0f}, {:.0f} %, both {:.0f} %".format(*low)
+        rows.append([f"clamps turned within 3 degrees, {name} ({c['draws']} draws): mean error of EI, GJ", means, below])
+    for name, c in r.get("natural curvature", {}).items():
+        rows.append([f"natural curvature {name}", f"{c['recovered']} of {c['starts']} starts recovered", ""])
+    return table(["sensitivity", "", ""], rows) + made_on(entry)
+
+
+def kinect() -> str:
+    """Wires on depth images: error of poses that were fitted, and of poses that were not."""
+    entry = load("kinect_wires")
+    rows = []
+    for wire, r in entry["results"].items():
+        whole, (rod, mujoco) = r["all fitted"], r["published, percent"]
+        seen = f"{100 * whole['mean over poses']:.1f} %" if "mean over poses" in whole else "-"
+        unseen = f"{100 * r['mean node error over length']:.1f} % ({r['solved']} of {len(r['poses'])} poses)"
+        rows.append([wire, seen, unseen, f"{rod} %, {mujoco} %"])
+    head = ["mean node error over length", "all four fitted", "left out in turn", "published: adapted rod, MuJoCo"]
+    return table(head, rows) + made_on(entry)
+
+
+TABLES = {
+    "blind": blind, "kinect": kinect, "sensitivity": sensitivity, "fit": fit, "equilibrium": equilibrium
+}  # in the order of the README
 
 
 def filled(text: str) -> str:

@@ -23,6 +23,7 @@ _HOMES = {
     "plan": "explain",
     "plot": "",
     "predict": "predict",
+    "report": "report",
     "save_study": "study",
 }
 __all__ = sorted(_HOMES)
@@ -37,12 +38,14 @@ def _public(name):
 
 
 class _Package(ModuleType):
-    """The package. `equilibrium`, `fit` and `predict` name its functions, though modules are called so too: those are
-    reached by imports from them, ``from scan2flex_jax.fit import METHODS``."""
+    """The package. `equilibrium`, `explain`, `fit`, `predict` and `report` name its functions, though modules are called so
+    too: those are reached by imports from them, ``from scan2flex_jax.fit import METHODS``."""
 
     equilibrium = property(lambda self: _public("equilibrium"), lambda self, module: None)
+    explain = property(lambda self: _public("explain"), lambda self, module: None)
     fit = property(lambda self: _public("fit"), lambda self, module: None)
     predict = property(lambda self: _public("predict"), lambda self, module: None)
+    report = property(lambda self: _public("report"), lambda self, module: None)
 
 
 sys.modules[__name__].__class__ = _Package

@@ -1,8 +1,14 @@
-"""Pictures of a fit, on matplotlib axes that they take and return."""
+"""Pictures of a fit, an explanation, a sweep, on matplotlib axes that they take and return.
+
+Each takes its subject, then what to show of it, then axes: `shapes`, `errors`, `residual`, `evidence`, `load`, `basins`. Axes
+left out are made. `overview` and `explained` are whole figures of them; `save` writes one. The page of `report` shows the same
+with plotly.
+"""
 
 import io
 from pathlib import Path
 
+import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -12,20 +18,31 @@ from scan2flex_jax.study.files import write_atomic
 _MEASURED, _MODELLED = "#888888", "#c1272d"
 
 
-def shapes(fit, pose: str, ax=None):
-    """Measured and modelled centre curve of one pose, in the plane that shows it best (m)."""
+def shapes(fit, pose: str | None = None, ax=None):
+    """Measured and modelled centre curves of one pose, or of all, in the plane that shows them best (m)."""
     ax = plt.subplots()[1] if ax is None else ax
-    p = fit.poses[pose]
-    axes, labels = _plane(p.measured, np.asarray(fit.study.gravity))
-    for curve, style, label in ((p.measured, {"ls": "", "marker": "o", "ms": 3, "color": _MEASURED}, "measured"),
-                                (p.modelled, {"color": _MODELLED, "lw": 1.5}, "modelled")):  # fmt: skip
-        flat = curve @ axes.T
-        ax.plot(flat[:, 0], flat[:, 1], label=label, **style)
+    names = list(fit.poses) if pose is None else [pose]
+    if pose is not None and pose not in fit.poses:
+        raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
+    axes, labels = _plane(np.concatenate([fit.poses[name].measured for name in names]), np.asarray(fit.study.gravity))
+    for i, name in enumerate(names):
+        p, colour = fit.poses[name], _MODELLED if pose is not None else f"C{i % 10}"
+        flat = p.measured @ axes.T
+        ax.plot(flat[:, 0], flat[:, 1], ls="", marker="o", ms=3, color=_MEASURED, label="measured" if i == 0 else None)
+        if p.stable:
+            flat = p.modelled @ axes.T
+            ax.plot(flat[:, 0], flat[:, 1], color=colour, lw=1.5, label=_plain("modelled" if pose is not None else name))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
-    ax.set_title(f"{pose} ({p.role}): {1e3 * p.rms:.2f} mm RMS".replace("$", r"\$"), fontsize=10)
+    if pose is not None:
+        ax.set_title(_plain(f"{pose} ({p.role}): {1e3 * p.rms:.2f} mm RMS"), fontsize=10)
     ax.legend(frameon=False, fontsize=8)
     return ax
+
+
+def _plain(text: str) -> str:
+    """Text of a study, which matplotlib must not take for formulas, nor for a label to hide."""
+    return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
 
 
 def errors(fit, ax=None):
@@ -35,7 +52,7 @@ def errors(fit, ax=None):
         if np.isfinite(p.rms):
             order = np.argsort(p.s)
             distance = 1e3 * np.linalg.norm(p.residual, axis=1)
-            ax.plot(p.s[order], distance[order], "-" if p.role == "fit" else "--", lw=1.2, label=f"{name} ({p.role})")
+            ax.plot(p.s[order], distance[order], "-" if p.role == "fit" else "--", lw=1.2, label=_plain(f"{name} ({p.role})"))
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, None))
     ax.legend(frameon=False, fontsize=8)
     return ax
@@ -51,7 +68,7 @@ def overview(fit):
     for i, name in enumerate(names):
         shapes(fit, name, figure.add_subplot(grid[i // columns, i % columns]))
     errors(fit, figure.add_subplot(grid[rows - 1, :]))
-    figure.suptitle(fit.study.title.replace("$", r"\$"), wrap=True, fontsize=11)
+    figure.suptitle(_plain(fit.study.title), wrap=True, fontsize=11)
     return figure
 
 
@@ -79,9 +96,16 @@ def _plane(points, gravity):
     return np.stack([across, up]), ("across (m)", "up (m)")
 
 
-def residual(explanation, pose: str, ax=None):
-    """Both normal components of one pose's residual along s (mm), before and after, over the 95 % band of the noise."""
+def residual(explanation, pose: str | None = None, ax=None):
+    """What is left along s (mm), before and after: of one pose both normal components over the 95 % band of the noise, of all
+    poses (no ``pose``) the distances."""
     ax = plt.subplots()[1] if ax is None else ax
+    if explanation.noise is None:
+        raise Scan2FlexError("nothing was solved: there is no residual to draw")
+    if pose is None:
+        return _residuals(explanation, ax)
+    if pose not in explanation.poses:
+        raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(explanation.poses)}")
     p = explanation.poses[pose]
     order = np.argsort(p.s)
     s = p.s[order]
@@ -91,7 +115,19 @@ def residual(explanation, pose: str, ax=None):
         ax.plot(s, 1e3 * p.residual_before[order, k], style, color=_MEASURED, lw=1.2, label="before" if k == 0 else None)
         ax.plot(s, 1e3 * p.residual[order, k], style, color=_MODELLED, lw=1.2, label="after" if k == 0 else None)
     ax.set(xlabel="arc length s (m)", ylabel="residual (mm)")
-    ax.set_title(f"{pose} ({p.role}): {1e3 * p.rms_before:.2f} to {1e3 * p.rms:.2f} mm".replace("$", r"\$"), fontsize=10)
+    ax.set_title(_plain(f"{pose} ({p.role}): {1e3 * p.rms_before:.2f} to {1e3 * p.rms:.2f} mm"), fontsize=10)
+    ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def _residuals(explanation, ax):
+    """Distances of all poses along s (mm): thin before, thick after."""
+    for i, (name, p) in enumerate(explanation.poses.items()):
+        order, colour = np.argsort(p.s), f"C{i % 10}"
+        for values, width, label in ((p.residual_before, 0.7, None), (p.residual, 1.6, _plain(f"{name} ({p.role})"))):
+            distance = 1e3 * np.linalg.norm(values[order], axis=1)
+            ax.plot(p.s[order], distance, "-" if p.role == "fit" else "--", lw=width, color=colour, label=label)
+    ax.set(xlabel="arc length s (m)", ylabel="distance (mm), thin before, thick after", ylim=(0, None))
     ax.legend(frameon=False, fontsize=8)
     return ax
 
@@ -137,6 +173,57 @@ def explained(explanation):
     load(explanation, figure.add_subplot(grid[0, columns - 1]))
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))
-    title = f"{explanation.study.title}: {explanation.verdict}"
-    figure.suptitle(title.replace("$", r"\$"), wrap=True, fontsize=11)
+    figure.suptitle(_plain(f"{explanation.study.title}: {explanation.verdict}"), wrap=True, fontsize=11)
     return figure
+
+
+def basins(sweep, ax=None, most: int = 5, within: float = 0.01):
+    """Where the fits of a sweep over two guesses ended: one colour for each end (estimates alike ``within`` that share),
+    by its cost, at most ``most`` of them; crosses where a fit failed."""
+    ax = plt.subplots()[1] if ax is None else ax
+    across, up = sweep.attrs["lane_dims"].split()[::-1]
+    names = [dim.removeprefix("guess_") for dim in (up, across)]
+    found = [sweep[name].transpose(up, across).values for name in names]
+    end, sizes = _ends(np.log(np.stack(found)), sweep["cost"].transpose(up, across).values, most, within)
+    colours = [*([_MODELLED, "#2b5c9e", "#2d7d46", "#d99a2b", "#7b4b94", "#4aa3a3"][:most]), "#cccccc"]
+    x, y = (_log_edges(sweep[dim].values) for dim in (across, up))
+    ax.pcolormesh(x, y, np.ma.masked_less(end, 0), cmap=mpl.colors.ListedColormap(colours), vmin=-0.5, vmax=most + 0.5)
+    row, column = np.nonzero(end < 0)
+    ax.plot(sweep[across].values[column], sweep[up].values[row], "kx", ms=3, lw=0)
+    handles = []
+    for k, size in enumerate(sizes):
+        if size:
+            values = [v[end == k][0] for v in found]
+            label = f"{values[0]:.3g}, {values[1]:.3g}" if k < most else "elsewhere"
+            handles.append(mpl.patches.Patch(color=colours[k], label=f"{label} ({size})"))
+    ax.set(xscale="log", yscale="log", xlabel=_guessed(sweep, across), ylabel=_guessed(sweep, up))
+    ax.legend(handles=handles, frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return ax
+
+
+def _ends(logs, cost, most, within):
+    """Which end each lane reached (the cheapest first, ``most`` for all others, -1 for none), and how many reached each."""
+    end = np.full(cost.shape, -1)
+    solved = np.isfinite(cost) & np.all(np.isfinite(logs), axis=0)
+    groups, left = [], solved.copy()
+    while left.any():
+        seed = np.unravel_index(np.argmin(np.where(left, cost, np.inf)), cost.shape)
+        group = left & (np.max(np.abs(logs - logs[(slice(None), *seed)][:, None, None]), axis=0) < within)
+        groups.append(group)
+        left &= ~group
+    first, others = groups[:1], sorted(groups[1:], key=lambda g: -g.sum())
+    for k, group in enumerate(first + others):
+        end[group] = min(k, most)
+    return end, [int(np.sum(end == k)) for k in range(most + 1)]
+
+
+def _log_edges(values):
+    """Edges of cells around positive values, in the middle of their logarithms."""
+    logs = np.log(values)
+    middle = 0.5 * (logs[1:] + logs[:-1])
+    return np.exp(np.r_[2 * logs[0] - middle[0], middle, 2 * logs[-1] - middle[-1]])
+
+
+def _guessed(sweep, dim):
+    """Label of an axis of guesses."""
+    return f"guess of {dim.removeprefix('guess_').replace('_', ' ')} ({sweep[dim].attrs['units']})"

@@ -37,8 +37,8 @@ class Prediction:
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
 
 
-def predict(study, *, elements: int = 40) -> dict[str, Prediction]:
-    """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
+def model_of(study):
+    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
     for unknown in study.unknowns:
         if study.start_value(unknown.name) is None:
             where = (study.folder / "study.toml") if study.folder else "study"
@@ -47,15 +47,25 @@ def predict(study, *, elements: int = 40) -> dict[str, Prediction]:
             )
     layout = layout_of(study)
     x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
-    model = model_at(layout, template(study), x)
+    return model_at(layout, template(study), x)
+
+
+def settled(pose, model, elements: int):
+    """The equilibrium of one study pose, on the branch nearest to its measured curve where it has one."""
+    start = None
+    if pose.curve is not None:
+        start = one(poses_of([pose], float(model.cable.length), elements).start, 0)
+    return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
+
+
+def predict(study, *, elements: int = 40) -> dict[str, Prediction]:
+    """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
+    model = model_of(study)
     return {pose.name: _one_pose(pose, model, elements) for pose in study.poses}
 
 
 def _one_pose(pose, model, elements):
-    start = None
-    if pose.curve is not None:
-        start = one(poses_of([pose], float(model.cable.length), elements).start, 0)
-    e = equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
+    e = settled(pose, model, elements)
     s, f, m = e.section_forces()
     reaction = e.reactions()
     points = np.asarray(observed(model, e.points))

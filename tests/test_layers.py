@@ -19,11 +19,15 @@ ALLOWED = {
     "equilibrium": {"geometry", "rod", "compilation", "errors"},
 }
 ALLOWED["fit"] = {*ALLOWED, "examples"}
+ALLOWED["sweep"] = {*ALLOWED["fit"], "fit"}
 ALLOWED["explain"] = {*ALLOWED["fit"], "fit"}
 ALLOWED["predict"] = ALLOWED["explain"]
 ALLOWED["plot"] = {*ALLOWED["predict"], "predict"}
-ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "explain"}
-NO_JAX = ("study", "errors")
+ALLOWED["convert"] = {"study", "errors"}
+ALLOWED["export"] = {*ALLOWED["predict"], "predict"}
+ALLOWED["report"] = {*ALLOWED["predict"], "explain", "predict"}
+ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "explain", "convert", "export", "report"}
+NO_JAX = ("study", "convert", "errors")
 
 
 def files(part):

@@ -124,7 +124,7 @@ def _put_file(folder: Path, name: str, content: Content) -> None:
     elif path.exists() and _holds(folder, name, content):
         return
     backup(path)
-    write_atomic(path, content if isinstance(content, Path) else _csv(content).encode("ascii"))
+    write_atomic(path, content if isinstance(content, Path) else csv_text(content).encode("ascii"))
 
 
 def _holds(folder: Path, name: str, content: Content) -> bool:
@@ -137,7 +137,7 @@ def _holds(folder: Path, name: str, content: Content) -> bool:
     return _equal(found, content)
 
 
-def _csv(content: MeasuredCurve | Annotated[np.ndarray, "k 3"]) -> str:
+def csv_text(content: MeasuredCurve | Annotated[np.ndarray, "k 3"]) -> str:
     """The text of a CSV whose digits give back every number exactly."""
     header, table = "x,y,z", content
     if isinstance(content, MeasuredCurve):

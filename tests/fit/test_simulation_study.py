@@ -72,7 +72,8 @@ def test_integrated_distance_recovers_too():
 def test_progress_is_told():
     lines = []
     fit(scenes.example(), progress=lines.append)
-    assert len(lines) > 3 and all(isinstance(line, str) for line in lines)
+    costs = [float(line.rsplit("cost ", 1)[1]) for line in lines if line.startswith("iteration")]
+    assert len(costs) >= 2 and costs == sorted(costs, reverse=True)
 
 
 def test_new_values_compile_nothing(unguessed):

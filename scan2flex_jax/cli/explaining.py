@@ -1,0 +1,56 @@
+"""Commands about what the model lacks: explain, plan."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, draw_explanation, explained
+from scan2flex_jax.cli.setup import prepare_jax, progress
+
+
+def explain(
+    study: StudyFolder,
+    json: JsonFile = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for pictures of the evidence, residuals and shapes.")] = None,
+    save: Annotated[Path | None, typer.Option(help="Save the study with the effect declared to this folder.")] = None,
+    elements: Elements = 40,
+) -> None:
+    """Find which physics the model lacks, with the error before and after.
+
+    Example: scan2flex explain my-cable --json result.json --figures pictures
+    """
+    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    result = explained(loaded, elements)
+    if json:
+        write_json_atomic(json, result.to_json())
+    if figures and result.fit is not None:
+        draw_explanation(result, figures)
+    if save:
+        save_study(result.study, save)
+    if result.fit is None:
+        raise typer.Exit(NOT_TO_BELIEVE)
+
+
+def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40) -> None:
+    """Rank poses that could be scanned next by what they would settle.
+
+    The clamps of the first poses are varied: twisted, rolled, nearer, aside. Poses of your own: `scan2flex_jax.plan` in Python.
+
+    Example: scan2flex plan my-cable --json next.json
+    """
+    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    from scan2flex_jax.explain import plan as rank  # noqa: PLC0415
+
+    result = explained(loaded, elements)
+    with progress("solving poses that could be scanned"):
+        ranked = rank(result)
+    typer.echo("\n" + ranked.summary())
+    if json:
+        write_json_atomic(json, ranked.to_json())

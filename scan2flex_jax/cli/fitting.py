@@ -1,0 +1,127 @@
+"""Commands that estimate and predict: fit, simulate, demo."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scan2flex_jax.cli.options import (
+    NOT_TO_BELIEVE,
+    Elements,
+    JsonFile,
+    StudyFolder,
+    choices,
+    draw_explanation,
+    drawing,
+    explained,
+)
+from scan2flex_jax.cli.setup import prepare_jax, progress
+
+_METHODS, _DATA, _DISTANCES = (
+    ("least-squares", "bfgs", "nelder-mead"),
+    ("auto", "curve", "cloud"),
+    ("normal", "integrated", "hausdorff"),
+)
+
+
+def fit(
+    study: StudyFolder,
+    method: Annotated[
+        str, typer.Option(help="least-squares, bfgs or nelder-mead.", autocompletion=choices(*_METHODS))
+    ] = "least-squares",
+    data: Annotated[
+        str,
+        typer.Option(
+            help="curve, cloud (the points of the scans), or auto: curves where given.", autocompletion=choices(*_DATA)
+        ),
+    ] = "auto",
+    distance: Annotated[
+        str,
+        typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.", autocompletion=choices(*_DISTANCES)),
+    ] = "normal",
+    json: JsonFile = None,
+    save: Annotated[Path | None, typer.Option(help="Save the study with its estimates to this folder.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.")] = None,
+    elements: Elements = 40,
+) -> None:
+    """Estimate the unknowns of a study from its shapes.
+
+    Example: scan2flex fit my-cable --json result.json --figure fit.png --save calibrated
+    """
+    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    from scan2flex_jax.fit import fit as run  # noqa: PLC0415
+
+    with progress(f"fitting {loaded.title}") as tell:
+        result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
+    typer.echo(result.summary())
+    if json:
+        write_json_atomic(json, result.to_json())
+    if save:
+        save_study(result.calibrated, save)
+    if figure:
+        plot = drawing()
+        plot.save(plot.overview(result), figure)
+    if not all(pose.stable for pose in result.poses.values()):
+        raise typer.Exit(NOT_TO_BELIEVE)
+
+
+def simulate(
+    study: StudyFolder,
+    out: Annotated[Path, typer.Option(help="Folder for the CSV files.")] = Path("simulated"),
+    json: JsonFile = None,
+    elements: Elements = 40,
+) -> None:
+    """Predict shapes, section forces and moments, and clamp reactions of all poses, as CSV.
+
+    Every parameter must have a value: under [cable], or as a guess.
+
+    Example: scan2flex simulate calibrated --out predicted
+    """
+    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    from scan2flex_jax.predict import predict, write_csv  # noqa: PLC0415
+
+    with progress(f"simulating {loaded.title}"):
+        predictions = predict(loaded, elements=elements)
+        write_csv(predictions, out)
+    for name, p in predictions.items():
+        typer.echo(f"{name}: {p.verdict.sentence()}, {int(p.verdict.steps)} steps -> {out / name}.csv")
+    if json:
+        write_json_atomic(json, {n: p.to_json() for n, p in predictions.items()})
+    if not all(bool(p.verdict.solved) for p in predictions.values()):
+        raise typer.Exit(NOT_TO_BELIEVE)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the pictures and results.")] = Path("scan2flex-demo"),
+) -> None:
+    """Fit two studies that come with the package, and find what the rod lacks for the real wire.
+
+    Example: scan2flex demo --out pictures
+    """
+    from scan2flex_jax.examples import example_path  # noqa: PLC0415
+    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+
+    prepare_jax()
+    from scan2flex_jax.fit import fit as run  # noqa: PLC0415
+
+    out.mkdir(parents=True, exist_ok=True)
+    plot = drawing()
+    for name in ("simulated-cable", "black-wire"):
+        loaded = load_study(example_path(name))
+        with progress(f"fitting {name}") as tell:
+            result = run(loaded, progress=tell)
+        typer.echo(result.summary())
+        plot.save(plot.overview(result), out / f"{name}.png")
+        write_json_atomic(out / f"{name}.json", result.to_json())
+        typer.echo(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
+    result = explained(loaded, 40)
+    if result.fit is not None:
+        draw_explanation(result, out)
+        typer.echo(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")
+    write_json_atomic(out / "explanation.json", result.to_json())

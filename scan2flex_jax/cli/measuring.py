@@ -1,0 +1,269 @@
+"""Commands that come before a fit: new, pose, curve, check, extract."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scan2flex_jax.cli.options import JsonFile, StudyFolder, asked_or_refused, choices, drawing, extracted, interactive
+from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.errors import Scan2FlexError
+
+_UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
+_CONVENTIONS = ("kuka", "fanuc", "staubli", "kawasaki", "rpy", "rotvec", "ZYX", "XYZ", "xyz", "zyx")
+Units = Annotated[
+    str | None,
+    typer.Option(help=f"Unit of lengths in the files: {', '.join(_UNITS)}.", autocompletion=choices(*_UNITS)),
+]
+Columns = Annotated[str | None, typer.Option(help="What the columns of a curve are, as in s,x,y,z or -,x,y,z.")]
+Convention = Annotated[
+    str | None,
+    typer.Option(
+        help="What three angles mean: kuka, fanuc, staubli, kawasaki, rpy, rotvec, or axes (ZYX moving, xyz fixed).",
+        autocompletion=choices(*_CONVENTIONS),
+    ),
+]
+Radians = Annotated[bool, typer.Option("--radians", help="Angles are in radians, not in degrees.")]
+Tangent = Annotated[
+    str,
+    typer.Option(
+        help="Axis of the given frames along the cable, from start to end: x, y, z, -x, -y, -z.",
+        autocompletion=choices("x", "y", "z", "-x", "-y", "-z"),
+    ),
+]
+
+
+def new(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of scans or centre curves, one file a pose.")],
+    length: Annotated[str | None, typer.Option(help="Length between the clamps, as in 0.9 or '900 mm'.")] = None,
+    density: Annotated[str | None, typer.Option(help="Mass per length, as in 0.336 or '336 g/m'.")] = None,
+    mass: Annotated[str | None, typer.Option(help="Mass of that length, in place of --density, as in '302 g'.")] = None,
+    radius: Annotated[str | None, typer.Option(help="Radius of the cable, needed by scans, as in '4 mm'.")] = None,
+    clamps: Annotated[
+        Path | None, typer.Option(help="File of the clamps, by the names 'POSE start' and 'POSE end': see scan2flex pose.")
+    ] = None,
+    clamps_from_curves: Annotated[
+        bool, typer.Option("--clamps-from-curves", help="Take the clamps from the ends of the curves, without twist.")
+    ] = False,
+    units: Units = None,
+    columns: Columns = None,
+    convention: Convention = None,
+    radians: Radians = False,
+    tangent: Tangent = "z",
+    gravity: Annotated[str | None, typer.Option(help="Gravity in the scan frame, m/s^2; left out, 0,0,-9.81.")] = None,
+    validate: Annotated[list[str] | None, typer.Option(help="A pose that no fit may use; may be repeated.")] = None,
+    title: Annotated[str | None, typer.Option(help="Title of the study.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the study; left out, DIR itself.")] = None,
+) -> None:
+    """Start a study from a folder of scans or centre curves; asks for what it cannot know.
+
+    Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
+    """
+    from scan2flex_jax.convert import measured_files, new_study, quantity, read_frames  # noqa: PLC0415
+    from scan2flex_jax.study import describe, load_study, save_study  # noqa: PLC0415
+
+    poses = measured_files(folder, () if clamps is None else (clamps,))
+    typer.echo(f"{len(poses)} poses: {', '.join(pose.name for pose in poses)}")
+    long = _quantity(length, "length", "the length of the cable between its clamps", "--length")
+    if mass is not None and density is not None:
+        raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
+    if mass is not None:
+        heavy = quantity(mass, "mass") / long
+    else:
+        heavy = _quantity(density, "length density", "the mass per length of the cable", "--density (or --mass)")
+    thick = None
+    if radius is not None or any(pose.scan for pose in poses):
+        thick = _quantity(radius, "length", "the radius of the cable", "--radius")
+    if clamps_from_curves and clamps is not None:
+        raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
+    frames = None
+    if clamps is not None:
+        frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
+    elif not clamps_from_curves:
+        frames = _asked_clamps(poses, units or "m", convention, not radians, tangent)
+    if validate is None and interactive() and len(poses) > 1:
+        answer = typer.prompt(
+            "Poses that no fit may use, apart by commas (they judge the answer)", default="", show_default=False
+        )
+        validate = [name.strip() for name in answer.split(",") if name.strip()]
+    study, notes = new_study(
+        folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
+        gravity=_gravity(gravity), units=units, columns=columns, validate=tuple(validate or ()),
+    )  # fmt: skip
+    toml = save_study(study, out or folder)
+    for note in notes:
+        typer.echo(f"  {note}")
+    typer.echo(f"\n{describe(load_study(toml))}\nwritten: {toml}; look it through, then: scan2flex fit {toml.parent}")
+
+
+def _quantity(given, what, question, option):
+    from scan2flex_jax.convert import quantity  # noqa: PLC0415
+
+    if given is not None:
+        return quantity(given, what)
+    return asked_or_refused(question, option, lambda answer: quantity(answer, what))
+
+
+def _gravity(given):
+    if given is None:
+        return (0.0, 0.0, -9.81)
+    return _numbers(given, 3, "gravity")
+
+
+def _numbers(text, count, what):
+    import math  # noqa: PLC0415
+
+    try:
+        values = [float(cell) for cell in text.replace(",", " ").split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(map(math.isfinite, values)):
+        raise Scan2FlexError(f"the {what} {text[:60]!r} is not {count} numbers: write them apart by commas or blanks.")
+    return values
+
+
+def _asked_clamps(poses, units, convention, degrees, tangent):
+    """Clamps by name, one question an end; None when they are to be taken from the curves."""
+    import numpy as np  # noqa: PLC0415
+
+    from scan2flex_jax.convert import clamp_of_angles, length_unit  # noqa: PLC0415
+    from scan2flex_jax.study import Clamp  # noqa: PLC0415
+
+    def clamp(answer):
+        if answer.strip() == "free":
+            return None
+        values = _numbers(answer, 6 if len(answer.replace(",", " ").split()) > 3 else 3, "clamp")
+        if len(values) == 3:
+            return Clamp(np.array(values) * length_unit(units))
+        if convention is None:
+            raise Scan2FlexError("three angles need their convention: start again with --convention, or give a position alone.")
+        return clamp_of_angles(values[:3], values[3:], convention, units=units, degrees=degrees, tangent=tangent)
+
+    untwisted = "Take the clamps from the ends of the curves (only right where no end is twisted)?"
+    if interactive() and all(pose.curve for pose in poses) and typer.confirm(untwisted, default=False):
+        return None
+    found = {}
+    for pose in poses:
+        for end in ("start", "end"):
+            free = ", or free" if end == "end" else ""
+            question = f"the {end} clamp of {pose.name} (x y z and three angles; x y z alone for a ball joint{free})"
+            at = asked_or_refused(question, "--clamps FILE (or --clamps-from-curves)", clamp)
+            if at is None and end == "start":
+                raise Scan2FlexError(f"the start of {pose.name} must be held: give its clamp.")
+            if at is not None:
+                found[f"{pose.name} {end}"] = at
+    return found
+
+
+def pose(
+    file: Annotated[
+        Path | None,
+        typer.Argument(help="4x4 matrices under their names, or a CSV with name (or pose,end), x,y,z and a rotation."),
+    ] = None,
+    matrix: Annotated[str | None, typer.Option(help="One matrix, 16 (or 12) numbers row by row.")] = None,
+    position: Annotated[str | None, typer.Option(help="One position, x,y,z.")] = None,
+    angles: Annotated[str | None, typer.Option(help="Its three angles, in the --convention.")] = None,
+    convention: Convention = None,
+    units: Units = None,
+    radians: Radians = False,
+    tangent: Tangent = "z",
+    json: JsonFile = None,
+) -> None:
+    """Turn 4x4 matrices and Euler angles into the position and quaternion of a study.
+
+    Example: scan2flex pose flange.csv --convention kuka --units mm --tangent x
+
+    Example: scan2flex pose --position 0.5,0,0.3 --angles 0,90,0 --convention rpy
+    """
+    import numpy as np  # noqa: PLC0415
+
+    from scan2flex_jax.convert import clamp_of_angles, clamp_of_matrix, clamp_toml, read_frames  # noqa: PLC0415
+    from scan2flex_jax.study import write_json_atomic  # noqa: PLC0415
+
+    if sum(given is not None for given in (file, matrix, position)) != 1:
+        raise Scan2FlexError("give one of a file, --matrix, and --position with --angles.")
+    unit = units or "m"
+    if file is not None:
+        found = read_frames(file, units=unit, convention=convention, degrees=not radians, tangent=tangent)
+    elif matrix is not None:
+        count = len(matrix.replace(",", " ").split())
+        values = _numbers(matrix, 12 if count == 12 else 16, "matrix")
+        found = {"": clamp_of_matrix(np.reshape(values, (-1, 4)), units=unit, tangent=tangent)}
+    elif angles is None or convention is None:
+        raise Scan2FlexError("a position needs --angles and what they mean: --convention kuka, rpy, or axes as in ZYX.")
+    else:
+        where = _numbers(position, 3, "position"), _numbers(angles, 3, "angles")
+        found = {"": clamp_of_angles(*where, convention, units=unit, degrees=not radians, tangent=tangent)}
+    for name, clamp in found.items():
+        typer.echo(f"{name} = {clamp_toml(clamp)}" if name else clamp_toml(clamp))
+    if json:
+        write_json_atomic(json, {name: {"position": c.position, "quaternion": c.quaternion} for name, c in found.items()})
+
+
+def curve(
+    file: Annotated[Path, typer.Argument(help="Text file with a centre curve, as another tool wrote it.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="CSV to write; left out, the numbers are only looked at.")
+    ] = None,
+    units: Units = None,
+    columns: Columns = None,
+) -> None:
+    """Turn a centre curve of another tool into the CSV of a study: separators, decimal commas, columns and units.
+
+    Example: scan2flex curve export.txt --units mm --columns=-,x,y,z -o sag.csv
+    """
+    from scan2flex_jax.convert import read_foreign_curve  # noqa: PLC0415
+    from scan2flex_jax.study.curves import arc_length  # noqa: PLC0415
+    from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
+    from scan2flex_jax.study.write import csv_text  # noqa: PLC0415
+
+    found = read_foreign_curve(file, units=units, columns=columns)
+    for note in (*found.notes, f"{arc_length(found.curve.points):.4f} m long"):
+        typer.echo(note)
+    if out:
+        write_atomic(out, csv_text(found.curve).encode("ascii"))
+
+
+def check(study: StudyFolder, json: JsonFile = None) -> None:
+    """Read a study; say what it holds and what is wrong with it.
+
+    Example: scan2flex check my-cable
+    """
+    from scan2flex_jax.study import describe, load_study, study_warnings, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    typer.echo(describe(loaded))
+    if json:
+        poses = {p.name: {"role": p.role, "curve": p.curve is not None, "scan": p.scan is not None} for p in loaded.poses}
+        names = list(loaded.unknown_names)
+        write_json_atomic(json, {"title": loaded.title, "unknown": names, "poses": poses, "warnings": study_warnings(loaded)})
+
+
+def extract(
+    study: StudyFolder,
+    save: Annotated[Path | None, typer.Option(help="Folder for the study with its curves; default: the study itself.")] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for a picture per pose.")] = None,
+    json: JsonFile = None,
+) -> None:
+    """Find the centre curves of scanned poses and write them into the study.
+
+    Example: scan2flex extract my-cable --figures pictures
+    """
+    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    found, curves = extracted(loaded)
+    save_study(found, save or loaded.folder)
+    for name, one in curves.items():
+        typer.echo(f"{name}: {one.arc_length[-1]:.4f} m of centre curve" + "".join(f"; {w}" for w in one.warnings))
+        if figures:
+            drawing()
+            from scan2flex_jax.scan import save_picture  # noqa: PLC0415
+
+            figures.mkdir(parents=True, exist_ok=True)
+            save_picture(one, figures / f"{name}.png", name)
+    if json:
+        write_json_atomic(
+            json, {n: {"arc_length": float(c.arc_length[-1]), "warnings": list(c.warnings)} for n, c in curves.items()}
+        )

@@ -1,0 +1,76 @@
+"""Commands that hand results on: report, export."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, choices, with_curves
+from scan2flex_jax.cli.setup import prepare_jax, progress
+
+_TO = ("mujoco", "pyelastica", "json")
+
+
+def report(
+    study: StudyFolder,
+    out: Annotated[Path, typer.Option("--out", "-o", help="HTML file to write.")] = Path("report.html"),
+    no_explain: Annotated[
+        bool, typer.Option("--no-explain", help="Only the fit: no search for what the model lacks, no next pose (fast).")
+    ] = False,
+    json: JsonFile = None,
+    elements: Elements = 40,
+) -> None:
+    """Write one self-contained page: poses in 3D, errors, estimates, what the model lacks, forces, what to scan next.
+
+    Needs the extra [report] (plotly, jinja2); the page itself needs no network.
+
+    Example: scan2flex report my-cable -o report.html
+    """
+    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    from scan2flex_jax.report import require_libraries, save_report  # noqa: PLC0415
+
+    require_libraries()
+    if no_explain:
+        from scan2flex_jax.fit import fit as run  # noqa: PLC0415
+    else:
+        from scan2flex_jax.explain import explain as run  # noqa: PLC0415
+
+        loaded = with_curves(loaded)
+    with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}") as tell:
+        result = run(loaded, elements=elements, progress=tell)
+        save_report(result, out, progress=tell)
+    typer.echo(f"written: {out}")
+    if json:
+        write_json_atomic(json, result.to_json())
+    fitted = result if no_explain else result.fit
+    if fitted is None or not all(pose.stable for pose in fitted.poses.values()):
+        raise typer.Exit(NOT_TO_BELIEVE)
+
+
+def export(
+    study: StudyFolder,
+    to: Annotated[str, typer.Option(help="mujoco, pyelastica or json.", autocompletion=choices(*_TO))],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")],
+    pose: Annotated[str | None, typer.Option(help="The pose in which the cable hangs; left out, the first.")] = None,
+    elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
+) -> None:
+    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, or plain JSON.
+
+    Every parameter must have a value: fit the study first, with --save.
+
+    Example: scan2flex export calibrated --to mujoco -o cable.xml --pose sag
+    """
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+    from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
+
+    loaded = load_study(study)
+    prepare_jax()
+    from scan2flex_jax.export import export as run  # noqa: PLC0415
+
+    with progress(f"solving {loaded.title}"):
+        text = run(loaded, to, pose=pose, elements=elements)
+    write_atomic(out, text.encode("utf-8"))
+    typer.echo(f"written: {out}")

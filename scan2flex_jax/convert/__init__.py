@@ -1,0 +1,25 @@
+"""From what others measure to a study: units, frames of robots and trackers, centre curves of other tools, a new study.
+
+Everything here ends in the types of `scan2flex_jax.study`, in SI units. No jax here.
+"""
+
+from scan2flex_jax.convert.curves import CurveFile, read_foreign_curve
+from scan2flex_jax.convert.frames import CONVENTIONS, clamp_of_angles, clamp_of_matrix, clamp_toml, read_frames
+from scan2flex_jax.convert.start import MeasuredFile, measured_files, new_study
+from scan2flex_jax.convert.units import LENGTHS, length_unit, quantity
+
+__all__ = [
+    "CONVENTIONS",
+    "LENGTHS",
+    "CurveFile",
+    "MeasuredFile",
+    "clamp_of_angles",
+    "clamp_of_matrix",
+    "clamp_toml",
+    "length_unit",
+    "measured_files",
+    "new_study",
+    "quantity",
+    "read_foreign_curve",
+    "read_frames",
+]

@@ -1,0 +1,196 @@
+"""Frames as robots, trackers and CAD state them, made into the format's position and quaternion.
+
+A frame is a 4x4 (or 3x4) matrix, a position with three angles in a *named* convention, or a position with a quaternion.
+Its axis that points along the cable, from start to end, becomes d3; the two others follow it in cyclic order (y, z, x for
+a cable along x). Rotations are scipy's.
+"""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax.convert.units import length_unit
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study.files import TOML_LIMIT, read_text
+from scan2flex_jax.study.model import Clamp
+from scan2flex_jax.study.values import LARGEST, Where, one_line
+
+# upper case: about the axes as they have turned (intrinsic); lower case: about the fixed axes (extrinsic), as in scipy
+CONVENTIONS = {
+    "kuka": ("ZYX", "A, B, C about z, then the new y, then the new x"),
+    "fanuc": ("xyz", "W, P, R about the fixed x, y, z"),
+    "staubli": ("XYZ", "Rx, Ry, Rz about x, then the new y, then the new z"),
+    "kawasaki": ("ZYZ", "O, A, T about z, then the new y, then the new z"),
+    "rpy": ("xyz", "roll, pitch, yaw about the fixed x, y, z (URDF, ROS)"),
+    "rotvec": ("", "a rotation vector: its direction is the axis, its length the angle (Universal Robots)"),
+}
+_SEQUENCE = re.compile(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]|([XYZ])(?!\3)([XYZ])(?!\4)[XYZ]")
+_AXES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}  # columns d1, d2, d3
+_RIGID = 2e-3  # entries of R'R - 1 that matrices printed with three digits leave
+_POSITION, _QUATERNION, _ANGLES = ("x", "y", "z"), ("qw", "qx", "qy", "qz"), ("a", "b", "c")
+
+
+def clamp_of_matrix(matrix: Annotated[np.ndarray, "3|4 4"], *, units: str = "m", tangent: str = "z") -> Clamp:
+    """The clamp of a homogeneous matrix whose last column is the position in ``units``.
+
+    ``tangent`` names the axis of the given frame that points along the cable from start to end: x, y, z, -x, -y or -z.
+    Raises `Scan2FlexError` for what is no rigid motion.
+    """
+    M = np.asarray(matrix, float)
+    if M.shape not in ((4, 4), (3, 4)) or not np.all(np.abs(M) <= LARGEST):
+        raise Scan2FlexError(f"a frame has 4x4 (or 3x4) finite numbers, this one has the shape {M.shape}.")
+    if len(M) == 4 and not np.allclose(M[3], [0, 0, 0, 1], atol=1e-9):
+        turned = np.allclose(M[:3, 3], 0) and np.isclose(M[3, 3], 1)
+        advice = "it seems to be transposed: write the position in the last column" if turned else "write 0 0 0 1 there"
+        raise Scan2FlexError(f"the last row of the matrix is {M[3].tolist()}: {advice}.")
+    R = M[:3, :3]
+    if np.max(np.abs(R.T @ R - np.eye(3))) > _RIGID or np.linalg.det(R) < 0:
+        raise Scan2FlexError(
+            "the 3x3 part of the matrix is no rotation: its columns must be unit, orthogonal and right-handed."
+        )
+    return _clamp(M[:3, 3] * length_unit(units), Rotation.from_matrix(R), tangent)
+
+
+def clamp_of_angles(position, angles, convention: str, *, units: str = "m", degrees: bool = True, tangent: str = "z") -> Clamp:
+    """The clamp of a position (in ``units``) and three angles in a named convention: one of `CONVENTIONS`, or a sequence.
+
+    A sequence is scipy's: upper case about the turned axes ("ZYX"), lower case about the fixed ones ("xyz").
+    """
+    values = np.asarray([*position, *angles], float)
+    if values.shape != (6,) or not np.all(np.abs(values) <= LARGEST):
+        raise Scan2FlexError("a frame takes three coordinates and three angles, all finite.")
+    sequence = CONVENTIONS[convention][0] if convention in CONVENTIONS else convention
+    if convention == "rotvec":
+        turn = Rotation.from_rotvec(values[3:], degrees=degrees)
+    elif _SEQUENCE.fullmatch(sequence):
+        turn = Rotation.from_euler(sequence, values[3:], degrees=degrees)
+    else:
+        names = ", ".join(CONVENTIONS)
+        raise Scan2FlexError(f"the convention {convention[:20]!r} is not known: use {names}, or axes as in ZYX or xyz.")
+    return _clamp(values[:3] * length_unit(units), turn, tangent)
+
+
+def _clamp(position, turn: Rotation, tangent: str) -> Clamp:
+    sign, axis = (-1.0, tangent[1:]) if tangent.startswith("-") else (1.0, tangent.removeprefix("+"))
+    if axis not in _AXES:
+        raise Scan2FlexError(f"the axis {tangent[:20]!r} is not known: use x, y, z, -x, -y or -z.")
+    axes = _AXES[axis] * np.array([1.0, sign, sign])
+    quaternion = (turn * Rotation.from_matrix(axes)).as_quat(canonical=True, scalar_first=True)
+    return Clamp(position, quaternion / np.linalg.norm(quaternion))
+
+
+def clamp_toml(clamp: Clamp) -> str:
+    """The clamp as the format writes it, on one line."""
+    rounded = [f"position = [{', '.join(f'{v:.9g}' for v in clamp.position + 0.0)}]"]
+    if clamp.quaternion is not None:
+        rounded.append(f"quaternion = [{', '.join(f'{v:.12g}' for v in clamp.quaternion + 0.0)}]")
+    return f"{{ {', '.join(rounded)} }}"
+
+
+def read_frames(
+    path: Path, *, units: str = "m", convention: str | None = None, degrees: bool = True, tangent: str = "z"
+) -> dict[str, Clamp]:
+    """Clamps by name from a text file: matrices, each under a line with its name, or a CSV with a header.
+
+    Columns of a CSV: ``name`` or ``pose,end``; ``x,y,z``; and ``qw,qx,qy,qz``, or ``a,b,c`` (angles in ``convention``), or
+    neither (a ball joint). Names are "POSE start" and "POSE end". Raises `Scan2FlexError`, naming file and line.
+    """
+    where = Where(one_line(str(path), 300))
+    text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.")
+    lines = [(i + 1, line.split("#")[0].strip()) for i, line in enumerate(text.splitlines())]
+    lines = [(i, line) for i, line in lines if line]
+    if not lines:
+        raise where.fail("it holds no frame: write matrices, or a CSV with a header.")
+    header = [cell.strip().strip('"').lower() for cell in re.split(r"[,;\t]", lines[0][1])]
+    rows = _table if set(_POSITION) <= set(header) else _matrices
+    found: dict[str, Clamp] = {}
+    for number, name, make in rows(lines, where, header, units, convention, degrees, tangent):
+        here = where.at(f"line {number}")
+        if name in found:
+            raise here.fail(f"two frames are called {name[:60]!r}: give each its own name.")
+        try:
+            found[name] = make()
+        except Scan2FlexError as error:
+            raise here.fail(str(error)) from error
+    return found
+
+
+def _table(lines, where, header, units, convention, degrees, tangent):
+    """Rows of a CSV as (line, name, function that makes the clamp)."""
+    mark = next(m for m in ";\t," if m in lines[0][1])
+    named = "name" in header or {"pose", "end"} <= set(header)
+    known = {"name", "pose", "end", *_POSITION, *_QUATERNION, *_ANGLES}
+    if not named or set(header) - known or len(set(header)) < len(header):
+        raise where.at("line 1").fail("write a header with name (or pose,end), x,y,z and qw,qx,qy,qz or a,b,c.")
+    angles = set(_ANGLES) <= set(header)
+    if angles and convention is None:
+        raise where.fail(f"its angles a,b,c need a convention: name one of {', '.join(CONVENTIONS)}, or axes as in ZYX.")
+    for number, line in lines[1:]:
+        cells = [cell.strip().strip('"') for cell in line.split(mark)]
+        if len(cells) != len(header):
+            raise where.at(f"line {number}").fail(f"got {len(cells)} columns: write {len(header)}.")
+        row = dict(zip(header, cells, strict=True))
+
+        def make(row=row):
+            position = _numbers(row, _POSITION, mark)
+            if angles and any(row[k] for k in _ANGLES):
+                return clamp_of_angles(
+                    position, _numbers(row, _ANGLES, mark), convention, units=units, degrees=degrees, tangent=tangent
+                )
+            if set(_QUATERNION) <= set(header) and any(row[k] for k in _QUATERNION):
+                q = _numbers(row, _QUATERNION, mark)
+                if abs(np.linalg.norm(q) - 1) > 1e-3:
+                    raise Scan2FlexError(
+                        f"its quaternion has the length {np.linalg.norm(q):.4g}: give a unit one, scalar first."
+                    )
+                return _clamp(position * length_unit(units), Rotation.from_quat(q, scalar_first=True), tangent)
+            return Clamp(position * length_unit(units))
+
+        yield number, row["name"] if "name" in row else f"{row['pose']} {row['end'].lower()}", make
+
+
+def _numbers(row, names, mark):
+    cells = [row[name].replace(",", ".") if mark != "," else row[name] for name in names]
+    try:
+        values = np.array([float(cell) for cell in cells])
+    except ValueError:
+        raise Scan2FlexError(f"{', '.join(names)} are {', '.join(c[:20] or 'empty' for c in cells)}: write numbers.") from None
+    if not np.all(np.abs(values) <= LARGEST):
+        raise Scan2FlexError(f"{', '.join(names)} are not all finite: write finite numbers.")
+    return values
+
+
+def _matrices(lines, where, header, units, convention, degrees, tangent):
+    """Matrices as (line, name, function that makes the clamp); a line that holds no number names the next one."""
+    name, values, begun, count = "", [], lines[0][0], 0
+    for number, line in [*lines, (lines[-1][0], None)]:
+        row = None if line is None else _row(line)
+        if row is not None:
+            begun = begun if values else number
+            values += [row]
+            if len(row) != 4 or len(values) > 4:
+                raise where.at(f"line {number}").fail(f"a row of a 4x4 matrix has four numbers, got {line[:60]!r}.")
+        done = len(values) == 4 or (row is None and values)
+        if done:
+            count += 1
+            label, rows = name or f"frame {count}", np.array(values)
+            yield begun, label, lambda rows=rows: clamp_of_matrix(rows, units=units, tangent=tangent)
+            name, values = "", []
+        if row is None and line is not None:
+            name = line.rstrip(":=[ ").strip("\"' ") or name
+    if not count:
+        raise where.fail("it holds no frame: write 4x4 matrices, or a CSV with a header that has x,y,z.")
+
+
+def _row(line):
+    """The numbers of a line, or None where it holds anything else."""
+    cells = re.sub(r"[\[\](),;]", " ", line).split()
+    if not cells:
+        return None
+    try:
+        return [float(cell) for cell in cells]
+    except ValueError:
+        return None

@@ -1,0 +1,205 @@
+"""A new study from a folder of scans or centre curves: what the files say, and what only the person who measured knows.
+
+`measured_files` finds what was measured; `new_study` puts it together with the answers into a `Study` that `save_study` can
+write. Curves of other tools are converted (`curves`), scans in another unit are scaled. Whoever calls asks the questions.
+"""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax.convert.curves import read_foreign_curve, read_foreign_points
+from scan2flex_jax.convert.units import length_unit
+from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.study.check import pose_facts
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown
+from scan2flex_jax.study.read import STUDY_FILE
+
+CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv")
+SCANS = (".ply", ".xyz", ".obj", ".stl", ".off", ".glb")
+GRAVITY = (0.0, 0.0, -9.81)
+_END = 0.05  # part of a curve whose parabola gives the direction at its end
+_UNTWISTED = "the clamps were taken from the ends of the curves, without twist: measure them, above all where an end is twisted"
+
+
+@dataclass(frozen=True)
+class MeasuredFile:
+    """One pose in a folder: its name, and the files with its centre curve, its scan and its guide points."""
+
+    name: str
+    curve: Path | None = None
+    scan: Path | None = None
+    guides: Path | None = None
+
+
+def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[MeasuredFile]:
+    """The poses in a folder, in the natural order of their names (pose-2 before pose-10); raises `Scan2FlexError`."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise Scan2FlexError(f"{folder} is no folder: name the one that holds the scans or centre curves.")
+    if (folder / STUDY_FILE).exists():
+        raise StudyError(folder / STUDY_FILE, None, "there is a study already: edit it, or name another folder.")
+    skip = {path.resolve() for path in leave_out}
+    found: dict[str, MeasuredFile] = {}
+    for path in sorted(
+        folder.iterdir(), key=lambda p: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", p.name.lower())]
+    ):
+        kind, guides = path.suffix.lower(), path.stem.endswith("-guides")
+        if not path.is_file() or path.name.startswith(".") or path.resolve() in skip or kind not in CURVES + SCANS:
+            continue
+        name = path.stem.removesuffix("-guides") if guides else path.stem
+        slot = "scan" if kind in SCANS else "guides" if guides else "curve"
+        pose = found.get(name, MeasuredFile(name))
+        if getattr(pose, slot) is not None:
+            raise Scan2FlexError(f"{path.name} and {getattr(pose, slot).name} are two of a kind for one pose: rename one.")
+        found[name] = replace(pose, **{slot: path})
+    poses = [pose for pose in found.values() if pose.curve or pose.scan]
+    if not poses:
+        kinds = ", ".join(CURVES + SCANS)
+        raise Scan2FlexError(f"{folder} holds no scans or centre curves ({kinds}): put them there, one file a pose.")
+    return poses
+
+
+def new_study(
+    folder: Path,
+    poses: list[MeasuredFile],
+    *,
+    length: float,
+    length_density: float,
+    clamps: dict[str, Clamp] | None,
+    radius: float | None = None,
+    title: str = "",
+    gravity=GRAVITY,
+    units: str | None = None,
+    columns: str | None = None,
+    validate: tuple[str, ...] = (),
+) -> tuple[Study, tuple[str, ...]]:
+    """``(study, notes)``: a study that asks for both stiffnesses, ready for `save_study`.
+
+    ``length`` m, ``length_density`` kg/m, ``radius`` m (needed by scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
+    "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist. ``units`` and ``columns``
+    are those of the files. Raises `Scan2FlexError` for a name that no pose has, or what is still missing.
+    """
+    folder, notes = Path(folder).resolve(), []
+    names = [pose.name for pose in poses]
+    for name in validate:
+        if name not in names:
+            raise Scan2FlexError(f"no pose is called {name[:60]!r}: the poses are {', '.join(names)}.")
+    known = {f"{name} {end}" for name in names for end in ("start", "end")}
+    for name in clamps or ():
+        if name not in known:
+            raise Scan2FlexError(
+                f"the frame {name[:60]!r} belongs to no pose: call it {names[0]!r} start, {names[0]!r} end and so on."
+            )
+    made = []
+    for pose in poses:
+        one, said = _pose(folder, pose, clamps, units, columns, "validate" if pose.name in validate else "fit")
+        made.append(one)
+        notes += [f"{pose.name}: {text}" for text in said]
+    if clamps is None:
+        notes.append(_UNTWISTED)
+    if all(pose.role == "validate" for pose in made):
+        raise Scan2FlexError("every pose is kept for validation: leave at least one to fit.")
+    cable = {"length": length, "length_density": length_density} | ({} if radius is None else {"radius": radius})
+    unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
+    return Study(title or folder.name, np.asarray(gravity, float), cable, tuple(made), unknowns=unknowns, folder=folder), tuple(
+        notes
+    )
+
+
+def _pose(folder, files, clamps, units, columns, role):
+    """One pose, and what was found or changed in its files."""
+    curve, scan, notes = None, None, []
+    if files.curve:
+        found = read_foreign_curve(files.curve, units=units, columns=columns)
+        curve, notes = found.curve, list(found.notes)
+    start, end = _clamps(files.name, clamps, curve)
+    if curve is not None:
+        curve = replace(curve, path=folder / "curves" / f"{files.name}.csv")
+        facts = pose_facts(StudyPose(files.name, role, start, end, curve=curve))
+        if facts.backwards:
+            curve, notes = _reversed(curve), [*notes, "turned round: it ran from end to start"]
+    if files.scan:
+        scan, said = _scan(folder, files.scan, units)
+        notes += said
+    guides = None if files.guides is None else read_foreign_points(files.guides, units=units)
+    return StudyPose(files.name, role, start, end, curve=curve, scan=scan, guide_points=guides), notes
+
+
+def _clamps(name, clamps, curve):
+    if clamps is None:
+        if curve is None:
+            raise Scan2FlexError(f"pose {name!r} has only a scan: its clamps cannot be taken from a curve, give them.")
+        return clamps_of_curve(curve.points)
+    if f"{name} start" not in clamps:
+        raise Scan2FlexError(f"there is no frame {name + ' start'!r}: give the start clamp of every pose.")
+    return clamps[f"{name} start"], clamps.get(f"{name} end")
+
+
+def _reversed(curve):
+    s = curve.arc_length
+    return MeasuredCurve(curve.points[::-1], None if s is None else s[-1] - s[::-1], curve.path)
+
+
+def _scan(folder, path, units):
+    """The scan itself, or a copy in metres."""
+    factor = length_unit(units or "m")
+    if factor == 1.0:
+        return path.resolve(), []
+    import trimesh  # noqa: PLC0415  (only scans in other units need it, and it loads slowly)
+
+    target = folder / "scans" / f"{path.stem}.ply"
+    try:
+        loaded = trimesh.load(path)
+        loaded.apply_scale(factor)
+        data = loaded.export(file_type="ply")
+    except Exception as fault:  # each of trimesh's readers fails in its own way
+        raise StudyError(
+            path, None, f"it cannot be read as a scan ({' '.join(str(fault).split())[:120]}): check it."
+        ) from fault
+    from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
+
+    write_atomic(target, data)
+    return target, [f"a copy in metres is {target.parent.name}/{target.name}"]
+
+
+def clamps_of_curve(points: Annotated[np.ndarray, "n 3"]) -> tuple[Clamp, Clamp]:
+    """Clamps at the ends of a curve (m), along it; the end's frame is the start's, carried along without twist.
+
+    Raises `Scan2FlexError` for a curve that turns back on itself.
+    """
+    tangents = np.gradient(points, axis=0)
+    tangents[0], tangents[-1] = _direction(points), -_direction(points[::-1])
+    size = np.linalg.norm(tangents, axis=1, keepdims=True)
+    if not np.all(size > 1e-9 * np.max(size)):
+        raise Scan2FlexError("a curve turns back on itself: its clamps cannot be taken from it, give them.")
+    tangents /= size
+    axis = np.cross(tangents[:-1], tangents[1:])
+    sine, cosine = np.linalg.norm(axis, axis=1), np.sum(tangents[:-1] * tangents[1:], axis=1)
+    turns = axis / np.maximum(sine, 1e-300)[:, None] * np.arctan2(sine, cosine)[:, None]
+    first = _frame_on(tangents[0])
+    last = first
+    for turn in Rotation.from_rotvec(turns):
+        last = turn * last
+    ends = zip((points[0], points[-1]), (first, last), strict=True)
+    return tuple(Clamp(p, R.as_quat(canonical=True, scalar_first=True)) for p, R in ends)
+
+
+def _direction(points):
+    """Direction at the first point: the slope of a parabola through the beginning of the curve."""
+    s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    count = min(len(points), max(5, int(np.searchsorted(s, _END * s[-1]))))
+    basis = np.vander(s[:count] / s[-1], 3, increasing=True)
+    return np.linalg.lstsq(basis, points[:count], rcond=None)[0][1]
+
+
+def _frame_on(d3):
+    """A frame whose d3 is the given direction: d1 in the plane of d3 and the vertical, where that is one."""
+    up = np.array([0.0, 0.0, 1.0]) if abs(d3[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    d1 = up - (up @ d3) * d3
+    d1 /= np.linalg.norm(d1)
+    return Rotation.from_matrix(np.column_stack([d1, np.cross(d3, d1), d3]))

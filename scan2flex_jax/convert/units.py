@@ -1,0 +1,36 @@
+"""Units by name, for what comes from outside: a study itself is in SI units throughout."""
+
+import math
+import re
+
+from scan2flex_jax.errors import Scan2FlexError
+
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+_MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237, "oz": 0.028349523125}
+_DENSITIES = {f"{m}/{x}": a / b for m, a in _MASSES.items() for x, b in LENGTHS.items()}
+_OF = {"length": LENGTHS, "mass": _MASSES, "length density": _DENSITIES}
+_SI = {"length": "m", "mass": "kg", "length density": "kg/m"}
+_QUANTITY = re.compile(r"\s*([-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([A-Za-z/]*)\s*")
+
+
+def length_unit(name: str) -> float:
+    """Metres in one unit of length, by its name; raises `Scan2FlexError`."""
+    if name not in LENGTHS:
+        raise Scan2FlexError(f"the unit {name[:20]!r} is not known: use one of {', '.join(LENGTHS)}.")
+    return LENGTHS[name]
+
+
+def quantity(text: str, what: str) -> float:
+    """A positive quantity in SI units from text such as ``0.9``, ``900 mm`` or ``336 g/m``; a bare number is SI already.
+
+    ``what``: "length" (m), "mass" (kg) or "length density" (kg/m). Raises `Scan2FlexError`.
+    """
+    units, found = _OF[what], _QUANTITY.fullmatch(text)
+    unit = found and (found[2] or _SI[what])
+    value = float(found[1].replace(",", ".")) * units[unit] if found and unit in units else math.nan
+    if not (math.isfinite(value) and value > 0):
+        some = ", ".join(list(units)[:6])
+        raise Scan2FlexError(
+            f"{text[:40]!r} is no {what}: write a positive number of {_SI[what]}, or one with a unit ({some})."
+        )
+    return value

@@ -1,0 +1,45 @@
+"""Plain JSON: the stiffness matrices of every element, natural strain, density, and the shape in every solved pose."""
+
+import json
+
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax.export.cable import HungCable
+
+FORMAT = "scan2flex-cable/1"
+_MEANING = {
+    "units": "SI: m, kg, N, rad; stiffness in N (shear along d1, d2, stretch along d3) and N m^2 (bending about d1, d2, twist)",
+    "stiffness": "one 6x6 matrix per element: [force, moment] = K ([Gamma, Omega] - natural_strain), in material axes",
+    "quaternion": "scalar first, turns material vectors into the scan frame; d3 is the tangent",
+    "held": "1 where the support of start and end prevents a motion: three translations, three rotations",
+    "beyond": "effects that no stiffness, natural strain or density holds; a simulator must add them",
+}
+
+
+def to_json(cable: HungCable) -> str:
+    """The cable as JSON text."""
+    mid = 0.5 * (cable.s[1:] + cable.s[:-1])
+    quaternion = Rotation.from_matrix(cable.rotation).as_quat(scalar_first=True)
+    found = {
+        "format": FORMAT,
+        "title": cable.title,
+        "meaning": _MEANING,
+        "length": cable.length,
+        "gravity": cable.gravity.tolist(),
+        **({} if cable.radius is None else {"radius": cable.radius}),
+        "elements": {
+            "s": mid.tolist(),
+            "density": cable.density.tolist(),
+            "natural_strain": cable.natural.tolist(),
+            "stiffness": cable.stiffness.tolist(),
+        },
+        "pose": {
+            "name": cable.pose,
+            "held": cable.held.tolist(),
+            "s": cable.s.tolist(),
+            "position": cable.position.tolist(),
+            "quaternion": quaternion.tolist(),
+        },
+        "beyond": list(cable.beyond),
+    }
+    return json.dumps(found, indent=1, allow_nan=False, ensure_ascii=False) + "\n"

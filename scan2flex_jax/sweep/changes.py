@@ -1,0 +1,64 @@
+"""What a lane does to a study: other guesses, clamps that are turned, curves with noise."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study import Clamp, MeasuredCurve
+
+_ENDS = ("start", "end")
+
+
+def guesses(study, lane: dict):
+    """The study with the lane's ``guess_NAME`` as the guess of each unknown NAME."""
+    given = {name.removeprefix("guess_"): x for name, x in lane.items() if name.startswith("guess_")}
+    strangers = [name for name in lane if name.removeprefix("guess_") not in set(study.unknown_names) & given.keys()]
+    if strangers:
+        known = ", ".join(study.unknown_names)
+        raise Scan2FlexError(f"{strangers[0]!r} is no guess for an unknown of the study: they are {known}")
+    return replace(study, unknowns=tuple(replace(u, guess=given.get(u.name, u.guess)) for u in study.unknowns))
+
+
+def turned(study, turns):
+    """The study with its clamps turned by rotation vectors ``turns`` (poses, 2, 3), rad, in the clamps' own frames.
+
+    A ball joint or a free end has no orientation and stays as it is.
+    """
+    turns = np.asarray(turns, float)
+    if turns.shape != (len(study.poses), 2, 3):
+        wanted = (len(study.poses), 2, 3)
+        raise Scan2FlexError(f"turns have shape {turns.shape}: give {wanted}, a vector for each end of each pose")
+    return replace(study, poses=tuple(_turned(pose, *turn) for pose, turn in zip(study.poses, turns, strict=True)))
+
+
+def _turned(pose, *turns):
+    ends = {}
+    for end, vector in zip(_ENDS, turns, strict=True):
+        clamp = getattr(pose, end)
+        if clamp is not None and clamp.quaternion is not None:
+            R = Rotation.from_quat(clamp.quaternion, scalar_first=True) * Rotation.from_rotvec(vector)
+            ends[end] = Clamp(clamp.position, R.as_quat(scalar_first=True))
+    return replace(pose, **ends)
+
+
+def random_turns(count: int, poses: int, largest: float, seed: int = 0) -> np.ndarray:
+    """Rotation vectors (count, poses, 2, 3), rad: angles even in +-``largest`` about axes that point anywhere.
+
+    About any one axis their standard deviation is ``largest / 3``.
+    """
+    rng = np.random.default_rng(seed)
+    axis = rng.normal(size=(count, poses, 2, 3))
+    return rng.uniform(-largest, largest, (count, poses, 2, 1)) * axis / np.linalg.norm(axis, axis=-1, keepdims=True)
+
+
+def noisy(study, noise: float, seed: int):
+    """The study with white noise of ``noise`` (m) on every coordinate of its curves, stated as each pose's noise."""
+    rng, poses = np.random.default_rng(seed), []
+    for pose in study.poses:
+        if pose.curve is None:
+            raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: only curves are given noise")
+        points = pose.curve.points + noise * rng.standard_normal(pose.curve.points.shape)
+        poses.append(replace(pose, curve=MeasuredCurve(points, pose.curve.arc_length), noise=noise))
+    return replace(study, poses=tuple(poses))

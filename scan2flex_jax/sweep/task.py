@@ -1,0 +1,181 @@
+"""What a sweep does with a lane, and the verdict that every lane gets.
+
+Two kinds of task. `Calls`: a Python function of one lane, called for one lane after the other. `Traced`: a function that JAX
+can trace, evaluated for one lane or for a batch of lanes (`jax.vmap`) at a time, on a mesh of devices if there is one.
+A batch runs to its slowest lane. Whatever happens in a lane stays there: its verdict says what it was, its values are NaN.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+
+from scan2flex_jax.compilation import compiled
+from scan2flex_jax.equilibrium.solve import NON_FINITE, SOLVED
+from scan2flex_jax.equilibrium.solve import SENTENCES as OF_EQUILIBRIA
+from scan2flex_jax.errors import Scan2FlexError
+
+NOT_RUN, NOT_CONVERGED, REFUSED, FAULT = -1, 20, 21, 22
+SENTENCES = OF_EQUILIBRIA | {
+    NOT_RUN: "not run yet",
+    NOT_CONVERGED: "the fit did not converge",
+    REFUSED: "the input was refused",
+    FAULT: "the function failed",
+}
+VERDICT = {  # of every lane: unit and what it says
+    "code": ("-", "0 solved, else what went wrong"),
+    "verdict": ("-", "the code in words"),
+    "stable": ("-", "whether no direction lowers the energy"),
+    "steps": ("-", "steps of the solver, or equilibria of a fit"),
+    "out_of_balance": ("-", "largest force left, scaled; NaN where nothing was solved"),
+    "seconds": ("s", "wall clock; differs from run to run"),
+}
+
+
+@dataclass(frozen=True)
+class Output:
+    """One quantity that a task gives for every lane: its unit, the names of its own dimensions, and a label."""
+
+    unit: str = "-"
+    dims: tuple[str, ...] = ()
+    label: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a function of a `Calls` task may return instead of its bare values: the values with their verdict."""
+
+    values: dict
+    code: int = SOLVED
+    sentence: str | None = None
+    stable: bool = True
+    steps: int = 0
+    out_of_balance: float = np.nan
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Lanes that came back: their places, values and verdicts, stacked."""
+
+    values: dict[str, np.ndarray]
+    verdicts: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Calls:
+    """``function(lane)`` gives a dictionary of ``outputs``, or an `Outcome`; what it raises becomes the lane's verdict."""
+
+    function: Callable
+    outputs: dict[str, Output]
+    defined_by: dict[str, object] = field(default_factory=dict)
+    chunk: int = 8
+
+    def parts(self) -> dict[str, object]:
+        """What makes this task another one when it changes."""
+        return self.defined_by or {"function": self.function}
+
+    def batches(self, lanes: dict, count: int, at_once: int, mesh) -> Iterator[Batch]:
+        """One lane after the other."""
+        if mesh is not None or at_once > 1:
+            raise Scan2FlexError("a Python function takes one lane at a time: leave mesh and at_once out, start more processes")
+        for i in range(count):
+            begin = perf_counter()
+            o = self._called({name: x[i] for name, x in lanes.items()})
+            yield _batch([o.values], [o.code], [o.stable], [o.steps], [o.out_of_balance], perf_counter() - begin, o.sentence)
+
+    def _called(self, lane) -> Outcome:
+        try:
+            o = self.function(lane)
+            o = o if isinstance(o, Outcome) else Outcome(dict(o))
+            if o.code == SOLVED and set(o.values) != set(self.outputs):
+                raise TypeError(f"it gave {sorted(o.values)} where {sorted(self.outputs)} are declared")
+        except Scan2FlexError as error:
+            return Outcome({}, REFUSED, str(error), stable=False)
+        except Exception as error:
+            return Outcome({}, FAULT, f"{type(error).__name__}: {error}", stable=False)
+        return o
+
+
+class Traced:
+    """``function(lane)`` gives ``(values, Verdict)`` under tracing; see `equilibria`, which makes one."""
+
+    chunk = 256
+
+    def __init__(self, function: Callable, outputs: dict[str, Output], defined_by: dict[str, object] | None = None):
+        """Nothing is compiled yet."""
+        self.function, self.outputs, self.defined_by = function, outputs, defined_by or {}
+        self._single, self._batched = compiled(function), compiled(jax.vmap(function))
+
+    def parts(self) -> dict[str, object]:
+        """What makes this task another one when it changes."""
+        return self.defined_by or {"function": self.function}
+
+    def batches(self, lanes: dict, count: int, at_once: int, mesh) -> Iterator[Batch]:
+        """``at_once`` lanes in one call; the last batch is filled up with its last lane, so that one compilation serves."""
+        for first in range(0, count, at_once):
+            which = np.minimum(np.arange(first, first + at_once), count - 1)
+            begin = perf_counter()
+            if at_once == 1 and mesh is None:
+                values, v = jax.tree.map(lambda x: np.asarray(x)[None], self._single(_arrays(lanes, first)))
+            else:
+                values, v = jax.tree.map(np.asarray, self._batched(_placed(_arrays(lanes, which), mesh)))
+            real = min(at_once, count - first)
+            values, v = jax.tree.map(lambda x, n=real: x[:n], (values, v))
+            rows = [{name: x[i] for name, x in values.items()} if v.code[i] == SOLVED else {} for i in range(real)]
+            yield _batch(rows, v.code, v.negative == 0, v.steps, v.out_of_balance, (perf_counter() - begin) / real)
+
+
+def _arrays(lanes, which):
+    return {name: jnp.asarray(x[which]) for name, x in lanes.items()}
+
+
+def _placed(lanes, mesh):
+    if mesh is None:
+        return lanes
+    over = NamedSharding(mesh, PartitionSpec(mesh.axis_names[0]))
+    return jax.device_put(lanes, over)
+
+
+def _batch(rows, code, stable, steps, out_of_balance, seconds, sentence=None) -> Batch:
+    """Stacked lanes; a solved lane with a NaN among its values is none."""
+    code = np.array(code, np.int32)
+    rows = [{name: np.asarray(x, float) for name, x in row.items()} for row in rows]
+    broken = np.array([any(np.any(np.isnan(x)) for x in row.values()) for row in rows])
+    code[(code == SOLVED) & broken] = NON_FINITE
+    names = {name for row in rows for name in row}
+    text = [sentence if sentence and c != NON_FINITE else SENTENCES.get(int(c), f"code {c}") for c in code]
+    verdicts = {
+        "code": code,
+        "verdict": np.array(text),
+        "stable": np.array(stable, bool),
+        "steps": np.array(steps, np.int32),
+        "out_of_balance": np.array(out_of_balance, float),
+        "seconds": np.full(len(code), seconds),
+    }
+    return Batch({name: stacked([row.get(name) for row in rows]) for name in names}, verdicts)
+
+
+def stacked(rows) -> np.ndarray:
+    """Rows of one shape, NaN where there is none."""
+    shape = next(row.shape for row in rows if row is not None)
+    return np.stack([np.full(shape, np.nan) if row is None else row for row in rows])
+
+
+def joined(batches: list[Batch]) -> Batch:
+    """Batches one after the other; a quantity that no lane of a batch has is NaN there."""
+    shapes = {}
+    for batch in batches:
+        for name, x in batch.values.items():
+            if shapes.setdefault(name, x.shape[1:]) != x.shape[1:]:
+                raise Scan2FlexError(
+                    f"{name} has shape {shapes[name]} in one lane and {x.shape[1:]} in another: make it the same in all"
+                )
+    values = {}
+    for name, shape in shapes.items():
+        parts = [b.values.get(name, np.full((len(b.verdicts["code"]), *shape), np.nan)) for b in batches]
+        values[name] = np.concatenate(parts)
+    return Batch(values, {name: np.concatenate([b.verdicts[name] for b in batches]) for name in VERDICT})

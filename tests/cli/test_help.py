@@ -1,0 +1,81 @@
+"""What the program says of itself: help with examples that are right, exit codes, completion."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from scan2flex_jax.cli.app import app
+
+COMMANDS = get_command(app).commands
+COMPUTES = ("fit", "explain", "plan", "simulate", "check", "extract", "pose", "report")
+PROGRAM = Path(sys.executable).with_name("scan2flex")
+
+
+def examples(name):
+    """The words of each example of a command."""
+    text = " ".join(COMMANDS[name].help.split())
+    return [shlex.split(e) for e in re.findall(r"Example: (.*?)(?= Example:|$)", text)]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_an_example_that_it_understands(name):
+    assert examples(name), f"{name} has no example"
+    known = {option for parameter in COMMANDS[name].params for option in parameter.opts}
+    for words in examples(name):
+        assert words[:2] == ["scan2flex", name]
+        used = {word.split("=")[0] for word in words[2:] if re.match(r"-{1,2}[a-z]", word)}
+        assert used <= known, f"{used - known} in {words}"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_says_what_exit_codes_mean(name):
+    found = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": "200", "TERM": "dumb"})
+    assert found.exit_code == 0
+    text = " ".join(found.output.split())
+    for code in ("0 done", "2 input", "3 computed", "130 interrupted"):
+        assert code in text
+    assert f"Example: scan2flex {name}" in text
+    assert "[cable]" in text or name != "simulate"  # brackets are no markup
+
+
+@pytest.mark.parametrize("name", COMPUTES)
+def test_what_computes_writes_json(name):
+    assert any("--json" in parameter.opts for parameter in COMMANDS[name].params)
+
+
+def test_help_of_the_program_names_every_command():
+    found = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "120", "TERM": "dumb"})
+    assert all(re.search(rf"\b{name}\b", found.output) for name in COMMANDS)
+    assert "--install-completion" in found.output
+
+
+@pytest.mark.skipif(not PROGRAM.exists(), reason="the program scan2flex is not installed beside this Python")
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [("scan2flex re", {"report"}), ("scan2flex fit --meth", {"--method"}), ("scan2flex fit --method le", {"least-squares"})],
+)
+def test_the_shell_completes(words, offered):
+    count = len(words.split()) - 1
+    asked = {"_SCAN2FLEX_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(count)}
+    done = subprocess.run([PROGRAM], capture_output=True, text=True, env={**os.environ, **asked}, timeout=60, check=False)
+    assert set(done.stdout.split()) == offered, done.stderr
+
+
+def test_an_interrupt_is_exit_code_130(monkeypatch):
+    def interrupted(folder):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("scan2flex_jax.study.load_study", interrupted)
+    assert CliRunner().invoke(app, ["check", "x"]).exit_code == 130
+
+
+def test_a_wrong_option_is_exit_code_two():
+    assert CliRunner().invoke(app, ["fit"]).exit_code == 2
+    assert CliRunner().invoke(app, ["fit", "x", "--nothing"]).exit_code == 2

@@ -1,0 +1,92 @@
+"""Centre curves as other tools write them: every dialect gives the same points, and doubt is one sentence."""
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.convert import length_unit, quantity, read_foreign_curve
+from scan2flex_jax.errors import Scan2FlexError
+
+T = np.linspace(0, 1, 12)
+POINTS = np.column_stack([0.6 * T, 0.1 * T**2, -0.3 * np.sin(np.pi * T)])  # m
+ARC = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(POINTS, axis=0), axis=1))]
+
+
+def lines(table, mark, decimal="."):
+    return "\n".join(mark.join(f"{v:.6f}".replace(".", decimal) for v in row) for row in table) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "columns"),
+    [
+        (lines(POINTS, ","), None, None),
+        ("x,y,z\n" + lines(POINTS, ","), None, None),
+        ("X [mm];Y [mm];Z [mm]\n" + lines(1e3 * POINTS, ";", ","), None, None),
+        ('"Points:0","Points:1","Points:2"\n' + lines(POINTS, ","), None, None),
+        ("//X Y Z\n" + lines(POINTS, " "), None, None),
+        ("# a tool\n# of 2026\npos_x\tpos_y\tpos_z\n" + lines(POINTS, "\t"), None, None),
+        ("index,z_mm,y_mm,x_mm,colour\n" + lines(np.column_stack([T, 1e3 * POINTS[:, ::-1], T]), ","), None, None),
+        (lines(np.column_stack([np.arange(12.0), 1e3 * POINTS]), ","), "mm", None),
+        (lines(np.column_stack([T, POINTS[:, [2, 0, 1]]]), ";"), None, "-,z,x,y"),
+        (lines(POINTS, ";", ","), None, None),
+        (lines(POINTS, "  ", ","), None, None),
+        (lines(POINTS / 0.0254, ", "), "in", None),
+        (lines(np.repeat(POINTS, 2, axis=0), ","), None, None),
+        ("x,y,z,\n" + lines(POINTS, ",").replace("\n", ",\n"), None, None),
+    ],
+    ids=[
+        "plain", "format", "german", "paraview", "cloudcompare", "tabs", "order", "index", "given", "semicolon", "blanks",
+        "inch", "repeated", "trailing",
+    ],
+)  # fmt: skip
+def test_every_dialect_gives_the_same_points(tmp_path, text, units, columns):
+    file = tmp_path / "curve.txt"
+    file.write_text(text)
+    found = read_foreign_curve(file, units=units, columns=columns)
+    np.testing.assert_allclose(found.curve.points, POINTS, atol=2e-6)
+    assert found.curve.arc_length is None
+
+
+@pytest.mark.parametrize("header", ["", "arc length (mm),x (mm),y (mm),z (mm)\n"])
+def test_arc_length_is_seen_by_its_header_or_its_numbers(tmp_path, header):
+    file = tmp_path / "curve.csv"
+    file.write_text(header + lines(1e3 * np.column_stack([ARC, POINTS]), ","))
+    found = read_foreign_curve(file, units="mm")
+    np.testing.assert_allclose(found.curve.arc_length, ARC, atol=2e-6)
+    np.testing.assert_allclose(found.curve.points, POINTS, atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "columns", "words"),
+    [
+        ("", None, None, "no line"),
+        ("a,b,c\n", None, None, "no line"),
+        (lines(np.column_stack([T[::-1], POINTS]), ","), None, None, "say what they are"),
+        ("a,b,c\n" + lines(POINTS, ","), None, None, "names no x, y, z"),
+        ("x_mm,y_mm,z_m\n" + lines(POINTS, ","), None, None, "several units"),
+        ("x_mm,y_mm,z_mm\n" + lines(POINTS, ","), "m", None, "it says mm"),
+        (lines(POINTS, ",") + "1,2\n", None, None, "point 13.*3 numbers"),
+        (lines(POINTS, ",") + "1,2,inf\n", None, None, "point 13.*finite"),
+        (lines(POINTS[:3], ","), None, None, "at least 4"),
+        (lines(POINTS, ","), None, "x,y", "name x, y, z"),
+        (lines(POINTS, ","), None, "s,x,y,z", "4 names for 3 columns"),
+        (lines(POINTS, ","), "parsec", None, "unit 'parsec'"),
+    ],
+)
+def test_doubt_is_one_sentence(tmp_path, text, units, columns, words):
+    file = tmp_path / "curve.csv"
+    file.write_text(text)
+    with pytest.raises(Scan2FlexError, match=words) as found:
+        read_foreign_curve(file, units=units, columns=columns)
+    assert "\n" not in str(found.value)
+
+
+def test_quantities_with_units():
+    assert quantity("900 mm", "length") == pytest.approx(0.9)
+    assert quantity("0,9", "length") == pytest.approx(0.9)
+    assert quantity("336 g/m", "length density") == pytest.approx(0.336)
+    assert quantity("1 lb/ft", "length density") == pytest.approx(0.45359237 / 0.3048)
+    assert quantity("302 g", "mass") == pytest.approx(0.302)
+    assert length_unit("in") == 0.0254
+    for bad in ("", "-1", "0", "nan", "1 kg", "1e400", "1.2.3", "mm"):
+        with pytest.raises(Scan2FlexError, match="positive number of m"):
+            quantity(bad, "length")

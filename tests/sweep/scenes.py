@@ -1,0 +1,51 @@
+"""A sweep of equilibria over clamps and stiffness, and a cheap one over numbers that notes which lanes it has run."""
+
+import time
+from functools import cache
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.sweep import Axis, Calls, Output, equilibria, grid
+
+ELEMENTS = 12
+ALONG_X = np.array([0.5, 0.5, 0.5, 0.5])  # quaternion: d3 = +x
+GRAVITY = np.array([0.0, 0.0, -9.81])
+LENGTH = 1.0
+QUANTITIES = ("points", "energy", "reaction_force")
+
+
+def hanging(lane):
+    """A cable of 1 m between two clamps ``span`` (m) apart."""
+    cable = Cable(LENGTH, 0.2, lane["bending_stiffness"], 0.25)
+    far = jnp.array([1.0, 0.0, 0.0]) * lane["span"]
+    return CableModel(cable, jnp.asarray(GRAVITY)), Boundary.of((np.zeros(3), ALONG_X), (far, ALONG_X))
+
+
+@cache
+def hanging_cables():
+    return equilibria(hanging, QUANTITIES, elements=ELEMENTS, max_steps=60)
+
+
+# the last span is longer than the cable by half, and an axial stiffness of 1e5 N does not give that
+SPANS, STIFFNESSES = np.array([0.6, 0.8, 1.5]), np.array([0.05, 0.2])
+CLAMPS_APART = grid(span=Axis(SPANS, "m"), bending_stiffness=Axis(STIFFNESSES, "N m^2"))
+
+
+def squares(note: Path | None = None, pause: float = 0.0, count: int = 40):
+    """``(task, lanes)`` of numbers and their squares; each lane is noted in a file and takes ``pause`` seconds."""
+
+    def square(lane):
+        if note:
+            with note.open("a") as f:
+                f.write(f"{lane['x']:g}\n")
+        time.sleep(pause)
+        return {"square": lane["x"] ** 2, "powers": lane["x"] ** np.arange(3)}
+
+    outputs = {"square": Output("m^2"), "powers": Output("-", ("power",))}
+    # what is noted and how long it takes is no part of what is computed
+    return Calls(square, outputs, {"function": "squares"}), grid(x=Axis(np.arange(float(count)), "m"))
