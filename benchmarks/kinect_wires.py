@@ -16,6 +16,7 @@ cable 1.62, 3.52, 4.28 % (white, black, red).
 
 import os
 import sys
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,13 +31,19 @@ TOLERANCE = {"length": 0.02, "clamp_position": 0.004, "clamp_rotation": 0.15, "g
 EI_OVER_GJ = 1.3  # of a solid round wire of Poisson's ratio 0.3; poses free of twist hardly feel it
 
 
+@cache
+def curve_of(path):
+    """The centre curve through the picks of one image."""
+    from scan2flex_jax.scan import kinect  # noqa: PLC0415
+
+    return kinect.curve_from_picks(kinect.read_picks(path), RADIUS, NOISE)
+
+
 def pose_of(path, role):
     """A pose of the study from its picks: the curve, and clamps where it ends, without twist between them."""
-    from scan2flex_jax.scan import kinect  # noqa: PLC0415
     from scan2flex_jax.study import Clamp, MeasuredCurve, StudyPose  # noqa: PLC0415
 
-    picks = kinect.read_picks(path)
-    curve = kinect.curve_from_picks(picks, RADIUS, NOISE)
+    curve = curve_of(path)
     frames = transported(curve.tangents)
     clamps = [Clamp(curve.points[k], quaternion(frames[k])) for k in (0, -1)]
     return StudyPose(path.stem, role, *clamps, curve=MeasuredCurve(curve.points[:: max(1, len(curve.points) // 40)]))
