@@ -50,8 +50,8 @@ def diagnose(folder: Path) -> dict:
     return out
 
 
-def score(result: dict, answer: dict) -> dict:
-    """What one case counts for."""
+def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
+    """What one case counts for; ``tolerances``: its study knows clamps, length or gravity only nearly."""
     truth = set(answer.get("kinds", []))
     accept = set(answer.get("accept", [])) | truth
     off = answer.get("off_catalogue", "none")
@@ -64,7 +64,7 @@ def score(result: dict, answer: dict) -> dict:
         "truth": sorted(truth), "off": answer.get("off_catalogue", "none"), "strength": answer.get("plain_over_noise", 0.0),
         "poses": result.get("poses_fitted"), "verdict": result.get("verdict"), "p": result.get("test", {}).get("p_value"),
         "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"),
-        "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
+        "tolerances": tolerances, "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
     }  # fmt: skip
     named = result.get("verdict") == "explained"
     out["detected"] = bool(result.get("test", {}).get("significant"))
@@ -122,6 +122,7 @@ def table(rows: list[dict]) -> dict:
         "fit_within_5_percent": under(right, "fit_over_floor", 1.05),
         "validate_better": share(chosen, "validate_better"),
         "validate_within_1.15": under(right, "validate_over_floor", 1.15),
+        "validate_within_1.15_no_tolerance": under([r for r in right if not r["tolerances"]], "validate_over_floor", 1.15),
         "coverage_95": share(covers, "c"),
         "seconds_mean": mean([r for r in rows if r.get("seconds")], lambda r: r["seconds"]),
         "seconds_most": max((r["seconds"] for r in rows if r.get("seconds")), default=None),
@@ -153,7 +154,8 @@ def main() -> None:
                 args.json.write_text(json.dumps({"results": results}))
     done = {n: r for n, r in results.items() if "skipped" not in r}
     answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in done}
-    rows = {n: score(done[n], answers[n]) for n in done}
+    loose = {n: "tolerance" in tomllib.loads((args.cases / n / "study.toml").read_text()) for n in done}
+    rows = {n: score(done[n], answers[n], loose[n]) for n in done}
     args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows, "results": results}, indent=1) + "\n")
     if args.record:
         record(args.record, {"table": table(list(rows.values())), "rows": rows})
