@@ -14,6 +14,7 @@ import numpy as np
 
 from scan2flex_jax.explain.residual import whiten
 from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.fit.least_squares import UNSEEN
 from scan2flex_jax.fit.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
@@ -192,6 +193,7 @@ def _step(white, n, prior, vector, damping):
     g = white.J.T @ white.r + own * vector  # columns are derivatives of the residual itself
     free = ~prior.frozen & ~(((vector <= prior.low) & (g > 0)) | ((vector >= prior.high) & (g < 0)))
     scale = np.sqrt(np.diag(A) + prior.width) + 1e-150
+    free[: n.base] &= scale[: n.base] > UNSEEN * np.max(scale[: n.base], initial=0.0)  # what no pose feels stays where it is
     inside = np.ix_(free, free)
     H = A[inside] / np.outer(scale, scale)[inside] + damping * np.eye(int(free.sum()))
     step = np.zeros_like(vector)

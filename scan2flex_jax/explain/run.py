@@ -17,7 +17,6 @@ from scan2flex_jax.fit import fit as plain_fit
 from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.run import FIT_ELEMENTS
 
-_UNLIKE = 0.01  # p-value of one size in all poses below which it is said
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
@@ -185,7 +184,7 @@ def _confirmed(poses, constancy, kinds):
         return ()
     better = sum(p.left_out < p.left_out_before for p in own)
     out = [f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without"]
-    if constancy is not None and constancy < _UNLIKE:
+    if constancy is not None and constancy < verdict.ALARM:
         out.append(f"its size differs between the poses (p = {constancy:.3f}): it may stand for something that is no property "
                    "of the cable")  # fmt: skip
     return tuple(out)

@@ -10,6 +10,7 @@ import pytest
 import scan2flex_jax.effects as fx
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces
 from scan2flex_jax.rod.model import CableModel, discretise
 from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, kind_format
@@ -61,6 +62,29 @@ def test_amplitudes_and_parameters_mean_the_same(kind):
     built = entry.build(jnp.asarray(amplitude), site, scene.CONTEXT)
     for given, wanted in zip(rod_leaves(built), rod_leaves((effect,)), strict=True):
         np.testing.assert_allclose(given, wanted, rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.2, 0.35])
+def test_a_string_pulls_as_the_tether_that_it_is_reported_as(rest):
+    """Taut and slack, and there and back through the catalogue's own numbers."""
+    entry, c = ENTRIES["tether"], scene.CONTEXT
+    parameters = {"position": 0.4, "anchor": c.centre + np.array([0.1, -0.2, 0.3]), "stiffness": 2.5, "rest_length": rest}
+    amplitude, site = entry.from_parameters(parameters, c)
+    back = entry.to_parameters(amplitude, site, c)
+    for name, value in parameters.items():
+        np.testing.assert_allclose(back[name], value, rtol=1e-9, atol=1e-12)
+    built, tether = entry.build(jnp.asarray(amplitude), site, c)[0], fx.Tether(**parameters)
+    slack = 0
+    for r in np.random.default_rng(1).uniform(-0.4, 0.4, (40, 3)) + c.centre:
+        node = Node(jnp.asarray(r), jnp.eye(3), jnp.array(0.4), jnp.array(0.02), jnp.array(0.02), scene.pose())
+
+        def force(effect, node=node):
+            return jax.grad(lambda at: effect.node_potential(dataclasses.replace(node, r=at)))(node.r)
+
+        given, wanted = force(built), force(tether)
+        np.testing.assert_allclose(given, wanted, rtol=1e-9, atol=1e-9)
+        slack += not np.any(wanted)
+    assert (slack > 0) == (rest > 0)
 
 
 def rod_leaves(effects):

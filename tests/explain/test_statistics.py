@@ -121,6 +121,20 @@ def test_the_verdict_of_the_whole(p_value, p_after, evidences, expected):
     assert verdict.whole(before, after, candidates) == expected
 
 
+def test_an_effect_of_another_size_in_each_pose_explains_nothing():
+    one = [verdict.Candidate(("kink",), 40.0)]
+    before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
+    assert verdict.whole(before, after, one, constancy=0.5) == "explained"
+    assert verdict.whole(before, after, one, constancy=0.001) == "unexplained"
+
+
+def test_a_field_that_is_clearly_likelier_takes_the_place_of_an_effect():
+    one = [verdict.Candidate(("kink",), 40.0)]
+    before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
+    assert verdict.whole(before, after, one, field=45.0) == "explained"
+    assert verdict.whole(before, after, one, field=60.0) == "unexplained"
+
+
 def test_an_exact_class_is_a_tie_whatever_sizes_were_assumed():
     twist = verdict.Candidate(("natural_curvature",), 20.0, chi2=100.0, same_shapes=("clamp_rotation",))
     roll = verdict.Candidate(("clamp_rotation",), 10.0, chi2=101.0)
