@@ -31,7 +31,7 @@ def prepare() -> None:
     prepare_jax()
 
 
-def diagnose(folder: Path) -> dict:
+def diagnose(folder: Path, options: dict | None = None) -> dict:
     from scan2flex_jax.explain import explain  # noqa: PLC0415 - the environment must be set first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
@@ -40,7 +40,7 @@ def diagnose(folder: Path) -> dict:
         study = load_study(folder)
         if any(pose.curve is None for pose in study.poses):
             return {"skipped": "no centre curves"}
-        found = explain(study)
+        found = explain(study, **(options or {}))
     except Exception as fault:  # a benchmark counts failures
         return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
     out = found.to_json()

@@ -13,14 +13,20 @@ from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.equilibrium import blocktridiagonal as bt
-from scan2flex_jax.rod.assembly import Derivatives, derivatives, free_motions, strain_increment, to_nodes
+from scan2flex_jax.rod.assembly import (
+    Derivatives,
+    derivatives,
+    free_motions,
+    no_derivatives,
+    strain_increment,
+    to_nodes,
+)
 from scan2flex_jax.rod.energy import retract, supported
 from scan2flex_jax.rod.model import Rod
 
@@ -63,8 +69,7 @@ class MixedNewton(optx.AbstractMinimiser):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
         """Nothing is known of the forces yet."""
         rod: Rod = args
-        shapes = eqx.filter_eval_shape(derivatives, rod, y)
-        empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+        empty = no_derivatives(rod)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
         return NewtonState(empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no)

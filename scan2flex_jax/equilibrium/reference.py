@@ -48,8 +48,8 @@ def _round(rod, base, last):
         return 0.5 * jnp.sum((scaling.T @ gradient.ravel() / unit) ** 2)
 
     goal = squared_gradient if last else energy
-    solver = optx.BFGS(_TOLERANCE**2, _TOLERANCE**2) if last else optx.BFGS(_TOLERANCE, _TOLERANCE)
-    found = optx.minimise(goal, solver, jnp.zeros(scaling.shape[1]), max_steps=_STEPS, throw=False)
+    solver: optx.BFGS = optx.BFGS(_TOLERANCE**2, _TOLERANCE**2) if last else optx.BFGS(_TOLERANCE, _TOLERANCE)
+    found: optx.Solution = optx.minimise(goal, solver, jnp.zeros(scaling.shape[1]), max_steps=_STEPS, throw=False)
     return moved(found.value), found.stats["num_steps"]
 
 

@@ -150,7 +150,7 @@ def equilibrium(
         negative = bt.factor(d.diagonal, d.upper).negative
     else:
         solver = MixedNewton() if solver is None else solver
-        found = optx.minimise(potential_energy, solver, start, frozen, max_steps=max_steps, throw=False)
+        found: optx.Solution = optx.minimise(potential_energy, solver, start, frozen, max_steps=max_steps, throw=False)
         c, result, d, steps = found.value, found.result, found.state.last, found.stats["num_steps"]
         negative = found.state.negative
     c, d = jax.lax.stop_gradient((supported(frozen, c), d))

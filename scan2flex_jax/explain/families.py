@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.effects import CurvatureProfile, DistributedLoad
+from scan2flex_jax.effects.curvature_profile import CurvatureProfile
+from scan2flex_jax.effects.distributed_load import DistributedLoad
 
 POINTS = 9  # of a field along the cable
 _SMOOTH = 0.2  # of the length: over which a field's values are alike

@@ -26,7 +26,7 @@ def best_pairs(groups, y: np.ndarray, singles: np.ndarray, kinds, count: int = 4
     ends = np.cumsum([groups[i].X.shape[1] for i in chosen])
     spans = [np.arange(e - groups[i].X.shape[1], e) for i, e in zip(chosen, ends, strict=True)]
     G, c = X.T @ X, X.T @ y
-    found = {}
+    found: dict = {}
     for (a, i), (b, j) in combinations(enumerate(chosen), 2):
         if kinds[i] == kinds[j]:
             continue

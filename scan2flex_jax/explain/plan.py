@@ -7,6 +7,7 @@ likelihood. All is to first order at the plain fit, with the noise that was esti
 Reference: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models" (1975).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -16,10 +17,11 @@ from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.explain.refit import configurations
 from scan2flex_jax.explain.residual import Whitened, orthonormal, whiten
+from scan2flex_jax.explain.result import Explanation
 from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.fit.parameters import model_at
 from scan2flex_jax.fit.poses import boundary_of, poses_of
-from scan2flex_jax.study.model import Clamp, MeasuredCurve
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, StudyPose
 
 POINTS = 48  # of the curve that a scan of a candidate is taken to give
 
@@ -82,7 +84,7 @@ class Plan:
         }  # fmt: skip
 
 
-def plan(explanation, candidates=None) -> Plan:
+def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None) -> Plan:
     """Rank poses that could still be scanned by what they would settle.
 
     ``candidates``: study poses (their curves, if any, play no part); left out, variations of the fitted ones: end clamp

@@ -5,7 +5,9 @@ their tolerance and size, continuous parts of a site are flat over the range tha
 
     log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites), relative to the base model's,
 
-and a flat range R counts as a normal of standard deviation ``R/sqrt(12)``. Symbols as in `sensitivity` and `residual`.
+and a flat range R counts as a normal of standard deviation ``R/sqrt(12)``. The logarithms of the base numbers have a weak
+normal prior about the plain fit, in every model alike: a number that the poses do not feel stays where it was, and adds
+nothing to the evidence. Symbols as in `sensitivity` and `residual`.
 """
 
 from dataclasses import dataclass, replace
@@ -14,13 +16,13 @@ import numpy as np
 
 from scan2flex_jax.explain.residual import whiten
 from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
-from scan2flex_jax.fit.least_squares import UNSEEN
 from scan2flex_jax.fit.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
 _REACH = np.array([0.03, 1.0])  # of the length: from the cable to where a string is anchored
 _GIVE_UP = 1e7
+_WEAK = 3.0  # standard deviation of the logarithm of a base number about the plain fit's: a factor of 20
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 _EDGE = 0.01  # of the length: no place closer to a clamp
 _CONTACT_STAGES = (20.0, 400.0, 1e4)  # stiffness of a plane in units of its size: contact is hard, and met step by step
@@ -50,7 +52,7 @@ class Refit:
 
 
 class Prior:
-    """Precision (0 = flat) and centre of every number, and its bounds."""
+    """Precision (0 = flat) of every number, its bounds, and the weak precision of base numbers about their ``centre``."""
 
     def __init__(self, bench: Bench, components):
         """From tolerances, sizes and ranges."""
@@ -61,6 +63,10 @@ class Prior:
         self.low[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.low]
         self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
         self.frozen = np.zeros(n.count, bool)
+        self.weak, self.centre = np.zeros(n.count), np.zeros(n.count)
+        logs = [slot.log for slot in bench.layout.slots for _ in range(slot.size)]
+        self.weak[: bench.layout.unknowns] = np.where(logs, 1.0 / _WEAK**2, 0.0)
+        self.centre[: bench.layout.shared] = bench.minimum.shared
         for k, c in enumerate(components):
             at = n.amplitudes(k)
             size = c.entry.size(bench.context)
@@ -157,7 +163,7 @@ def _cost(bench, shapes, n, prior, noise, vector):
     white = whiten(shapes, bench.real, n, vector, noise)
     own = prior.precision.copy()
     own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
-    return float(white.r @ white.r + own @ vector**2), white
+    return float(white.r @ white.r + own @ vector**2 + prior.weak @ (vector - prior.centre) ** 2), white
 
 
 def _descend(bench, components, n, prior, noise, vector, start, most):
@@ -189,11 +195,10 @@ def _descend(bench, components, n, prior, noise, vector, start, most):
 def _step(white, n, prior, vector, damping):
     own = prior.precision.copy()
     own[n.nearly_known] = 0.0
-    A = white.J.T @ white.J + np.diag(own)
-    g = white.J.T @ white.r + own * vector  # columns are derivatives of the residual itself
+    A = white.J.T @ white.J + np.diag(own + prior.weak)
+    g = white.J.T @ white.r + own * vector + prior.weak * (vector - prior.centre)  # columns are the residual's derivatives
     free = ~prior.frozen & ~(((vector <= prior.low) & (g > 0)) | ((vector >= prior.high) & (g < 0)))
     scale = np.sqrt(np.diag(A) + prior.width) + 1e-150
-    free[: n.base] &= scale[: n.base] > UNSEEN * np.max(scale[: n.base], initial=0.0)  # what no pose feels stays where it is
     inside = np.ix_(free, free)
     H = A[inside] / np.outer(scale, scale)[inside] + damping * np.eye(int(free.sum()))
     step = np.zeros_like(vector)
@@ -214,15 +219,22 @@ def _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
         own = prior.precision + prior.width
         own[n.nearly_known] = 0.0
         free = ~prior.frozen
-        A = (white.J.T @ white.J + np.diag(own))[np.ix_(free, free)]
-        scale = np.sqrt(np.diag(A)) + 1e-150
-        correlation = A / np.outer(scale, scale) + 1e-12 * np.eye(len(A))
+        inside = np.ix_(free, free)
+        A = white.J.T @ white.J + np.diag(own)
         known = (prior.precision + prior.width)[free]
+        correlation, scale = _scaled((A + np.diag(prior.weak))[inside])
         logdet = np.linalg.slogdet(correlation)[1] + 2 * np.sum(np.log(scale))
         added = np.arange(n.count)[free] >= n.base
         evidence = -0.5 * cost - 0.5 * logdet + 0.5 * np.sum(np.log(known[added]))
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
-        covariance[np.ix_(free, free)] = np.linalg.inv(correlation) / np.outer(scale, scale)
+        correlation, scale = _scaled(A[inside])  # intervals are the data's, not the weak prior's
+        covariance[inside] = np.linalg.inv(correlation) / np.outer(scale, scale)
         chi2 = float(white.r @ white.r)
     return Refit(tuple(final), vector, shapes, cost, chi2, float(evidence), covariance, converged)
+
+
+def _scaled(A):
+    """A precision matrix as correlations, with the scales that were divided out."""
+    scale = np.sqrt(np.diag(A)) + 1e-150
+    return A / np.outer(scale, scale) + 1e-12 * np.eye(len(A)), scale

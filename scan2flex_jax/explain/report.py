@@ -64,7 +64,7 @@ def estimates(bench, tied: list[Refit], best: Refit) -> dict[str, Estimate]:
 
 
 def _rescaled(bench, found):
-    factors = {}
+    factors: dict = {}
     for k, c in enumerate(found.components):
         factors |= c.entry.rescaled(found.amplitudes(bench, k), c.site, bench.context)
     return factors
@@ -78,8 +78,8 @@ def _estimate(slot, centre, spread, layout):
     if slot.log:
         low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(centre) * spread
     parts = [np.reshape(v, slot.shape) if slot.shape else float(v[0]) for v in (std, low, high)]
-    value = value if slot.shape else float(value)
-    return Estimate(value, *(parts if known else (None, None, None)), known, bound, unit_of(slot.name))
+    std, low, high = parts if known else (None, None, None)
+    return Estimate(value if slot.shape else float(value), std, low, high, known, bound, unit_of(slot.name))
 
 
 def residuals(bench, shapes):
@@ -110,11 +110,11 @@ def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, Po
     for i, pose in enumerate(study_poses):
         (r0, _, ok0), (r1, s, ok1) = residuals(bench, before)[i], residuals(bench, after)[i]
         size = [np.linalg.norm(r, axis=1) if ok else np.full(len(r), np.nan) for r, ok in ((r0, ok0), (r1, ok1))]
-        figures = [float(np.sqrt(np.mean(d**2))) for d in size]
+        was, now = (float(np.sqrt(np.mean(d**2))) for d in size)
         points = np.asarray(bench.poses.points[i])[bench.real[i]]
         modelled = np.asarray(after[i].configuration.r)
         known = () if unseen is None else tuple(float(v) for v in unseen[i])
-        out[pose.name] = PoseChange(pose.role, *figures, float(np.max(size[1])), ok1, s, r0, r1, points, modelled, *known)
+        out[pose.name] = PoseChange(pose.role, was, now, float(np.max(size[1])), ok1, s, r0, r1, points, modelled, *known)
     return out
 
 

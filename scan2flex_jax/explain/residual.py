@@ -162,7 +162,7 @@ class Complement:
         H = np.zeros((3, 3))
 
         def at(v):
-            return self(Noise(*np.exp(v), noise.smoothness), v)
+            return self(Noise.at(v, noise.smoothness), v)
 
         for i in range(3):
             for j in range(i + 1):
@@ -171,7 +171,7 @@ class Complement:
         values, vectors = np.linalg.eigh(H)
         spread = vectors / np.sqrt(np.maximum(values, 4.0))
         found = [u + np.clip(spread @ rng.standard_normal(3), -0.7, 0.7) for _ in range(count)]
-        return [Noise(*np.exp(v), noise.smoothness) for v in found]
+        return [Noise.at(v, noise.smoothness) for v in found]
 
 
 def noise_like(white: Whitened, shapes, noises, count: int, rng) -> np.ndarray:

@@ -1,13 +1,16 @@
 """What `explain` returns: the verdict in words, the format's JSON, and the study with the effect declared."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.explain.locate import Field
+from scan2flex_jax.explain.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED
 from scan2flex_jax.fit.noise import Noise
-from scan2flex_jax.fit.result import Estimate
+from scan2flex_jax.fit.result import Estimate, Fit
+from scan2flex_jax.study.model import Study
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class PoseChange:
 
     def to_json(self) -> dict:
         """As in the study format."""
-        named = {"rms_before": self.rms_before, "rms": self.rms, "max": self.worst}
+        named: dict[str, float | None] = {"rms_before": self.rms_before, "rms": self.rms, "max": self.worst}
         named |= {"left_out_before": self.left_out_before, "left_out": self.left_out}
         figures = {k: float(v) for k, v in named.items() if v is not None and np.isfinite(v)}
         return {"role": self.role, "stable": self.stable} | figures
@@ -73,8 +76,8 @@ class Explanation:
     effect where none explains the shapes: a field that describes and is not physics. ``study`` has the effects declared.
     """
 
-    study: object = field(repr=False)
-    fit: object = field(repr=False)
+    study: Study = field(repr=False)
+    fit: Fit | None = field(repr=False)
     verdict: str
     p_value: float
     noise: Noise | None
@@ -91,7 +94,7 @@ class Explanation:
     load: Field | None = field(repr=False, default=None)
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
-    search: object = field(repr=False, default=None)
+    search: Any = field(repr=False, default=None)
 
     @property
     def significant(self) -> bool:
@@ -107,23 +110,23 @@ class Explanation:
     def rms_left_out(self, after: bool = True) -> float:
         """Root mean square distance (m) over the fitted poses, each predicted from the others; NaN with a single one."""
         own = [(p.left_out if after else p.left_out_before, len(p.residual)) for p in self.poses.values() if p.role == "fit"]
-        if len(own) < 2 or any(v is None for v, _ in own):
+        known = [(v, n) for v, n in own if v is not None]
+        if len(own) < 2 or len(known) < len(own):
             return float("nan")
-        return float(np.sqrt(sum(v**2 * n for v, n in own) / sum(n for _, n in own)))
+        return float(np.sqrt(sum(v**2 * n for v, n in known) / sum(n for _, n in known)))
 
     def to_json(self) -> dict:
         """The format's result object."""
         out = {"format": "scan2flex-result/1", "verdict": self.verdict}
-        if self.noise is None:
+        if self.noise is None or self.fit is None or self.load is None:
             return out | {"settle": list(self.settle), "messages": list(self.sentences), "seconds": self.seconds}
-        n = self.noise
         before = {name: _plain(e.value) for name, e in self.fit.estimates.items()}
         after = {name: _plain(e.value) for name, e in self.estimates.items()}
         return {
             "format": "scan2flex-result/1",
             "estimates": {name: e.to_json() for name, e in self.estimates.items()},
             "poses": {name: p.to_json() for name, p in self.poses.items()},
-            "noise": {"white": n.white, "correlated": n.correlated, "correlation_length": n.correlation_length},
+            "noise": self.noise.to_json(),
             "test": {"p_value": float(self.p_value), "significant": self.significant}
             | ({} if self.p_after is None else {"p_value_after": float(self.p_after)}),
             "ranking": [r.to_json() for r in self.ranking],
@@ -145,15 +148,22 @@ class Explanation:
         values["rms_left_out"] = self.rms_left_out(after)
         return {k: v for k, v in values.items() if np.isfinite(v)}
 
+    def _said_of(self, r: Ranked) -> str:
+        """The verdict of a kind in words that stand alone: of two kinds, less likely is not the same as not seen."""
+        if r.tied_with:
+            return f"{r.verdict} with {', '.join(r.tied_with)}"
+        if r.verdict == INCONCLUSIVE and r.log_evidence > LEAD_FAVOURED:
+            return "better than nothing, explains too little" if self.verdict == UNEXPLAINED else "less likely"
+        return r.verdict
+
     def summary(self) -> str:
         """The explanation in plain text, about one page."""
         lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences)]
-        if self.noise is None:
+        if self.noise is None or self.fit is None:
             return "\n".join(lines)
         lines += ["", "  kind                      log evidence   verdict"]
         for r in self.ranking[:8]:
-            tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
-            lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {r.verdict}{tied}")
+            lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self._said_of(r)}")
         lines += ["", "  estimate                    before         after"]
         for name, e in self.estimates.items():
             lines.append(f"  {name:<22}{_shown(self.fit.estimates[name].value):>14}{_shown(e.value):>14}")

@@ -9,6 +9,7 @@ from threadpoolctl import threadpool_limits
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.explain import confirm, gates, locate, report, search, stage, verdict
+from scan2flex_jax.explain.ahead import compile_ahead
 from scan2flex_jax.explain.evidence import one_step
 from scan2flex_jax.explain.families import WORDS
 from scan2flex_jax.explain.result import Explanation, Ranked
@@ -16,13 +17,19 @@ from scan2flex_jax.explain.sensitivity import Bench
 from scan2flex_jax.fit import fit as plain_fit
 from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.run import FIT_ELEMENTS
+from scan2flex_jax.study.model import Study
 
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
 def explain(
-    study, *, elements: int = FIT_ELEMENTS, progress: Callable[[str], None] | None = None, seed: int = 0, mesh: bool = True
+    study: Study,
+    *,
+    elements: int = FIT_ELEMENTS,
+    progress: Callable[[str], None] | None = None,
+    seed: int = 0,
+    mesh: bool = True,
 ) -> Explanation:
     """What physics the plain rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
 
@@ -33,13 +40,15 @@ def explain(
     names = [p.name for p in study.fit_poses]
     while True:
         say("plain fit")
+        compiling = compile_ahead(study, elements, mesh=mesh)
         try:
             fitted = plain_fit(study, elements=elements)
-        except Scan2FlexError as error:
-            if "settle" not in str(error):
+        except Scan2FlexError as fault:
+            if "settle" not in str(fault):
                 raise
             seconds = time.perf_counter() - began
-            return Explanation(study, None, verdict.UNSOLVED, 1.0, None, sentences=(str(error),), seconds=seconds)
+            return Explanation(study, None, verdict.UNSOLVED, 1.0, None, sentences=(str(fault),), seconds=seconds)
+        compiling.join()
         problem, minimum = fitted.problem
         bench = Bench(problem, minimum)
         say("signatures of the catalogue")
@@ -76,8 +85,8 @@ def _explanation(study, fitted, found, checks, warnings, began):
     bench, base = found.stage.bench, found.stage.base
     other = None
     if study.validate_poses:
-        poses = poses_of(study.validate_poses, bench.problem.length, bench.elements)
-        other = Bench(bench.problem, fitted.problem[1], poses)
+        kept = poses_of(study.validate_poses, bench.problem.length, bench.elements)
+        other = Bench(bench.problem, fitted.problem[1], kept)
     chosen_refit = found.best if found.verdict in (verdict.EXPLAINED, verdict.TIE) else base
     unseen = [confirm.left_out(found.stage, r) for r in (base, chosen_refit)]
     poses = report.pose_changes(study.fit_poses, bench, base.shapes, chosen_refit.shapes, np.transpose(unseen))

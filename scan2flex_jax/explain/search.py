@@ -34,8 +34,8 @@ class Found:
     values: np.ndarray
     amplitudes: list
     table: dict
+    best: Refit
     refits: dict[frozenset, Refit] = field(default_factory=dict)
-    best: Refit | None = None
     tied: list[Refit] = field(default_factory=list)
     after: Test | None = None
     constancy: float | None = None
@@ -64,11 +64,12 @@ class Found:
 def search(stage: Stage, progress=lambda message: None) -> Found:
     """Everything from the test to the verdict at one estimate of the noise."""
     progress("test")
-    found = Found(stage, test(stage), *one_step(stage), best=stage.base, tied=[stage.base])
+    values, amplitudes, table = one_step(stage)
+    found = Found(stage, test(stage), values, amplitudes, table, stage.base, tied=[stage.base])
     if found.test.p_value > verdict.ALARM:
         return found
     found.add(refit_singles(stage, found, progress))
-    found.best = found.widest(1)
+    found.best = found.widest(1) or stage.base
     found.after = test_after(stage, found.best)
     most = min(MOST_EFFECTS, (stage.bench.poses.count + 1) // 2)
     while found.after.p_value <= verdict.ALARM and len(found.best.kinds) < most:
@@ -156,7 +157,8 @@ def refit_greedy(stage: Stage, single: Refit, progress) -> list[Refit]:
     numbers = Numbers(stage.bench, single.components)
     white = whiten(single.shapes, stage.bench.real, numbers, single.vector, stage.noise)
     Q = orthonormal(white.J)
-    y, best = white.r - Q @ (Q.T @ white.r), {}
+    y = white.r - Q @ (Q.T @ white.r)
+    best: dict = {}
     for g, group in enumerate(stage.groups):
         X = group.X - Q @ (Q.T @ group.X)
         A, b = X.T @ X, X.T @ y

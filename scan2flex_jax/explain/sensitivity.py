@@ -9,6 +9,7 @@ Units: residuals in m; columns in m per unit of their number; amplitudes as the 
 
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -253,7 +254,7 @@ def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nu
             return states.state_of(model, boundary_at(layout, boundary, x[layout.shared :]), elements, slots)
 
         def load(a):
-            fields = entry_of(kind).build(a, site, SimpleNamespace(**scene))
+            fields = entry_of(kind).build(a, site, cast(Any, SimpleNamespace(**scene)))
             return states.load_of_fields(fields, state(null), start)
 
         tangents = jax.vmap(lambda t: jax.jvp(state, (null,), (t,))[1])(jnp.eye(len(null)))

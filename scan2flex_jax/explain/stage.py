@@ -80,7 +80,7 @@ def signatures(bench: Bench, minimum, stated: float | None, seed: int = 0) -> tu
 def repeated(poses) -> tuple[list[int], ...]:
     """Groups of poses (their indices) that are scans of one pose."""
     names = [p.name for p in poses]
-    groups = {}
+    groups: dict[str, list[int]] = {}
     for i, pose in enumerate(poses):
         first = pose.repeat_of if pose.repeat_of in names else pose.name
         groups.setdefault(first, []).append(i)

@@ -109,8 +109,8 @@ def load_of_fields(effects, state: State, configuration: Configuration) -> DeadL
 
     def energy(r, d3):
         R = configuration.R.at[:, :, 2].set(d3)
-        def node(*a):
-            seen = Node(*a, rod.section.ds, rod.boundary)
+        def node(r, R, s, w):
+            seen = Node(r, R, s, w, rod.section.ds, rod.boundary)
             return sum(field.node_potential(seen) for field in overriding(effects, "node_potential"))
 
         return jnp.sum(jax.vmap(node)(r, R, rod.node_s, node_weights(rod)))
@@ -122,7 +122,8 @@ def load_of_fields(effects, state: State, configuration: Configuration) -> DeadL
 def _shape(state, start, points, mask, expected):
     section = state.section
     n = section.s.shape[0]
-    cable = Cable(section.ds * n, 1.0, 1.0, 1.0)
+    one = jnp.ones(())
+    cable = Cable(section.ds * n, one, one, one)
     model = CableModel(cable, jnp.zeros(3), (Given(section, state.load, state.boundary), *state.slots))
     e = equilibrium(model, state.boundary, start=start, elements=n)
     view = state.view

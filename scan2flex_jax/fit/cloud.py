@@ -24,6 +24,7 @@ Reference: Huber and Ronchetti, "Robust Statistics" (2009), section 7.8; Golub a
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -139,7 +140,7 @@ class CloudEvaluator(Evaluator):
         """``eyes``: per pose the viewpoints (v, 3) in m, or None. Weights come from `weigh`."""
         super().__init__(problem.layout, problem.template, scans, problem.elements, "tube")
         self.radius, self.eyes, self.length = radius, eyes, problem.length
-        self.weights: Weights | None = None
+        self.weights: Any = None  # `Weights` once `weigh` has made them
 
     def look(self, shared, local=None, *, start=None) -> CloudEvaluation:
         """The points of the scans beside the model: what `weigh` needs."""

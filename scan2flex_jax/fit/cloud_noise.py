@@ -92,13 +92,14 @@ def _per_station(k, values):
 
 def estimate_field(found: list[Stations], shared: int, length: float) -> FieldNoise:
     """Restricted maximum likelihood; the first ``shared`` columns of the slopes are those that all poses have in common."""
-    own = found[0].slope.shape[2] - shared
+    slopes = [one.slope for one in found if one.slope is not None]
+    own = slopes[0].shape[2] - shared
     columns = shared + own * len(found)
     blocks = []
     for i, one in enumerate(found):
         X = np.zeros((2 * len(one.s), columns))
-        X[:, :shared] = one.slope.reshape(-1, shared + own)[:, :shared]
-        X[:, shared + own * i : shared + own * (i + 1)] = one.slope.reshape(-1, shared + own)[:, shared:]
+        X[:, :shared] = slopes[i].reshape(-1, shared + own)[:, :shared]
+        X[:, shared + own * i : shared + own * (i + 1)] = slopes[i].reshape(-1, shared + own)[:, shared:]
         blocks.append((one.s, linalg.block_diag(*one.white), one.u.ravel(), X))
     typical = np.sqrt(np.mean(np.concatenate([np.diagonal(one.white, axis1=1, axis2=2).ravel() for one in found])))
     shortest = 0.01 * length
@@ -154,7 +155,7 @@ def information(evaluator: CloudEvaluator, e, field: FieldNoise, offset_spread: 
 
 def inflation(parts, unknowns: int) -> float:
     """Factor on the points' standard deviation that gives them, beside the priors, the weight that they deserve."""
-    A, B = (sum(np.diag(p[k])[:unknowns] for p in parts) for k in (0, 1))
+    A, B = (np.sum([np.diag(p[k])[:unknowns] for p in parts], axis=0) for k in (0, 1))
     seen = A / np.max(A, initial=1e-300) > 1e-12
     return float(np.sqrt(max(1.0, np.median(B[seen] / A[seen])))) if seen.any() else 1.0
 

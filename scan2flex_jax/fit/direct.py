@@ -34,15 +34,16 @@ def measured_by(study, data, method, distance, progress):
     elif not any(p.scan for p in study.poses if p.curve is None):
         return study, None, ()
     elif data == "curve" or method != "least-squares" or distance != "normal" or not all(p.scan for p in study.poses):
-        return _with_curves(study, progress), None, ("centre curves were extracted from the scans and fitted",)
+        whole, doubts = _with_curves(study, progress)
+        return whole, None, ("centre curves were extracted from the scans and fitted", *doubts)
     scans, whole = _clouds(study, progress)
     rough = [n for n, scan in scans.items() if scan.noise is not None and scan.noise > COARSE * study.cable["radius"]]
     refused = [n for n in bare if scans[n].refused]
     if data == "auto" and rough and not refused:
         said = f"the points of pose {rough[0]!r} are uncertain by more than {100 * COARSE:.0f} % of the radius"
         return whole, None, (f"{said}: centre curves were extracted from the scans and fitted",)
-    said = [f"extraction refused pose {n!r}: the direct fit began from a coarse curve ({scans[n].refused})" for n in refused]
-    return whole, scans, tuple(said)
+    words = [f"extraction refused pose {n!r}: the direct fit began from a coarse curve ({scans[n].refused})" for n in refused]
+    return whole, scans, tuple(words)
 
 
 def _check_clouds(study, method, distance):
@@ -56,7 +57,8 @@ def _check_clouds(study, method, distance):
 def _with_curves(study, progress):
     from scan2flex_jax.scan import extract_study  # noqa: PLC0415  (only scans need it, and it loads slowly)
 
-    return extract_study(study, lambda name, i, n: progress(f"extracting {name} ({i} of {n})"))[0]
+    whole, found = extract_study(study, lambda name, i, n: progress(f"extracting {name} ({i} of {n})"))
+    return whole, [f"the centre curve of pose {n!r} is doubtful: {'; '.join(c.doubts)}" for n, c in found.items() if not c.sure]
 
 
 def _clouds(study, progress):

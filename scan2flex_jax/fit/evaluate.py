@@ -7,6 +7,7 @@ The Jacobian is the derivative of the equilibria by the implicit function theore
 the factors of the solve. A call that only needs residuals compiles and runs without it.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -20,7 +21,11 @@ from scan2flex_jax.fit.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fit.poses import Poses
 from scan2flex_jax.rod.model import CableModel, Configuration
 
-DISTANCES = {"normal": normal_residuals, "integrated": integrated_residuals, "hausdorff": hausdorff_residuals}
+DISTANCES: dict[str, Callable] = {
+    "normal": normal_residuals,
+    "integrated": integrated_residuals,
+    "hausdorff": hausdorff_residuals,
+}
 
 
 class Evaluation(NamedTuple):

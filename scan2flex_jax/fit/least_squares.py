@@ -79,11 +79,14 @@ def normal_equations(layout, residual, jacobian, shared, local):
     return JJ, Jr
 
 
-def levenberg_marquardt(goal: Goal, shared: np.ndarray, local: np.ndarray | None = None, start=None) -> Minimum:
-    """The nearest minimum from ``shared`` (and ``local``); ``start`` continues configurations already found."""
+def levenberg_marquardt(
+    goal: Goal, shared: np.ndarray, local: np.ndarray | None = None, start=None, known: Evaluation | None = None
+) -> Minimum:
+    """The nearest minimum from ``shared`` (and ``local``); ``start`` continues configurations already found, ``known`` is the
+    evaluation there (from the measured curves) if it has been made."""
     evaluator = goal.evaluator
     local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
-    e = evaluator(shared, local, start=start)
+    e = evaluator(shared, local, start=start) if known is None else known
     cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
     while np.isfinite(cost) and iteration < _MOST_ITERATIONS:
         iteration += 1

@@ -32,10 +32,20 @@ class Noise:
     correlation_length: float
     smoothness: float = 1.5
 
+    @classmethod
+    def at(cls, u: np.ndarray, smoothness: float) -> "Noise":
+        """From the logarithms of white, correlated (m) and length (m)."""
+        white, correlated, length = (float(v) for v in np.exp(u))
+        return cls(white, correlated, length, smoothness)
+
     @property
     def total(self) -> float:
         """Standard deviation of one normal component (m)."""
         return float(np.hypot(self.white, self.correlated))
+
+    def to_json(self) -> dict:
+        """As in the study format (m)."""
+        return {"white": self.white, "correlated": self.correlated, "correlation_length": self.correlation_length}
 
     def covariance(self, s: np.ndarray) -> np.ndarray:
         """Covariance (m^2) at arc lengths ``s`` (m) of one pose."""
@@ -60,7 +70,7 @@ def most_likely(negative, size: float, length: float) -> Noise:
     ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides.
     """
     def objective(u, smoothness):
-        noise = Noise(*np.exp(u), smoothness)
+        noise = Noise.at(u, smoothness)
         beyond = max(0.0, np.log(_FLOOR * size) - u[0]) ** 2 + max(0.0, np.log(noise.total / (_MOST_OF_SIZE * size))) ** 2
         return negative(noise, u) + 1e3 * beyond
 
@@ -69,7 +79,7 @@ def most_likely(negative, size: float, length: float) -> Noise:
     for smoothness in _SMOOTHNESS[1:]:  # other kernels differ little in their numbers
         found.append(_nearest(objective, smoothness, min(found, key=lambda f: f[0])[2], _NARROW))
     _, smoothness, u = min(found, key=lambda f: f[0])
-    return Noise(*(float(v) for v in np.exp(u)), smoothness)
+    return Noise.at(u, smoothness)
 
 
 def _nearest(objective, smoothness, u, reach):

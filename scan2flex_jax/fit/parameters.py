@@ -5,6 +5,7 @@ length, the tilt of gravity (two axes across it), and per pose the positions and
 priors: standard normal, never flat.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import equinox as eqx
@@ -184,7 +185,7 @@ def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
     return Boundary(boundary.position + layout.position_tolerance * z[:, :3], boundary.rotation @ turn, boundary.held)
 
 
-def start_vector(study, layout: Layout, own: dict[str, float | np.ndarray]) -> np.ndarray:
+def start_vector(study, layout: Layout, own: Mapping[str, float | np.ndarray]) -> np.ndarray:
     """``x`` of the unknowns at the user's guess where there is one, else at the package's ``own`` start."""
     parts = []
     for slot in layout.slots:

@@ -1,7 +1,7 @@
 """The measured poses as arrays of one shape, so that all of them are solved and differentiated in one batch.
 
-Curves are padded to one of two numbers of points, so that all poses, and studies of other sizes, share one compilation;
-``mask`` is 1 for real points. Long curves are thinned evenly along their arc length first.
+Curves are padded to one number of points, so that all studies share one compilation; ``mask`` is 1 for real points. Longer
+curves are thinned evenly along their arc length first.
 """
 
 import equinox as eqx
@@ -17,7 +17,6 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
 
 MOST_POINTS = 256  # of a curve that enter a fit: more say nothing new about a smooth curve whose noise is correlated
-_ROOMS = (128, MOST_POINTS)
 
 
 class Poses(eqx.Module):
@@ -48,9 +47,7 @@ def poses_of(study_poses, length: float, elements: int) -> Poses:
         if pose.curve is None:
             raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
     thinned = [_thinned(np.asarray(p.curve.points), p.curve.arc_length) for p in study_poses]
-    longest = max(len(points) for points, _ in thinned)
-    room = next(r for r in _ROOMS if r >= longest)
-    stack = [_one(pose, points, given, length, room) for pose, (points, given) in zip(study_poses, thinned, strict=True)]
+    stack = [_one(pose, points, given, length) for pose, (points, given) in zip(study_poses, thinned, strict=True)]
     points, mask, expected, dense, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
     each = [_start(*one, elements) for one in zip(dense, _unstack(boundary), turns, strict=True)]
     start = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *each)
@@ -66,12 +63,12 @@ def _unstack(tree):
     return [jax.tree.map(lambda x, i=i: x[i], tree) for i in range(len(jax.tree.leaves(tree)[0]))]
 
 
-def _one(pose, points, given, length, room):
+def _one(pose, points, given, length):
     boundary = boundary_of(pose)
     full = complete_curve(points, boundary, length)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(full, axis=0), axis=1))])
     expected = s[1:-1] * length / s[-1] if given is None else np.asarray(given)
-    pad = room - len(points)
+    pad = MOST_POINTS - len(points)
     return (
         np.concatenate([points, np.repeat(points[-1:], pad, axis=0)]),
         np.concatenate([np.ones(len(points)), np.zeros(pad)]),

@@ -1,11 +1,13 @@
 """What a fit returns: what an experimenter wants to read, and the same as the format's JSON object."""
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from scan2flex_jax.fit.noise import Noise
 from scan2flex_jax.study.kinds import CABLE, kind_format
+from scan2flex_jax.study.model import Study
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,7 @@ class Fit:
     of poses are then those of the cable's axis, station by station along it).
     """
 
-    study: object = field(repr=False)
+    study: Study = field(repr=False)
     method: str
     distance: str
     estimates: dict[str, Estimate]
@@ -71,7 +73,7 @@ class Fit:
     equilibria: int
     seconds: float
     cost: float
-    problem: object = field(repr=False, default=None)
+    problem: Any = field(repr=False, default=None)
     data: str = "curve"
 
     def rms(self, role: str = "fit") -> float:
@@ -96,7 +98,6 @@ class Fit:
 
     def to_json(self) -> dict:
         """The format's result object."""
-        noise = self.noise
         return {
             "format": "scan2flex-result/1",
             "method": self.method,
@@ -107,7 +108,7 @@ class Fit:
                 "matrix": np.where(np.isfinite(self.correlation), self.correlation, 0.0).tolist(),
             },
             "poses": {name: p.to_json() for name, p in self.poses.items()},
-            "noise": {"white": noise.white, "correlated": noise.correlated, "correlation_length": noise.correlation_length},
+            "noise": self.noise.to_json(),
             "converged": self.converged,
             **({} if self.valid is None else {"valid": self.valid}),
             "messages": list(self.sentences),
@@ -143,11 +144,14 @@ def _plain(value):
 
 
 def _value_text(e):
-    value, low, high = (np.atleast_1d(x) if x is not None else None for x in (e.value, e.low, e.high))
+    value = np.atleast_1d(e.value)
+    low, high = (None if x is None else np.atleast_1d(x) for x in (e.low, e.high))
     parts = []
     for i, v in enumerate(value):
-        known = low is not None and np.isfinite(low[i]) and np.isfinite(high[i])
-        parts.append(f"{v:.5g}" + (f" [{low[i]:.5g}, {high[i]:.5g}]" if known else " (no error bar)"))
+        span = " (no error bar)"
+        if low is not None and high is not None and np.isfinite(low[i]) and np.isfinite(high[i]):
+            span = f" [{low[i]:.5g}, {high[i]:.5g}]"
+        parts.append(f"{v:.5g}{span}")
     tail = "" if e.identifiable else "  NOT DETERMINED"
     return ", ".join(parts) + (f" {e.unit}" if e.unit != "-" else "") + tail + ("  AT A BOUND" if e.at_bound else "")
 

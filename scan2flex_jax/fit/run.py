@@ -21,6 +21,7 @@ from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fit.start import balance_start
 from scan2flex_jax.fit.statistics import noise_of, uncertainty
+from scan2flex_jax.study.model import Study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
 DATA = ("auto", "curve", "cloud")
@@ -37,7 +38,7 @@ _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn u
 
 @threadpool_limits.wrap(limits=1, user_api="blas")  # matrices of some 70 rows: threads cost more than they bring
 def fit(
-    study,
+    study: Study,
     method: str = "least-squares",
     *,
     data: str = "auto",
@@ -157,19 +158,15 @@ class Problem:
         if method != "least-squares":
             run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
             return self._finite(run(goal, np.r_[self.starts()[0], prior]))
-        starts = [np.r_[x, prior] for x in self.starts()]
-        if len(starts) > 1:
-            starts.sort(key=lambda x: self._cost_at(goal, x))
+        local = np.zeros((self.poses.count, self.layout.local))
+        begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in self.starts())]
+        begun.sort(key=lambda start: goal.cost(start[1], start[0], local))
         found = []
-        for x in starts:
-            found.append(self._descend(goal, x))
+        for x, evaluation in begun:
+            found.append(self._descend(goal, x, evaluation))
             if self._beyond_doubt(found[-1], goal):
                 break
         return self._finite(min(found, key=lambda m: m.cost))
-
-    def _cost_at(self, goal, x):
-        local = np.zeros((self.poses.count, self.layout.local))
-        return goal.cost(self.evaluator(x, local), x, local)
 
     def _beyond_doubt(self, minimum, goal):
         """Whether a minimum needs no second start: converged, at no bound, and the shapes are those that were measured."""
@@ -178,12 +175,12 @@ class Problem:
         rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
         return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
 
-    def _descend(self, goal, x):
+    def _descend(self, goal, x, evaluation):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
         logs = np.concatenate([[s.log] * s.size for s in self.layout.slots] + [[False] * (len(x) - self.layout.unknowns)])
         for factor in _LADDER:
             start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
-            minimum = levenberg_marquardt(goal, start)
+            minimum = levenberg_marquardt(goal, start, known=evaluation if factor == 1.0 else None)
             if np.isfinite(minimum.cost):
                 return minimum
         return minimum
@@ -275,14 +272,15 @@ def _estimates(layout, x, known):
         std = spread
         if slot.log:
             low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(center) * spread
-        shaped = (
+        shaped: list = (
             [np.reshape(v, slot.shape) for v in (std, low, high)]
             if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _SAYABLE))
             else [None] * 3
         )
         shaped = [v if v is None or slot.shape else float(v) for v in shaped]
         value = values[slot.name] if slot.shape else float(values[slot.name])
-        out[slot.name] = Estimate(value, *shaped, bool(np.all(known.determined[here])), bool(bound), unit_of(slot.name))
+        std, low, high = shaped
+        out[slot.name] = Estimate(value, std, low, high, bool(np.all(known.determined[here])), bool(bound), unit_of(slot.name))
     return out
 
 

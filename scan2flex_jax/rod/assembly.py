@@ -50,6 +50,17 @@ class Derivatives(NamedTuple):
     elements: Elements
 
 
+def no_derivatives(rod: Rod) -> Derivatives:
+    """Zeros in the shape of `derivatives`: tracing it to find the shape was a third of the tracing of a first solve."""
+    n = rod.elements
+
+    def zeros(*shape):
+        return jnp.zeros(shape, rod.section.ds.dtype)
+
+    elements = Elements(zeros(n, 6), zeros(n, 6), zeros(n, 6, 6), zeros(n, 6, 6), zeros(n, 6, 6))
+    return Derivatives(zeros(n + 1, 6), zeros(n + 1, 6, 6), zeros(n, 6, 6), elements)
+
+
 def section_forces(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
     """Force and moment of each element in material axes (N, N m); paper, Eq. 3."""
     return element_forces(rod, strains(rod, configuration) - rod.section.natural)

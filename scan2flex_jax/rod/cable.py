@@ -43,7 +43,7 @@ class Cable(eqx.Module):
 
 def require_float64() -> None:
     """Refuse single precision: an axial stiffness of 1e5 N beside a bending stiffness of 1e-3 N m^2 leaves it no digits."""
-    if not jax.config.jax_enable_x64:
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]  # jax declares no options
         raise Scan2FlexError(
             "scan2flex_jax computes in float64 only: call jax.config.update('jax_enable_x64', True) before the first array"
             " (or set the environment variable JAX_ENABLE_X64=1)"

@@ -9,6 +9,8 @@ Order of use: `cable`, `clamps`, `section`, `dead_load`, then inside the energy 
 after the equilibrium `observe`. Effects are applied in the order in which they are declared.
 """
 
+from typing import ClassVar
+
 import equinox as eqx
 from jax import Array
 from jaxtyping import Float
@@ -45,6 +47,8 @@ class Node(eqx.Module):
 
 class AbstractEffect(eqx.Module):
     """Base of all effects; every hook is the identity (or adds nothing) unless an effect overrides it."""
+
+    kind: ClassVar[str]
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with changed parameters."""

@@ -61,7 +61,7 @@ def potential_energy(configuration: Configuration, rod: Rod) -> Float[Array, ""]
     field = node_potential(rod)
     if field is not None:
         nodes = (c.r, c.R, rod.node_s, node_weights(rod))
-        total = total + jnp.sum(jax.vmap(lambda *a: field(Node(*a, rod.section.ds, rod.boundary)))(*nodes))
+        total = total + jnp.sum(jax.vmap(lambda r, R, s, w: field(Node(r, R, s, w, rod.section.ds, rod.boundary)))(*nodes))
     return total
 
 

@@ -53,6 +53,18 @@ def test_near_guesses_suffice_without_the_own_start():
         np.testing.assert_allclose(np.exp(found.shared), [scenes.EI, scenes.GJ], rtol=1e-3)
 
 
+@pytest.mark.parametrize("better", [0, 1])
+def test_the_better_of_two_starts_leads_and_leaves_nothing_for_the_other(better, monkeypatch):
+    problem, begun = Problem(scenes.example()), []
+    near, far = np.log([0.2, 0.2]), np.log([40.0, 0.02])
+    monkeypatch.setattr(Problem, "starts", lambda self: [near, far] if better == 0 else [far, near])
+    descend = Problem._descend
+    monkeypatch.setattr(Problem, "_descend", lambda self, goal, x, e: begun.append(x) or descend(self, goal, x, e))
+    found = problem.minimise("least-squares")
+    np.testing.assert_allclose(np.exp(found.shared), [scenes.EI, scenes.GJ], rtol=1e-3)
+    np.testing.assert_allclose(begun, [near])
+
+
 @pytest.mark.parametrize("method", ["bfgs", "nelder-mead"])
 def test_other_methods_reach_the_same_minimum(method, unguessed):
     f = fit(scenes.guessed(scenes.example(), bending_stiffness=0.2, torsional_stiffness=0.2), method)

@@ -1,0 +1,56 @@
+"""Compiling ahead: what a diagnosis will run, compiled in a thread beside the plain fit that it has to wait for.
+
+XLA compiles outside of Python's lock, so on two cores most of the loop's compilation costs the user no time. The thread
+evaluates one pose of the study at values of no meaning; whatever goes wrong there comes up again, in words, where it counts.
+"""
+
+import contextlib
+import threading
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.explain.gates import mesh_error
+from scan2flex_jax.explain.sensitivity import Bench, all_components
+from scan2flex_jax.fit.evaluate import Evaluation
+from scan2flex_jax.fit.least_squares import Minimum
+from scan2flex_jax.fit.parameters import layout_of
+from scan2flex_jax.fit.run import FIT_ELEMENTS, Problem
+
+_STARTED: dict[tuple, threading.Thread] = {}
+
+
+def compile_ahead(study, elements: int = FIT_ELEMENTS, *, mesh: bool = True) -> threading.Thread:
+    """Start compiling what `explain` needs for studies like this one; once per kind of study and process.
+
+    Wait with ``join`` before running the same functions: a function compiled twice at once is compiled twice.
+    """
+    key = (layout_of(study), tuple(e.kind for e in study.effects), study.clamped_ends, elements, mesh)
+    if key not in _STARTED:
+        one = replace(study, poses=study.fit_poses[:1])
+        _STARTED[key] = threading.Thread(target=_run_through, args=(one, elements, mesh), daemon=True)
+        _STARTED[key].start()
+    return _STARTED[key]
+
+
+def _run_through(study, elements, mesh):
+    with contextlib.suppress(Scan2FlexError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+        problem = Problem(study, elements)
+        minimum = _anywhere(problem)
+        bench, vector = Bench(problem, minimum), np.r_[minimum.shared, minimum.local.ravel()]
+        bench.shapes((), vector)
+        bench.catalogue_columns(vector, all_components(bench.context), problem.poses.start)
+        if mesh:
+            mesh_error(problem, minimum)
+
+
+def _anywhere(problem) -> Minimum:
+    """The measured curves themselves in place of a fit."""
+    poses, layout = problem.poses, problem.layout
+    shared = np.r_[problem.starts()[-1], np.zeros(layout.shared - layout.unknowns)]
+    nothing = np.zeros((poses.count, poses.mask.shape[1], 3))
+    unknown: Any = None  # no verdict
+    evaluation = Evaluation(nothing, None, poses.expected, poses.start, unknown)
+    return Minimum(shared, np.zeros((poses.count, layout.local)), evaluation, np.inf, 0, False)

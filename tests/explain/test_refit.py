@@ -1,0 +1,71 @@
+"""Refits: what no pose feels does not move, and a repeated search goes on from what the last one found."""
+
+import jax
+import numpy as np
+import pytest
+
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.explain import ahead, refit, search, stage
+from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.fit import fit
+from scan2flex_jax.study import load_study
+
+from . import scenes
+
+pytestmark = pytest.mark.slow
+COMPILED = "/jax/core/compile/backend_compile_duration"
+
+
+def first_stage(study):
+    problem, minimum = fit(study).problem
+    bench = Bench(problem, minimum)
+    signatures, beside = stage.signatures(bench, minimum, None)
+    return signatures, stage.stage_of(signatures, beside)
+
+
+@pytest.fixture(scope="module")
+def wire():
+    """The black wire: one pose in a plane, which says nothing of GJ."""
+    return first_stage(load_study(example_path("black-wire")))[1]
+
+
+@pytest.mark.parametrize("kind", ["point_load", "uniform_load"])
+def test_a_stiffness_that_no_pose_feels_stays_at_the_plain_fit(wire, kind):
+    at = next(c.site for c in wire.components if c.kind == kind)
+    size = wire.bench.context.force / (1.0 if kind == "point_load" else wire.bench.context.length)
+    found = refit.refit(wire.bench, (Component(kind, at),), wire.noise, wire.base.vector, [np.array([0.1, 0.0, -0.1]) * size])
+    assert found.chi2 < 0.8 * wire.base.chi2
+    labels = wire.bench.layout.labels
+    GJ, EI = labels.index("torsional_stiffness"), labels.index("bending_stiffness")
+    assert abs(found.vector[GJ] - wire.base.vector[GJ]) < 0.05
+    assert np.sqrt(found.covariance[EI, EI]) < 1.0 < np.sqrt(found.covariance[GJ, GJ])
+
+
+def test_a_repeated_search_needs_fewer_equilibria_and_finds_the_same():
+    signatures, first = first_stage(scenes.study(natural_curvature=(0.0, 1.0, 0.0)))
+    bench, once = first.bench, search.search(first)
+    beside = signatures.complement(once.best.shapes, Numbers(bench, once.best.components), once.best.vector)
+    solves, found = {}, {}
+    for name, known in (("afresh", {}), ("known", once.refits)):
+        again = stage.stage_of(signatures, beside, known)
+        before = bench.solves
+        found[name] = search.search(again)
+        solves[name] = bench.solves - before
+    assert solves["known"] < 0.7 * solves["afresh"]
+    assert found["known"].best.kinds == found["afresh"].best.kinds
+    assert found["known"].best.cost == pytest.approx(found["afresh"].best.cost, abs=0.1)
+
+
+def test_what_was_compiled_ahead_is_not_compiled_again():
+    study, names, listening = scenes.study(), [], True
+    ahead.compile_ahead(study).join()
+    fit(study)
+
+    def listen(event, seconds, **more):
+        if event == COMPILED and listening:
+            names.append(more.get("fun_name"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    first_stage(study)
+    listening = False
+    assert not {"jit(_evaluate)", "jit(_scan)", "jit(_state)"} & set(names)
