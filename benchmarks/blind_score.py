@@ -78,6 +78,11 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
         if "rms_validate" in after:
             out["validate_over_floor"] = after["rms_validate"] / floor
             out["validate_better"] = after["rms_validate"] < before["rms_validate"]
+    places = {e["kind"]: e["position"] for e in answer.get("effect", []) if "position" in e}
+    off_by = [abs(c["parameters"]["position"] - places[c["kind"]]) / answer["true_length"]
+              for c in result.get("chosen", []) if c["kind"] in places and "position" in c["parameters"]]  # fmt: skip
+    if off_by:
+        out["place_off_by"] = max(off_by)
     for name in ("bending_stiffness", "torsional_stiffness"):
         e, true = result.get("estimates", {}).get(name, {}), answer.get(f"true_{name}")
         if "low" in e and true is not None:
@@ -124,6 +129,7 @@ def table(rows: list[dict]) -> dict:
         "validate_within_1.15": under(right, "validate_over_floor", 1.15),
         "validate_within_1.15_no_tolerance": under([r for r in right if not r["tolerances"]], "validate_over_floor", 1.15),
         "coverage_95": share(covers, "c"),
+        "place_within_2_percent": under(one + two, "place_off_by", 0.02),
         "seconds_mean": mean([r for r in rows if r.get("seconds")], lambda r: r["seconds"]),
         "seconds_most": max((r["seconds"] for r in rows if r.get("seconds")), default=None),
     }  # fmt: skip

@@ -94,6 +94,7 @@ _BLIND = (  # key, what it says, what is asked for
     ("validate_better", "poses never fitted: predicted better than before", "90 %"),
     ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
     ("validate_within_1.15_no_tolerance", "the same in studies without tolerances (a new pose's clamps deviate too)", "all"),
+    ("place_within_2_percent", "right kind with a place along the cable: within 2 % of the length", "all"),
     ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"),
 )
 
@@ -111,6 +112,23 @@ def blind() -> str:
     rows.append(["seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"])
     rows.append(["cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", "-"])
     return table(["", "measured", "asked for"], rows) + made_on(entry)
+
+
+_ABLATED = (
+    ("false_alarms", "false alarms"), ("truth_in_tie_set", "one effect: in the tie set"), ("top_1", "ranked first"),
+    ("named_and_wrong", "named alone, wrong"), ("both_of_a_pair", "both of a pair"),
+    ("off_catalogue_flagged", "off the catalogue: unexplained"), ("coverage_95", "intervals hold the truth"),
+)  # fmt: skip
+
+
+def ablations() -> str:
+    """The loop with one part left out at a time, on the same cases."""
+    entry = load("ablations")
+    rows = []
+    for name, t in entry["results"]["variants"].items():
+        shares = [t[key] for key, _ in _ABLATED]
+        rows.append([name, *("-" if s["share"] is None else f"{100 * s['share']:.0f} % of {s['of']}" for s in shares)])
+    return table(["", *(words for _, words in _ABLATED)], rows) + made_on(entry)
 
 
 def peers() -> str:

@@ -12,7 +12,7 @@ Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), eq
 import numpy as np
 from scipy import stats
 
-from scan2flex_jax.explain.refit import Refit
+from scan2flex_jax.explain.refit import Prior, Refit
 from scan2flex_jax.explain.residual import orthonormal, whiten
 from scan2flex_jax.explain.sensitivity import Numbers
 
@@ -30,13 +30,24 @@ def left_out(stage, found: Refit) -> np.ndarray:
     return np.array(out)
 
 
-def constancy(stage, found: Refit) -> float | None:
-    """p-value of the effect's size being the same in all poses (score test of a size of its own in each pose)."""
-    numbers = Numbers(stage.bench, found.components)
+def unseen(stage, found: Refit) -> float | None:
+    """Error in poses left out in turn, over that of the base: what an effect is worth for a pose that it has not seen."""
     if not found.components or stage.bench.poses.count < 2:
         return None
+    after, before = (np.sqrt(np.mean(left_out(stage, r) ** 2)) for r in (found, stage.base))
+    return float(after / before)
+
+
+def constancy(stage, found: Refit) -> float | None:
+    """p-value of the effect's size being the same in all poses (score test of a size of its own in each pose).
+
+    None where there is nothing to compare: one pose, or an effect whose size was not estimated (how hard a plane is).
+    """
+    numbers, frozen = Numbers(stage.bench, found.components), Prior(stage.bench, found.components).frozen
+    at = [i for k in range(len(found.components)) for i in numbers.amplitudes(k) if not frozen[i]]
+    if not at or stage.bench.poses.count < 2:
+        return None
     white = _white(stage, found)
-    at = np.concatenate([numbers.amplitudes(k) for k in range(len(found.components))])
     parts = []
     for rows in white.rows:
         own = np.zeros((len(white.r), len(at)))

@@ -146,7 +146,7 @@ def _judged(kind, best, tie_kinds, found, value):
     """``(verdict, tied with)`` of a kind."""
     if found.verdict in (verdict.EXPLAINED, verdict.TIE) and kind in tie_kinds:
         if found.lead == verdict.TIED:
-            beyond = search.outside(found.best) if kind in best else ()
+            beyond = (*search.outside(found.best), *search.field_beside(found)) if kind in best else ()
             return verdict.TIED, (*(k for k in dict.fromkeys(tie_kinds) if k != kind), *beyond)
         return found.lead, ()
     group = found.stage.groups[found.table[kind][1]]
@@ -181,8 +181,10 @@ def _not_enough(found):
         said.append(f"leaves structure (p = {found.after.p_value:.3f})")
     if found.constancy is not None and found.constancy < verdict.SAME_SIZE:
         said.append(f"would need another size in each pose (p = {found.constancy:.3f})")
-    if found.field_evidence > found.best.log_evidence + verdict.FIELD_LEADS:
-        said.append(f"is less likely than a field, by {found.field_evidence - found.best.log_evidence:.1f} nats")
+    if found.field[1] > found.best.log_evidence + verdict.FIELD_LEADS:
+        said.append(f"is less likely than a field, by {found.field[1] - found.best.log_evidence:.1f} nats")
+    if found.unseen is not None and found.unseen > verdict.WORSE:
+        said.append(f"predicts poses left out in turn {found.unseen:.1f} times as badly as the plain rod")
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
 
 

@@ -26,8 +26,9 @@ _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit can
 @dataclass
 class Found:
     """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
-    the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the best ``field_evidence``
-    in its place, those ``tied`` with it, the verdict and that of the best alone."""
+    the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
+    over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
+    verdict and that of the best alone."""
 
     stage: Stage
     test: Test
@@ -39,7 +40,8 @@ class Found:
     tied: list[Refit] = field(default_factory=list)
     after: Test | None = None
     constancy: float | None = None
-    field_evidence: float = 0.0
+    unseen: float | None = None
+    field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
 
@@ -89,10 +91,11 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     first = found.tied[0]
     if first is not found.best and len(first.kinds) == len(found.best.kinds):
         found.best, found.after = first, test_after(stage, first)
-    found.lead = verdict.leading(candidates)
-    found.constancy = confirm.constancy(stage, found.best)
-    found.field_evidence = float(max(f.gain(stage.y[:, None])[0] for f in stage.families if f.name != POSE_LOADS))
-    found.verdict = verdict.whole(found.test, found.after, candidates, found.constancy, found.field_evidence)
+    found.constancy, found.unseen = confirm.constancy(stage, found.best), confirm.unseen(stage, found.best)
+    fields = {f.name: float(f.gain(stage.y[:, None])[0]) for f in stage.families if f.name != POSE_LOADS}
+    found.field = max(fields.items(), key=lambda item: item[1])
+    found.lead = verdict.leading(candidates, found.field[1])
+    found.verdict = verdict.whole(found.test, found.after, candidates, found.constancy, found.field[1], found.unseen)
     return found
 
 
@@ -176,6 +179,12 @@ def refit_greedy(stage: Stage, single: Refit, progress) -> list[Refit]:
 def same_shapes(found: Refit) -> tuple[str, ...]:
     """Kinds that shapes alone cannot tell from a refit's, under the conditions that the catalogue states."""
     return tuple(other for c in found.components for other, _ in c.entry.same_shapes)
+
+
+def field_beside(found: Found) -> tuple[str, ...]:
+    """The field that is nearly as likely as the best kinds, in words; it may be what they are only part of."""
+    name, evidence_ = found.field
+    return (f"field of {name}",) if evidence_ > found.best.log_evidence - verdict.LEAD_FAVOURED else ()
 
 
 def outside(found: Refit) -> tuple[str, ...]:

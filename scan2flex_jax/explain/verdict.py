@@ -15,6 +15,7 @@ LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
 _AFTER = 0.01  # p-value after the best kind below which it does not explain the shapes
 SAME_SIZE = 0.005  # p-value of one size in all poses below which an effect is no property of the cable
 FIELD_LEADS = 10.0  # nats by which a field must be likelier than the best kinds to stand in for them
+WORSE = 2.0  # times the plain rod's error in poses left out in turn: what predicts so badly explains nothing
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
@@ -53,31 +54,34 @@ def _alike(a: Candidate, b: Candidate) -> bool:
     return (b.kinds[0] in a.same_shapes or a.kinds[0] in b.same_shapes) and b.chi2 <= a.chi2 + _SAME_MISFIT
 
 
-def leading(candidates) -> str:
-    """Verdict of the best candidate."""
+def leading(candidates, field: float = float("-inf")) -> str:
+    """Verdict of the best candidate; a ``field`` (log evidence of the best family) that is nearly as likely ties with it."""
     if len(ties(candidates)) > 1 or max(candidates, key=lambda c: c.log_evidence).outside:
         return TIED
     order = sorted((c.log_evidence for c in candidates), reverse=True)
+    if order[0] - field < LEAD_FAVOURED:
+        return TIED
     lead = order[0] - order[1] if len(order) > 1 else float("inf")
     return NAMED if lead >= LEAD_NAMED else FAVOURED if lead >= LEAD_FAVOURED else TIED
 
 
-def whole(test, after, candidates, constancy: float | None = None, field: float = 0.0) -> str:
+def whole(test, after, candidates, constancy: float | None = None, field: float = 0.0, unseen: float | None = None) -> str:
     """Verdict of the study, once every pose is solved, from the test before and after the best candidate.
 
     A kind explains the shapes when it is likelier than nothing, no structure is left beside it, its size is the same in all
-    poses (``constancy``, a p-value) and no ``field`` (log evidence of the best family) is clearly likelier. Several kinds that
-    all say how one property varies along the cable are pieces of a field, which describes it and names nothing.
+    poses (``constancy``, a p-value), no ``field`` (log evidence of the best family) is clearly likelier, and poses left out in
+    turn are not predicted far worse with it than without (``unseen``, the ratio of the errors). Several kinds that all say how
+    one property varies along the cable are pieces of a field, which describes it and names nothing.
     """
     if test.p_value > ALARM:
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
     pieces = {_VARIES.get(kind) for kind in best.kinds}
     of_a_field = len(best.kinds) > 1 and len(pieces) == 1 and None not in pieces
-    varies = constancy is not None and constancy < SAME_SIZE
-    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= _AFTER or of_a_field or varies:
+    fails = (constancy is not None and constancy < SAME_SIZE) or (unseen is not None and unseen > WORSE)
+    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= _AFTER or of_a_field or fails:
         return UNEXPLAINED
-    return EXPLAINED if leading(candidates) != TIED else TIE
+    return EXPLAINED if leading(candidates, field) != TIED else TIE
 
 
 def of_kind(log_evidence: float, visible: float) -> str:

@@ -41,7 +41,6 @@ from scan2flex_jax.fit.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fit.poses import Poses
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.rod.model import CableModel
-from scan2flex_jax.scan import cloud as clouds
 
 MOST_POINTS = 4096  # of a scan that enter a fit
 CURVE_POINTS = 256  # of the curve that starts the solve, carried along to place the first field
@@ -205,6 +204,8 @@ def scans_of(poses: Poses, points: list[np.ndarray], curve_points: list[np.ndarr
 
 
 def _rows(boundary, points, curve, length):
+    from scan2flex_jax.scan import cloud as clouds  # noqa: PLC0415  (only scans need it, and it loads slowly)
+
     points = points[clouds.thin(points, MOST_POINTS)]
     even = np.asarray(curves.resample(jnp.asarray(curve), CURVE_POINTS))
     full = complete_curve(even, boundary, length)

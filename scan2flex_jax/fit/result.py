@@ -31,7 +31,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class PoseFit:
-    """One pose: distances (m) between measured and modelled curve, and both curves for a picture."""
+    """One pose: distances (m) between measured and modelled curve, both curves for a picture, and of a validate pose the RMS
+    distance (m) by which its own tolerances and the estimates' errors may move it."""
 
     role: str
     rms: float
@@ -42,6 +43,7 @@ class PoseFit:
     s: np.ndarray = field(repr=False)
     residual: np.ndarray = field(repr=False)
     verdict: str = "stable equilibrium"
+    spread: float = 0.0
 
     def to_json(self) -> dict:
         """As in the study format; a pose that could not be solved has no distances."""

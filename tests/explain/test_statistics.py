@@ -131,8 +131,16 @@ def test_an_effect_of_another_size_in_each_pose_explains_nothing():
 def test_a_field_that_is_clearly_likelier_takes_the_place_of_an_effect():
     one = [verdict.Candidate(("kink",), 40.0)]
     before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
-    assert verdict.whole(before, after, one, field=45.0) == "explained"
+    assert verdict.whole(before, after, one, field=30.0) == "explained"
+    assert verdict.whole(before, after, one, field=45.0) == "tied"  # as likely: the kind may be a part of it
     assert verdict.whole(before, after, one, field=60.0) == "unexplained"
+
+
+def test_what_predicts_unseen_poses_far_worse_explains_nothing():
+    one = [verdict.Candidate(("kink",), 40.0)]
+    before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
+    assert verdict.whole(before, after, one, unseen=1.5) == "explained"
+    assert verdict.whole(before, after, one, unseen=2.5) == "unexplained"
 
 
 def test_an_exact_class_is_a_tie_whatever_sizes_were_assumed():

@@ -11,13 +11,12 @@ import numpy as np
 
 from benchmarks.peers.continuum import quaternion
 from benchmarks.peers.problems import start_chain
-from benchmarks.peers.solvers.rest import relax
+from benchmarks.peers.solvers.mujoco_rest import settle
 
 PLUGIN = "mujoco.elasticity.cable"
 _STEP = 2e-3  # of the slowest period
 _DAMPING = 0.75  # of the critical one of the slowest mode
 _ARMATURE = 4.0  # of a joint's stiffness times the squared step: an inertia that changes the motion alone
-_CHECKS = 40  # a slowest period
 _RADIUS = 5e-3  # m: stiffnesses are moduli times the section's moments
 _TO_LINK = np.eye(3)[:, [2, 0, 1]]  # columns: x along d3, y along d1, z along d2
 
@@ -39,7 +38,6 @@ def prepare(problem, elements, centred=False):
     tip = model.site("tip").id
     s = np.arange(len(frames) + 1) * ds if not centred else np.append(np.arange(len(frames)) * ds, problem.length)
     s = s[: len(s) if problem.free or not centred else -1]
-    steps = max(1, round(period / _CHECKS / step))
 
     def points(data):
         mujoco.mj_kinematics(model, data)
@@ -52,20 +50,7 @@ def prepare(problem, elements, centred=False):
 
     def solve():
         data = mujoco.MjData(model)
-        last = points(data)
-
-        def advance():
-            mujoco.mj_step(model, data, nstep=steps)
-
-        def state():
-            nonlocal last
-            now = points(data)
-            speed = np.linalg.norm(now - last, axis=1).max() / (steps * step)
-            last = now
-            warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
-            return s, now, np.nan if warned else speed
-
-        return relax(problem, advance, state, steps * step)
+        return settle(problem, model, data, points, s)
 
     return solve
 

@@ -11,12 +11,11 @@ import mujoco
 import numpy as np
 
 from benchmarks.peers.problems import end_twist, start_chain
-from benchmarks.peers.solvers.rest import relax
+from benchmarks.peers.solvers.mujoco_rest import settle
 
 _STEP = 1e-3  # of the slowest period
 _DAMPING = 1.5  # of the slowest angular frequency, 1/s
 _HELD = 1e9  # times a vertex's mass
-_CHECKS = 40  # a slowest period
 _RADIUS = 5e-3  # m: stiffnesses are moduli times the section's moments
 
 
@@ -63,7 +62,6 @@ def prepare(problem, elements, centred=False):
     s = np.arange(count) * ds
     if centred:
         s = np.append(np.arange(edges) * ds, problem.length)[: edges + (1 if problem.free else 0)]
-    steps = max(1, round(period / _CHECKS / step))
 
     def points(data):
         mujoco.mj_kinematics(model, data)
@@ -77,20 +75,7 @@ def prepare(problem, elements, centred=False):
     def solve():
         mujoco.mj_resetData(model, data)
         data.qpos[:] = qpos
-        last = points(data)
-
-        def advance():
-            mujoco.mj_step(model, data, nstep=steps)
-
-        def state():
-            nonlocal last
-            now = points(data)
-            speed = np.linalg.norm(now - last, axis=1).max() / (steps * step)
-            last = now
-            warned = data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
-            return s, now, np.nan if warned else speed
-
-        return relax(problem, advance, state, steps * step)
+        return settle(problem, model, data, points, s)
 
     return solve
 
