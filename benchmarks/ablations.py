@@ -76,7 +76,7 @@ def no_ties() -> None:
     """The first kind is named whatever its lead."""
     verdict = _module("explain.verdict")
     verdict.ties = lambda candidates: [max(range(len(candidates)), key=lambda i: candidates[i].log_evidence)]
-    verdict.leading = lambda candidates: verdict.NAMED
+    verdict.leading = lambda candidates, field=0.0: verdict.NAMED
 
 
 def no_pairs() -> None:
@@ -117,10 +117,11 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True, help="results so far: a run that was stopped goes on from it")
     parser.add_argument("--first", type=int, default=40)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--table", action="store_true", help="only the table of what was run to the end")
     args = parser.parse_args()
     folders = [f for f in sorted(args.cases.iterdir()) if f.is_dir()][: args.first]
     results = json.loads(args.json.read_text()) if args.json.exists() else {}
-    for variant in VARIANTS:
+    for variant in VARIANTS if not args.table else ():
         todo = [f for f in folders if f.name not in results.setdefault(variant, {})]
         if todo:
             results[variant] |= run(variant, todo, args.jobs)
@@ -130,6 +131,8 @@ def main() -> None:
     loose = {f.name: "tolerance" in tomllib.loads((f / "study.toml").read_text()) for f in folders}
     tables = {}
     for variant, found in results.items():
+        if not found:
+            continue
         known = [n for n in answers if n in found and "skipped" not in found[n]]
         tables[variant] = table([score(found[n], answers[n], loose[n]) for n in known])
     record("ablations", {"cases": len(folders), "variants": tables})

@@ -46,7 +46,7 @@ def told(e) -> dict:
     if e.fit is None:
         return out
     ranking = [
-        {"kind": r.kind, "log_evidence": r.log_evidence, "verdict": r.verdict, "rms_fit": r.rms_fit,
+        {"kind": r.kind, "log_evidence": r.log_evidence, "verdict": e.in_words(r), "rms_fit": r.rms_fit,
          "parameters": {k: np.asarray(v).tolist() for k, v in r.parameters.items()}} for r in e.ranking[:6]
     ]  # fmt: skip
     before = {n: np.asarray(x.value).tolist() for n, x in e.fit.estimates.items()}

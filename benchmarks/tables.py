@@ -181,7 +181,7 @@ def kinect() -> str:
 
 
 TABLES = {
-    "blind": blind, "kinect": kinect, "sensitivity": sensitivity, "fit": fit, "equilibrium": equilibrium
+    "blind": blind, "ablations": ablations, "kinect": kinect, "sensitivity": sensitivity, "fit": fit, "equilibrium": equilibrium
 }  # in the order of the README
 
 

@@ -15,7 +15,7 @@ try:  # no public way to ask costs less than an operation, and that is a tenth o
     from jax._src.core import trace_state_clean as _outside
 except ImportError:
 
-    def _outside():
+    def _outside() -> bool:
         return False
 
 
@@ -48,7 +48,8 @@ class compiled:  # noqa: N801 - used as a decorator
         if not _outside() and isinstance(jnp.zeros(()), jax.core.Tracer):  # inside jit every operation is traced
             return self.function(*args, **kwargs)
         if self.jitted is None:
-            self.jitted = eqx.filter_jit(self.function, compiler_options=_options() | self._more)
+            options = {"compiler_options": _options() | self._more}
+            self.jitted = eqx.filter_jit(self.function, **options)  # type: ignore[call-overload]  # jax.jit's, not declared
         return self.jitted(*args, **kwargs)
 
 

@@ -141,7 +141,7 @@ def evidence(explanation, ax=None, most: int = 10):
     lengths = [max(r.log_evidence, -5.0) for r in rows]
     ax.barh([r.kind.replace("_", " ") for r in rows], lengths, color=[colours.get(r.verdict, "#bbbbbb") for r in rows])
     for i, r in enumerate(rows):
-        ax.annotate(f" {r.verdict}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
+        ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
     ax.axvline(0.0, color="k", lw=0.8)
     ax.margins(x=0.18)
     ax.set(xlabel="log evidence over the plain rod (nats)")

@@ -7,17 +7,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scan2flex_jax.equilibrium.solve import Verdict, equilibrium
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.fit.evaluate import observed, one
 from scan2flex_jax.fit.parameters import layout_of, model_at, start_vector, template
 from scan2flex_jax.fit.poses import boundary_of, poses_of
+from scan2flex_jax.study.model import Study
+
+_FINEST = 4000  # points of a curve that is searched for places where it passes through itself
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """One pose: nodes (m), sections with force (N) and moment (N m) in the scan frame, and what the supports exert."""
+    """One pose: nodes (m), sections with force (N) and moment (N m) in the scan frame, and what the supports exert.
+
+    ``touches``: arc lengths (m) of two places where the cable is in itself, which its contact would prevent and the model does
+    not know; None where there are none, or the study has no radius.
+    """
 
     s: np.ndarray
     points: np.ndarray
@@ -27,10 +35,20 @@ class Prediction:
     reaction_force: np.ndarray
     reaction_moment: np.ndarray
     verdict: Verdict
+    touches: tuple[float, float] | None = None
+
+    def sentence(self) -> str:
+        """The verdict in words, and whether the cable passes through itself."""
+        if self.touches is None:
+            return self.verdict.sentence()
+        a, b = self.touches
+        said = f"it passes through itself at s = {a:.3g} m and {b:.3g} m (contact with itself is not modelled)"
+        return f"{self.verdict.sentence()}; {said}"
 
     def to_json(self) -> dict:
         """Reactions and verdict; shapes go to CSV."""
         out = {"stable": bool(self.verdict.solved), "verdict": self.verdict.sentence()}
+        out |= {} if self.touches is None else {"touches": list(self.touches)}
         if not out["stable"]:
             return out
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
@@ -58,18 +76,38 @@ def settled(pose, model, elements: int):
     return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
 
 
-def predict(study, *, elements: int = 40) -> dict[str, Prediction]:
+def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
     """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
     model = model_of(study)
-    return {pose.name: _one_pose(pose, model, elements) for pose in study.poses}
+    radius = study.cable.get("radius")
+    return {pose.name: _one_pose(pose, model, elements, None if radius is None else float(radius)) for pose in study.poses}
 
 
-def _one_pose(pose, model, elements):
+def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
+    """Arc lengths (m) of the two nearest places of a centre curve (n, 3) whose cross sections of ``radius`` (m) overlap.
+
+    Places nearer than four radii along the cable do not count: a cable bent as sharply as it can be has half a turn there.
+    """
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    if not s[-1] > 4.0 * radius > 0.0:
+        return None
+    fine = np.linspace(0.0, s[-1], int(min(_FINEST, max(len(s), 4.0 * s[-1] / radius))))
+    dense = np.column_stack([np.interp(fine, s, x) for x in points.T])
+    pairs = cKDTree(dense).query_pairs(2.0 * radius, output_type="ndarray")
+    pairs = pairs[np.abs(fine[pairs[:, 0]] - fine[pairs[:, 1]]) > 4.0 * radius]
+    if not len(pairs):
+        return None
+    nearest = pairs[np.argmin(np.linalg.norm(dense[pairs[:, 0]] - dense[pairs[:, 1]], axis=1))]
+    return float(fine[nearest[0]]), float(fine[nearest[1]])
+
+
+def _one_pose(pose, model, elements, radius):
     e = settled(pose, model, elements)
-    s, f, m = e.section_forces()
-    reaction = e.reactions()
+    section_s, force, moment = map(np.asarray, e.section_forces())
+    push, turn = map(np.asarray, e.reactions())
     points = np.asarray(observed(model, e.points))
-    return Prediction(*(np.asarray(a) for a in (e.s, points, s, f, m, *reaction)), e.verdict)
+    touches = None if radius is None or not bool(e.verdict.solved) else touching(np.asarray(e.points), radius)
+    return Prediction(np.asarray(e.s), points, section_s, force, moment, push, turn, e.verdict, touches)
 
 
 def write_csv(predictions: dict[str, Prediction], folder: Path) -> None:

@@ -90,7 +90,7 @@ def simulate(
         predictions = predict(loaded, elements=elements)
         write_csv(predictions, out)
     for name, p in predictions.items():
-        typer.echo(f"{name}: {p.verdict.sentence()}, {int(p.verdict.steps)} steps -> {out / name}.csv")
+        typer.echo(f"{name}: {p.sentence()}, {int(p.verdict.steps)} steps -> {out / name}.csv")
     if json:
         write_json_atomic(json, {n: p.to_json() for n, p in predictions.items()})
     if not all(bool(p.verdict.solved) for p in predictions.values()):

@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import JsonFile, StudyFolder, asked_or_refused, choices, drawing, extracted, interactive
+from scan2flex_jax.cli.options import (
+    NOT_TO_BELIEVE,
+    JsonFile,
+    StudyFolder,
+    asked_or_refused,
+    choices,
+    drawing,
+    extracted,
+    interactive,
+)
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.errors import Scan2FlexError
 
@@ -247,6 +256,8 @@ def extract(
 ) -> None:
     """Find the centre curves of scanned poses and write them into the study.
 
+    Ends with exit code 3 when something speaks against one of the curves; the sentence says what.
+
     Example: scan2flex extract my-cable --figures pictures
     """
     from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
@@ -254,7 +265,7 @@ def extract(
     loaded = load_study(study)
     prepare_jax()
     found, curves = extracted(loaded)
-    save_study(found, save or loaded.folder)
+    save_study(found, save or study)
     for name, one in curves.items():
         typer.echo(f"{name}: {one.arc_length[-1]:.4f} m of centre curve" + "".join(f"; {w}" for w in one.warnings))
         if figures:
@@ -264,6 +275,11 @@ def extract(
             figures.mkdir(parents=True, exist_ok=True)
             save_picture(one, figures / f"{name}.png", name)
     if json:
-        write_json_atomic(
-            json, {n: {"arc_length": float(c.arc_length[-1]), "warnings": list(c.warnings)} for n, c in curves.items()}
-        )
+        write_json_atomic(json, {n: _curve_to_json(c) for n, c in curves.items()})
+    if not all(c.sure for c in curves.values()):
+        raise typer.Exit(NOT_TO_BELIEVE)
+
+
+def _curve_to_json(curve):
+    numbers = {"arc_length": float(curve.arc_length[-1]), "noise": float(curve.noise), "sure": curve.sure}
+    return numbers | {"warnings": list(curve.warnings), "gaps": [list(gap) for gap in curve.gaps]}

@@ -98,7 +98,7 @@ def _cells(line: str, mark: str | None, decimal: str) -> list[float] | None:
 
 def _dialect(lines, where):
     """``(separator, decimal mark, first line of numbers)`` under which the most lines are rows of three numbers or more."""
-    best = (0, None)
+    best: tuple[int, tuple[str | None, str, int] | None] = (0, None)
     for mark, decimal in _DIALECTS:
         rows = [_cells(line, mark, decimal) for line in lines[:_SAMPLE]]
         wide = [len(row) if row is not None and len(row) >= 3 else 0 for row in rows]
@@ -113,10 +113,11 @@ def _dialect(lines, where):
 def _table(lines, mark, decimal, where) -> Annotated[np.ndarray, "n c"]:
     """All rows from the first line of numbers on; none may be cut short."""
     rows = [_cells(line, mark, decimal) for line in lines]
+    width = len(rows[0] or ())
     for i, row in enumerate(rows):
-        if row is None or len(row) != len(rows[0]):
+        if row is None or len(row) != width:
             here = where.at(f"point {i + 1}")
-            raise here.fail(f"got {shown(lines[i])}: write {len(rows[0])} numbers, as on the line of the first point.")
+            raise here.fail(f"got {shown(lines[i])}: write {width} numbers, as on the line of the first point.")
     return np.array(rows, float)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.convert.units import length_unit
@@ -54,12 +55,14 @@ def clamp_of_matrix(matrix: Annotated[np.ndarray, "3|4 4"], *, units: str = "m",
     return _clamp(M[:3, 3] * length_unit(units), Rotation.from_matrix(R), tangent)
 
 
-def clamp_of_angles(position, angles, convention: str, *, units: str = "m", degrees: bool = True, tangent: str = "z") -> Clamp:
+def clamp_of_angles(
+    position: ArrayLike, angles: ArrayLike, convention: str, *, units: str = "m", degrees: bool = True, tangent: str = "z"
+) -> Clamp:
     """The clamp of a position (in ``units``) and three angles in a named convention: one of `CONVENTIONS`, or a sequence.
 
     A sequence is scipy's: upper case about the turned axes ("ZYX"), lower case about the fixed ones ("xyz").
     """
-    values = np.asarray([*position, *angles], float)
+    values = np.concatenate([np.asarray(x, float).ravel() for x in (position, angles)])
     if values.shape != (6,) or not np.all(np.abs(values) <= LARGEST):
         raise Scan2FlexError("a frame takes three coordinates and three angles, all finite.")
     sequence = CONVENTIONS[convention][0] if convention in CONVENTIONS else convention
@@ -165,7 +168,8 @@ def _numbers(row, names, mark):
 
 def _matrices(lines, where, header, units, convention, degrees, tangent):
     """Matrices as (line, name, function that makes the clamp); a line that holds no number names the next one."""
-    name, values, begun, count = "", [], lines[0][0], 0
+    values: list[list[float]] = []
+    name, begun, count = "", lines[0][0], 0
     for number, line in [*lines, (lines[-1][0], None)]:
         row = None if line is None else _row(line)
         if row is not None:

@@ -7,7 +7,7 @@ write. Curves of other tools are converted (`curves`), scans in another unit are
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,8 +16,9 @@ from scan2flex_jax.convert.curves import read_foreign_curve, read_foreign_points
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
+from scan2flex_jax.study.scans import load_geometry
 
 CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv")
 SCANS = (".ply", ".xyz", ".obj", ".stl", ".off", ".glb")
@@ -56,7 +57,8 @@ def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[Measu
         pose = found.get(name, MeasuredFile(name))
         if getattr(pose, slot) is not None:
             raise Scan2FlexError(f"{path.name} and {getattr(pose, slot).name} are two of a kind for one pose: rename one.")
-        found[name] = replace(pose, **{slot: path})
+        change: dict[str, Any] = {slot: path}
+        found[name] = replace(pose, **change)
     poses = [pose for pose in found.values() if pose.curve or pose.scan]
     if not poses:
         kinds = ", ".join(CURVES + SCANS)
@@ -73,7 +75,7 @@ def new_study(
     clamps: dict[str, Clamp] | None,
     radius: float | None = None,
     title: str = "",
-    gravity=GRAVITY,
+    gravity: np.ndarray | tuple[float, ...] | list[float] = GRAVITY,
     units: str | None = None,
     columns: str | None = None,
     validate: tuple[str, ...] = (),
@@ -104,7 +106,8 @@ def new_study(
         notes.append(_UNTWISTED)
     if all(pose.role == "validate" for pose in made):
         raise Scan2FlexError("every pose is kept for validation: leave at least one to fit.")
-    cable = {"length": length, "length_density": length_density} | ({} if radius is None else {"radius": radius})
+    cable: dict[str, Value] = {"length": length, "length_density": length_density}
+    cable |= {} if radius is None else {"radius": radius}
     unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
     return Study(title or folder.name, np.asarray(gravity, float), cable, tuple(made), unknowns=unknowns, folder=folder), tuple(
         notes
@@ -121,7 +124,7 @@ def _pose(folder, files, clamps, units, columns, role):
     if curve is not None:
         curve = replace(curve, path=folder / "curves" / f"{files.name}.csv")
         facts = pose_facts(StudyPose(files.name, role, start, end, curve=curve))
-        if facts.backwards:
+        if facts is not None and facts.backwards:
             curve, notes = _reversed(curve), [*notes, "turned round: it ran from end to start"]
     if files.scan:
         scan, said = _scan(folder, files.scan, units)
@@ -150,11 +153,9 @@ def _scan(folder, path, units):
     factor = length_unit(units or "m")
     if factor == 1.0:
         return path.resolve(), []
-    import trimesh  # noqa: PLC0415  (only scans in other units need it, and it loads slowly)
-
     target = folder / "scans" / f"{path.stem}.ply"
+    loaded = load_geometry(path)
     try:
-        loaded = trimesh.load(path)
         loaded.apply_scale(factor)
         data = loaded.export(file_type="ply")
     except Exception as fault:  # each of trimesh's readers fails in its own way
@@ -185,8 +186,8 @@ def clamps_of_curve(points: Annotated[np.ndarray, "n 3"]) -> tuple[Clamp, Clamp]
     last = first
     for turn in Rotation.from_rotvec(turns):
         last = turn * last
-    ends = zip((points[0], points[-1]), (first, last), strict=True)
-    return tuple(Clamp(p, R.as_quat(canonical=True, scalar_first=True)) for p, R in ends)
+    start, end = (R.as_quat(canonical=True, scalar_first=True) for R in (first, last))
+    return Clamp(points[0], start), Clamp(points[-1], end)
 
 
 def _direction(points):

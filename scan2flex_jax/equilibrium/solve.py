@@ -30,6 +30,7 @@ MAX_STEPS = 200
 BALANCE = 1.0e-6  # scaled out-of-balance force of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
 _ROUNDING = 1.0e-8  # force, over the axial stiffness, that positions rounded to 1e-16 leave at a tolerance of BALANCE
 TURN = 2.0  # rad between neighbouring nodes beyond which the mesh cannot tell one way round from the other
+SKEW = 0.5  # slope of an element's chord beyond what shear does: elements longer than the bends, and 1e-2 L off at 0.8
 
 SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
 SENTENCES = {
@@ -38,7 +39,7 @@ SENTENCES = {
     NON_FINITE: "the solve met values that are not finite",
     UNSTABLE: "the equilibrium found is unstable",
     UNBALANCED: "the forces do not balance",
-    TOO_COARSE: f"neighbouring nodes turn by more than {TURN} rad: more elements are needed",
+    TOO_COARSE: f"an element turns by more than {TURN} rad or is longer than the bends: more elements are needed",
 }
 
 
@@ -186,10 +187,13 @@ def _judge(rod, c, d, negative, result, steps):
     force = _ROUNDING * stiffest + jnp.max(n[:, :3]) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
     left = jnp.maximum(jnp.max(left[:, :3]) / force, jnp.max(left[:, 3:]) / (moment + force * rod.length))
     turn = jnp.max(jnp.linalg.norm(d.elements.x[:, 3:], axis=1))
+    shear = d.elements.x[:, :2] / rod.section.ds - rod.section.natural[:, :2]
+    rigidity = jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, :2]
+    skew = jnp.max(jnp.abs(shear - d.elements.n[:, :2] / rigidity))
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
     reached = result == optx.RESULTS.nonlinear_max_steps_reached
     code = jnp.select(
-        [~finite, turn > TURN, reached, negative > 0, ~(left < BALANCE)],
+        [~finite, (turn > TURN) | (skew > SKEW), reached, negative > 0, ~(left < BALANCE)],
         [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, UNSTABLE, UNBALANCED],
         SOLVED,
     )

@@ -148,10 +148,8 @@ class Explanation:
         values["rms_left_out"] = self.rms_left_out(after)
         return {k: v for k, v in values.items() if np.isfinite(v)}
 
-    def _said_of(self, r: Ranked) -> str:
+    def in_words(self, r: Ranked) -> str:
         """The verdict of a kind in words that stand alone: of two kinds, less likely is not the same as not seen."""
-        if r.tied_with:
-            return f"{r.verdict} with {', '.join(r.tied_with)}"
         if r.verdict == INCONCLUSIVE and r.log_evidence > LEAD_FAVOURED:
             return "better than nothing, explains too little" if self.verdict == UNEXPLAINED else "less likely"
         return r.verdict
@@ -163,7 +161,8 @@ class Explanation:
             return "\n".join(lines)
         lines += ["", "  kind                      log evidence   verdict"]
         for r in self.ranking[:8]:
-            lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self._said_of(r)}")
+            tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
+            lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
         lines += ["", "  estimate                    before         after"]
         for name, e in self.estimates.items():
             lines.append(f"  {name:<22}{_shown(self.fit.estimates[name].value):>14}{_shown(e.value):>14}")

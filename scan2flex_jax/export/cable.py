@@ -15,6 +15,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.predict import model_of, settled
 from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.loads import distributed_load
+from scan2flex_jax.study.model import Study
 
 _SAME = 1e-9  # part by which sections may differ and still be one cable's
 
@@ -69,7 +70,7 @@ class HungCable:
         return np.diag(K), self.natural[0], float(self.density[0])
 
 
-def hung(study, pose: str | None = None, elements: int = 40) -> HungCable:
+def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
     """The cable of a study whose parameters are all known, hanging in one pose; raises `Scan2FlexError`."""
     chosen = study.poses[0] if pose is None else study.pose(pose)
     model = model_of(study)
@@ -77,10 +78,11 @@ def hung(study, pose: str | None = None, elements: int = 40) -> HungCable:
     if not bool(e.verdict.solved):
         raise Scan2FlexError(f"pose {chosen.name!r} could not be solved ({e.verdict.sentence()}): export another pose.")
     section, radius = e.rod.section, study.cable.get("radius")
-    arrays = section.stiffness, section.natural, section.density, e.s, *e.configuration, e.rod.boundary.held
+    r, R = map(np.asarray, e.configuration)
+    K, natural, density = map(np.asarray, (section.stiffness, section.natural, section.density))
     return HungCable(
         study.title, chosen.name, float(e.rod.length), np.asarray(model.gravity), None if radius is None else float(radius),
-        *map(np.asarray, arrays), _beyond(e, model),
+        K, natural, density, np.asarray(e.s), r, R, np.asarray(e.rod.boundary.held), _beyond(e, model),
     )  # fmt: skip
 
 

@@ -54,13 +54,13 @@ def to_mujoco(cable: HungCable) -> str:
             numbers = {"stiffness": stiffness[axis], "damping": _SETTLE * stiffness[axis], "springref": spring, **common}
             unit = _text([float(axis == name) for name in "XYZ"])
             written = {key: repr(float(value)) for key, value in numbers.items()}
-            ET.SubElement(body, "joint", type="hinge", name=f"joint{k}{axis.lower()}", axis=unit, **written)
+            ET.SubElement(body, "joint", {"type": "hinge", "name": f"joint{k}{axis.lower()}", "axis": unit, **written})
         _geom(body, k, cable.elements, ds, density, size)
     if cable.held[1, 0]:
         ET.SubElement(body, "site", name="end", pos=_text([0, 0, 0.5 * ds]))
         ET.SubElement(world, "site", name="clamp", pos=_text(cable.position[-1]), quat=_quaternion(links[-1]))
         hard = {"solref": f"{2 * _STEP:g} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
-        ET.SubElement(ET.SubElement(root, "equality"), "weld", site1="end", site2="clamp", **hard)
+        ET.SubElement(ET.SubElement(root, "equality"), "weld", {"site1": "end", "site2": "clamp", **hard})
     ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="hanging", qpos=_text(angles))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"

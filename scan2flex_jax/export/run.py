@@ -5,11 +5,12 @@ from scan2flex_jax.export.cable import hung
 from scan2flex_jax.export.mujoco import to_mujoco
 from scan2flex_jax.export.plain import to_json
 from scan2flex_jax.export.pyelastica import to_pyelastica
+from scan2flex_jax.study.model import Study
 
 TO = {"mujoco": to_mujoco, "pyelastica": to_pyelastica, "json": to_json}
 
 
-def export(study, to: str, *, pose: str | None = None, elements: int = 40) -> str:
+def export(study: Study, to: str, *, pose: str | None = None, elements: int = 40) -> str:
     """The calibrated cable of ``study`` as text for a simulator, hanging in one ``pose`` (left out, the first).
 
     ``to``: "mujoco" (an XML model), "pyelastica" (a script) or "json" (stiffness matrices of every element). Both simulators

@@ -245,8 +245,9 @@ def _pose_fits(problem, minimum, covariance):
         found = other(minimum.shared)
         groups.append((problem.study.validate_poses, poses, found))
         own = [np.asarray(m) > 0 for m in poses.mask]
-        spread = {p.name: _spread(problem.layout, found.jacobian[i][own[i]], covariance)
-                  for i, p in enumerate(problem.study.validate_poses)}  # fmt: skip
+        moved = [J[keep] for J, keep in zip(np.asarray(found.jacobian), own, strict=True)]
+        names = [p.name for p in problem.study.validate_poses]
+        spread = {name: _spread(problem.layout, J, covariance) for name, J in zip(names, moved, strict=True)}
     for study_poses, poses, e in groups:
         for i, pose in enumerate(study_poses):
             real = np.asarray(poses.mask[i]) > 0
@@ -299,7 +300,9 @@ def _estimates(layout, x, known):
         shaped = [v if v is None or slot.shape else float(v) for v in shaped]
         value = values[slot.name] if slot.shape else float(values[slot.name])
         std, low, high = shaped
-        out[slot.name] = Estimate(value, std, low, high, bool(np.all(known.determined[here])), bool(bound), unit_of(slot.name))
+        determined = bool(np.all(known.determined[here]))
+        at_bound = bool(bound) and determined  # where a number that no pose feels stands says nothing of its range
+        out[slot.name] = Estimate(value, std, low, high, determined, at_bound, unit_of(slot.name))
     return out
 
 

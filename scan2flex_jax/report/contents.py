@@ -13,10 +13,11 @@ import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.explain import Explanation, Plan, plan
-from scan2flex_jax.fit.run import FIT_ELEMENTS, Fit
+from scan2flex_jax.fit import Fit
+from scan2flex_jax.fit.run import FIT_ELEMENTS
 from scan2flex_jax.predict import predict
 from scan2flex_jax.study.files import read_text
-from scan2flex_jax.study.model import MeasuredCurve, relative_name
+from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.values import Where
 from scan2flex_jax.study.write import NamedFiles, render, study_tables
@@ -87,7 +88,7 @@ class EstimateView:
 class Contents:
     """All that the page shows; ``explanation`` and ``plan`` are None where they were not asked for or not to be had."""
 
-    study: object
+    study: Study
     fit: Fit | None
     explanation: Explanation | None
     poses: tuple[PoseView, ...]
@@ -105,12 +106,12 @@ class Contents:
 def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=lambda message: None) -> Contents:
     """What a report of ``subject`` says; solves its poses once more for the section forces."""
     explanation = subject if isinstance(subject, Explanation) else None
-    fitted = subject.fit if explanation else subject
+    fitted = subject.fit if isinstance(subject, Explanation) else subject
     study = fitted.study if fitted else subject.study
     poses = tuple(_pose_view(study.pose(name), p) for name, p in subject.poses.items())
     if not poses:
-        measured = [pose for pose in study.poses if pose.curve is not None]
-        poses = tuple(PoseView(p.name, p.role, np.asarray(p.curve.points), clamps=_clamps(p)) for p in measured)
+        measured = [(p, p.curve.points) for p in study.poses if p.curve is not None]
+        poses = tuple(PoseView(p.name, p.role, points, clamps=_clamps(p)) for p, points in measured)
     progress("section forces")
     elements = fitted.problem[0].elements if fitted and fitted.problem else FIT_ELEMENTS
     sections, unsolved = ((), ())

@@ -115,14 +115,14 @@ def residual(pose, noise: float):
     return figure
 
 
-def evidence(ranking, most: int = 10):
+def evidence(explanation, most: int = 10):
     """Log evidence of the likeliest kinds over the plain rod (nats)."""
-    rows = ranking[:most][::-1]
+    rows = explanation.ranking[:most][::-1]
     colours = {"named": AFTER, "favoured": AFTER, "tied": COLOURS[4]}
     shown = [max(r.log_evidence, -5.0) for r in rows]  # what is worse than nothing is not told apart
     figure = _figure(**_axes("log evidence over the plain rod (nats)", ""), height=90 + 30 * len(rows))
     figure.add_bar(x=shown, y=[escape(r.kind.replace("_", " ")) for r in rows], orientation="h", hoverinfo="x+y",
-                   text=[r.verdict for r in rows], textposition="outside", cliponaxis=False,
+                   text=[escape(explanation.in_words(r)) for r in rows], textposition="outside", cliponaxis=False,
                    marker={"color": [colours.get(r.verdict, MODELLED) for r in rows]})  # fmt: skip
     figure.update_xaxes(range=[min(-6.0, 1.1 * min(shown)), 1.25 * max(*shown, 1.0)])
     return figure

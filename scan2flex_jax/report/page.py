@@ -4,15 +4,17 @@ A content security policy in the page forbids every connection, so that nothing 
 """
 
 import shlex
+from collections.abc import Callable
 from datetime import UTC, datetime
 from importlib import import_module, resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.explain import Explanation, explain
-from scan2flex_jax.fit import fit
+from scan2flex_jax.fit import Fit, fit
 from scan2flex_jax.fit.run import FIT_ELEMENTS
 from scan2flex_jax.report import figures
 from scan2flex_jax.report.contents import Contents, contents_of
@@ -33,7 +35,13 @@ def require_libraries() -> None:
             ) from error
 
 
-def report(subject, *, explained: bool = True, elements: int = FIT_ELEMENTS, progress=None) -> str:
+def report(
+    subject: Study | Fit | Explanation,
+    *,
+    explained: bool = True,
+    elements: int = FIT_ELEMENTS,
+    progress: Callable[[str], None] | None = None,
+) -> str:
     """The HTML page about a study, a `Fit` or an `Explanation`, as text.
 
     A study is explained first (or, with ``explained`` False, only fitted) with ``elements`` elements. ``progress`` is called
@@ -41,14 +49,18 @@ def report(subject, *, explained: bool = True, elements: int = FIT_ELEMENTS, pro
     """
     require_libraries()
     progress = progress or (lambda message: None)
-    if isinstance(subject, Study):
-        subject = explain(subject, elements=elements, progress=progress) if explained else fit(subject, elements=elements)
-    contents = contents_of(subject, progress=progress)
+    if not isinstance(subject, Study):
+        found = subject
+    elif explained:
+        found = explain(subject, elements=elements, progress=progress)
+    else:
+        found = fit(subject, elements=elements)
+    contents = contents_of(found, progress=progress)
     progress("writing the page")
     return _render(contents)
 
 
-def save_report(subject, file: str | Path, **options) -> Path:
+def save_report(subject: Study | Fit | Explanation, file: str | Path, **options: Any) -> Path:
     """Write `report` (same options) to a file, in one step."""
     path = Path(file)
     write_atomic(path, report(subject, **options).encode("utf-8"))
@@ -80,10 +92,11 @@ def _figures(c: Contents) -> dict:
         out["errors"] = figures.errors(c.poses)
     if c.fit and len(c.fit.labels) > 1:
         out["correlation"] = figures.correlation(c.fit.labels, c.fit.correlation)
-    if c.explanation and c.fit:
+    if c.explanation and c.explanation.noise:
         noise = c.explanation.noise.total
-        out["residuals"] = [figures.residual(p, noise) for p in c.poses if p.stable and np.all(np.isfinite(p.before))]
-        out["evidence"] = figures.evidence(c.explanation.ranking)
+        seen = [p for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
+        out["residuals"] = [figures.residual(p, noise) for p in seen]
+        out["evidence"] = figures.evidence(c.explanation)
         out["load"] = figures.load(c.explanation.load)
     if c.sections:
         names = [pose.name for pose in c.study.poses]
@@ -114,8 +127,9 @@ def _verdict(c: Contents) -> tuple[str, str]:
         return _found(c.explanation), tones.get(c.explanation.verdict, "bad")
     if not all(p.stable for p in c.poses):
         return "a pose could not be solved", "bad"
-    words = {True: "predicts the poses that it never saw", False: "does not predict to within the noise"}
-    return words.get(c.fit.valid, "not validated"), {True: "good", False: "bad"}.get(c.fit.valid, "fair")
+    words = {True: ("predicts the poses that it never saw", "good"), False: ("does not predict to within the noise", "bad")}
+    valid = None if c.fit is None else c.fit.valid
+    return ("not validated", "fair") if valid is None else words[valid]
 
 
 def _found(explanation: Explanation) -> str:

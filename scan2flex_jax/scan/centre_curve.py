@@ -42,7 +42,8 @@ class CentreCurve:
     ``std`` is that of one coordinate across the curve, from the scatter of the points and the smoothness that the data
     ask for; it grows inside gaps. It does not know of errors that all points share (a range bias).
     ``noise``: standard deviation of a point from the surface (m); ``gaps``: intervals of s (m) without points;
-    ``stages``: clouds and curves on the way, for plotting; ``warnings``: one sentence each.
+    ``stages``: clouds and curves on the way, for plotting; ``warnings``: one sentence each, and ``doubts`` those of them
+    that speak against the curve as a whole.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -57,6 +58,12 @@ class CentreCurve:
     along_ray: bool = False
     stages: dict[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def sure(self) -> bool:
+        """Whether nothing speaks against the curve."""
+        return not self.doubts
 
     @property
     def length(self) -> float:
@@ -70,7 +77,7 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
     c = spline.coefficients(jnp.asarray(fit.points))
     on = fit.weight > _CONFIDENT
     span, gaps_t = _span_and_gaps(np.sort(fit.parameter[on]), c, radius, clamps)
-    fine = np.linspace(*span, _FINE * count + 1)
+    fine = np.linspace(span[0], span[1], _FINE * count + 1)
     q = np.asarray(spline.evaluate(c, jnp.asarray(fine)))
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     t = np.interp(np.linspace(0.0, s[-1], count), s, fine)

@@ -9,6 +9,7 @@ Symbols: ``r`` radius, ``L`` length, points: all m in the scan frame.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study.scans import load_geometry, unreadable
 
 MESH_SAMPLES = 60_000
 MILLIMETRES = 50.0  # a cloud this many times longer than the cable is in other units: no room is so large
@@ -38,16 +40,18 @@ class Cloud:
 def load_cloud(path: str | Path) -> Cloud:
     """Read a cloud through trimesh; a mesh is sampled evenly over its surface, deterministically."""
     path = Path(path)
-    if not path.is_file():
-        raise Scan2FlexError(f"the scan {path} does not exist")
+    loaded = load_geometry(path)
     try:
-        loaded = trimesh.load(path)
-    except Exception as fault:  # each of trimesh's readers fails in its own way
-        raise Scan2FlexError(f"the scan {path} cannot be read as a point cloud: {_one_line(fault)}") from fault
+        return _cloud_of(loaded, path)
+    except (ValueError, IndexError, TypeError) as fault:  # faces of points that are not there, coordinates cut short
+        raise unreadable(path, fault) from fault
+
+
+def _cloud_of(loaded, path) -> Cloud:
     meshes = list(loaded.geometry.values()) if isinstance(loaded, trimesh.Scene) else [loaded]
     faces = [m for m in meshes if isinstance(m, trimesh.Trimesh) and len(m.faces)]
     if faces:
-        mesh = trimesh.util.concatenate(faces)
+        mesh: Any = trimesh.util.concatenate(faces)
         points, face = trimesh.sample.sample_surface(mesh, MESH_SAMPLES, seed=0)
         note = f"{path.name} is a mesh of {len(mesh.faces)} triangles: {MESH_SAMPLES} points were sampled on it"
         return Cloud(np.asarray(points), np.asarray(mesh.face_normals[face]), (note,))
@@ -58,15 +62,10 @@ def load_cloud(path: str | Path) -> Cloud:
     return Cloud(points, _normals(meshes, len(points)))
 
 
-def _one_line(fault: Exception) -> str:
-    text = " ".join(str(fault).split())
-    return f"{type(fault).__name__} {text[:120]}"
-
-
 def _normals(meshes, count):
     """Normals of a single point cloud when its PLY has nx, ny, nz."""
     raw = meshes[0].metadata.get("_ply_raw", {}) if len(meshes) == 1 and hasattr(meshes[0], "metadata") else {}
-    data = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
+    data: Any = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
     try:
         normals = np.column_stack([np.asarray(data[k], float).ravel() for k in ("nx", "ny", "nz")])
     except (TypeError, KeyError, ValueError, IndexError):

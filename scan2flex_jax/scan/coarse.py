@@ -29,8 +29,13 @@ _WIDER = 1.5  # a noisy tube looks this many standard deviations wide
 _MEDIAN_OF_TWO = 1.18  # median distance from the centre of a two-dimensional Gaussian, in standard deviations
 _THIN = 0.2  # of the usual crowd: less is debris
 _NOISY = 0.3  # normals are useless when the patch is thicker than this share of r
+WIDE_GAP = 0.28  # of L: the longest where no other way leads on, and the length must then agree
 _EXPLAINED = 0.75  # share of the votes that a trusted curve explains
-_LENGTH_OFF = 0.08  # of L, for a trusted curve
+_ENOUGH = 0.35  # the same for a curve whose length and clamps agree: what else lines up is clutter
+_LENGTH_OFF, _LENGTH_MEETS = 0.08, 0.02  # of L: for a trusted curve, and for one that length alone makes trusted
+_MEETS = 0.8  # cosine between the curve's ends and the clamps' directions
+_AS_GOOD = 0.15  # of badness: a curve that is worse by less is another answer
+_OTHERWISE = 0.06  # of L: two curves that are this far apart at some s are not the same
 _SHARP = 0.5  # rad of turn per radius of length: a sharper turn is a jump between strands
 _LINE_UP = 0.7  # share of the variance along the first axis: less is no curve
 
@@ -124,17 +129,30 @@ def find_curve(points, radius, length, start: End | None, end: End | None) -> Co
             f"no cable of radius {radius:.4g} m was found in the cloud: its points do not line up along a curve;"
             f" check the radius, or mark guide points"
         )
+    reach = max(4.0 * spacing, 2.0 * apparent)
+    held = length is not None and start is not None and end is not None
     found = []
-    for path in chains(nodes, max(4.0 * spacing, 2.0 * apparent), GAP * scale, start, end):
-        curve = _smoothed(path, spacing, apparent)
-        found.append((*_judged(curve, nodes, apparent, length, start, end), curve))
+    for gap, bent in ((GAP, False), (GAP, True), (WIDE_GAP, True))[: 3 if held else 2]:
+        for path in chains(nodes, reach, gap * scale, start, end, bent):
+            curve = _smoothed(path, spacing, apparent)
+            found.append((*_judged(curve, nodes, apparent, length, start, end, gap > GAP), curve))
+        if any(not doubts for _, doubts, _ in found):
+            break
     if not found:
         raise Scan2FlexError(
             "no path through the cloud leads from the start clamp to the end clamp: a gap is longer than"
             f" {100 * GAP:.0f} % of the length, or the clamps stand elsewhere; mark guide points"
         )
-    _, doubts, curve = min(found, key=lambda one: one[0])
+    bad, doubts, curve = min(found, key=lambda one: (len(one[1]) > 0, one[0]))
+    for other, against, way in found:
+        if not (doubts or against) and other < bad + _AS_GOOD and _differ(curve, way) > _OTHERWISE * scale + 4.0 * apparent:
+            doubts = ("another way through the cloud explains it about as well",)
     return Coarse(curve, not doubts, doubts)
+
+
+def _differ(one, other) -> float:
+    """Largest distance (m) between two curves at the same share of their lengths."""
+    return float(np.max(np.linalg.norm(evenly(one, 100) - evenly(other, 100), axis=1)))
 
 
 def _smoothed(path, spacing, radius):
@@ -149,24 +167,41 @@ def _smoothed(path, spacing, radius):
     return gaussian_filter1d(long, width, axis=0)[pad:-pad]
 
 
-def _judged(curve, nodes, radius, length, start, end):
+def _judged(curve, nodes, radius, length, start, end, wide):
     """Badness of a curve, and the doubts about it: its length beside L, the share of lined-up votes it explains."""
     doubts = []
     near = cKDTree(evenly(curve, 400)).query(nodes.at)[0] < 2.0 * radius + 0.01 * (length or 0.0)
     share = nodes.votes[near].sum() / nodes.votes.sum()
-    bad = 1.0 - share
-    if share < _EXPLAINED:
-        doubts.append(f"it explains only {100 * share:.0f} % of what lines up in the cloud")
+    bad, met = 1.0 - share, False
     if length:
         found = np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))
         found += np.linalg.norm(curve[0] - start.position) if start is not None else 0.0
         found += np.linalg.norm(curve[-1] - end.position) if end is not None else 0.0
         bad += 3.0 * abs(found / length - 1.0)
+        met = abs(found / length - 1.0) < _LENGTH_MEETS and _meets(curve, start, 0) and _meets(curve, end, -1)
         if not 1.0 - _LENGTH_OFF < found / length < 1.0 + _LENGTH_OFF:
             doubts.append(f"it is {found:.4g} m long from clamp to clamp where the cable is {length:.4g} m")
+    if share < (_ENOUGH if met else _EXPLAINED):
+        doubts.append(f"it explains only {100 * share:.0f} % of what lines up in the cloud")
+    if wide and not met:
+        doubts.append(f"it leaps over a gap of more than {100 * GAP:.0f} % of the length, and its own length does not agree")
+    turn = _turns(curve, radius)
+    bad += 0.3 * max(0.0, float(turn.max()) - _SHARP)
+    return bad, tuple(doubts)
+
+
+def _meets(curve, clamp, k) -> bool:
+    """Whether the curve leaves or reaches a clamp in the clamp's direction."""
+    if clamp is None or clamp.tangent is None:
+        return False
+    few = max(2, len(curve) // 50)
+    way = curve[few] - curve[0] if k == 0 else curve[-1] - curve[-1 - few]
+    return float(way @ clamp.tangent) > _MEETS * float(np.linalg.norm(way))
+
+
+def _turns(curve, radius):
+    """Angles (rad) by which the curve turns per radius of its length."""
     even = evenly(curve, max(8, int(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1)) / radius)))
     step = np.diff(even, axis=0)
     step /= np.linalg.norm(step, axis=1, keepdims=True)
-    turn = np.arccos(np.clip(np.sum(step[1:] * step[:-1], axis=1), -1.0, 1.0))  # rad per radius of length
-    bad += 0.3 * max(0.0, float(turn.max()) - _SHARP)
-    return bad, tuple(doubts)
+    return np.arccos(np.clip(np.sum(step[1:] * step[:-1], axis=1), -1.0, 1.0))

@@ -10,11 +10,13 @@ Symbols: r radius, L length between the clamps, s arc length: m.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
@@ -23,7 +25,9 @@ from scan2flex_jax.scan import coarse as coarse_step
 from scan2flex_jax.scan import guides as guide_step
 from scan2flex_jax.scan import minimise, refine, snakes, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
+from scan2flex_jax.scan.doubts import clamp_to_clamp, doubts
 from scan2flex_jax.scan.strands import End
+from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 
 SNAKES_POINTS = 2048
 SNAKES_KNOTS = 20
@@ -32,18 +36,17 @@ _PLANE_POINTS = 40_000
 _FEW = 60  # points up to which a cloud is what a user picked, and has no surface to speak of
 _RADII_SHARE = 0.25  # r_i of the coarse step may differ from r by this share
 _LENGTH_TRUSTED = 0.05  # of L, for a curve found without guide points
-_LENGTH_AGREES, _RADIUS_AGREES, _TANGENT_AGREES = 0.01, 0.15, 0.15  # of L, of r, rad
 
 
 def extract(
-    cloud,
+    cloud: clouds.Cloud | np.ndarray,
     radius: float,
     *,
     length: float | None = None,
     start: End | None = None,
     end: End | None = None,
-    guide_points=None,
-    viewpoints=None,
+    guide_points: ArrayLike | None = None,
+    viewpoints: ArrayLike | None = None,
     noise: float | None = None,
     method: str = "least squares",
 ) -> CentreCurve:
@@ -64,39 +67,55 @@ def extract(
         guide_points, said = guide_step.checked_guides(guide_points, radius, length, *at)
         notes += said
         stages["guide points"] = guide_points
+    eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
     points = _cleaned(points, radius, length, start, end, guide_points)
-    coarse, found_by = _coarse(points, radius, length, start, end, guide_points)
+    coarse, found_by = _coarse(points, radius, length, start, end, guide_points, eyes)
     stages["coarse"] = coarse.points
     wide = max(3.0 * radius, 0.015 * coarse.length)
-    extended = _extended(coarse.points, max(2.0 * radius, 0.02 * coarse.length))
+    extended = _extended(coarse.points, max(2.0 * radius, 0.02 * coarse.length), radius, start, end)
     near = points[clouds.near_polyline(points, spline.evenly(extended, 800), wide)]
     if len(near) < 4:
         raise Scan2FlexError(
             f"only {len(near)} points of the cloud lie near the coarse curve: check the guide points and the units"
         )
-    snake = _snake(extended, near, radius, method)
-    stages["snakes"] = snake
+    stages["snakes"] = _snake(extended, near, radius, method)
     near = near[clouds.thin(near, REFINE_POINTS)]
     stages["points used"] = near
     padded, real = _padded(near, REFINE_POINTS)
-    eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
     few = guide_points is not None and len(near) <= _FEW
     if few and eyes is not None:  # marks stand on the seen side: the axis is a radius behind them
         padded = padded + radius * (padded - eyes[0]) / jnp.linalg.norm(padded - eyes[0], axis=1, keepdims=True)
-    begin = spline.evenly(extended if few else snake, refine.KNOTS)
-    fit = refine.refine(begin, padded, real, radius, eyes, noise, few)
-    if np.sum(fit.weight > 0.3) < 4:
-        raise Scan2FlexError(f"no points lie {radius:.4g} m from a common curve: this cloud shows no cable of that radius")
-    clamps = [None if one is None else one.position for one in (start, end)]
-    curve = centre_curve(fit, radius, found_by, stages, notes, clamps)
+    known = {"length": length, "start": start, "end": end}
+    starts = (extended,) if few else (stages["snakes"], extended)
+    against, curve, fit = _refined(starts, padded, real, radius, eyes, noise, few, known, found_by, stages, notes)
     _refuse_doubtful(curve, length, start, end)
-    said = _disagreements(curve, radius, length, start, end, fit.settled, few)
-    return replace(curve, warnings=(*curve.warnings, *said))
+    said = [] if few else _remarks(curve, radius, fit, eyes is not None)
+    return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against))
+
+
+def _refined(starts, points, real, radius, eyes, noise, few, known, found_by, stages, notes):
+    """What speaks against the curve, the curve, and its `Refined`, from the first start that leaves no doubt, else the best.
+
+    Where the snakes went astray, the coarse curve is the better start.
+    """
+    clamps = [None if one is None else one.position for one in (known["start"], known["end"])]
+    found = []
+    for begin in starts:
+        fit = refine.refine(spline.evenly(begin, refine.KNOTS), points, real, radius, eyes, noise, few)
+        if np.sum(fit.weight > 0.3) >= 4:
+            curve = centre_curve(fit, radius, found_by, stages, notes, clamps)
+            against = doubts(curve, fit, radius, **known, few=few)
+            found.append((against, curve, fit))
+            if not against:
+                break
+    if not found:
+        raise Scan2FlexError(f"no points lie {radius:.4g} m from a common curve: this cloud shows no cable of that radius")
+    return min(found, key=lambda one: (len(one[0]), -np.sum(one[2].weight)))
 
 
 def _require_float64():
     """Refuse single precision: a tenth of a noise of 0.1 mm in a scan some metres from the origin is lost in it."""
-    if not jax.config.jax_enable_x64:
+    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]  # jax declares no options
         raise Scan2FlexError(
             "scan2flex_jax computes in float64 only: call jax.config.update('jax_enable_x64', True) before the first array"
             " (or set the environment variable JAX_ENABLE_X64=1)"
@@ -105,8 +124,8 @@ def _require_float64():
 
 def _cleaned(points, radius, length, start, end, guides):
     """Points that are not isolated, that the cable can reach, and (with guides) near them, (without) on no table."""
-    at = [None if one is None else one.position for one in (start, end)]
-    held = points[clouds.reachable(points, radius, *at, length)]
+    at, to = (None if one is None else one.position for one in (start, end))
+    held = points[clouds.reachable(points, radius, at, to, length)]
     if len(held) < 4:
         raise Scan2FlexError(
             f"{len(held)} of the {len(points)} points lie where a cable of {length:.4g} m between these clamps can be:"
@@ -123,11 +142,11 @@ def _cleaned(points, radius, length, start, end, guides):
     return held[clouds.off_planes(held, radius)]
 
 
-def _coarse(points, radius, length, start, end, guides):
+def _coarse(points, radius, length, start, end, guides, eyes):
     """The coarse curve and how it was found; guide points have the last word, and without them doubt is a refusal."""
     some = points[clouds.thin(points, coarse_step.VOTERS)]
     if guides is None:
-        found = coarse_step.find_curve(some, radius, length, start, end)
+        found: Any = coarse_step.find_curve(some, radius, length, start, end)
         if not found.sure:
             raise Scan2FlexError(
                 f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(found.doubts)};"
@@ -145,15 +164,24 @@ def _coarse(points, radius, length, start, end, guides):
             found, which = replace(found, points=found.points[::-1]), 799 - which
         if np.all(away < 3.0 * radius + 0.01 * found.length) and np.all(np.diff(which) > 0):
             return found, "cloud, and the guide points agree"
-    return guide_step.guided_curve(guides, some, radius), "guide points"
+    return guide_step.guided_curve(guides, some, radius, eyes), "guide points"
 
 
-def _extended(curve, by):
-    """The curve lengthened at both ends along its tangents, so that the cloud ends before it does."""
+def _extended(curve, by, radius=0.0, start=None, end=None):
+    """The curve lengthened at both ends, so that the cloud ends before it does: along the clamps where it ends at them."""
     back = max(2, len(curve) // 40)
     first, last = curve[0] - curve[back], curve[-1] - curve[-1 - back]
     first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
-    return np.concatenate([curve[:1] + by * first, curve, curve[-1:] + by * last])
+    head, tail = [curve[0] + by * first], [curve[-1] + by * last]
+    near = by + 2.0 * radius
+    if start is not None and start.tangent is not None and np.linalg.norm(curve[0] - start.position) < near:
+        curve = curve[np.argmax((curve - start.position) @ start.tangent > 0.5 * radius) :]
+        head = [start.position - by * start.tangent, start.position]
+    if end is not None and end.tangent is not None and np.linalg.norm(curve[-1] - end.position) < near:
+        keep = (end.position - curve) @ end.tangent > 0.5 * radius
+        curve = curve[: len(curve) - int(np.argmax(keep[::-1]))]
+        tail = [end.position, end.position + by * end.tangent]
+    return np.concatenate([head, curve, tail])
 
 
 def _padded(points, count):
@@ -181,7 +209,7 @@ def _refuse_doubtful(curve: CentreCurve, length, start, end):
     """A curve that was found without guide points and is far from the known length has taken a wrong way."""
     if not length or start is None or end is None or curve.found_by != "cloud":
         return
-    whole = curve.length + np.linalg.norm(curve.points[0] - start.position) + np.linalg.norm(curve.points[-1] - end.position)
+    whole = clamp_to_clamp(curve, start, end)
     if abs(whole / length - 1.0) > _LENGTH_TRUSTED:
         raise Scan2FlexError(
             f"the curve found in the cloud is {whole:.4g} m long from clamp to clamp where the cable is {length:.4g} m:"
@@ -189,28 +217,15 @@ def _refuse_doubtful(curve: CentreCurve, length, start, end):
         )
 
 
-def _disagreements(curve: CentreCurve, radius, length, start, end, settled, few):
-    """What the scan says otherwise than the study: length, radius, tangents at the clamps; and gaps, and doubts."""
+def _remarks(curve: CentreCurve, radius, fit, viewed):
+    """What a user should know of a curve that nothing speaks against: gaps, and how far the noise can be trusted."""
     said = []
-    if not settled and not few:
-        said.append("the last stage had not settled after its last iteration: look at the picture")
-    ends = ((start, 0, "start"), (end, -1, "end"))
-    short = [0.0 if one is None else float(np.linalg.norm(curve.points[k] - one.position)) for one, k, _ in ends]
-    whole = curve.length + sum(short)
-    if length and start is not None and end is not None and abs(whole / length - 1.0) > _LENGTH_AGREES:
-        said.append(f"from clamp to clamp the scan is {whole:.4g} m long where the study says {length:.4g} m")
-    if not few and abs(curve.radius.mean / radius - 1.0) > max(_RADIUS_AGREES, curve.noise / radius):
-        said.append(f"the points lie {curve.radius.mean:.4g} m from the curve where the study says a radius of {radius:.4g} m")
-    for (one, k, name), away in zip(ends, short, strict=True):
-        if one is None or one.tangent is None:
-            continue
-        angle = float(np.arccos(np.clip(curve.tangents[k] @ one.tangent, -1.0, 1.0)))
-        step = curve.arc_length[1]
-        a, b = (0, 8) if k == 0 else (-9, -1)
-        bend = float(np.linalg.norm(curve.tangents[b] - curve.tangents[a]) / (8 * step))
-        if angle > _TANGENT_AGREES + bend * (away + 4 * step):
-            said.append(f"at the {name} the curve points {np.degrees(angle):.0f} degrees away from the clamp's direction")
-    if not few and not curve.along_ray and curve.noise > refine.RAY_ABOVE * radius:
+    if viewed and fit.facing < refine.FACING:
+        said.append(
+            f"{100 * (1.0 - fit.facing):.0f} % of the points face none of the viewpoints: these are not the scan's,"
+            f" and were left aside"
+        )
+    if not curve.along_ray and curve.noise > refine.RAY_ABOVE * radius:
         said.append(
             f"a point is uncertain by {curve.noise:.2g} m where the radius is {radius:.4g} m, and no viewpoints are given:"
             f" a scan from one side then draws the curve towards the sensor by up to half a radius; give the viewpoints"
@@ -220,13 +235,13 @@ def _disagreements(curve: CentreCurve, radius, length, start, end, settled, few)
     return said
 
 
-def extract_study(study, progress: Callable[[str, int, int], None] | None = None, method: str = "least squares"):
+def extract_study(
+    study: Study, progress: Callable[[str, int, int], None] | None = None, method: str = "least squares"
+) -> tuple[Study, dict[str, CentreCurve]]:
     """A copy of the study with a centre curve for every pose that has a scan and none yet, and the curves by pose name.
 
     ``progress(pose, number, total)`` is called before each pose; what it raises is ignored.
     """
-    from scan2flex_jax.study import MeasuredCurve  # noqa: PLC0415  (the study layer need not load to extract a cloud)
-
     found: dict[str, CentreCurve] = {}
     poses = []
     todo = [pose.name for pose in study.poses if pose.scan is not None and pose.curve is None]
@@ -240,7 +255,7 @@ def extract_study(study, progress: Callable[[str, int, int], None] | None = None
     return replace(study, poses=tuple(poses)), found
 
 
-def extract_pose(study, pose, method: str = "least squares") -> CentreCurve:
+def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -> CentreCurve:
     """The centre curve of one pose of a study; a fault names the study's scan file."""
     radius, length = study.cable.get("radius"), study.cable.get("length")
     name = str(pose.scan)
@@ -248,7 +263,7 @@ def extract_pose(study, pose, method: str = "least squares") -> CentreCurve:
         raise StudyError(name, "cable.radius", "a scan needs the cable's radius (m): give it under [cable].")
     try:
         return extract(
-            clouds.load_cloud(pose.scan),
+            clouds.load_cloud(name),
             float(radius),
             length=None if length is None else float(length),
             start=End(pose.start.position, pose.start.tangent),
@@ -277,7 +292,7 @@ class NearCurve:
     refused: str | None = None
 
 
-def near_curve(study, pose) -> NearCurve:
+def near_curve(study: Study, pose: StudyPose) -> NearCurve:
     """The cloud of a pose, cleaned, near its centre curve: the study's, an extracted one, or a coarse one where that fails."""
     radius, length = study.cable.get("radius"), study.cable.get("length")
     if pose.curve is None:
@@ -293,7 +308,8 @@ def near_curve(study, pose) -> NearCurve:
                 raise refusal from None
     if radius is None:
         raise StudyError(str(pose.scan), "cable.radius", "a scan needs the cable's radius (m): give it under [cable].")
-    points = clouds.check_cloud(clouds.load_cloud(pose.scan).points, float(radius), length)
+    known = None if length is None else float(length)
+    points = clouds.check_cloud(clouds.load_cloud(str(pose.scan)).points, float(radius), known)
     curve = np.asarray(pose.curve.points)
     return NearCurve(_near(points, curve, float(radius)), curve)
 
@@ -311,10 +327,10 @@ def _near_coarse(study, pose, refusal):
     radius, length = float(study.cable["radius"]), study.cable.get("length")
     points = clouds.check_cloud(clouds.load_cloud(pose.scan).points, radius, length)
     ends = [None if c is None else End(c.position, c.tangent) for c in (pose.start, pose.end)]
-    points = _cleaned(points, radius, length, *ends, pose.guide_points)
+    points = _cleaned(points, radius, length, ends[0], ends[1], pose.guide_points)
     some = points[clouds.thin(points, coarse_step.VOTERS)]
     if pose.guide_points is not None:
-        curve = guide_step.guided_curve(pose.guide_points, some, radius).points
+        curve = guide_step.guided_curve(pose.guide_points, some, radius, pose.viewpoints).points
     else:
         curve = coarse_step.find_curve(some, radius, length, *ends).points
     return NearCurve(_near(points, curve, radius), curve, None, str(refusal))

@@ -16,6 +16,7 @@ from scan2flex_jax.scan.spline import evenly
 
 _TOO_LONG = 1.08  # of L: points on the outside of bends make a slightly longer polyline, a wrong order a much longer one
 _FOLD = -0.5  # cosine of a turn at a guide point that no cable makes
+_NEAR_VOTES = 1.5  # radii within which a vote may be meant
 _SHORTER = 0.85  # an exchange of points that makes the polyline this much shorter betrays a wrong order
 
 
@@ -72,15 +73,31 @@ def guide_tube(guides, radius: float) -> tuple[Float[np.ndarray, "m 3"], float]:
     return evenly(guides, 400), max(4.0 * radius, 0.3 * spacing)
 
 
-def guided_curve(guides, points, radius: float) -> Coarse:
-    """The curve through the guide points, moved onto the votes for the axis around it."""
+def guided_curve(guides, points, radius: float, eyes=None) -> Coarse:
+    """The curve through the guide points, moved onto the axis: a radius away from the viewpoint that saw them, where one is
+    known, then onto the votes around it."""
     curve = evenly(guides, 200)
+    if eyes is not None:
+        behind = [_behind(curve, eye, radius) for eye in eyes]
+        tree = cKDTree(points)
+        around = [np.sum(tree.query_ball_point(c, 1.3 * radius, return_length=True)) for c in behind]
+        curve = behind[int(np.argmax(around))]
     if len(points) >= 100:
         votes, apparent = axis_votes(points, radius)
-        near = cKDTree(votes).query(curve)[0] < 2.5 * apparent
-        moved = gathered(curve, votes, 0.7 * apparent)
+        near = cKDTree(votes).query(curve)[0] < _NEAR_VOTES * apparent
+        moved = gathered(curve, votes, 0.5 * apparent)
+        near &= np.linalg.norm(moved - curve, axis=1) < _NEAR_VOTES * apparent
         curve = np.where(near[:, None], moved, curve)
         kernel = np.hanning(11)[1:-1] / np.hanning(11)[1:-1].sum()
         padded = np.concatenate([2 * curve[0] - curve[4:0:-1], curve, 2 * curve[-1] - curve[-2:-6:-1]])
         curve = np.column_stack([np.convolve(x, kernel, "valid") for x in padded.T])
     return Coarse(curve, True)
+
+
+def _behind(curve, eye, radius):
+    """The curve moved by a radius away from an eye, across itself."""
+    tangent = np.gradient(curve, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    look = curve - eye
+    look = look - np.sum(look * tangent, axis=1, keepdims=True) * tangent
+    return curve + radius * look / np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-12)

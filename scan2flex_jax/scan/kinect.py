@@ -10,6 +10,7 @@ Wrong intrinsics scale and bend the result: the part of the length that runs acr
 radial distortion adds to it. `length_sensitivity` says how much for a given set of picks.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,7 +33,9 @@ class Intrinsics:
 def read_picks(path: str | Path) -> Float[np.ndarray, "n 3"]:
     """Rows of ``u, v, depth in mm`` without a header, in order along the cable."""
     try:
-        picks = np.loadtxt(path, delimiter=",", ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an empty table, which is refused below
+            picks = np.loadtxt(path, delimiter=",", ndmin=2)
     except (OSError, ValueError) as fault:
         raise Scan2FlexError(f"{path} is no table of u, v, depth in mm: {' '.join(str(fault).split())[:100]}") from fault
     if picks.shape[1] != 3 or not np.isfinite(picks).all() or not (picks[:, 2] > 0).all():

@@ -29,6 +29,7 @@ from scan2flex_jax.scan.snakes import SnakesProblem, snakes_energy, snakes_resid
 METHODS = ("least squares", "bfgs", "cg", "cg numerical")
 GRADIENT_TOLERANCE = 1e-3
 _DIFFERENCE = 1e-5  # step of the numerical gradient, in r: error 1e-10 of the curvature, noise 1e-11 of the energy
+_RTOL, _ATOL = 1e-9, 1e-11
 _RESTART = 40  # conjugate-gradient steps before the next restart
 
 
@@ -89,15 +90,15 @@ def _judge(y, args):
 @eqx.filter_jit
 def _solve(method: str, y, args, steps):
     """One run of a solver: the new y and the steps that it took."""
-    options = {"rtol": 1e-9, "atol": 1e-11}
+    out: optx.Solution
     if method == "least squares":
-        solver = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)
+        solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)
         out = optx.least_squares(_residuals, solver, y, args, max_steps=steps, throw=False)
     elif method == "bfgs":
-        out = optx.minimise(_energy, optx.BFGS(**options), y, args, max_steps=steps, throw=False)
+        out = optx.minimise(_energy, optx.BFGS(_RTOL, _ATOL), y, args, max_steps=steps, throw=False)
     else:
         fn = _energy_numerical if method == "cg numerical" else _energy
-        out = optx.minimise(fn, optx.NonlinearCG(**options), y, args, max_steps=steps, throw=False)
+        out = optx.minimise(fn, optx.NonlinearCG(_RTOL, _ATOL), y, args, max_steps=steps, throw=False)
     return out.value, out.stats["num_steps"]
 
 

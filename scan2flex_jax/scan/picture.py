@@ -4,6 +4,7 @@ Units in the picture: m for space, mm for residuals and standard deviations.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from scan2flex_jax.scan.centre_curve import CentreCurve
 _STAGES = (("coarse", "tab:orange", "--"), ("snakes", "tab:green", "-."))
 
 
-def plot_extraction(curve: CentreCurve, title: str = ""):
+def plot_extraction(curve: CentreCurve, title: str = "") -> Any:
     """A matplotlib figure of the extraction; the caller shows, saves and closes it."""
     from matplotlib.figure import Figure  # noqa: PLC0415  (matplotlib loads slowly and only pictures need it)
 

@@ -3,18 +3,20 @@
 Unknowns are K points of the spline at even arc length, more than the data need; how smooth the curve is, the data decide.
 Minimised is
 
-    sum_i w_i e_i^2 / sigma^2 + lambda int |curve'''|^2 dt
+    - sum_i log p(e_i) + lambda/2 int |curve'''|^2 dt
 
-with ``e_i`` the distance of point i from the surface of radius r around the curve, ``w_i`` Tukey's weights against
-outliers, sigma from the residuals (median absolute deviation), and lambda by maximum marginal likelihood (Fellner-Schall
-update). Where there is a gap the second term alone speaks, and the standard deviation grows. Points may slide along the
-curve freely; each step is damped in that direction only, then the points are spaced evenly again.
+with ``e_i`` the distance of point i from the surface of radius r around the curve, ``p`` what the sensor makes of it, and
+lambda by maximum marginal likelihood (Fellner-Schall update). Where there is a gap the second term alone speaks, and the
+standard deviation grows. Points may slide along the curve freely; each step is damped in that direction only, then the
+points are spaced evenly again.
 
 Two forms of ``e_i``:
-* *radial*, ``|p_i - curve| - r``: right while the noise is well below r;
-* *along the ray*, when the noise is not (beyond 0.25 r) and the viewpoint is known: the depth at which the ray through
-  p_i should have met the tube of radius r. It is linear in the noise, so a point thrown behind the axis does no harm,
-  where the radial form would push the curve away from the sensor.
+* *radial*, ``|p_i - curve| - r``, with Tukey's weights and sigma from the median absolute deviation: without viewpoints, and
+  always in the first iterations. Noise along a ray also moves a point around the tube, which bends radial distances by
+  ``noise^2/r``: right while the noise is well below r;
+* *along the ray*, when viewpoints are known: how far behind the tube's surface the point lies on its ray. It is linear in
+  the noise, so a point thrown behind the axis does no harm, and flying pixels are told from noise (`sensor_noise`).
+  Rays that graze the tube, or miss it, go on linearly from the last place where the depth means something.
 
 A third form serves a handful of points set by hand (`marks`): all three coordinates of ``p_i - curve(t_i)``.
 
@@ -23,31 +25,41 @@ Reference: Wood, Fasiolo, "A generalized Fellner-Schall method" (2017).
 """
 
 from dataclasses import dataclass
+from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from scan2flex_jax.scan import spline
+from scan2flex_jax.scan import sensor_noise, spline
 
 KNOTS = 40
-_ITERATIONS = 40
+_ITERATIONS = 100
+_OF_MARKS = 40  # a curve through a handful of points never comes to rest: it slides along itself and cuts its loops off
 _RAY_FROM = 5  # iteration at which the kind of residual is chosen
 _LEAST = 1e-3  # of r: smaller residuals are rounding of the scanner
-_SETTLED = 0.1  # of sigma: a smaller step of any spline point, sliding included, ends the iteration
+_SETTLED, _STILL = 0.1, 2e-3  # of sigma, of r: a smaller step of any spline point, sliding included, ends the iteration
 _WIDE, _NARROWING = 3.0, 0.7  # radii within which a point has a say at first, and how that shrinks per iteration
 _TUKEY = 4.0  # standard deviations beyond which a point has no say
-RAY_ABOVE = 0.25  # of r: noise above this is judged along the ray
-_SILHOUETTE = 0.9  # of r: beyond this the depth of the surface changes too fast to tell anything
+RAY_ABOVE = 0.25  # of r: with noise above this and no viewpoint a scan from one side is not to be trusted
+_SILHOUETTE = 0.98  # of r: rays that pass further out say the depth of the surface at this distance, and their own beyond
+_BLUR = 0.2  # noise across the ray over that along it
+_STRAY = 1.3  # of r: rays that pass further out belong to no point of the cable
+FACING = 0.8  # share of points that must face a viewpoint if the viewpoints are those of the scan
 _STIFF_START = 3.0  # share of the data's weight given to smoothness at the start
 _SLIDE = 1.0  # damping along the curve, in mean weights of a point of the spline
+_NEARLY_ALL = 0.998  # of the points near the cable lie within the window of the mixture
+_ROUNDS = 3  # renewals of the mixture per iteration
 
 
 @dataclass(frozen=True)
 class Refined:
-    """Spline points (m), their covariance (m^2), noise (m), and per cloud point: parameter, radial residual (m), weight."""
+    """Spline points (m), their covariance (m^2), noise (m), and per cloud point: parameter, residual (m), weight (-).
+
+    ``residual`` is radial (infinite for padding). ``score`` (1/m) and ``information`` (1/m^2) are the first and second
+    derivative of what is minimised by the axis at the point: what the point asks for.
+    """
 
     points: Float[np.ndarray, "K 3"]
     covariance: Float[np.ndarray, "K3 K3"]
@@ -57,67 +69,56 @@ class Refined:
     weight: Float[np.ndarray, " n"]
     settled: bool
     along_ray: bool
+    facing: float
+    score: Float[np.ndarray, "n 3"]
+    information: Float[np.ndarray, "n 3 3"]
 
 
-def _radial(q, tangent, p, eye, r):
-    """Distance (m) of a point from the surface around the curve point ``q``."""
-    off = p - q
-    return jnp.sqrt(jnp.sum(off**2) + 1e-24) - r
-
-
-def _along_ray(q, tangent, p, eye, r):
-    """How far (m) behind the expected surface point the measured one lies on its ray."""
-    ray = p - eye
-    ray = ray / jnp.linalg.norm(ray)
-    across = ray - (ray @ tangent) * tangent
-    steep = jnp.sqrt(jnp.sum(across**2) + 1e-12)
-    across = across / steep
-    off = p - q - ((p - q) @ tangent) * tangent
-    depth = off @ across
-    side2 = jnp.minimum(jnp.sum(off**2) - depth**2, (_SILHOUETTE * r) ** 2)
-    return (depth + jnp.sqrt(r**2 - side2)) / steep
-
-
-def _side(q, tangent, p, eye):
-    """Distance (m) of the ray from the axis, sideways."""
-    ray = p - eye
-    side = jnp.cross(tangent, ray)
-    return (p - q) @ side / (jnp.linalg.norm(side) + 1e-12)
-
-
-@eqx.filter_jit
-def _linearised(x, points, real, eyes, r, sigma, form: str):
-    """Residuals of all points at the curve through ``x``, their gradients, parameters, and spline weights W."""
+@jax.jit
+def _beside(x, points):
+    """Parameter of the nearest point, it, the unit tangent there, and spline weights W, for all points."""
     c = spline.coefficients(x)
     t = spline.nearest(c, points)
-    q, v = spline.evaluate(c, t), spline.evaluate(c, t, 1)
+    v = spline.evaluate(c, t, 1)
     tangent = v / jnp.linalg.norm(v, axis=1, keepdims=True)
-    radial = jax.vmap(_radial, (0, 0, 0, None, None))(q, tangent, points, eyes[0], r)
-    if form == "mark":
-        e, n = (points - q).T, jnp.broadcast_to(-jnp.eye(3)[:, None], (3, *q.shape))
-        share = jnp.ones(e.shape)
-    elif form == "radial":
-        e, n = jax.vmap(jax.value_and_grad(_radial), (0, 0, 0, None, None))(q, tangent, points, eyes[0], r)
-        share = jnp.ones((1, points.shape[0]))
-        e, n = e[None], n[None]
-    else:
-        one = jax.vmap(jax.value_and_grad(_along_ray), (0, 0, 0, None, None))
-        e, n = jax.vmap(one, (None, None, None, 0, None))(q, tangent, points, eyes, r)
-        side = jax.vmap(jax.vmap(_side, (0, 0, 0, None)), (None, None, None, 0))(q, tangent, points, eyes)
-        likely = jnp.exp(-0.5 * jnp.minimum((e / sigma) ** 2, 50.0)) * (jnp.abs(side) < 1.3 * r)
-        share = likely / (jnp.sum(likely, axis=0) + 1e-12)
-    return e, n, share * real, t, radial, spline.weights(x.shape[0], t)
+    return t, spline.evaluate(c, t), tangent, spline.weights(x.shape[0], t)
 
 
-def _step(x, e, n, w, W, rough, stiff):
-    """Gauss-Newton step with smoothness ``stiff`` and damping along the curve; its covariance; traces for lambda."""
+def _radial(points, q, r):
+    """Distance (m) of points from the surface around ``q``, and its gradient by ``q``."""
+    off = points - q
+    away = np.linalg.norm(off, axis=1) + 1e-12
+    return (away - r)[None], (-off / away[:, None])[None]
+
+
+def along_ray(points, q, tangent, eyes, r):
+    """How far (m) behind the surface each point lies on its ray from each eye; gradient by ``q``; blur factor; side (r)."""
+    ray = points - eyes[:, None]
+    ray = ray / np.linalg.norm(ray, axis=2, keepdims=True)
+    across = ray - np.sum(ray * tangent, axis=2, keepdims=True) * tangent
+    steep = np.sqrt(np.sum(across**2, axis=2) + 1e-6)
+    across = across / steep[..., None]
+    off = points - q
+    off = off - np.sum(off * tangent, axis=1, keepdims=True) * tangent
+    depth = np.sum(across * off, axis=2)
+    aside = off - depth[..., None] * across
+    side = np.linalg.norm(aside, axis=2) + 1e-12
+    inner = np.minimum(side, _SILHOUETTE * r)
+    root = np.sqrt(r**2 - inner**2)
+    slope = -inner / root
+    e = (depth + root + slope * (side - inner)) / steep
+    n = -(across + (slope / side)[..., None] * aside) / steep[..., None]
+    return e, n, np.sqrt(1.0 + (_BLUR * slope) ** 2), side / r
+
+
+def _step(x, score, n, info, W, rough, stiff):
+    """Gauss-Newton step for scores and information per viewpoint and point, with smoothness ``stiff`` and damping along
+    the curve; its covariance; traces for lambda."""
     K = len(x)
-    H, g = np.zeros((3 * K, 3 * K)), np.zeros(3 * K)
-    for ev, nv, wv in zip(e, n, w, strict=True):
-        J = (W[:, :, None] * nv[:, None, :]).reshape(-1, 3 * K)
-        Jw = J * wv[:, None]
-        H += Jw.T @ J
-        g += Jw.T @ ev
+    J = [W[:, :, None] * nv[:, None, :] for nv in n]
+    J = [j.reshape(-1, 3 * K) for j in J]
+    H = sum(j.T @ (j * i[:, None]) for j, i in zip(J, info, strict=True))
+    g = sum(j.T @ s for j, s in zip(J, score, strict=True))
     S = np.kron(rough, np.eye(3))
     tau = np.gradient(x, axis=0)
     tau /= np.linalg.norm(tau, axis=1, keepdims=True)
@@ -127,8 +128,7 @@ def _step(x, e, n, w, W, rough, stiff):
         held[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += _SLIDE * scale * np.outer(tau[k], tau[k])
     cov = np.linalg.inv(held)
     dx = -cov @ (g + stiff * (S @ x.ravel()))
-    dx = dx.reshape(K, 3)
-    return dx, cov, np.sum(cov * S), x.ravel() @ S @ x.ravel()
+    return dx.reshape(K, 3), cov, np.sum(cov * S), x.ravel() @ S @ x.ravel()
 
 
 def _spread(e, w) -> float:
@@ -137,40 +137,108 @@ def _spread(e, w) -> float:
     return float(1.4826 * np.median(e)) if len(e) else np.inf
 
 
+class _Tukey:
+    """Points far from the surface have no say; how far shrinks from iteration to iteration."""
+
+    def __init__(self, radius, noise, marks):
+        self.radius, self.noise, self.marks = radius, noise, marks
+        self.sigma = noise or 0.3 * radius
+        self.cut = 2.0 * radius + 2.0 * self.sigma
+        self.wide = _WIDE * radius
+
+    def __call__(self, e, inside):
+        """Score and information (1, n), weight (n,)."""
+        r = self.radius
+        self.sigma = max(_spread(e, (np.abs(e) < self.cut) & inside), _LEAST * r)
+        if self.marks and self.noise:  # a handful of residuals cannot tell the noise from the shape
+            self.sigma = self.noise
+        self.cut = max(_TUKEY * self.sigma, self.wide)
+        weight = np.where((np.abs(e) < self.cut) & inside, (1.0 - (e / self.cut) ** 2) ** 2, 0.0)
+        self.wide *= _NARROWING
+        return weight * e / self.sigma**2, weight / self.sigma**2, np.max(weight, axis=0)
+
+    @property
+    def narrow(self):
+        return self.wide < _TUKEY * self.sigma
+
+
+class _Sensor:
+    """Points are honest, fly, or are strays (`sensor_noise`)."""
+
+    narrow = True
+    mixture: Any
+
+    def __init__(self, radius, sigma):
+        self.radius, self.first, self.mixture = radius, sigma, None
+
+    @property
+    def sigma(self):
+        return self.mixture.sigma
+
+    def __call__(self, e, blur, side, inside):
+        """Score and information (v, n), weight (n,)."""
+        told = inside & (side < _STRAY)
+        if self.mixture is None:  # whatever lies this near to the surface must have its place in the mixture
+            near = np.min(np.where(told, np.abs(e), np.inf), axis=0)
+            near = near[np.isfinite(near)]
+            window = max(3.0 * self.radius, 6.0 * self.first, float(np.quantile(near, _NEARLY_ALL)) if len(near) else 0.0)
+            self.mixture = sensor_noise.first_guess(self.first, window, len(e))
+        for _ in range(_ROUNDS):
+            judged = sensor_noise.judge(e, blur, side, told, self.mixture)
+            self.mixture = sensor_noise.update(self.mixture, judged, e, inside, _LEAST * self.radius)
+        s2 = (self.mixture.sigma * blur) ** 2
+        judged = sensor_noise.judge(e, blur, side, told, self.mixture)
+        return judged.weight * judged.noise / s2, judged.known * judged.weight / s2, np.sum(judged.weight, axis=0)
+
+
 def refine(x, points, real, radius: float, eyes=None, noise: float | None = None, marks: bool = False) -> Refined:
     """The smooth curve (through K points near ``x``) that explains the points; ``eyes`` are viewpoints (m), if known.
 
     ``marks``: the points are few and were set by hand on the cable: they are the axis but for noise.
     """
-    x, real_host = np.array(x), np.asarray(real)
+    x, real, host = np.array(x), np.asarray(real), np.asarray(points)
     rough, rank = spline.roughness(len(x)), 3 * (len(x) - 3)
-    looks = jnp.asarray(eyes) if eyes is not None else jnp.zeros((1, 3))
-    form, stiff, settled = "mark" if marks else "radial", None, False
-    sigma = noise or 0.3 * radius
-    cut = 2.0 * radius + 2.0 * sigma
-    for k in range(_ITERATIONS):
-        out = _linearised(jnp.asarray(x), points, real, looks, jnp.asarray(radius), jnp.asarray(sigma), form)
-        e, n, share, t, radial, W = (np.asarray(a) for a in out)
-        sigma = max(_spread(e, (np.abs(e) < cut) & (share > 0.2)), _LEAST * radius)
-        sigma = noise if marks and noise else sigma  # a handful of residuals cannot tell the noise from the shape
-        wide = _WIDE * radius * _NARROWING**k
-        cut = max(_TUKEY * sigma, wide)
-        w = np.where(np.abs(e) < cut, (1.0 - (e / cut) ** 2) ** 2, 0.0) * share / sigma**2
-        w = np.where(_inner(t, len(x)), w, 0.0)
+    stiff, settled, facing, sensor = None, False, 1.0, None
+    tukey = _Tukey(radius, noise, marks)
+    for k in range(_OF_MARKS if marks else _ITERATIONS):
+        t, q, tangent, W = (np.asarray(a) for a in _beside(jnp.asarray(x), points))
+        inside = real & _inner(t, len(x))
+        e, n = _radial(host, q, radius)
+        if marks:
+            e, n = (host - q).T, np.broadcast_to(-np.eye(3)[:, None], (3, *q.shape))
+        if sensor is None:
+            residual = e
+            noisy: _Sensor | _Tukey = tukey
+            score, info, weight = tukey(e, inside)
+        else:
+            residual, n, blur, side = along_ray(host, q, tangent, eyes, radius)
+            noisy = sensor
+            score, info, weight = sensor(residual, blur, side, inside)
         if stiff is None:
-            stiff = _STIFF_START * np.sum(w) / len(x)
-        dx, cov, leverage, bend = _step(x, e, n, w, W, rough, stiff)
+            stiff = _STIFF_START * np.sum(info) / len(x)
+        dx, cov, leverage, bend = _step(x, score, n, info, W, rough, stiff)
         wanted = max(rank - stiff * leverage, 1e-3) / max(bend, 1e-300)
         stiff = float(np.clip(wanted, stiff / 10.0, stiff * 10.0))
         size = np.linalg.norm(dx, axis=1).max()
         x = spline.evenly(x + dx * min(1.0, 0.7 * radius / max(size, 1e-300)), len(x))
-        if eyes is not None and form == "radial" and k == _RAY_FROM and max(noise or 0.0, sigma) > RAY_ABOVE * radius:
-            form, cut = "ray", 2.0 * _TUKEY * sigma
-        elif k > _RAY_FROM + 3 and wide < _TUKEY * sigma and size < _SETTLED * sigma:
+        if eyes is not None and not marks and k == _RAY_FROM:
+            facing = _faced(host, q, eyes, weight > 0.3, tukey.sigma > RAY_ABOVE * radius)
+            if facing > FACING:
+                sensor = _Sensor(radius, tukey.sigma)
+        elif k > _RAY_FROM + 3 and noisy.narrow and size < max(_SETTLED * noisy.sigma, _STILL * radius):
             settled = True
             break
-    weight = np.max(w, axis=0) * sigma**2 * real_host
-    return Refined(x, cov, sigma, t, radial, weight, settled, form == "ray")
+    away = np.where(real, np.linalg.norm(host - q, axis=1) - radius, np.inf)
+    asked = np.einsum("vn,vni->ni", score, n), np.einsum("vn,vni,vnj->nij", info, n, n)
+    return Refined(x, cov, noisy.sigma, t, away, weight * real, settled, sensor is not None, facing, *asked)
+
+
+def _faced(points, q, eyes, on, noisy) -> float:
+    """Share of the points on the cable that face one of the eyes; with noise like the radius none can be said not to."""
+    if noisy or not on.any():
+        return 1.0
+    out, look = points[on] - q[on], eyes[:, None] - points[on]
+    return float(np.mean(np.any(np.sum(out * look, axis=2) > 0.0, axis=0)))
 
 
 def _inner(t, count):

@@ -90,10 +90,10 @@ def _tube_faces(rings: int) -> Int[np.ndarray, "f 3"]:
     i, j = np.meshgrid(np.arange(rings - 1), np.arange(_SIDES), indexing="ij")
     a, b = i * _SIDES + j, i * _SIDES + (j + 1) % _SIDES
     side = np.concatenate([np.stack([a, b, b + _SIDES], -1), np.stack([a, b + _SIDES, a + _SIDES], -1)]).reshape(-1, 3)
-    j = np.arange(_SIDES)
-    start = np.stack([np.full(_SIDES, rings * _SIDES), (j + 1) % _SIDES, j], -1)
+    k = np.arange(_SIDES)
+    start = np.stack([np.full(_SIDES, rings * _SIDES), (k + 1) % _SIDES, k], -1)
     last = (rings - 1) * _SIDES
-    end = np.stack([np.full(_SIDES, rings * _SIDES + 1), last + j, last + (j + 1) % _SIDES], -1)
+    end = np.stack([np.full(_SIDES, rings * _SIDES + 1), last + k, last + (k + 1) % _SIDES], -1)
     return np.concatenate([side, start, end])
 
 

@@ -87,4 +87,4 @@ def snakes_terms(x: Float[Array, "K 3"], problem: SnakesProblem) -> dict[str, Fl
 
 def snakes_energy(x: Float[Array, "K 3"], problem: SnakesProblem) -> Float[Array, ""]:
     """The energy (-)."""
-    return sum(snakes_terms(x, problem).values())
+    return jnp.asarray(sum(snakes_terms(x, problem).values()))

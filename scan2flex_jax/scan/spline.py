@@ -66,7 +66,7 @@ def weights(count: int, t: Float[Array, " n"]) -> Float[Array, "n K"]:
     k, u = _split(t, count - 1)
     powers = jnp.stack([u**3, u**2, u, jnp.ones_like(u)])
     table = jnp.asarray(cardinal(count))
-    return sum(powers[p][:, None] * table[p][k] for p in range(4))
+    return jnp.asarray(sum(powers[p][:, None] * table[p][k] for p in range(4)))
 
 
 def half_knot_tangents(c: Float[Array, "4 segments 3"]) -> Float[Array, "segments 3"]:

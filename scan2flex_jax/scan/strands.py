@@ -12,6 +12,7 @@ Reference: Dijkstra's algorithm (scipy.sparse.csgraph); weighted matching (Galil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -23,6 +24,9 @@ from scipy.spatial import cKDTree
 _TURN_COST = 2.0  # a turn by one radian makes a step this much longer
 _MOST_STRANDS = 60
 _CRUMB = 1.5  # reaches: shorter strands are debris, and a join goes over their place
+_TAIL = 7  # nodes at the end of a strand that tell its direction
+_LAGS = 0.2  # smallest cosine between that direction and the chord of these nodes: less is noise
+_MOST_TURN = 0.8  # rad by which an end may be expected to go on turning
 _FACING = 0.1  # smallest cosine between a join and the direction in which a strand ends
 
 
@@ -43,12 +47,17 @@ class Nodes:
     votes: np.ndarray
 
 
-def chains(nodes: Nodes, reach: float, gap: float, start: End | None, end: End | None) -> Iterator[Float[np.ndarray, "m 3"]]:
-    """Candidate cables, each as node positions from start to end: timid and bold strands, short and long joins."""
+def chains(
+    nodes: Nodes, reach: float, gap: float, start: End | None, end: End | None, bent: bool = False
+) -> Iterator[Float[np.ndarray, "m 3"]]:
+    """Candidate cables, each as node positions from start to end: timid and bold strands, short and long joins.
+
+    ``bent`` strands are expected to go on bending beyond their ends as they did before, others to go on straight.
+    """
     for step, straight in ((0.75, 0.85), (1.0, 0.75), (0.75, 0.95)):
         strands = draw_strands(nodes, step * reach, straight)
         for limit in (0.4 * gap, gap):
-            path = _joined(strands, reach, limit, gap, start, end)
+            path = _joined(strands, reach, limit, gap, start, end, bent)
             if path is not None and len(path) >= 4:
                 yield path
 
@@ -111,20 +120,28 @@ def _longest(at, along, reach, straight) -> list[int]:
     return list(dict.fromkeys(best))
 
 
-def _joined(strands, reach, limit, gap, start, end):
+class _Tip(NamedTuple):
+    """An end to be joined: where it is (m), the unit direction in which it leaves (None: any), how it bends there (1/m)."""
+
+    at: np.ndarray
+    out: np.ndarray | None
+    bend: np.ndarray
+
+
+def _joined(strands, reach, limit, gap, start, end, bent):
     """Node positions along the strands joined from the start clamp to the end clamp (or as far as they go)."""
-    ends = [(strand[side], _outward(strand, side)) for strand in strands for side in (0, -1)]
+    ends = [_Tip(strand[side], *_outward(strand, side, bent)) for strand in strands for side in (0, -1)]
     graph = nx.Graph()
     graph.add_nodes_from(range(len(ends)))
     for i in range(len(ends)):
         for j in range(i + 1, len(ends)):
             if i // 2 != j // 2:
-                _offer(graph, i, j, _join_cost(*ends[i], *ends[j], reach, limit), limit)
+                _offer(graph, i, j, _join_cost(ends[i], ends[j], reach, limit), limit)
     for name, clamp, sign in (("start", start, 1.0), ("end", end, -1.0)):
         if clamp is not None:
-            leaving = None if clamp.tangent is None else sign * clamp.tangent
+            held = _Tip(clamp.position, None if clamp.tangent is None else sign * clamp.tangent, np.zeros(3))
             for i, one in enumerate(ends):
-                _offer(graph, name, i, _join_cost(*one, clamp.position, leaving, reach, gap), 3.0 * gap)
+                _offer(graph, name, i, _join_cost(one, held, reach, gap), 3.0 * gap)
     mate = dict(nx.max_weight_matching(graph))
     mate |= {b: a for a, b in mate.items()}
     if start is None and end is None:
@@ -141,23 +158,42 @@ def _offer(graph, i, j, cost, limit):
         graph.add_edge(i, j, weight=6.0 * limit - cost)
 
 
-def _outward(strand, side):
-    """Direction in which a strand leaves at its first (0) or last (-1) node."""
+def _outward(strand, side, bent):
+    """Unit direction in which a strand leaves at its first (0) or last (-1) node, and how it bends there (1/m).
+
+    The chord of the last nodes lags behind where a cable bends sharply, by up to a radian; a parabola (``bent``) does not,
+    but takes the noise of the nodes for a bend.
+    """
     back = strand[min(4, len(strand) - 1)] if side == 0 else strand[max(-5, -len(strand))]
-    out = strand[side] - back
-    return out / np.linalg.norm(out)
+    chord = (strand[side] - back) / np.linalg.norm(strand[side] - back)
+    tail = (strand[:_TAIL] if side == 0 else strand[: -_TAIL - 1 : -1]) - strand[side]
+    if not bent or len(tail) < 5:
+        return chord, np.zeros(3)
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tail, axis=0), axis=1))])
+    half, slope, _ = np.polyfit(s, tail, 2)
+    out = -slope / max(np.linalg.norm(slope), 1e-12)
+    if out @ chord < _LAGS:
+        return chord, np.zeros(3)
+    return out, 2.0 * (half - (half @ out) * out)
 
 
-def _join_cost(p, out_p, q, out_q, reach, limit):
+def _heading(out, bend, size):
+    """The direction in which a strand's end looks for what lies ``size`` (m) ahead, if it goes on bending as it did."""
+    turn = 0.5 * size * bend
+    ahead = out + turn * min(1.0, _MOST_TURN / max(float(np.linalg.norm(turn)), 1e-12))
+    return ahead / np.linalg.norm(ahead)
+
+
+def _join_cost(a: _Tip, b: _Tip, reach, limit):
     """Cost (m) of joining two ends, or None if they are too far or face elsewhere. No direction faces anywhere."""
-    step = q - p
+    step = b.at - a.at
     size = float(np.linalg.norm(step))
     if size > limit + reach:
         return None
     step = step / max(size, 1e-12)
-    c1 = 1.0 if out_p is None else float(out_p @ step)
-    c2 = 1.0 if out_q is None else float(-out_q @ step)
-    along = 1.0 if out_p is None or out_q is None else float(-out_p @ out_q)
+    c1 = 1.0 if a.out is None else float(_heading(a.out, a.bend, size) @ step)
+    c2 = 1.0 if b.out is None else float(-_heading(b.out, b.bend, size) @ step)
+    along = 1.0 if a.out is None or b.out is None else float(-a.out @ b.out)
     if size > 1.5 * reach and min(c1, c2) < _FACING:
         return None
     if 0.8 * reach < size <= 1.5 * reach and c1 + c2 < 0.5:  # side by side: another strand

@@ -115,7 +115,8 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
-    count, kept = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1])))), []
+    count = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1]))))
+    kept: list[tuple[np.ndarray, float]] = []
     while True:
         slope, sd = _parabola(points[:count], gap)
         apart = [float(np.linalg.norm(slope - other)) > 2 * float(np.hypot(sd, spread)) for other, spread in kept]

@@ -8,7 +8,7 @@ A later effect adds itself with `register_kind(KindFormat(...))`. SI units; `s` 
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from scan2flex_jax.errors import Scan2FlexError
 
@@ -121,7 +121,7 @@ _POSITION = ParameterFormat("position", "m", domain="along_cable")
 _WIDTH = ParameterFormat("width", "m", domain="positive")
 _FACTOR = ParameterFormat("factor", "-", domain="positive")
 
-for _kind, _place, _words, *_parameters in (
+_TABLE: tuple[tuple[Any, ...], ...] = (
     ("natural_curvature", "energy", "the cable is bent at rest, alike along s",
      ParameterFormat("curvature", "1/m", (3,))),
     ("kink", "energy", "a set bend, local in s", _POSITION, ParameterFormat("angle", "rad", (3,)),
@@ -153,7 +153,8 @@ for _kind, _place, _words, *_parameters in (
      ParameterFormat("length", "m", domain="positive")),
     ("scan_scale", "observation", "every measured coordinate is off by one factor", _FACTOR),
     ("scan_offset", "observation", "measured shapes are shifted", ParameterFormat("offset", "m", (3,))),
-):
+)
+for _kind, _place, _words, *_parameters in _TABLE:
     register_kind(KindFormat(_kind, _place, tuple(_parameters), _words))
 
 for _format in (  # real cables show these too; the format's table does not have them

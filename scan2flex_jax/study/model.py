@@ -196,7 +196,7 @@ class Study(_Compared):
         """Equal but for the folder: a scan counts by its path inside the folder."""
         return isinstance(other, Study) and _same(_portable(self), _portable(other))
 
-    __hash__ = None  # type: ignore[assignment]
+    __hash__ = None
 
     @property
     def fit_poses(self) -> tuple[StudyPose, ...]:

@@ -132,7 +132,7 @@ def _tolerance(table: Any, where: Where) -> Tolerance:
     """`[tolerance]`: standard deviations; each entry left out is exact."""
     table = v.sub_table(table, where, "[tolerance]")
     v.allow(table, TOLERANCE, where)
-    return Tolerance(**{key: v.quantity(table[key], TOLERANCE[key], where.at(key)) for key in table})
+    return Tolerance(**{key: float(v.quantity(table[key], TOLERANCE[key], where.at(key))) for key in table})
 
 
 def _poses(data: dict[str, Any], where: Where, files: StudyFiles) -> tuple[StudyPose, ...]:

@@ -7,7 +7,7 @@ Limits are wide: they catch a wrong unit or a wrong frame, never a noisy scan. W
 import numpy as np
 
 from scan2flex_jax.study.curves import arc_length
-from scan2flex_jax.study.kinds import kind_format
+from scan2flex_jax.study.kinds import Domain, kind_format
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.values import Where, check_domain
 
@@ -81,7 +81,7 @@ def _check_effects(study: Study, where: Where) -> None:
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
 
 
-def _place_only(domain: str) -> str:
+def _place_only(domain: Domain) -> Domain:
     """Other domains were checked where the value was read."""
     return domain if domain == "along_cable" else "any"
 

@@ -8,7 +8,7 @@ NAME.bak; a file that says the same already, comments and all, is left as it is.
 import filecmp
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import tomlkit
@@ -22,6 +22,7 @@ from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Un
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
 from scan2flex_jax.study.values import Where, one_line
 
+_Kind = TypeVar("_Kind")
 Content = MeasuredCurve | Path | Annotated[np.ndarray, "k 3"]
 
 
@@ -53,35 +54,33 @@ class NamedFiles:
 
     def curve(self, name: str, where: Where) -> MeasuredCurve:
         """The centre curve of this name, checked as one that is read."""
-        curve = self.contents[name]
-        _of_kind(curve, MeasuredCurve, where)
+        curve = _of_kind(self.contents[name], MeasuredCurve, where)
         return checked_curve(curve.points, curve.arc_length, curve.path, where)
 
     def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
         """The guide points of this name."""
-        points = self.contents[name]
-        _of_kind(points, np.ndarray, where)
+        points = _of_kind(self.contents[name], np.ndarray, where)
         return checked_points(points, 2, where), None
 
     def scan(self, name: str, where: Where) -> Path:
         """The scan to copy, which must still be there."""
-        path = self.contents[name]
-        _of_kind(path, Path, where)
+        path = _of_kind(self.contents[name], Path, where)
         if not path.is_file():
             raise where.fail(f"the scan {one_line(str(path), 200)} is not there: put it back, or name another.")
         return path
 
 
-def _of_kind(content: Any, kind: type, where: Where) -> None:
+def _of_kind(content: Any, kind: type[_Kind], where: Where) -> _Kind:
     """Refuse one name for two things of a study."""
     if not isinstance(content, kind):
         raise where.fail("the same file name stands for two things: give each its own.")
+    return content
 
 
 def _equal(a: Content, b: Content) -> bool:
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return type(a) is type(b) and np.array_equal(a, b)
-    return a == b
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b)
+    return type(a) is type(b) and a == b
 
 
 def save_study(study: Study, folder: str | Path) -> Path:

@@ -3,15 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study import Clamp, MeasuredCurve
+from scan2flex_jax.study import Clamp, MeasuredCurve, Study
 
 _ENDS = ("start", "end")
 
 
-def guesses(study, lane: dict):
+def guesses(study: Study, lane: dict) -> Study:
     """The study with the lane's ``guess_NAME`` as the guess of each unknown NAME."""
     given = {name.removeprefix("guess_"): x for name, x in lane.items() if name.startswith("guess_")}
     strangers = [name for name in lane if name.removeprefix("guess_") not in set(study.unknown_names) & given.keys()]
@@ -21,7 +22,7 @@ def guesses(study, lane: dict):
     return replace(study, unknowns=tuple(replace(u, guess=given.get(u.name, u.guess)) for u in study.unknowns))
 
 
-def turned(study, turns):
+def turned(study: Study, turns: ArrayLike) -> Study:
     """The study with its clamps turned by rotation vectors ``turns`` (poses, 2, 3), rad, in the clamps' own frames.
 
     A ball joint or a free end has no orientation and stays as it is.
@@ -53,7 +54,7 @@ def random_turns(count: int, poses: int, largest: float, seed: int = 0) -> np.nd
     return rng.uniform(-largest, largest, (count, poses, 2, 1)) * axis / np.linalg.norm(axis, axis=-1, keepdims=True)
 
 
-def noisy(study, noise: float, seed: int):
+def noisy(study: Study, noise: float, seed: int) -> Study:
     """The study with white noise of ``noise`` (m) on every coordinate of its curves, stated as each pose's noise."""
     rng, poses = np.random.default_rng(seed), []
     for pose in study.poses:

@@ -61,7 +61,7 @@ def equilibria(
         e = equilibrium(s.model, s.boundary, start=s.start, turns=s.turns, elements=elements, max_steps=max_steps)
         return {name: q.of(e) for name, q in chosen.items()}, e.verdict
 
-    parts = {"scene": scene, "quantities": chosen, "options": (elements, max_steps)}
+    parts: dict[str, object] = {"scene": scene, "quantities": chosen, "options": (elements, max_steps)}
     return Traced(one, {name: q.output for name, q in chosen.items()}, parts)
 
 

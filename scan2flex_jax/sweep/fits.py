@@ -9,6 +9,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fit import fit
 from scan2flex_jax.fit.parameters import layout_of
 from scan2flex_jax.fit.run import FIT_ELEMENTS
+from scan2flex_jax.study.model import Study
 from scan2flex_jax.sweep.changes import guesses
 from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output
 
@@ -16,7 +17,7 @@ _NO_INFORMATION = np.inf  # where a fit gives no error bar: NaN is left to what 
 
 
 def fits(
-    study,
+    study: Study,
     change: Callable | None = None,
     method: str = "least-squares",
     *,
@@ -39,7 +40,7 @@ def fits(
         f = fit(own(study, lane), method, distance=distance, data=data, elements=elements)
         return outcome(f)
 
-    parts = {"study": study, "change": own, "options": (method, distance, data, elements)}
+    parts: dict[str, object] = {"study": study, "change": own, "options": (method, distance, data, elements)}
     return Calls(one, _outputs(study, slots), parts)
 
 

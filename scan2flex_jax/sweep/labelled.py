@@ -3,6 +3,8 @@
 Lanes that were not run yet, or failed, are NaN and say so in `code` and `verdict`.
 """
 
+from typing import Any
+
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
@@ -26,7 +28,7 @@ def skeleton(lanes: Lanes):
     """The dataset of the inputs alone."""
     xr = xarray()
     dims, sizes = tuple(lanes.dims), tuple(lanes.dims.values())
-    coords = {d: (d, np.arange(n)) for d, n in lanes.dims.items() if d not in lanes.coordinates}
+    coords: dict[str, tuple] = {d: (d, np.arange(n)) for d, n in lanes.dims.items() if d not in lanes.coordinates}
     coords |= {d: (d, a.values, {"units": a.unit}) for d, a in lanes.coordinates.items()}
     for name, axis in lanes.inputs.items():
         if name not in lanes.coordinates:
@@ -71,7 +73,7 @@ def _check_name(found, name):
         raise Scan2FlexError(f"{name!r} is an output of the sweep and an input, or a part of the verdict: rename one")
 
 
-def failed(found) -> dict[str, str]:
+def failed(found: Any) -> dict[str, str]:
     """Every lane that is not solved, by name, with its verdict in words."""
     dims = found.attrs["lane_dims"].split()
     codes, words = found["code"].transpose(*dims).values, found["verdict"].transpose(*dims).values

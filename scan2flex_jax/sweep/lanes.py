@@ -6,6 +6,7 @@ dimension each; `draws` takes row ``i`` of every column as lane ``i``, along a s
 
 from dataclasses import dataclass, field
 from math import prod
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,21 +14,22 @@ from numpy.typing import ArrayLike
 from scan2flex_jax.errors import Scan2FlexError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class Axis:
     """Values of one input and their unit; rows of any shape in `draws`, plain numbers in `grid`."""
 
-    values: ArrayLike
-    unit: str = "-"
+    values: np.ndarray
+    unit: str
 
-    def __post_init__(self) -> None:
+    def __init__(self, values: ArrayLike, unit: str = "-"):
         """A read-only float64 copy."""
         try:
-            values = np.array(self.values, dtype=np.float64)
+            copy = np.array(values, dtype=np.float64)
         except (TypeError, ValueError) as error:
             raise Scan2FlexError(f"the values of an axis must be numbers ({error})") from error
-        values.flags.writeable = False
-        object.__setattr__(self, "values", values)
+        copy.flags.writeable = False
+        object.__setattr__(self, "values", copy)
+        object.__setattr__(self, "unit", unit)
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Lanes:
         """How many there are."""
         return prod(self.dims.values())
 
-    def take(self, which) -> dict[str, np.ndarray]:
+    def take(self, which: int | slice | np.ndarray) -> dict[str, np.ndarray]:
         """The inputs of some lanes, stacked."""
         return {name: axis.values[which] for name, axis in self.inputs.items()}
 
@@ -54,7 +56,7 @@ class Lanes:
         return ", ".join(f"{d}={self.coordinates[d].values[k]:g}" if d in self.coordinates else f"{d}={k}" for d, k in at)
 
 
-def grid(**axes) -> Lanes:
+def grid(**axes: Any) -> Lanes:
     """Every combination of the axes' values: ``grid(length=Axis([0.9, 1.0], "m"), density=Axis([0.2, 0.3], "kg/m"))``."""
     for name, axis in axes.items():
         _check(name, axis)
@@ -67,7 +69,7 @@ def grid(**axes) -> Lanes:
     return Lanes({name: len(a.values) for name, a in axes.items()}, inputs, dict(axes))
 
 
-def draws(dim: str = "draw", **columns) -> Lanes:
+def draws(dim: str = "draw", **columns: Any) -> Lanes:
     """Lane ``i`` has row ``i`` of every column: ``draws(tilt=Axis(rng.normal(size=(1000, 2, 3)), "rad"))``."""
     for name, axis in columns.items():
         _check(name, axis)

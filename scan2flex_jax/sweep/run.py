@@ -5,10 +5,11 @@ done goes on with what is still missing, from the back. A chunk that two have do
 lost takes with it the chunk under way, and the others, or the next start, do that one again.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import jax
 import numpy as np
@@ -36,7 +37,7 @@ def sweep(
     share: tuple[int, int] | None = None,
     longest: float | None = None,
     progress: Callable[[str], None] | None = None,
-):
+) -> Any:
     """Evaluate ``task`` in every lane; returns an `xarray.Dataset` over the lanes' dimensions, every lane with its verdict.
 
     ``store``: a folder in which each chunk of ``chunk`` lanes is kept once it is done; the same call goes on from there.
@@ -73,7 +74,7 @@ def sweep(
     return found
 
 
-def device_mesh(devices=None) -> Mesh:
+def device_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
     """This process's devices in a row, as a mesh that the solvers work on (their axes must be of type Auto)."""
     devices = jax.local_devices() if devices is None else devices
     return jax.make_mesh((len(devices),), ("lane",), axis_types=(AxisType.Auto,), devices=devices)

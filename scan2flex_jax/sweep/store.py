@@ -9,9 +9,11 @@ The files are netCDF 3, which xarray reads and writes without a further library.
 only, and at most a file of its own whose name begins with a dot, which nobody reads.
 """
 
+import contextlib
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +23,8 @@ from scan2flex_jax.sweep.labelled import filled, xarray
 from scan2flex_jax.sweep.task import VERDICT, Batch, Output
 
 FORMAT = "scan2flex-sweep/1"
+_AGAIN = "remove it, and the sweep does its lanes again"
+_ANEW = "choose another folder, or remove this one and begin again"
 _CHUNK = re.compile(r"chunk-(\d+)\.nc")
 
 
@@ -87,7 +91,11 @@ class Store(Memory):
 
     def get(self, k: int) -> Batch:
         """Read a chunk."""
-        chunk = _read(self._path(k))
+        with _told(self._path(k), _AGAIN):
+            return self._batch(k)
+
+    def _batch(self, k: int) -> Batch:
+        chunk = xarray().load_dataset(self._path(k), engine="scipy")
         if chunk.attrs.get("of") != self.definition["fingerprint"] or not np.array_equal(chunk["lane"], self.lanes(k)):
             raise Scan2FlexError(f"{self._path(k)} belongs to another sweep: remove it, or choose another folder")
         arrays = {str(name): x.values for name, x in chunk.data_vars.items()}
@@ -109,7 +117,8 @@ def create(folder: Path, definition: dict, bare, order: np.ndarray) -> Store:
     """The store of this sweep in ``folder``: a new one, or the one that is there if it is the same sweep."""
     folder = folder.resolve()
     if (folder / "definition.json").exists():
-        _same(folder, _definition(folder), definition)
+        with _told(folder / "definition.json", _ANEW):
+            _same(folder, _definition(folder), definition)
         return Store(folder, definition, bare, order)
     if folder.exists() and not folder.is_dir():
         raise Scan2FlexError(f"{folder} is a file: a sweep is kept in a folder")
@@ -122,19 +131,22 @@ def create(folder: Path, definition: dict, bare, order: np.ndarray) -> Store:
     return Store(folder, definition, bare, order)
 
 
-def open_sweep(folder: str | Path):
+def open_sweep(folder: str | Path) -> Any:
     """The dataset of a stored sweep, done or still growing: lanes that are not there yet say "not run yet"."""
     folder = Path(folder).resolve()
     definition = _definition(folder)
-    bare = _read(folder / "lanes.nc")
-    return Store(folder, definition, bare.drop_vars("order"), bare["order"].values).dataset()
+    with _told(folder / "lanes.nc", _ANEW):
+        bare = xarray().load_dataset(folder / "lanes.nc", engine="scipy")
+        order = np.asarray(bare["order"].values, int)
+    with _told(folder, _ANEW):
+        return Store(folder, definition, bare.drop_vars("order"), order).dataset()
 
 
 def _definition(folder):
     path = folder / "definition.json"
     try:
         definition = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise Scan2FlexError(f"{path}: cannot be read as the definition of a sweep ({error})") from error
     if not isinstance(definition, dict) or definition.get("format") != FORMAT:
         raise Scan2FlexError(f"{path}: format is not {FORMAT!r}: this is no sweep of this version of the package")
@@ -163,8 +175,13 @@ def _write(path, dataset):
         raise Scan2FlexError(f"{path}: cannot be written ({error.strerror}): check the folder and the disk") from error
 
 
-def _read(path):
+@contextlib.contextmanager
+def _told(path, advice):
+    """One sentence for whatever a broken file does to those who read it."""
     try:
-        return xarray().load_dataset(path, engine="scipy")
-    except (OSError, ValueError, TypeError, KeyError, IndexError) as error:
-        raise Scan2FlexError(f"{path}: cannot be read ({error}): remove it, and the sweep does its lanes again") from error
+        yield
+    except Scan2FlexError:
+        raise
+    except Exception as error:  # the library's reader fails in its own ways, far from the cause
+        reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
+        raise Scan2FlexError(f"{path}: cannot be read ({reason}): {advice}") from error

@@ -12,7 +12,7 @@ from time import perf_counter
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import NamedSharding, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.equilibrium.solve import NON_FINITE, SOLVED
@@ -78,7 +78,7 @@ class Calls:
         """What makes this task another one when it changes."""
         return self.defined_by or {"function": self.function}
 
-    def batches(self, lanes: dict, count: int, at_once: int, mesh) -> Iterator[Batch]:
+    def batches(self, lanes: dict, count: int, at_once: int, mesh: Mesh | None) -> Iterator[Batch]:
         """One lane after the other."""
         if mesh is not None or at_once > 1:
             raise Scan2FlexError("a Python function takes one lane at a time: leave mesh and at_once out, start more processes")
@@ -114,7 +114,7 @@ class Traced:
         """What makes this task another one when it changes."""
         return self.defined_by or {"function": self.function}
 
-    def batches(self, lanes: dict, count: int, at_once: int, mesh) -> Iterator[Batch]:
+    def batches(self, lanes: dict, count: int, at_once: int, mesh: Mesh | None) -> Iterator[Batch]:
         """``at_once`` lanes in one call; the last batch is filled up with its last lane, so that one compilation serves."""
         for first in range(0, count, at_once):
             which = np.minimum(np.arange(first, first + at_once), count - 1)
@@ -167,7 +167,7 @@ def stacked(rows) -> np.ndarray:
 
 def joined(batches: list[Batch]) -> Batch:
     """Batches one after the other; a quantity that no lane of a batch has is NaN there."""
-    shapes = {}
+    shapes: dict[str, tuple[int, ...]] = {}
     for batch in batches:
         for name, x in batch.values.items():
             if shapes.setdefault(name, x.shape[1:]) != x.shape[1:]:

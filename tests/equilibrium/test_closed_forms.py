@@ -12,7 +12,7 @@ from jaxtyping import Float
 from reference import bend45, elastica, helix
 from scipy.optimize import brentq
 
-from scan2flex_jax.equilibrium.solve import equilibrium
+from scan2flex_jax.equilibrium.solve import TOO_COARSE, equilibrium
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -216,3 +216,14 @@ def test_soft_cable_between_ball_joints_is_a_catenary(EI, elements):
         np.testing.assert_allclose(force.sum(0), [0, 0, 0.2 * 9.81], atol=1e-6)
     assert errors[0] < 1.5 * EI  # m, beside a horizontal pull of 0.7 N
     assert errors[1] < 0.5 * errors[0]
+
+
+def test_elements_longer_than_the_bends_are_refused():
+    """A limp cable between clamps: with 40 elements the forces balance on a polygon of 2.7 m for a cable of 1 m."""
+    limp = cases.model(Cable(1.0, 0.2, 1e-5, 1e-5))
+    along_x = jnp.array([0.5, 0.5, 0.5, 0.5])
+    ends = Boundary.of((jnp.zeros(3), along_x), (jnp.array([0.6, 0.0, 0.0]), along_x))
+    coarse, fine = (equilibrium(limp, ends, elements=n) for n in (40, 320))
+    assert int(coarse.verdict.code) == TOO_COARSE
+    assert fine.verdict.solved, fine.verdict.sentence()
+    assert np.linalg.norm(np.diff(np.asarray(fine.points), axis=0), axis=1).sum() == pytest.approx(1.0, abs=1e-3)

@@ -1,5 +1,7 @@
 """Clouds in the formats that the study promises: points of XYZ, OBJ and PLY as they are, meshes of OBJ and STL sampled."""
 
+import os
+
 import numpy as np
 import pytest
 import trimesh
@@ -78,3 +80,20 @@ def test_points_and_a_mesh_in_one_file(tmp_path):
     loose = trimesh.Trimesh(np.vstack([box.vertices, [[9.0, 9.0, 9.0]]]), box.faces, process=False)
     loose.export(tmp_path / "box.ply")
     assert np.abs(load_cloud(tmp_path / "box.ply").points).max() < 0.5 + 1e-9
+
+
+def test_nothing_beside_the_scan_is_read(tmp_path):
+    """An OBJ may name a file of materials; whatever that is, the points are the same and it is never opened."""
+    (tmp_path / "study").mkdir()
+    os.mkfifo(tmp_path / "outside.mtl")  # whoever opens it waits for ever
+    scan = tmp_path / "study" / "scan.obj"
+    scan.write_text("mtllib ../outside.mtl\nusemtl a\n" + "".join(f"v {x} 0 0\n" for x in range(6)))
+    assert len(load_cloud(scan).points) == 6
+
+
+def test_a_face_of_points_that_are_not_there_is_refused(tmp_path, capfd):
+    scan = tmp_path / "scan.off"
+    scan.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n")
+    with pytest.raises(Scan2FlexError, match=r"scan\.off"):
+        load_cloud(scan)
+    assert capfd.readouterr() == ("", "")

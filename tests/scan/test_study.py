@@ -55,7 +55,7 @@ def test_poses_share_one_compilation(study, caplog):
     extract_study(one)
     with caplog.at_level(logging.WARNING), jax.log_compiles():
         extract_study(two)
-    heavy = ("_linearised", "_solve", "_judge", "nearest", "_frames")
+    heavy = ("_beside", "_solve", "_judge", "nearest", "_frames")
     compiled = [r.getMessage() for r in caplog.records if "XLA compilation" in r.getMessage()]
     assert not [message for message in compiled if any(f"jit({name})" in message for name in heavy)]
 

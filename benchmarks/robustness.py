@@ -1,0 +1,222 @@
+"""Cables and poses far from what the package is made for: each is solved, or refused with a reason.
+
+`python -m benchmarks.robustness` takes every case through `equilibrium`, through `scan2flex check` and `simulate`, and, where a
+shape was found, through a fit to that shape. An outcome is "solved" (a stable equilibrium, all finite), "refused" (with
+the sentence), or "failure": a traceback, a number that is not finite or a length that no force explains without a verdict
+that says so, an exit code that is not 0, 2 or 3. The record is `benchmarks/results/robustness.json`.
+"""
+
+import argparse
+import contextlib
+import io
+import json
+import sys
+import tempfile
+import traceback
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from unittest import mock
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.record import record
+from scan2flex_jax import Boundary, Cable, CableModel, Scan2FlexError, equilibrium, fit, load_study
+from scan2flex_jax.cli import main as command
+from scan2flex_jax.equilibrium.starts import sagging_start
+
+jax.config.update("jax_enable_x64", True)
+
+ALONG, UP = [0.5, 0.5, 0.5, 0.5], [1.0, 0.0, 0.0, 0.0]  # d3 = +x; d3 = +z
+SOLVED, REFUSED, FAILURE = "solved", "refused", "failure"
+STEEL = {"density": 0.617, "EI": 103.0, "GJ": 78.5, "EA": 1.65e7}  # a rod of 10 mm
+FIT_WITHIN = 0.05  # relative error of the fitted EI above which a fit that calls itself determined is a failure
+
+
+@dataclass(frozen=True)
+class Case:
+    """One cable (m, kg/m, N m^2, N) from a clamp at the origin along ``first`` to one at ``to`` (None: free) along ``last``."""
+
+    length: float = 1.0
+    density: float = 0.2
+    EI: float = 0.1
+    GJ: float = 0.25
+    EA: float = 1.0e5
+    to: tuple | None = (0.6, 0.0, 0.0)
+    first: tuple = tuple(ALONG)
+    last: tuple = tuple(ALONG)
+    turns: int = 0
+    elements: int = 40
+    gravity: float = 9.81
+
+
+def cases() -> dict[str, Case]:
+    """All cases by what they are."""
+    out = {
+        "steel rod of 10 mm, bent to 0.6 L": Case(**STEEL),
+        "steel rod of 10 mm, almost straight": Case(**STEEL, to=(0.999, 0.0, 0.0)),
+        "steel rod of 10 mm, twisted by a turn": Case(**STEEL, turns=1),
+        "chain: EI = GJ = 1e-6": Case(EI=1e-6, GJ=1e-6),
+        "chain: EI = GJ = 1e-5, 200 elements": Case(EI=1e-5, GJ=1e-5, elements=200),
+        "chain: EI = GJ = 1e-4": Case(EI=1e-4, GJ=1e-4),
+        "chain hanging from a clamp along x": Case(EI=1e-6, GJ=1e-6, to=None),
+        "50 m, EI 10": Case(length=50.0, density=1.0, EI=10.0, GJ=10.0, to=(30.0, 0.0, 0.0)),
+        "50 m, EI 10, 400 elements": Case(length=50.0, density=1.0, EI=10.0, GJ=10.0, to=(30.0, 0.0, 0.0), elements=400),
+        "50 m, EI 1000": Case(length=50.0, density=1.0, EI=1000.0, GJ=1000.0, to=(30.0, 0.0, 0.0)),
+        "5 cm, EI 1e-4": Case(length=0.05, density=0.02, EI=1e-4, GJ=1e-4, to=(0.03, 0.0, 0.0)),
+        "5 cm, EI 1e-7": Case(length=0.05, density=0.001, EI=1e-7, GJ=1e-7, to=(0.03, 0.0, 0.0)),
+        "20 turns of twist, 40 elements": Case(turns=20),
+        "20 turns of twist, 200 elements": Case(turns=20, elements=200),
+        "20 turns of twist, soft in twist": Case(turns=20, GJ=0.001, elements=200),
+        "5 turns of twist": Case(turns=5, elements=100),
+        "clamps at distance L": Case(to=(1.0, 0.0, 0.0)),
+        "clamps at distance L, turned by 90 degrees": Case(to=(1.0, 0.0, 0.0), last=tuple(UP)),
+        "clamps 1.001 L apart": Case(to=(1.001, 0.0, 0.0)),
+        "clamps 1.05 L apart": Case(to=(1.05, 0.0, 0.0)),
+        "clamps 3 L apart": Case(to=(3.0, 0.0, 0.0)),
+        "clamps in one place": Case(to=(0.0, 0.0, 0.0)),
+        "clamps in one place, opposite": Case(to=(0.0, 0.0, 0.0), last=(0.5, 0.5, -0.5, -0.5)),
+        "no gravity": Case(gravity=0.0),
+        "100 times gravity": Case(gravity=981.0),
+        "upright from the floor, free end": Case(to=None, first=tuple(UP), EI=0.01),
+        "axial stiffness 1e9": Case(EA=1e9),
+        "axial stiffness 10": Case(EA=10.0),
+    }
+    for n in (8, 16, 250, 1000):
+        out[f"{n} elements"] = Case(elements=n)
+    for power in (-4, -2, 2, 4):
+        out[f"GJ/EI = 1e{power}"] = Case(GJ=0.1 * 10.0**power)
+        out[f"GJ/EI = 1e{power}, twisted by a quarter"] = Case(
+            GJ=0.1 * 10.0**power, to=(0.6, 0.2, 0.0), last=(0.0, 2**-0.5, 0.0, 2**-0.5)
+        )
+    return out
+
+
+def _scene(case):
+    cable = Cable(case.length, case.density, case.EI, case.GJ, axial_stiffness=case.EA, shear_stiffness=case.EA)
+    end = None if case.to is None else (case.to, case.last)
+    return CableModel(cable, jnp.array([0.0, 0.0, -case.gravity])), Boundary.of(([0.0] * 3, case.first), end)
+
+
+def solved(case: Case) -> dict:
+    """The case through `equilibrium`."""
+    model, boundary = _scene(case)
+    e = equilibrium(model, boundary, turns=case.turns, elements=case.elements)
+    points, v = np.asarray(e.points), e.verdict
+    out = {"steps": int(v.steps), "says": v.sentence(), "out_of_balance": float(v.out_of_balance)}
+    if not bool(v.solved):
+        return out | {"outcome": REFUSED}
+    numbers = [points, *map(np.asarray, e.section_forces()), *map(np.asarray, e.reactions())]
+    finite = all(np.all(np.isfinite(x)) for x in numbers)
+    stretch = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))) / case.length - 1.0
+    pulled = float(np.max(np.linalg.norm(numbers[2], axis=1))) / case.EA
+    sound = finite and stretch < 0.01 + 2.0 * pulled  # else longer than its forces can make it
+    out |= {"outcome": SOLVED if sound else FAILURE, "stretch of the polygon": stretch, "force over EA": pulled}
+    return out | {"points": points}
+
+
+def written(case: Case, folder: Path, points: np.ndarray, asks: bool) -> Path:
+    """The case as a study with ``points`` as its centre curve, which ``asks`` for both stiffnesses or states them."""
+    cable = {"length": case.length, "length_density": case.density, "axial_stiffness": case.EA, "shear_stiffness": case.EA}
+    cable |= {} if asks else {"bending_stiffness": case.EI, "torsional_stiffness": case.GJ}
+    lines = ['format = "scan2flex-study/1"', f"gravity = [0.0, 0.0, {-case.gravity}]", "[cable]"]
+    lines += [f"{k} = {float(v)!r}" for k, v in cable.items()]
+    lines += ["[unknown.bending_stiffness]", "[unknown.torsional_stiffness]"] if asks else []
+    lines += ["[[pose]]", 'name = "one"', 'role = "fit"', 'centre_curve = "one.csv"', f"turns = {case.turns}"]
+    lines += [f"start = {_clamp((0.0, 0.0, 0.0), case.first)}"]
+    lines += [f"end = {_clamp(case.to, case.last)}"] if case.to is not None else []
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savetxt(folder / "one.csv", points, delimiter=",", header="x,y,z", comments="")
+    (folder / "study.toml").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def _clamp(position, quaternion):
+    return f"{{ position = {list(map(float, position))}, quaternion = {list(map(float, quaternion))} }}"
+
+
+def commanded(*arguments: str) -> dict:
+    """A command in this process: exit code, and what it says."""
+    said, code = io.StringIO(), 0
+    called = mock.patch.object(sys, "argv", ["scan2flex", *arguments])
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), called:
+        try:
+            command()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(bool(end.code))
+        except Exception:
+            return {"outcome": FAILURE, "says": traceback.format_exc().strip().splitlines()[-1]}
+    outcome = {0: SOLVED, 2: REFUSED, 3: REFUSED}.get(code, FAILURE)
+    return {"outcome": outcome, "exit_code": code, "says": " ".join(said.getvalue().split())[-300:]}
+
+
+def fitted(case: Case, folder: Path, points) -> dict:
+    """A fit to the shape that was found: the value back, or said not to be determined."""
+    try:
+        found = fit(load_study(written(case, folder, points, True)), elements=case.elements)
+    except Scan2FlexError as error:
+        return {"outcome": REFUSED, "says": str(error)[:300]}
+    EI = found.estimates["bending_stiffness"]
+    error = float(EI.value) / case.EI - 1.0
+    settled, sound = all(p.stable for p in found.poses.values()), np.isfinite(error)
+    wrong = EI.identifiable and settled and not EI.at_bound and abs(error) > FIT_WITHIN
+    outcome = FAILURE if wrong or not sound else SOLVED if EI.identifiable and settled else REFUSED
+    says = " ".join(found.sentences)[:300]
+    return {"outcome": outcome, "says": says, "relative error of EI": error, "rms over L": found.rms() / case.length}
+
+
+def attempted(step, *arguments) -> dict:
+    """A step with what it took; an exception is a failure."""
+    begin = perf_counter()
+    try:
+        out = step(*arguments)
+    except Scan2FlexError as error:
+        out = {"outcome": REFUSED, "says": str(error)}
+    except Exception:
+        out = {"outcome": FAILURE, "says": traceback.format_exc().strip().splitlines()[-1]}
+    return out | {"seconds": round(perf_counter() - begin, 2)}
+
+
+def run(case: Case, folder: Path, fits: bool = True) -> dict:
+    """Every way through the package that a case can go."""
+    found = attempted(solved, case)
+    points = found.pop("points", None)
+    model, boundary = _scene(case)
+    generic = sagging_start(boundary, model.cable.length, model.gravity, case.turns, case.elements)
+    drawn = np.asarray(generic.r) if points is None else points
+    study = written(case, folder / "simulated", drawn, False)
+    rows = {"equilibrium": found, "check": attempted(commanded, "check", str(study))}
+    arguments = (str(study), "--out", str(folder / "out"), "--json", str(folder / "out.json"), "--elements", str(case.elements))
+    rows["simulate"] = attempted(commanded, "simulate", *arguments)
+    if rows["simulate"].get("exit_code") in (0, 3):
+        json.loads((folder / "out.json").read_text(), parse_constant=lambda name: 1 / 0)
+    if points is not None and fits:
+        rows["fit"] = attempted(fitted, case, folder / "fitted", points)
+    return rows
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", help="cases whose name holds this; nothing is recorded then")
+    parser.add_argument("--no-fits", action="store_true")
+    a = parser.parse_args()
+    found: dict[str, dict] = {}
+    for name, case in cases().items():
+        if a.only and a.only not in name:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            found[name] = run(case, Path(folder), not a.no_fits)
+        print(f"{name:<44}", "  ".join(f"{way} {r['outcome']}" for way, r in found[name].items()), flush=True)
+        for way, r in found[name].items():
+            if r["outcome"] != SOLVED:
+                print(f"      {way}: {r['says'][-200:]}", flush=True)
+        if not a.only:
+            every = [r["outcome"] for rows in found.values() for r in rows.values()]
+            counts = {o: every.count(o) for o in (SOLVED, REFUSED, FAILURE)}
+            record("robustness", {"cases": found, "outcomes": counts})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""Cables with a free end, curves that only guide points find, and what a fit begins from when extraction refuses."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.scan import extract, extract_pose, near_curve, scanner, shapes
+from scan2flex_jax.study import Clamp, Study, StudyPose
+from tests.scan.test_study import quaternion
+from tests.scan.truth import EYES, ends, errors, scanned
+
+LENGTH, RADIUS = 1.0, 0.012
+NOISE = scanner.STRUCTURED_LIGHT.noise
+
+
+def marks_on(curve, radius, count=10):
+    """What a user would mark: points on the side that the first eye sees."""
+    some = curve[np.linspace(8, len(curve) - 9, count).astype(int)]
+    look = EYES[0] - some
+    return some + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
+
+
+@pytest.mark.parametrize("family", ["random", "helix"])
+@pytest.mark.parametrize("table", [False, True])
+def test_a_free_end_is_found_where_the_cloud_ends(family, table):
+    curve = shapes.FAMILIES[family](LENGTH, RADIUS)
+    clutter = [scanner.table(curve, RADIUS)] if table else []
+    cloud = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 3, clutter=clutter).points
+    found = extract(cloud, RADIUS, length=LENGTH, start=ends(curve)[0])
+    rms, _, _ = errors(found, curve, RADIUS, 2)
+    assert rms < 0.3 * NOISE
+    assert np.linalg.norm(found.points[0] - curve[0]) < 0.02 * LENGTH
+    assert np.linalg.norm(found.points[-1] - curve[-1]) < RADIUS
+    assert found.sure
+
+
+def test_neither_clamp_nor_length_is_needed():
+    curve, scan = scanned("random", LENGTH, RADIUS)
+    found = extract(scan.points, RADIUS)
+    order = found if np.linalg.norm(found.points[0] - curve[0]) < 0.1 else replace(found, points=found.points[::-1])
+    rms, _, length = errors(order, curve, RADIUS, 2)
+    assert rms < 0.3 * NOISE
+    assert abs(length) < 0.01
+
+
+def test_a_free_end_that_is_too_short_is_doubted():
+    curve, scan = scanned("random", LENGTH, RADIUS)
+    cut = scan.points[np.linalg.norm(scan.points - curve[-1], axis=1) > 0.06]
+    found = extract(cut, RADIUS, length=LENGTH, start=ends(curve)[0])
+    assert not found.sure
+    assert any("m long" in said for said in found.doubts)
+
+
+def test_guide_points_lead_where_the_cloud_alone_is_refused():
+    """Two gaps of a fifth of the length: no way from clamp to clamp, until a user marks it."""
+    curve = shapes.FAMILIES["helix"](LENGTH, RADIUS)
+    gaps = ((0.1, 0.4), (0.55, 0.85))
+    cloud = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 2, gaps=gaps).points
+    start, end = ends(curve)
+    with pytest.raises(Scan2FlexError, match="guide points"):
+        extract(cloud, RADIUS, length=LENGTH, start=start, end=end)
+    found = extract(cloud, RADIUS, length=LENGTH, start=start, end=end, guide_points=marks_on(curve, RADIUS, 24))
+    assert found.found_by == "guide points"
+    assert len(found.gaps) == 2
+    assert not found.sure
+    seen = np.all([(found.arc_length < a - RADIUS) | (found.arc_length > b + RADIUS) for a, b in found.gaps], axis=0)
+    away = np.linalg.norm(found.points[seen][:, None] - shapes.resample(curve, 4001), axis=2).min(axis=1)
+    assert np.sqrt(np.mean(away**2)) < 0.5 * NOISE
+
+
+@pytest.fixture
+def study(tmp_path):
+    curve, scan = scanned("random", LENGTH, RADIUS)
+    trimesh.PointCloud(scan.points).export(tmp_path / "one.ply")
+    start, end = (Clamp(one.position, quaternion(one.tangent)) for one in ends(curve))
+    pose = StudyPose("one", "fit", start, end, scan=tmp_path / "one.ply")
+    cable = {"length": 0.91 * LENGTH, "radius": RADIUS}  # a wrong length: extraction refuses
+    return Study("one scan", np.array([0.0, 0.0, -9.81]), cable, (pose,), folder=tmp_path), curve
+
+
+@pytest.mark.parametrize("marked", [False, True])
+def test_where_extraction_refuses_a_fit_begins_from_a_coarse_curve(study, marked, monkeypatch):
+    study, curve = study
+    pose = replace(study.poses[0], guide_points=marks_on(curve, RADIUS)) if marked else study.poses[0]
+    if marked:  # guide points have the last word, so the refusal is made
+
+        def refuse(*_, **__):
+            raise Scan2FlexError("refused")
+
+        monkeypatch.setattr(sys.modules["scan2flex_jax.scan.extract"], "extract", refuse)
+    with pytest.raises(StudyError):
+        extract_pose(study, pose)
+    near = near_curve(study, pose)
+    assert near.refused
+    away = np.linalg.norm(near.curve[:, None] - shapes.resample(curve, 2001), axis=2).min(axis=1)
+    assert np.max(away) < 1.5 * RADIUS
+    assert len(near.points) > 1000

@@ -1,0 +1,75 @@
+"""What only some users need comes with an extra: imported where it is used, with a sentence that names the extra."""
+
+import ast
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+from scan2flex_jax.errors import Scan2FlexError
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def names(requirements) -> set[str]:
+    return {re.split(r"[^\w.-]", r)[0].lower() for r in requirements}
+
+
+CORE = names(PROJECT["dependencies"])
+EXTRAS = {extra: names(requirements) for extra, requirements in PROJECT["optional-dependencies"].items()}
+
+
+def imports(path: Path):
+    """``(library, whether at the top of the module)`` of what a module imports from outside the standard library."""
+    tree = ast.parse(path.read_text())
+    top = {id(node) for node in tree.body}
+    for node in ast.walk(tree):
+        modules = []
+        if isinstance(node, ast.Import):
+            modules = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            modules = [node.module]
+        for module in modules:
+            library = module.split(".")[0]
+            if library not in sys.stdlib_module_names and library != "scan2flex_jax":
+                yield library, id(node) in top
+
+
+def test_extras_are_named_for_what_they_add():
+    assert set(EXTRAS) == {"notebooks", "peers", "report", "sweep", "test"}
+
+
+def test_modules_import_what_is_declared():
+    distributions = packages_distributions()
+    lent = set.union(*(EXTRAS[extra] for extra in ("report", "sweep")))
+    comes_with = {"markupsafe": "jinja2"}
+    for path in sorted((ROOT / "scan2flex_jax").rglob("*.py")):
+        for library, at_top in imports(path):
+            found = {comes_with.get(d.lower(), d.lower()) for d in distributions.get(library, [library])}
+            assert found & (CORE if at_top else CORE | lent), f"{path.name} imports {library}"
+
+
+def test_tests_get_what_the_extras_that_they_use_give():
+    for extra in ("report", "sweep", "notebooks"):
+        assert EXTRAS[extra] <= EXTRAS["test"]
+
+
+@pytest.mark.parametrize("library", ["plotly", "jinja2"])
+def test_a_report_without_its_libraries_names_the_extra(monkeypatch, library):
+    from scan2flex_jax.report import require_libraries
+
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[report\]"):
+        require_libraries()
+
+
+def test_a_sweep_without_xarray_names_the_extra(monkeypatch):
+    from scan2flex_jax.sweep.labelled import xarray
+
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[sweep\]"):
+        xarray()
