@@ -10,6 +10,7 @@ from scan2flex_jax.cli.app import app
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study, save_study
 
+pytestmark = pytest.mark.slow
 TRUE = virtual.PTFE.bending
 FEW = ["--elements", "20"]
 
