@@ -193,8 +193,8 @@ def _judge(rod, c, d, negative, result, steps):
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
     reached = result == optx.RESULTS.nonlinear_max_steps_reached
     code = jnp.select(
-        [~finite, (turn > TURN) | (skew > SKEW), reached, negative > 0, ~(left < BALANCE)],
-        [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, UNSTABLE, UNBALANCED],
+        [~finite, turn > TURN, reached, skew > SKEW, negative > 0, ~(left < BALANCE)],  # on the way any element may be skew
+        [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, TOO_COARSE, UNSTABLE, UNBALANCED],
         SOLVED,
     )
     return Verdict(code, left, negative, jnp.asarray(steps))

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.explain.gates import mesh_error
 from scan2flex_jax.explain.sensitivity import Bench, all_components
 from scan2flex_jax.fit.evaluate import Evaluation
@@ -36,7 +35,7 @@ def compile_ahead(study, elements: int = FIT_ELEMENTS, *, mesh: bool = True) -> 
 
 
 def _run_through(study, elements, mesh):
-    with contextlib.suppress(Scan2FlexError, ValueError, ArithmeticError, np.linalg.LinAlgError):
+    with contextlib.suppress(Exception):  # a thread's traceback would tell the user nothing that the fit does not say
         problem = Problem(study, elements)
         minimum = _anywhere(problem)
         bench, vector = Bench(problem, minimum), np.r_[minimum.shared, minimum.local.ravel()]
