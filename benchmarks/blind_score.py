@@ -79,7 +79,7 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
             out["validate_over_floor"] = after["rms_validate"] / floor
             out["validate_better"] = after["rms_validate"] < before["rms_validate"]
     places = {e["kind"]: e["position"] for e in answer.get("effect", []) if "position" in e}
-    off_by = [abs(c["parameters"]["position"] - places[c["kind"]]) / answer["true_length"]
+    off_by = [abs(c["parameters"]["position"] - places[c["kind"]]) / answer.get("true_length", answer.get("length"))
               for c in result.get("chosen", []) if c["kind"] in places and "position" in c["parameters"]]  # fmt: skip
     if off_by:
         out["place_off_by"] = max(off_by)

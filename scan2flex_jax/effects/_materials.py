@@ -33,9 +33,28 @@ def _plain(name, cls, *shape):
     }
 
 
-def _span(cls):
-    """The same for a span whose amplitude is the logarithm of its factor."""
+_WIDTHS = (0.08, 0.18, 0.35)  # of the length: of the spans to scan
+_STRONG = 0.5  # of a logarithm: spans that differ less are told from each other by their signatures
+
+
+def _span(cls, carried):
+    """The same for a span whose amplitude is the logarithm of its factor; ``carried(factor)``: what it has more per length."""
+
+    def other_widths(a, site, c, places):
+        """From a strong span that a refit ended at to spans of other widths that carry as much in all."""
+        width, factor = float(site["width"]), float(np.exp(a[0]))
+        if abs(a[0]) < _STRONG:
+            return []
+        order = sorted((w * c.length for w in _WIDTHS), key=lambda w: abs(np.log(w / width)))
+        out = []
+        for other in order[1:]:
+            wanted, trial = carried(factor) * width / other, np.geomspace(0.06, 17.0, 400)
+            best = trial[np.argmin(np.abs(carried(trial) - wanted))]
+            out.append((np.log([best]), {**site, "width": other}))
+        return out
+
     return {
+        "other_starts": other_widths,
         "amplitudes": ("log factor",),
         "build": lambda a, site, context: (cls(site["position"], site["width"], jnp.exp(a[0])),),
         "to_parameters": lambda a, site, context: {**_floats(site), "factor": float(np.exp(a[0]))},
@@ -44,7 +63,7 @@ def _span(cls):
             {"position": float(p["position"]), "width": float(p["width"])},
         ),
         "sites": lambda c: tuple(
-            {"position": s, "width": w * c.length} for w in (0.08, 0.18, 0.35) for s in positions(c, 17)
+            {"position": s, "width": w * c.length} for w in _WIDTHS for s in positions(c, 17)
         ),
         "bounds_of": lambda c: (np.log([0.05]), np.log([20.0])),
     }
@@ -130,14 +149,14 @@ ENTRIES = (
     ),
     CatalogueEntry(
         "stiffness_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, a worn place: 0.6 to 1.6
-        **_span(StiffnessProfile),
+        **_span(StiffnessProfile, lambda factor: 1.0 / factor - 1.0),  # compliances add
         signature="one span bends less (or more) than it should in every pose",
         settle="look and feel at the named span, or bring it to where the cable is bent most",
         same_shapes=(("elastic_clamp", "a span at a clamp"), ("length_error", "a stiff span that begins at a clamp")),
     ),
     CatalogueEntry(
         "density_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, or water in a hose
-        **_span(DensityProfile),
+        **_span(DensityProfile, lambda factor: factor - 1.0),
         signature="one span sags as if it were heavier (or lighter), always along gravity",
         settle="weigh or look at the named span",
         same_shapes=(("point_mass", "a span that is short beside the sag"),),

@@ -29,8 +29,9 @@ class Context:
 
     ``length`` m, stiffnesses N m^2, ``axial_stiffness`` N, ``weight`` N/m (mass per length times |g|), ``gravity``
     m/s^2, ``curvature_range`` 1/m (smallest and largest of the poses' largest curvatures), ``lowest_range`` m (lowest
-    and highest of the poses' lowest points, measured against gravity), ``radius`` m, ``centre`` m (middle of the
-    scanned shapes), ``previous`` 1/m (curvature of the pose before, for `memory_set`; it differs from pose to pose).
+    and highest of the poses' lowest points, measured against gravity), ``points`` m (all measured ones), ``radius`` m,
+    ``centre`` m (middle of the scanned shapes), ``previous`` 1/m (curvature of the pose before, for `memory_set`; it differs
+    from pose to pose).
     """
 
     length: float
@@ -43,6 +44,7 @@ class Context:
     radius: float | None = None
     axial_stiffness: float = 1.0e5
     centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     clamped_ends: Sequence[str] = ENDS
     previous: Any = field(default_factory=lambda: np.zeros((2, 3)))
 
@@ -60,6 +62,13 @@ class Context:
     def up(self) -> np.ndarray:
         """Unit vector against gravity."""
         return -np.asarray(self.gravity) / max(float(np.linalg.norm(self.gravity)), 1e-12)
+
+    @property
+    def lowest(self) -> np.ndarray:
+        """The lowest measured point (m)."""
+        if len(self.points):
+            return self.points[np.argmin(self.points @ self.up)]
+        return self.centre + (self.lowest_range[0] - self.centre @ self.up) * self.up
 
     @property
     def force(self) -> float:

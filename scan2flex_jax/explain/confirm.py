@@ -31,11 +31,13 @@ def left_out(stage, found: Refit) -> np.ndarray:
 
 
 def unseen(stage, found: Refit) -> float | None:
-    """Error in poses left out in turn, over that of the base: what an effect is worth for a pose that it has not seen."""
+    """Error in a pose left out over that of the base, geometric mean over the poses: what an effect foretells.
+
+    Not the error of all poses together: a pose that alone shows an effect is predicted by none of the others.
+    """
     if not found.components or stage.bench.poses.count < 2:
         return None
-    after, before = (np.sqrt(np.mean(left_out(stage, r) ** 2)) for r in (found, stage.base))
-    return float(after / before)
+    return float(np.exp(np.mean(np.log(left_out(stage, found) / left_out(stage, stage.base)))))
 
 
 def constancy(stage, found: Refit) -> float | None:

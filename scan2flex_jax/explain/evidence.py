@@ -1,22 +1,31 @@
 """Evidence: how much more likely the data are with a kind than without it, its size being physically plausible.
 
-Amplitudes in units of their size have a standard normal prior; with ``A = X'X``, ``b = X'y`` (whitened, base taken out)
+Amplitudes in units of their size have a normal prior of standard deviation ``t``; with ``A = X'X``, ``b = X'y`` (whitened,
+base taken out)
 
-    log B = 1/2 b' (I + A)^-1 b - 1/2 log |I + A|.
+    log B_t = 1/2 b' (I/t^2 + A)^-1 b - 1/2 log |I + t^2 A|.
 
-A one-sided amplitude has half the prior: times ``2 Phi(mean/sd)``. A kind with several sites has the mean of ``B`` over them.
-Reference: MacKay, "Bayesian interpolation" (1992). BIC, ``T/2 - k/2 log n``, is the second opinion.
+A size is known to a factor of three or so: ``B`` is the mean over ``t`` of `SCALES`, so that a kind that is stronger or weaker
+than its size is not ranked behind others for that alone. A one-sided amplitude has half the prior: times ``2 Phi(mean/sd)``. A
+kind with several sites has the mean of ``B`` over them. Reference: MacKay, "Bayesian interpolation" (1992). BIC,
+``T/2 - k/2 log n``, is the second opinion.
 """
 
 import numpy as np
 from scipy import special
 
+SCALES = (1.0 / 3.0, 1.0, 3.0)  # of a physical size, each as likely as the others
+
 
 def log_evidence(A: np.ndarray, b: np.ndarray, one_sided=()) -> float:
     """Log Bayes factor of a group over the base."""
-    S = np.eye(len(b)) + A
+    return averaged([_at_scale(t, A, b, one_sided) for t in SCALES])
+
+
+def _at_scale(scale, A, b, one_sided):
+    S = np.eye(len(b)) / scale**2 + A
     mean = np.linalg.solve(S, b)
-    value = 0.5 * b @ mean - 0.5 * np.linalg.slogdet(S)[1]
+    value = 0.5 * b @ mean - 0.5 * np.linalg.slogdet(np.eye(len(b)) + scale**2 * A)[1]
     if any(one_sided):
         sd = np.sqrt(np.diag(np.linalg.inv(S)))
         value += sum(np.log(2.0) + special.log_ndtr(m / s) for m, s, o in zip(mean, sd, one_sided, strict=True) if o)

@@ -9,7 +9,8 @@ from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.explain.locate import Field
 from scan2flex_jax.explain.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED
 from scan2flex_jax.fit.noise import Noise
-from scan2flex_jax.fit.result import Estimate, Fit
+from scan2flex_jax.fit.result import Estimate, Fit, in_words
+from scan2flex_jax.study.kinds import kind_format, kind_names
 from scan2flex_jax.study.model import Study
 
 
@@ -115,6 +116,13 @@ class Explanation:
             return float("nan")
         return float(np.sqrt(sum(v**2 * n for v, n in known) / sum(n for _, n in known)))
 
+    def shifts(self) -> dict[str, Any]:
+        """By how many standard errors (those after) each estimate moved; without those whose error is not known."""
+        if self.fit is None or not self.chosen:
+            return {}
+        known = {n: e for n, e in self.estimates.items() if e.std is not None and np.all(np.asarray(e.std) > 0)}
+        return {n: (np.asarray(e.value) - np.asarray(self.fit.estimates[n].value)) / e.std for n, e in known.items()}
+
     def to_json(self) -> dict:
         """The format's result object."""
         out = {"format": "scan2flex-result/1", "verdict": self.verdict}
@@ -133,7 +141,7 @@ class Explanation:
             "chosen": [{"kind": r.kind, "parameters": _plain(r.parameters)} for r in self.chosen],
             "verdict": self.verdict,
             "before": self._errors(False) | {"estimates": before},
-            "after": self._errors(True) | {"estimates": after},
+            "after": self._errors(True) | {"estimates": after, "shift_in_std": _plain(self.shifts())},
             "families": {k: float(v) for k, v in self.families.items()},
             "gates": _plain(self.gates),
             "equivalent_load": self.load.to_json(),
@@ -163,9 +171,11 @@ class Explanation:
         for r in self.ranking[:8]:
             tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
             lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
-        lines += ["", "  estimate                    before         after"]
+        lines += [""] + [f"  {_effect_line(r)}" for r in self.chosen] + [""] * bool(self.chosen)
+        shifts = self.shifts()
         for name, e in self.estimates.items():
-            lines.append(f"  {name:<22}{_shown(self.fit.estimates[name].value):>14}{_shown(e.value):>14}")
+            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
+            lines += [f"  {name:<24} before  {in_words(self.fit.estimates[name])}", f"  {'':<24} after   {in_words(e)}{shift}"]
         lines += ["", "  pose                 role       before mm   after mm   left out: before, after mm"]
         lines += [_pose_line(n, p) for n, p in self.poses.items()]
         n = self.noise
@@ -179,13 +189,23 @@ def signature_of(kind: str) -> str:
     return entry_of(kind).signature
 
 
+def _effect_line(r):
+    """``point_mass: position 0.42 +- 0.01 m, mass 0.05 +- 0.002 kg``."""
+    said = []
+    for name, value in r.parameters.items():
+        std = f" +- {_shown(r.std[name])}" if name in r.std and np.all(np.isfinite(r.std[name])) else ""
+        unit = kind_format(r.kind).parameter(name).unit if r.kind in kind_names() else "-"
+        said.append(f"{name} {_shown(value)}{std}{'' if unit == '-' else ' ' + unit}")
+    return f"{r.kind}: {', '.join(said)}"
+
+
 def _pose_line(name, p):
     line = f"  {name:<20} {p.role:<9}{1e3 * p.rms_before:11.3f}{1e3 * p.rms:11.3f}"
     return line if p.left_out is None else f"{line}{1e3 * p.left_out_before:19.3f}{1e3 * p.left_out:11.3f}"
 
 
 def _shown(value):
-    return f"{float(value):.5g}" if np.ndim(value) == 0 else ", ".join(f"{v:.3g}" for v in np.ravel(value))
+    return f"{float(value):.4g}" if np.ndim(value) == 0 else f"({', '.join(f'{v:.3g}' for v in np.ravel(value))})"
 
 
 def _plain(value):

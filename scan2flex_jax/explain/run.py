@@ -15,7 +15,6 @@ from scan2flex_jax.explain.families import WORDS
 from scan2flex_jax.explain.result import Explanation, Ranked
 from scan2flex_jax.explain.sensitivity import Bench
 from scan2flex_jax.fit import fit as plain_fit
-from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.run import FIT_ELEMENTS
 from scan2flex_jax.study.model import Study
 
@@ -50,6 +49,7 @@ def explain(
             return Explanation(study, None, verdict.UNSOLVED, 1.0, None, sentences=(str(fault),), seconds=seconds)
         compiling.join()
         problem, minimum = fitted.problem
+        study = problem.study  # with the turns that the shapes tell
         bench = Bench(problem, minimum)
         say("signatures of the catalogue")
         signatures, beside = stage.signatures(bench, minimum, _stated(study), seed)
@@ -85,8 +85,7 @@ def _explanation(study, fitted, found, checks, warnings, began):
     bench, base = found.stage.bench, found.stage.base
     other = None
     if study.validate_poses:
-        kept = poses_of(study.validate_poses, bench.problem.length, bench.elements)
-        other = Bench(bench.problem, fitted.problem[1], kept)
+        other = Bench(bench.problem, fitted.problem[1], bench.problem.held_out)
     chosen_refit = found.best if found.verdict in (verdict.EXPLAINED, verdict.TIE) else base
     unseen = [confirm.left_out(found.stage, r) for r in (base, chosen_refit)]
     poses = report.pose_changes(study.fit_poses, bench, base.shapes, chosen_refit.shapes, np.transpose(unseen))
@@ -106,7 +105,7 @@ def _explanation(study, fitted, found, checks, warnings, began):
     tie_kinds = {k for r in tied for k in r.kinds}
     constancy = found.constancy if kinds else None
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
-    sentences = (*_sentences(found, chosen, description), *_confirmed(poses, constancy, kinds), *warnings)
+    sentences = (*_sentences(found, chosen, description), *_confirmed(poses, kinds), *fitted.turned, *warnings)
     ordered = {p.name: poses[p.name] for p in study.poses if p.name in poses}
     return Explanation(
         report.declared(study, estimates, chosen) if kinds else fitted.calibrated, fitted, found.verdict, found.test.p_value,
@@ -166,10 +165,7 @@ def _sentences(found, chosen, description):
         field = f"{description.kind} describes it along the cable: a field with a band, not physics"
         return (text + tail, *_not_enough(found), field)
     names = " and ".join(r.kind for r in chosen)
-    text = f"something is missing (p = {p:.3f}); {names} explains it"
-    rest = found.after.p_value
-    tail = "what is left is noise" if rest > verdict.ALARM else f"some structure is left (p = {rest:.3f})"
-    return (f"{text}; {tail}", *_never_told(chosen))
+    return (f"something is missing (p = {p:.3f}); {names} explains it; what is left is noise", *_never_told(chosen))
 
 
 def _not_enough(found):
@@ -179,26 +175,22 @@ def _not_enough(found):
         return ()
     if found.after.p_value <= verdict.ALARM:
         said.append(f"leaves structure (p = {found.after.p_value:.3f})")
-    if found.constancy is not None and found.constancy < verdict.SAME_SIZE:
+    if verdict.varies(found.constancy, len(found.best.kinds)):
         said.append(f"would need another size in each pose (p = {found.constancy:.3f})")
     if found.field[1] > found.best.log_evidence + verdict.FIELD_LEADS:
         said.append(f"is less likely than a field, by {found.field[1] - found.best.log_evidence:.1f} nats")
     if found.unseen is not None and found.unseen > verdict.WORSE:
-        said.append(f"predicts poses left out in turn {found.unseen:.1f} times as badly as the plain rod")
+        said.append(f"predicts a pose left out {found.unseen:.1f} times as badly as the plain rod")
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
 
 
-def _confirmed(poses, constancy, kinds):
+def _confirmed(poses, kinds):
     """What poses that had no part in it say of the effect."""
     own = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
     if not kinds or not own:
         return ()
     better = sum(p.left_out < p.left_out_before for p in own)
-    out = [f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without"]
-    if constancy is not None and constancy < verdict.ALARM:
-        out.append(f"its size differs between the poses (p = {constancy:.3f}): it may stand for something that is no property "
-                   "of the cable")  # fmt: skip
-    return tuple(out)
+    return (f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without",)
 
 
 def _never_told(chosen):

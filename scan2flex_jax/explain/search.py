@@ -2,7 +2,9 @@
 
 Each round refits what the scores find most likely: single kinds first, then pairs (found together from one Gram matrix, or one
 beside the best), then a third beside the best pair. A wider set must be asked for by the test on what is left, win by three
-nats, and lose as much when any of its effects is dropped (backward check).
+nats, and lose as much when any of its effects is dropped (backward check). In the place of each effect of a pair the likeliest
+others beside the rest are tried, and the same one elsewhere along the cable (exchange): scores taken at the plain fit, from
+which a pair is proposed, mistake places and kinds where two strong effects are added.
 """
 
 from dataclasses import dataclass, field
@@ -18,8 +20,10 @@ from scan2flex_jax.explain.score import Test
 from scan2flex_jax.explain.sensitivity import Numbers
 from scan2flex_jax.explain.stage import Stage, one_step, test, test_after
 
-REFITS, PAIR_REFITS, GREEDY_REFITS = 5, 4, 3
+REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 4, 3, 2
 MOST_EFFECTS = 3
+_EXCHANGED = 2  # effects of the sets in which each is exchanged for others
+_ELSEWHERE = 0.05  # of the length: nearer places are the refit's to find
 _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
 
 
@@ -78,13 +82,14 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
         count = len(found.best.kinds) + 1
         if count == 2:
             found.add(refit_pairs(stage, found.values, progress))
-        found.add(refit_greedy(stage, found.best, progress))
+        found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress))
         wider = found.widest(count)
         if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
             break
-        if not _all_needed(stage, found, wider, progress):
+        needed = _settled(stage, found, wider, progress)
+        if needed is None:
             break
-        found.best, found.after = wider, test_after(stage, wider)
+        found.best, found.after = needed, test_after(stage, needed)
     rivals = _of_one_size(stage, found)
     candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
     found.tied = [rivals[i] for i in verdict.ties(candidates)]
@@ -104,23 +109,36 @@ def _of_one_size(stage, found) -> list[Refit]:
     rivals = list(found.refits.values())
     best = max(r.log_evidence for r in rivals)
     near = [r for r in rivals if r.log_evidence > best - verdict.LEAD_NAMED]
-    unlike = [r for r in near if (p := confirm.constancy(stage, r)) is not None and p < verdict.SAME_SIZE]
+    unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), len(r.kinds))]
     return [r for r in rivals if r not in unlike] if len(unlike) < len(near) else rivals
 
 
-def _all_needed(stage, found, wider, progress) -> bool:
-    """Backward check: every effect of the set, dropped, costs three nats; the smaller sets are kept for the ties."""
-    kept = range(len(wider.kinds))
-    for dropped in kept:
-        rest = [k for k in kept if k != dropped]
-        key = frozenset(wider.kinds[k] for k in rest)
-        if key not in found.refits:
-            progress(f"refit without {wider.kinds[dropped]}")
-            components = [wider.components[k] for k in rest]
-            found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest])])
-        if found.refits[key].log_evidence > wider.log_evidence - verdict.LEAD_FAVOURED:
-            return False
-    return True
+def _settled(stage, found, wider, progress) -> Refit | None:
+    """The best set of as many effects after the backward check and the exchanges; None where an effect is not needed."""
+    tried: set[frozenset] = set()
+    while True:
+        for dropped in range(len(wider.kinds)):
+            rest = _without(stage, found, wider, dropped, progress)
+            if rest.log_evidence > wider.log_evidence - verdict.LEAD_FAVOURED:
+                return None
+            if len(wider.kinds) == _EXCHANGED and frozenset(rest.kinds) not in tried:
+                tried.add(frozenset(rest.kinds))
+                found.add(refit_beside(stage, rest, EXCHANGES, progress, wider))
+        best = found.widest(len(wider.kinds))
+        if best is wider:
+            return wider
+        wider = best
+
+
+def _without(stage, found, wider, dropped, progress) -> Refit:
+    """The refit of a set without one of its effects; it is kept for the ties."""
+    rest = [k for k in range(len(wider.kinds)) if k != dropped]
+    key = frozenset(wider.kinds[k] for k in rest)
+    if key not in found.refits:
+        progress(f"refit without {wider.kinds[dropped]}")
+        components = [wider.components[k] for k in rest]
+        found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest])])
+    return found.refits[key]
 
 
 def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
@@ -155,10 +173,13 @@ def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
     return out
 
 
-def refit_greedy(stage: Stage, single: Refit, progress) -> list[Refit]:
-    """Refits of a second kind beside the best one, ranked at that one's refit: right where the first is far from linear."""
-    numbers = Numbers(stage.bench, single.components)
-    white = whiten(single.shapes, stage.bench.real, numbers, single.vector, stage.noise)
+def refit_beside(stage: Stage, first: Refit, count: int, progress, known: Refit | None = None) -> list[Refit]:
+    """Refits of one kind more beside a refit, ranked at that one: right where it is far from linear.
+
+    Kinds of ``known``, a set of which ``first`` is a part, are refitted only elsewhere along the cable.
+    """
+    numbers = Numbers(stage.bench, first.components)
+    white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.noise)
     Q = orthonormal(white.J)
     y = white.r - Q @ (Q.T @ white.r)
     best: dict = {}
@@ -166,14 +187,22 @@ def refit_greedy(stage: Stage, single: Refit, progress) -> list[Refit]:
         X = group.X - Q @ (Q.T @ group.X)
         A, b = X.T @ X, X.T @ y
         value, kind = evidence.log_evidence(A, b, group.one_sided), stage.components[g].kind
-        if kind not in single.kinds and (kind not in best or value > best[kind][0]):
+        if kind not in first.kinds and (kind not in best or value > best[kind][0]):
             best[kind] = value, g, evidence.one_step(A, b) * stage.components[g].entry.size(stage.bench.context)
+    order = [k for k in sorted(best, key=lambda k: -best[k][0]) if _is_new(stage, stage.components[best[k][1]], known)]
     out = []
-    for _, g, a in sorted(best.values(), key=lambda item: -item[0])[:GREEDY_REFITS]:
-        progress(f"refit with {single.kinds[0]} and {stage.components[g].kind}")
-        first = [single.amplitudes(stage.bench, k) for k in range(len(single.components))]
-        out.append(_relative(stage, [*single.components, stage.components[g]], [*first, a]))
+    for _, g, a in (best[k] for k in order[:count]):
+        progress(f"refit with {' and '.join(first.kinds)} and {stage.components[g].kind}")
+        held = [first.amplitudes(stage.bench, k) for k in range(len(first.components))]
+        out.append(_relative(stage, [*first.components, stage.components[g]], [*held, a]))
     return out
+
+
+def _is_new(stage, component, known) -> bool:
+    """Whether a component is not one of a known set already, where it is."""
+    same = [c for c in known.components if c.kind == component.kind] if known else []
+    apart = _ELSEWHERE * stage.bench.context.length
+    return not same or abs(component.site.get("position", 0.0) - same[0].site.get("position", 0.0)) > apart
 
 
 def same_shapes(found: Refit) -> tuple[str, ...]:

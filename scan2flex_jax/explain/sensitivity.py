@@ -24,7 +24,7 @@ from scan2flex_jax.fit.evaluate import one
 from scan2flex_jax.fit.parameters import boundary_at, model_at
 from scan2flex_jax.rod.effect import overriding
 
-CONTINUOUS = ("position", "width", "slip_curvature", "offset", "reach")  # parts of a site that a refit may move
+CONTINUOUS = ("position", "width", "slip_curvature", "offset", "reach", "tilt_1", "tilt_2")  # parts of a site that may move
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def context_of(problem, minimum) -> Context:
         weight=float(cable.length_density) * float(np.linalg.norm(gravity)),
         curvature_range=(float(min(largest)), float(max(largest))), lowest_range=(min(lowest), max(lowest)),
         radius=None if radius is None else float(radius), axial_stiffness=float(cable.axial_stiffness),
-        centre=np.mean(np.concatenate(points), axis=0), clamped_ends=problem.study.clamped_ends,
+        centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
     )  # fmt: skip
 
 

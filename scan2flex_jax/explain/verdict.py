@@ -10,11 +10,10 @@ NAMED, FAVOURED, TIED, ABSENT, INCONCLUSIVE = "named", "favoured", "tied", "abse
 NONE, EXPLAINED, TIE, UNEXPLAINED, UNSOLVED = (
     "no missing effect", "explained", "tied", "unexplained", "not in equilibrium",
 )  # fmt: skip
-ALARM = 0.05
+ALARM = 0.05  # level of the tests of the plain rod and of what is left beside an effect
+_ONE_SIZE = 0.02  # that of one effect having one size in all poses; several, which are sought longer, are tested at ALARM
 LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
-_AFTER = 0.01  # p-value after the best kind below which it does not explain the shapes
-SAME_SIZE = 0.005  # p-value of one size in all poses below which an effect is no property of the cable
-FIELD_LEADS = 10.0  # nats by which a field must be likelier than the best kinds to stand in for them
+FIELD_LEADS = 20.0  # nats by which a field must be likelier than the best kinds to stand in for them
 WORSE = 2.0  # times the plain rod's error in poses left out in turn: what predicts so badly explains nothing
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
@@ -35,6 +34,11 @@ class Candidate:
     chi2: float = 0.0
     same_shapes: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
+
+
+def varies(constancy: float | None, effects: int) -> bool:
+    """Whether a set of effects would need another size in each pose, by the p-value of one size in all."""
+    return constancy is not None and constancy <= (ALARM if effects > 1 else _ONE_SIZE)
 
 
 def ties(candidates) -> list[int]:
@@ -69,17 +73,18 @@ def whole(test, after, candidates, constancy: float | None = None, field: float 
     """Verdict of the study, once every pose is solved, from the test before and after the best candidate.
 
     A kind explains the shapes when it is likelier than nothing, no structure is left beside it, its size is the same in all
-    poses (``constancy``, a p-value), no ``field`` (log evidence of the best family) is clearly likelier, and poses left out in
-    turn are not predicted far worse with it than without (``unseen``, the ratio of the errors). Several kinds that all say how
-    one property varies along the cable are pieces of a field, which describes it and names nothing.
+    poses (``constancy``, a p-value), and poses left out in turn are not predicted far worse with it than without (``unseen``,
+    the ratio of the errors). A ``field`` (log evidence of the best family) that is nearly as likely, or likelier, ties with it,
+    and stands in for it when it is far likelier. Several kinds that all say how one property varies along the cable are pieces
+    of a field, which describes it and names nothing.
     """
     if test.p_value > ALARM:
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
     pieces = {_VARIES.get(kind) for kind in best.kinds}
     of_a_field = len(best.kinds) > 1 and len(pieces) == 1 and None not in pieces
-    fails = (constancy is not None and constancy < SAME_SIZE) or (unseen is not None and unseen > WORSE)
-    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= _AFTER or of_a_field or fails:
+    fails = varies(constancy, len(best.kinds)) or (unseen is not None and unseen > WORSE)
+    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= ALARM or of_a_field or fails:
         return UNEXPLAINED
     return EXPLAINED if leading(candidates, field) != TIED else TIE
 

@@ -11,7 +11,6 @@ from scan2flex_jax.fit import cloud, cloud_noise
 from scan2flex_jax.fit.distance import curve_at
 from scan2flex_jax.fit.evaluate import observed
 from scan2flex_jax.fit.parameters import model_at
-from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.result import PoseFit
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.study import MeasuredCurve
@@ -117,8 +116,7 @@ class Direct:
         study, out = self.problem.study, {}
         groups = [(study.fit_poses, self.evaluator, minimum.evaluation)]
         if study.validate_poses:
-            poses = poses_of(study.validate_poses, self.problem.length, self.problem.elements)
-            self.others = self._evaluator(study.validate_poses, poses)
+            self.others = self._evaluator(study.validate_poses, self.problem.held_out)
             self.others.weights = cloud.weigh(self.others.look(minimum.shared).raw, self.others)
             e = self.others(minimum.shared, derivative=False)
             groups.append((study.validate_poses, self.others, e))

@@ -1,9 +1,13 @@
 """Levenberg-Marquardt on the residuals of all poses with their implicit Jacobian, and the two methods beside it.
 
-The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of what is known only nearly.
-Marquardt's scaling makes the steps independent of units; steps in logarithms are bounded, the range of the user is kept by
-holding those numbers that lie at a bound and want to leave it. Solves follow the branch from one iterate to the next; at
-the end they start from the measured curves once more, and the fit goes on if that finds a closer branch.
+The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of what is known only nearly. Its
+share for one residual stands for the square of the noise, which is not known yet: in units of it, logarithms are held weakly
+where they began (a factor of 20 is one standard deviation), so that a number that the poses hardly feel does not drift to where
+the rod is no cable and takes hundreds of steps to solve, while what they determine moves by thousandths of its standard error;
+and the fit has converged when a step promises less than a thousandth of it. Marquardt's scaling makes the steps independent of
+units; steps in logarithms are bounded, the range of the user is kept by holding those numbers that lie at a bound and want to
+leave it. Solves follow the branch from one iterate to the next; a fit that began from configurations already found starts from
+the measured curves once more at the end, and goes on if that finds a closer branch.
 Reference: More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978).
 """
 
@@ -19,7 +23,8 @@ _MOST_ITERATIONS = 60
 _LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
 _COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-10, 1.0e-8
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
-_GAIN = 1.0e-4  # of the cost: what a converged fit may still promise to gain
+_GAIN = 1.0e-4  # of the cost: what a converged fit of another method may still promise to gain
+_SHARE = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
 _GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
@@ -38,13 +43,17 @@ class Minimum:
 
 @dataclass
 class Goal:
-    """What is minimised: an evaluator, the scale of residuals of each pose (m), and bounds of the shared numbers."""
+    """What is minimised: an evaluator, the scale of residuals of each pose (m), and bounds of the shared numbers.
+
+    ``weak``: precision with which each shared number is held where it began, in shares of the cost (0: free).
+    """
 
     evaluator: Evaluator
     sigma: np.ndarray
     low: np.ndarray
     high: np.ndarray
     progress: Callable[[str], None] = lambda message: None
+    weak: np.ndarray | float = 0.0
 
     def cost(self, e: Evaluation, shared, local) -> float:
         """Weighted squares of residuals and priors."""
@@ -88,49 +97,71 @@ def levenberg_marquardt(
     local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
     e = evaluator(shared, local, start=start) if known is None else known
     cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
+    began, residuals = shared, max(np.count_nonzero(e.residual), 1)
     while np.isfinite(cost) and iteration < _MOST_ITERATIONS:
-        iteration += 1
-        trial = _step(goal, e, shared, local, damping)
-        e2 = evaluator(*trial, start=e.configuration)
-        cost2 = goal.cost(e2, *trial)
-        goal.progress(f"iteration {iteration}: cost {min(cost, cost2):.6g}")
-        if cost2 < cost:
-            small = cost - cost2 <= _COST_TOLERANCE * cost or np.max(np.abs(trial[0] - shared), initial=0.0) < _STEP_TOLERANCE
-            (shared, local), e, cost, damping = trial, e2, cost2, max(0.1 * damping, 1e-12)
+        share = cost / residuals
+        bowl = _Bowl(goal, e, shared, local, share * goal.weak, began)
+        if bowl.promised() <= _SHARE * share:
+            small = True
         else:
-            small = cost2 - cost <= _COST_TOLERANCE * cost
-            damping *= 10.0
+            iteration += 1
+            trial = bowl.step(damping)
+            e2 = evaluator(*trial, start=e.configuration)
+            cost2 = goal.cost(e2, *trial)
+            goal.progress(f"iteration {iteration}: cost {min(cost, cost2):.6g}")
+            held = share * np.sum(goal.weak * ((trial[0] - began) ** 2 - (shared - began) ** 2))
+            small = abs(cost2 + held - cost) <= _COST_TOLERANCE * cost
+            if cost2 + held < cost:
+                small |= np.max(np.abs(trial[0] - shared), initial=0.0) < _STEP_TOLERANCE
+                (shared, local), e, cost, damping = trial, e2, cost2, max(0.1 * damping, 1e-12)
+            else:
+                damping *= 10.0
         if small or damping > _GIVE_UP:
             converged = True
+            if checked:
+                break
             fresh = evaluator(shared, local)
-            if checked or goal.cost(fresh, shared, local) >= cost * (1 - 1e-6):
+            if goal.cost(fresh, shared, local) >= cost * (1 - 1e-6):
                 break
             e, cost, damping, converged, checked = fresh, goal.cost(fresh, shared, local), 1e-3, False, True
     return Minimum(shared, local, e, cost, iteration, converged)
 
 
-def _step(goal, e, shared, local, damping):
-    JJ, Jr = goal.normal_equations(e, shared, local)
-    n = len(shared)
-    x = np.r_[shared, local.ravel()]
-    low = np.r_[goal.low, np.full(len(x) - n, -np.inf)]
-    high = np.r_[goal.high, np.full(len(x) - n, np.inf)]
-    free = ~(((x <= low) & (Jr > 0)) | ((x >= high) & (Jr < 0)))
-    scale = np.diag(JJ) + 1e-300
-    free &= scale > UNSEEN**2 * np.max(scale)
-    A = JJ + damping * np.diag(scale)
-    step = np.zeros_like(x)
-    root = np.sqrt(np.diag(A))
-    inside = np.ix_(free, free)
-    solved = np.linalg.lstsq(A[inside] / np.outer(root, root)[inside], -Jr[free] / root[free], rcond=1e-14)[0]
-    step[free] = solved / root[free]
-    longest = np.max(
-        np.abs(step[:n]) / np.where(np.isfinite(low[:n]) & (np.abs(high[:n] - low[:n]) < 60), 1.0, 1.0 + np.abs(x[:n])),
-        initial=0.0,
-    )
-    step *= min(1.0, _LONGEST / longest) if longest > 0 else 1.0
-    x = np.clip(x + step, low, high)
-    return x[:n], x[n:].reshape(local.shape)
+class _Bowl:
+    """The cost to second order about an iterate, in the numbers that are felt and not held at a bound."""
+
+    def __init__(self, goal, e, shared, local, weak=0.0, began=0.0):
+        JJ, self.Jr = goal.normal_equations(e, shared, local)
+        self.x, self.shape, n = np.r_[shared, local.ravel()], local.shape, len(shared)
+        JJ[np.arange(n), np.arange(n)] += weak
+        self.Jr[:n] += weak * (shared - began)
+        self.low = np.r_[goal.low, np.full(len(self.x) - n, -np.inf)]
+        self.high = np.r_[goal.high, np.full(len(self.x) - n, np.inf)]
+        self.JJ, self.scale = JJ, np.diag(JJ) + 1e-300
+        held = ((self.x <= self.low) & (self.Jr > 0)) | ((self.x >= self.high) & (self.Jr < 0))
+        self.free = ~held & (self.scale > UNSEEN**2 * np.max(self.scale))
+
+    def move(self, damping):
+        """The step, nowhere shortened."""
+        root = np.sqrt(self.scale * (1.0 + damping))[self.free]
+        A = (self.JJ + damping * np.diag(self.scale))[np.ix_(self.free, self.free)]
+        out = np.zeros_like(self.x)
+        out[self.free] = np.linalg.lstsq(A / np.outer(root, root), -self.Jr[self.free] / root, rcond=1e-14)[0] / root
+        return out
+
+    def promised(self) -> float:
+        """By how much an undamped step would lower the cost, to second order."""
+        return float(-self.Jr @ self.move(0.0))
+
+    def step(self, damping):
+        """Shared and local numbers after a damped step of bounded length."""
+        move, n = self.move(damping), len(self.x) - int(np.prod(self.shape))
+        low, high, x = self.low[:n], self.high[:n], self.x[:n]
+        reach = np.where(np.isfinite(low) & (np.abs(high - low) < 60), 1.0, 1.0 + np.abs(x))
+        longest = np.max(np.abs(move[:n]) / reach, initial=0.0)
+        move *= min(1.0, _LONGEST / longest) if longest > 0 else 1.0
+        x = np.clip(self.x + move, self.low, self.high)
+        return x[:n], x[n:].reshape(self.shape)
 
 
 def bfgs(goal: Goal, shared: np.ndarray) -> Minimum:
@@ -166,12 +197,5 @@ def _scipy(goal, shared, method, derivative, options):
     x = best.get("x", shared)
     e = evaluator(x, local)
     cost = goal.cost(e, x, local)
-    converged = bool(found.success) or (np.isfinite(cost) and _to_gain(goal, e, x, local) <= _GAIN * cost)
+    converged = bool(found.success) or (np.isfinite(cost) and _Bowl(goal, e, x, local).promised() <= _GAIN * cost)
     return Minimum(x, local, e, cost, int(found.nit), bool(converged))
-
-
-def _to_gain(goal, e, x, local):
-    """What a Gauss-Newton step still promises of the cost: a line search that rounding has ended is at the minimum."""
-    JJ, Jr = goal.normal_equations(e, x, local)
-    n = len(x)
-    return float(Jr[:n] @ np.linalg.lstsq(JJ[:n, :n], Jr[:n], rcond=1e-12)[0])

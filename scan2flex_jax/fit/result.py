@@ -58,7 +58,8 @@ class Fit:
     ``correlation`` is that of the numbers named by ``labels``; ``sentences`` say what the poses cannot determine, what lies
     at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
     poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
-    of poses are then those of the cable's axis, station by station along it).
+    of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
+    the study says, in words (`fit.branches`).
     """
 
     study: Study = field(repr=False)
@@ -77,6 +78,7 @@ class Fit:
     cost: float
     problem: Any = field(repr=False, default=None)
     data: str = "curve"
+    turned: tuple[str, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -122,7 +124,7 @@ class Fit:
         """The fit in plain text."""
         to = "to point clouds" if self.data == "cloud" else "to centre curves"
         lines = [f"{self.study.title}: {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s", ""]
-        lines += [f"  {name:<24} {_value_text(e)}" for name, e in self.estimates.items()] + [""]
+        lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
         lines += [*_correlation_lines(self), "  pose                 role       rms mm    max mm"]
         for name, p in self.poses.items():
             figures = f"{1e3 * p.rms:9.3f} {1e3 * p.worst:9.3f}" if np.isfinite(p.rms) else f"  {p.verdict}"
@@ -145,7 +147,8 @@ def _plain(value):
     return float(value) if np.ndim(value) == 0 else np.asarray(value).tolist()
 
 
-def _value_text(e):
+def in_words(e: Estimate) -> str:
+    """A value with its interval and unit, and what has to be known of it."""
     value = np.atleast_1d(e.value)
     low, high = (None if x is None else np.atleast_1d(x) for x in (e.low, e.high))
     parts = []

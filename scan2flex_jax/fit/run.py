@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 
 from scan2flex_jax.equilibrium.solve import SENTENCES
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fit import branches
 from scan2flex_jax.fit.direct import Direct, measured_by
 from scan2flex_jax.fit.evaluate import DISTANCES, Evaluator
 from scan2flex_jax.fit.least_squares import Goal, bfgs, levenberg_marquardt, nelder_mead
@@ -34,6 +35,7 @@ _FELT = 0.3  # of the noise: what tolerances and the estimates' errors do to a v
 _SLOW, _LONG = 3.0, 0.2  # correlated over white noise, and correlation over cable length, of a residual that is no noise
 _MESH = 5.0e-5  # of the length: a residual this small may be the mesh's
 _CREDIBLE = 0.01  # of the length: RMS of a minimum beyond which another start is tried too
+_WEAK = 3.0  # standard deviation of a logarithm about where a fit begins: a factor of 20
 _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
 
 
@@ -62,6 +64,9 @@ def fit(
     whole, scans, said = measured_by(study, data, method, distance, progress)
     problem = Problem(whole, elements, distance, progress)
     minimum = problem.minimise(method)
+    problem, minimum = _on_its_branches(problem, minimum, method)
+    turned, whole = branches.sentences(whole, problem.study), problem.study
+    study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
         minimum, said = problem.seen_by_normals(minimum), (*said, _HAUSDORFF)
     stated = _stated_noise(study)
@@ -75,7 +80,7 @@ def fit(
         said = (*said, *direct.sentences())
     valid, verdict = _validity(poses, noise, stated, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
-    sentences = (*said, *known.sentences, *_bound_sentences(estimates), *verdict)
+    sentences = (*said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict)
     spread = np.sqrt(np.diag(known.covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = known.covariance / np.outer(spread, spread)
@@ -97,7 +102,32 @@ def fit(
         minimum.cost,
         (problem, minimum),
         "curve" if scans is None else "cloud",
+        turned,
     )
+
+
+def _on_its_branches(problem, minimum, method):
+    """The problem and its minimum with every pose, validate poses too, a full turn off where that is what was measured."""
+    while True:
+        own = branches.distances(minimum.evaluation, problem.poses.mask) / problem.length
+        vectors = [minimum.shared]
+        if np.any(own > branches.ASTRAY):
+            vectors += [np.r_[x, minimum.shared[len(x) :]] for x in problem.starts()]
+        turns = [branches.nearest(problem, problem.study.fit_poses, own > branches.FAR, x) for x in vectors]
+        found = []
+        for other in (t for i, t in enumerate(turns) if t and t not in turns[:i]):
+            tried = problem.with_study(branches.with_turns(problem.study, other))
+            found.append((tried, tried.minimise(method)))
+            problem.evaluator.equilibria = tried.evaluator.equilibria
+        best = min(found, key=lambda pair: pair[1].cost, default=None)
+        if best is None or best[1].cost > branches.BETTER * minimum.cost:
+            break
+        problem, minimum = best
+    if unseen := problem.study.validate_poses:
+        own = branches.distances(problem.predicted(minimum), problem.held_out.mask) / problem.length
+        turns = branches.nearest(problem, unseen, own > branches.FAR, minimum.shared, branches.BETTER)
+        problem.hold_out(branches.with_turns(problem.study, turns))
+    return problem, minimum
 
 
 def _from_curves(problem, minimum, stated):
@@ -122,7 +152,22 @@ class Problem:
         guess = study.start_value("length") or 1.0
         self.length = float(study.cable.get("length", guess))
         self.poses = poses_of(study.fit_poses, self.length, elements)
+        self.held_out = _held_out(study, self.length, elements)
         self.evaluator = Evaluator(self.layout, self.template, self.poses, elements, distance)
+
+    def with_study(self, study) -> "Problem":
+        """The same of another study with the same unknowns; equilibria are counted on."""
+        other = Problem(study, self.elements, self.evaluator.distance, self.progress)
+        other.evaluator.equilibria = self.evaluator.equilibria
+        return other
+
+    def hold_out(self, study) -> None:
+        """Take over a study that differs in its ``validate`` poses only."""
+        self.study, self.held_out = study, _held_out(study, self.length, self.elements)
+
+    def predicted(self, minimum):
+        """The evaluation of the ``validate`` poses, which had no part in the minimum."""
+        return Evaluator(self.layout, self.template, self.held_out, self.elements, self.evaluator.distance)(minimum.shared)
 
     def scale(self, noise) -> np.ndarray:
         """Standard deviation (m) that weighs each pose: the stated one, else the estimated one."""
@@ -133,7 +178,7 @@ class Problem:
         prior = self.layout.shared - self.layout.unknowns
         low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
         high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
-        return Goal(self.evaluator, sigma, low, high, self.progress)
+        return Goal(self.evaluator, sigma, low, high, self.progress, np.where(self._logs(), _WEAK**-2, 0.0))
 
     def starts(self) -> list[np.ndarray]:
         """Start vectors of the unknowns: the user's guess where given, and the package's own."""
@@ -176,9 +221,14 @@ class Problem:
         rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
         return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
 
+    def _logs(self) -> np.ndarray:
+        """Which of the shared numbers are logarithms."""
+        known = [False] * (self.layout.shared - self.layout.unknowns)
+        return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
+
     def _descend(self, goal, x, evaluation):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
-        logs = np.concatenate([[s.log] * s.size for s in self.layout.slots] + [[False] * (len(x) - self.layout.unknowns)])
+        logs = self._logs()
         for factor in _LADDER:
             start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
             minimum = levenberg_marquardt(goal, start, known=evaluation if factor == 1.0 else None)
@@ -225,6 +275,10 @@ def _check(study, method, distance, data="curve"):
         raise Scan2FlexError("the study has no pose with role 'fit': there is nothing to fit to")
 
 
+def _held_out(study, length, elements):
+    return poses_of(study.validate_poses, length, elements) if study.validate_poses else None
+
+
 def _without_guesses(study):
     cable = {k: v for k, v in study.cable.items() if k not in _STIFF or k not in study.unknown_names}
     unknowns = tuple(replace(u, guess=None) if u.name in _STIFF else u for u in study.unknowns)
@@ -240,9 +294,7 @@ def _pose_fits(problem, minimum, covariance):
     out, spread = {}, {}
     groups = [(problem.study.fit_poses, problem.poses, minimum.evaluation)]
     if problem.study.validate_poses:
-        poses = poses_of(problem.study.validate_poses, problem.length, problem.elements)
-        other = Evaluator(problem.layout, problem.template, poses, problem.elements, problem.evaluator.distance)
-        found = other(minimum.shared)
+        poses, found = problem.held_out, problem.predicted(minimum)
         groups.append((problem.study.validate_poses, poses, found))
         own = [np.asarray(m) > 0 for m in poses.mask]
         moved = [J[keep] for J, keep in zip(np.asarray(found.jacobian), own, strict=True)]

@@ -134,3 +134,53 @@ def test_only_clamped_ends_can_yield():
     assert entry.to_parameters(np.arange(6.0), site, context)["rotation"].shape == (1, 3)
     with pytest.raises(Scan2FlexError, match="no kind"):
         entry_of(DESCRIPTIVE_KINDS[0])
+
+
+def resting_curves(normal, offset, rng):
+    """Hanging curves of 1 m above a plane, the lowest of them lying on it over a third of its length (m)."""
+    s = np.linspace(0.0, 1.0, 120)
+    curves = []
+    for height, turn in ((0.0, 0.3), (0.05, 1.4), (0.12, 2.6)):
+        across = np.outer(s - 0.5, [np.cos(turn), np.sin(turn), 0.0])
+        sag = np.maximum(0.8 * (np.abs(s - 0.5) - 0.17), 0.0)
+        floor = (offset - across @ normal) / normal[2]
+        curves.append(across + np.outer(floor + height + sag, [0, 0, 1.0]) + 2e-4 * rng.standard_normal((120, 3)))
+    return np.concatenate(curves)
+
+
+def test_a_leaning_table_is_among_the_planes_to_look_at():
+    normal = np.array([0.06, -0.04, 1.0]) / np.linalg.norm([0.06, -0.04, 1.0])
+    points = resting_curves(normal, -0.3, np.random.default_rng(1))
+    c = dataclasses.replace(scene.CONTEXT, points=points, gravity=np.array([0.0, 0.0, -9.81]))
+    entry, found = ENTRIES["support_plane"], []
+    for site in entry.sites(c):
+        p = entry.to_parameters(entry.null, site, c)
+        found.append(np.degrees(np.arccos(np.clip(p["normal"] @ normal, -1, 1))))
+        assert abs(np.min(points @ p["normal"]) - p["offset"]) < 0.02 * c.length or np.degrees(np.arccos(p["normal"][2])) > 1
+    assert min(found) < 1.0 < np.degrees(np.arccos(normal[2]))
+
+
+def test_parameters_of_planes_go_there_and_back():
+    entry, c = ENTRIES["support_plane"], scene.CONTEXT
+    normal = c.up + np.array([0.05, -0.03, 0.02])
+    given = {"normal": normal / np.linalg.norm(normal), "offset": -0.4}
+    back = entry.to_parameters(*entry.from_parameters(given, c), c)
+    np.testing.assert_allclose(back["normal"], given["normal"], atol=1e-12)
+    assert back["offset"] == pytest.approx(given["offset"], abs=1e-12)
+
+
+CARRIED = {"density_profile": lambda factor: factor - 1, "stiffness_profile": lambda factor: 1 / factor - 1}
+
+
+@pytest.mark.parametrize("kind", CARRIED)
+def test_strong_spans_are_tried_in_other_widths_that_carry_as_much(kind):
+    entry, c, carried = ENTRIES[kind], scene.CONTEXT, CARRIED[kind]
+    site = {"position": 0.4 * c.length, "width": 0.2 * c.length}
+    starts = entry.other_starts(np.log([2.0]), site, c, np.zeros((1, 3)))
+    assert [other["width"] / c.length for _, other in starts] == pytest.approx([0.35, 0.08])
+    for a, other in starts:
+        assert other["position"] == site["position"]
+        wanted = carried(2.0) * site["width"] / other["width"]
+        reachable = wanted if wanted > -0.9 else carried(17.0)  # no span has a negative compliance
+        assert carried(np.exp(a[0])) == pytest.approx(reachable, rel=0.05)
+    assert entry.other_starts(np.array([0.1]), site, c, np.zeros((1, 3))) == []

@@ -51,17 +51,25 @@ def test_a_one_sided_effect_of_the_wrong_sign_counts_nothing():
 def test_evidence_is_the_ratio_of_gaussian_likelihoods():
     rng = np.random.default_rng(4)
     X, y = rng.standard_normal((20, 3)), rng.standard_normal(20)
-    with_effect = np.eye(20) + X @ X.T
-    exact = -0.5 * (y @ np.linalg.solve(with_effect, y) + np.linalg.slogdet(with_effect)[1]) + 0.5 * y @ y
-    assert evidence.log_evidence(X.T @ X, X.T @ y) == pytest.approx(exact)
+    ratios = []
+    for scale in evidence.SCALES:
+        with_effect = np.eye(20) + scale**2 * X @ X.T
+        ratios.append(np.exp(-0.5 * (y @ np.linalg.solve(with_effect, y) + np.linalg.slogdet(with_effect)[1]) + 0.5 * y @ y))
+    assert evidence.log_evidence(X.T @ X, X.T @ y) == pytest.approx(np.log(np.mean(ratios)))
 
 
 def test_one_sided_evidence_is_that_of_half_the_prior():
     A, b = np.array([[4.0]]), np.array([3.0])
-    a = np.linspace(0, 12, 200001)
-    density = 2 * np.exp(-0.5 * a**2) / np.sqrt(2 * np.pi) * np.exp(b[0] * a - 0.5 * A[0, 0] * a**2)
-    exact = np.log(np.trapezoid(density, a))
+    a, t = np.linspace(0, 12, 200001), np.array(evidence.SCALES)[:, None]
+    density = np.mean(2 * np.exp(-0.5 * (a / t) ** 2) / (np.sqrt(2 * np.pi) * t), axis=0)
+    exact = np.log(np.trapezoid(density * np.exp(b[0] * a - 0.5 * A[0, 0] * a**2), a))
     assert evidence.log_evidence(A, b, (True,)) == pytest.approx(exact, abs=1e-6)
+
+
+def test_an_effect_of_three_times_its_size_loses_less_than_a_normal_prior_would_take():
+    A, strong = np.array([[1e4]]), np.array([3e4])  # seen to a hundredth of its size, and three times as large
+    normal = 0.5 * strong @ np.linalg.solve(np.eye(1) + A, strong) - 0.5 * np.log(1 + 1e4)
+    assert normal + 1.5 < evidence.log_evidence(A, strong) < normal + 4.5
 
 
 def test_pairs_from_the_gram_matrix_are_those_of_brute_force():
@@ -125,15 +133,19 @@ def test_an_effect_of_another_size_in_each_pose_explains_nothing():
     one = [verdict.Candidate(("kink",), 40.0)]
     before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
     assert verdict.whole(before, after, one, constancy=0.5) == "explained"
+    assert verdict.whole(before, after, one, constancy=0.03) == "explained"
     assert verdict.whole(before, after, one, constancy=0.001) == "unexplained"
+    two = [verdict.Candidate(("kink", "point_mass"), 40.0)]
+    assert verdict.whole(before, after, two, constancy=0.03) == "unexplained"
 
 
-def test_a_field_that_is_clearly_likelier_takes_the_place_of_an_effect():
+def test_a_field_that_is_as_likely_ties_with_an_effect_and_a_far_likelier_one_takes_its_place():
     one = [verdict.Candidate(("kink",), 40.0)]
     before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
     assert verdict.whole(before, after, one, field=30.0) == "explained"
-    assert verdict.whole(before, after, one, field=45.0) == "tied"  # as likely: the kind may be a part of it
-    assert verdict.whole(before, after, one, field=60.0) == "unexplained"
+    assert verdict.whole(before, after, one, field=38.0) == "tied"  # the kind may be a part of it
+    assert verdict.whole(before, after, one, field=50.0) == "tied"
+    assert verdict.whole(before, after, one, field=70.0) == "unexplained"
 
 
 def test_what_predicts_unseen_poses_far_worse_explains_nothing():
