@@ -149,7 +149,7 @@ def _strings(a, site, c, places):
         slope = np.polyfit(distance - reach, forces, 1)[0]
         k = np.clip(slope, 6.0 * softest, 200.0 * softest)
         moved = {"position": float(site["position"]), "reach": reach, "place": place, "softest": softest}
-        out.append((np.array([_string_amplitude(k, softest), *pull]), moved))
+        out.append((np.array([_string_amplitude(k, softest), *pull]), moved, {}))
     return out
 
 

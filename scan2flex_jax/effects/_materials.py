@@ -34,6 +34,7 @@ def _plain(name, cls, *shape):
 
 
 _WIDTHS = (0.08, 0.18, 0.35)  # of the length: of the spans to scan
+_LOOSE = 0.5  # part of the bending stiffness that slipping takes away
 _STRONG = 0.5  # of a logarithm: spans that differ less are told from each other by their signatures
 
 
@@ -50,7 +51,7 @@ def _span(cls, carried):
         for other in order[1:]:
             wanted, trial = carried(factor) * width / other, np.geomspace(0.06, 17.0, 400)
             best = trial[np.argmin(np.abs(carried(trial) - wanted))]
-            out.append((np.log([best]), {**site, "width": other}))
+            out.append((np.log([best]), {**site, "width": other}, {}))
         return out
 
     return {
@@ -71,6 +72,19 @@ def _span(cls, carried):
 
 def _floats(site):
     return {name: float(x) for name, x in site.items()}
+
+
+def _loose_wires(a, site, c, places):
+    """From a bending law that softens much to one of stiff cores that slip early, as stiff where the cable is bent most."""
+    most = max(c.curvature_range[1], 0.1 / c.length)
+
+    def secant(lost, slip):
+        return 1.0 - lost + lost * min(slip / most, 1.0)
+
+    if a[0] < _LOOSE:
+        return []
+    early = {"slip_curvature": 0.2 * most}
+    return [(np.array([0.9]), early, {"bending_stiffness": secant(a[0], site["slip_curvature"]) / secant(0.9, 0.2 * most)})]
 
 
 def _split(parameters):
@@ -142,7 +156,7 @@ ENTRIES = (
         sites=lambda c: tuple(
             {"slip_curvature": k} for k in np.geomspace(0.1, 2.0, 7) * max(c.curvature_range[1], 0.1 / c.length)
         ),
-        one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)),
+        one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), other_starts=_loose_wires,
         signature="strongly bent poses look softer than gently bent ones; the misfit sits where the cable is bent most",
         settle="scan poses whose largest curvature is well below and well above the slip curvature",
         same_shapes=(("bending_stiffness", "a slip curvature far above or far below all curvatures"),),

@@ -84,9 +84,9 @@ class CatalogueEntry:
     there is no choice), ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their least
     and largest values, ``one_sided`` which of them cannot be negative. ``to_parameters`` and ``from_parameters``
     change to the format's parameters and back; ``rescaled`` says by which factor a parameter of the cable itself
-    changes in that exchange. ``other_starts(amplitude, site, context, places)`` lists more starts (amplitude, site) for a
-    refit that ended there, with the cable at ``places`` (m, one per pose) at its position. ``same_shapes``: kinds that
-    shapes alone cannot tell from it, each with the condition.
+    changes in that exchange. ``other_starts(amplitude, site, context, places)`` lists more starts for a refit that ended
+    there, with the cable at ``places`` (m, one per pose) at its position: amplitude, site, and factors on parameters of the
+    cable. ``same_shapes``: kinds that shapes alone cannot tell from it, each with the condition.
     ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
     """
 

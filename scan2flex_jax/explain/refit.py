@@ -94,6 +94,8 @@ class Prior:
                 low, high = -_TILT, _TILT
             if name == "width":
                 low, high = 0.5 * low, 1.5 * high
+            if name == "slip_curvature":
+                low = 0.2 * low
             self.low[i], self.high[i] = low, high
             self.width[i] = 12.0 / max(high - low, 1e-12) ** 2
 
@@ -105,8 +107,8 @@ def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = 
     """
     found = _refit(bench, tuple(components), noise, guess, amplitudes, None, most)
     ends = [found]
-    for other, begin in _other_starts(bench, found):
-        ends.append(_refit(bench, other, noise, found.vector, begin, configurations(found.shapes), 2 * most))
+    for other, begin, base in _other_starts(bench, found):
+        ends.append(_refit(bench, other, noise, base, begin, configurations(found.shapes), 2 * most))
     return max(ends, key=lambda f: f.log_evidence)
 
 
@@ -117,17 +119,21 @@ def again(bench: Bench, before: Refit, noise) -> Refit:
 
 
 def _other_starts(bench, found):
-    """Components and amplitudes of the starts that the entries propose after a first refit."""
+    """Components, amplitudes and base numbers of the starts that the entries propose after a first refit."""
     n = Numbers(bench, found.components)
     amplitudes = [found.vector[n.amplitudes(k)] for k in range(len(found.components))]
+    if not np.isfinite(found.cost):
+        return
+    nodes = np.linspace(0.0, bench.context.length, bench.elements + 1)
     for k, c in enumerate(found.components):
-        if "position" not in c.site or not np.isfinite(found.cost):
-            continue
-        nodes = np.linspace(0.0, bench.context.length, bench.elements + 1)
-        places = np.array([[np.interp(c.site["position"], nodes, x) for x in s.configuration.r.T] for s in found.shapes])
-        for a, site in c.entry.other_starts(amplitudes[k], c.site, bench.context, places):
+        at = c.site.get("position", 0.0)
+        places = np.array([[np.interp(at, nodes, x) for x in s.configuration.r.T] for s in found.shapes])
+        for a, site, factors in c.entry.other_starts(amplitudes[k], c.site, bench.context, places):
+            base = found.vector[: n.base].copy()
+            for slot in bench.layout.slots:
+                base[slot.at : slot.at + slot.size] += np.log(factors.get(slot.name, 1.0)) if slot.log else 0.0
             other = Component(c.kind, site)
-            yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]]
+            yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]], base
 
 
 def _refit(bench, components, noise, guess, amplitudes, start, most):

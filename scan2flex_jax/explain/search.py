@@ -20,11 +20,12 @@ from scan2flex_jax.explain.score import Test
 from scan2flex_jax.explain.sensitivity import Numbers
 from scan2flex_jax.explain.stage import Stage, one_step, test, test_after
 
-REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 4, 3, 2
+REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
 MOST_EFFECTS = 3
 _EXCHANGED = 2  # effects of the sets in which each is exchanged for others
 _ELSEWHERE = 0.05  # of the length: nearer places are the refit's to find
 _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
+_STRONG = 500.0  # nats of one-step evidence from which on one step says little: then the order of kinds is open
 
 
 @dataclass
@@ -77,6 +78,10 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     found.add(refit_singles(stage, found, progress))
     found.best = found.widest(1) or stage.base
     found.after = test_after(stage, found.best)
+    if found.after.p_value <= verdict.ALARM and (more := refit_more_singles(stage, found, progress)):
+        found.add(more)
+        found.best = found.widest(1) or stage.base
+        found.after = test_after(stage, found.best)
     most = min(MOST_EFFECTS, (stage.bench.poses.count + 1) // 2)
     while found.after.p_value <= verdict.ALARM and len(found.best.kinds) < most:
         count = len(found.best.kinds) + 1
@@ -143,20 +148,31 @@ def _without(stage, found, wider, dropped, progress) -> Refit:
 
 def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
     """Refits of the best kinds by evidence, and of the best by BIC; evidence relative to the base."""
-    n, table, amplitudes, statistics = len(stage.y), found.table, found.amplitudes, found.test.T
+    n, table, statistics = len(stage.y), found.table, found.test.T
     order = sorted(table, key=lambda k: -table[k][0])
-    worth = [k for k in order[:REFITS] if table[k][0] > table[order[0]][0] - _WORTH]
+    top = table[order[0]][0]
+    worth = [k for k in order[:REFITS] if table[k][0] > top - _WORTH or top > _STRONG]
     bic = {k: evidence.bic(statistics[table[k][1]], stage.groups[table[k][1]].rank, n) for k in table}
     worth += [k for k in sorted(bic, key=lambda k: -bic[k])[:2] if k not in worth]
     best = stage.components[table[order[0]][1]].entry
     rivals = [k for k in table if k in dict(best.same_shapes) or best.kind in dict(entry_of(k).same_shapes)]
     worth += [k for k in rivals if k not in worth and bic[k] > 0.5 * bic[order[0]]]
-    out = []
-    for kind in worth:
-        progress(f"refit with {kind}")
-        g = table[kind][1]
-        out.append(_relative(stage, [stage.components[g]], [amplitudes[g]]))
-    return out
+    return [_single(stage, found, kind, progress) for kind in worth]
+
+
+def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
+    """Refits of further kinds, where the best ones leave structure and effects are so strong that one step misleads."""
+    order = sorted(found.table, key=lambda k: -found.table[k][0])
+    if found.table[order[0]][0] <= _STRONG:
+        return []
+    rest = [k for k in order if frozenset([k]) not in found.refits]
+    return [_single(stage, found, kind, progress) for kind in rest[:MORE_REFITS]]
+
+
+def _single(stage, found, kind, progress):
+    progress(f"refit with {kind}")
+    g = found.table[kind][1]
+    return _relative(stage, [stage.components[g]], [found.amplitudes[g]])
 
 
 def refit_pairs(stage: Stage, values, progress) -> list[Refit]:

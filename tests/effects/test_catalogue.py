@@ -177,8 +177,9 @@ def test_strong_spans_are_tried_in_other_widths_that_carry_as_much(kind):
     entry, c, carried = ENTRIES[kind], scene.CONTEXT, CARRIED[kind]
     site = {"position": 0.4 * c.length, "width": 0.2 * c.length}
     starts = entry.other_starts(np.log([2.0]), site, c, np.zeros((1, 3)))
-    assert [other["width"] / c.length for _, other in starts] == pytest.approx([0.35, 0.08])
-    for a, other in starts:
+    assert [other["width"] / c.length for _, other, _ in starts] == pytest.approx([0.35, 0.08])
+    for a, other, factors in starts:
+        assert factors == {}
         assert other["position"] == site["position"]
         wanted = carried(2.0) * site["width"] / other["width"]
         reachable = wanted if wanted > -0.9 else carried(17.0)  # no span has a negative compliance
