@@ -143,8 +143,8 @@ def evidence(explanation, ax=None, most: int = 10):
     for i, r in enumerate(rows):
         ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
     ax.axvline(0.0, color="k", lw=0.8)
-    ax.margins(x=0.18)
-    ax.set(xlabel="log evidence over the plain rod (nats)")
+    low, high = ax.get_xlim()
+    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # the words need room
     return ax
 
 

@@ -76,6 +76,11 @@ def _plane(site, up):
     return normal, normal @ (site["place"] + site["offset"] * up)
 
 
+def _table(a, site, c):
+    normal, offset = _plane(site, jnp.asarray(c.up))
+    return (SupportPlane(normal, offset, a[0]),)
+
+
 def _plane_parameters(site, c):
     normal, offset = _plane(site, c.up)
     return {"normal": np.asarray(normal), "offset": float(offset)}
@@ -143,7 +148,8 @@ def _strings(a, site, c, places):
     pull, tension, place = pulls[tautest], forces[tautest], places[tautest]
     if tension < 1e-3 * c.force:
         return []
-    out, softest = [], _SOFTEST * _tether_size(c)[0]
+    out: list = []
+    softest = _SOFTEST * _tether_size(c)[0]
     for reach in (0.2 * c.length, 0.4 * c.length):
         distance = np.linalg.norm(places - place - reach * pull / tension, axis=1)
         slope = np.polyfit(distance - reach, forces, 1)[0]
@@ -199,7 +205,7 @@ ENTRIES = (
     CatalogueEntry(
         "support_plane", "energy", ("contact stiffness",),
         lambda c: np.array([20.0 * c.force / c.length**2]),  # N/m^2: its weight at a depth of 5 % of the length
-        build=lambda a, site, c: (SupportPlane(*_plane(site, jnp.asarray(c.up)), a[0]),),
+        build=_table,
         to_parameters=lambda a, site, c: _plane_parameters(site, c),
         from_parameters=lambda p, c: (np.array([CONTACT]), _plane_of(p, c)),
         sites=_ground, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),

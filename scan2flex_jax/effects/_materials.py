@@ -47,7 +47,7 @@ def _span(cls, carried):
         if abs(a[0]) < _STRONG:
             return []
         order = sorted((w * c.length for w in _WIDTHS), key=lambda w: abs(np.log(w / width)))
-        out = []
+        out: list = []
         for other in order[1:]:
             wanted, trial = carried(factor) * width / other, np.geomspace(0.06, 17.0, 400)
             best = trial[np.argmin(np.abs(carried(trial) - wanted))]

@@ -159,7 +159,7 @@ class Explanation:
     def in_words(self, r: Ranked) -> str:
         """The verdict of a kind in words that stand alone: of two kinds, less likely is not the same as not seen."""
         if r.verdict == INCONCLUSIVE and r.log_evidence > LEAD_FAVOURED:
-            return "better than nothing, explains too little" if self.verdict == UNEXPLAINED else "less likely"
+            return "explains too little" if self.verdict == UNEXPLAINED else "less likely"
         return r.verdict
 
     def summary(self) -> str:

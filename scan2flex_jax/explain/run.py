@@ -143,7 +143,7 @@ def _ranking(found, other):
         kind = r.kinds[0]
         p = float(found.test.adjusted[found.table[kind][1]])
         judged = _judged(kind, best, tie_kinds, found, r.log_evidence)
-        shapes = report.predicted(other, r) if other and judged[0] in (verdict.NAMED, verdict.FAVOURED, verdict.TIED) else None
+        shapes = report.predicted(other, r) if other else None
         out[kind] = report.ranked(
             bench, r, 0, log_evidence=r.log_evidence, p_value=p, verdict=judged[0], tied_with=judged[1],
             rms_fit=report.rms(bench, r.shapes), rms_validate=None if shapes is None else report.rms(other, shapes),

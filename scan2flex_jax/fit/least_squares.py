@@ -97,7 +97,7 @@ def levenberg_marquardt(
     local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
     e = evaluator(shared, local, start=start) if known is None else known
     cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
-    began, residuals = shared, max(np.count_nonzero(e.residual), 1)
+    began, residuals = shared, max(int(np.count_nonzero(e.residual)), 1)
     while np.isfinite(cost) and iteration < _MOST_ITERATIONS:
         share = cost / residuals
         bowl = _Bowl(goal, e, shared, local, share * goal.weak, began)

@@ -125,8 +125,8 @@ def _on_its_branches(problem, minimum, method):
         problem, minimum = best
     if unseen := problem.study.validate_poses:
         own = branches.distances(problem.predicted(minimum), problem.held_out.mask) / problem.length
-        turns = branches.nearest(problem, unseen, own > branches.FAR, minimum.shared, branches.BETTER)
-        problem.hold_out(branches.with_turns(problem.study, turns))
+        seen = branches.nearest(problem, unseen, own > branches.FAR, minimum.shared, branches.BETTER)
+        problem.hold_out(branches.with_turns(problem.study, seen))
     return problem, minimum
 
 
