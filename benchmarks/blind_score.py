@@ -72,6 +72,8 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
     out["top_1"] = bool(chosen) and chosen[0] in accept
     out["named_and_wrong"] = named and not set(chosen) <= accept
     out["both"] = len(truth) > 1 and truth <= set(chosen)
+    out["both_tied"] = len(truth) > 1 and bool(chosen) and truth <= ties
+    out["field_beside"] = any(k.startswith("field of") for k in ties)
     after, before, floor = result.get("after", {}), result.get("before", {}), result.get("floor")
     if floor and chosen:
         out["fit_over_floor"] = after.get("rms_fit", float("nan")) / floor
@@ -79,10 +81,14 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
             out["validate_over_floor"] = after["rms_validate"] / floor
             out["validate_better"] = after["rms_validate"] < before["rms_validate"]
     places = {e["kind"]: e["position"] for e in answer.get("effect", []) if "position" in e}
-    off_by = [abs(c["parameters"]["position"] - places[c["kind"]]) / answer.get("true_length", answer.get("length"))
-              for c in result.get("chosen", []) if c["kind"] in places and "position" in c["parameters"]]  # fmt: skip
+    errors = {r["kind"]: r.get("std", {}).get("position") for r in result.get("ranking", [])}
+    length, off_by = answer.get("true_length", answer.get("length")), []
+    for c in result.get("chosen", []):
+        if c["kind"] in places and "position" in c["parameters"]:
+            off_by.append((abs(c["parameters"]["position"] - places[c["kind"]]) / length, (errors[c["kind"]] or 0.0) / length))
     if off_by:
-        out["place_off_by"] = max(off_by)
+        worst, error = max(off_by)
+        out |= {"place_off_by": worst, "place_std": error, "place_covered": worst <= 1.96 * error}
     for name in ("bending_stiffness", "torsional_stiffness"):
         e, true = result.get("estimates", {}).get(name, {}), answer.get(f"true_{name}")
         if "low" in e and true is not None:
@@ -121,15 +127,18 @@ def table(rows: list[dict]) -> dict:
         "mean_tie_set": mean([r for r in one if r["chosen"]], lambda r: len(r["ties"])),
         "top_1": share(one, "top_1"), "top_1_above_1.5": share(strong, "top_1"),
         "named_and_wrong": share(one + off + none, "named_and_wrong"),
-        "both_of_a_pair": share(two, "both"), "one_of_a_pair": share(two, "in_tie_set"),
+        "both_of_a_pair": share(two, "both"), "both_tied": share(two, "both_tied"), "one_of_a_pair": share(two, "in_tie_set"),
         "off_catalogue_flagged": share([{"f": r["verdict"] == "unexplained"} for r in off], "f"),
         "off_catalogue_flagged_or_right": share([{"f": r["verdict"] == "unexplained" or r["in_tie_set"]} for r in off], "f"),
+        "off_catalogue_field": share([{"f": r["verdict"] == "unexplained" or r["field_beside"]} for r in off], "f"),
         "fit_within_5_percent": under(right, "fit_over_floor", 1.05),
         "validate_better": share(chosen, "validate_better"),
         "validate_within_1.15": under(right, "validate_over_floor", 1.15),
         "validate_within_1.15_no_tolerance": under([r for r in right if not r["tolerances"]], "validate_over_floor", 1.15),
         "coverage_95": share(covers, "c"),
         "place_within_2_percent": under(one + two, "place_off_by", 0.02),
+        "place_within_2_percent_if_seen": under([r for r in one + two if r.get("place_std", 1.0) < 0.01], "place_off_by", 0.02),
+        "place_covered": share(one + two, "place_covered"),
         "seconds_mean": mean([r for r in rows if r.get("seconds")], lambda r: r["seconds"]),
         "seconds_most": max((r["seconds"] for r in rows if r.get("seconds")), default=None),
     }  # fmt: skip

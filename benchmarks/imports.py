@@ -1,18 +1,19 @@
 """How long `import scan2flex_jax` takes, beside jax and equinox alone, each in processes of its own.
 
-`python -m benchmarks.imports` writes `benchmarks/results/imports.json`. The package's own import loads no JAX (reading a study
-needs none), so beside it stand those of the public functions that compute.
+`python -m benchmarks.imports` writes `benchmarks/results/imports.json`. Seconds are those that the processor spent (user and
+system), which other programs on the machine disturb least; the imports take turns, so that a slow spell meets all of them.
+The package's own import loads no JAX (reading a study needs none), so beside it stand those of the functions that compute.
 """
 
+import argparse
+import os
 import subprocess
 import sys
-from time import perf_counter
 
 import numpy as np
 
-from benchmarks.record import record
+from benchmarks.record import conclude
 
-REPEATS = 9
 TARGET = 1.5
 WHAT = {
     "python alone": "pass",
@@ -24,23 +25,35 @@ WHAT = {
     "explain": "from scan2flex_jax import explain, plan",
     "extraction": "from scan2flex_jax.scan import extract",
     "every public name": "import scan2flex_jax as s\nfor n in s.__all__: getattr(s, n)",
+    "scan2flex --help": "import sys; sys.argv[1:] = ['--help']; from scan2flex_jax.cli import main; main()",
 }
 
 
+def processor_seconds(code: str) -> float:
+    """What a Python of its own spends on the code."""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{code!r} ended with exit code {process.returncode}")
+    return usage.ru_utime + usage.ru_stime
+
+
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeats", type=int, default=9)
+    repeats = parser.parse_args().repeats
     seconds: dict[str, list[float]] = {name: [] for name in WHAT}
-    for _ in range(REPEATS + 1):  # in turns, so that a slow spell of the machine meets all; the first round warms the disk
+    for _ in range(repeats + 1):  # the first round warms the disk
         for name, code in WHAT.items():
-            begin = perf_counter()
-            subprocess.run([sys.executable, "-c", code], check=True)
-            seconds[name].append(perf_counter() - begin)
-    found = {n: {"min_s": min(s[1:]), "median_s": float(np.median(s[1:])), "repeats": REPEATS} for n, s in seconds.items()}
+            seconds[name].append(processor_seconds(code))
+    found = {n: {"min_s": min(s[1:]), "median_s": float(np.median(s[1:])), "repeats": repeats} for n, s in seconds.items()}
     bare = found["jax and equinox"]["min_s"]
-    for row in found.values():
-        row["over jax and equinox"] = row["min_s"] / bare
     for name, row in found.items():
+        row["over jax and equinox"] = row["min_s"] / bare
         print(f"{name:<22}{row['min_s']:7.3f} s (median {row['median_s']:.3f})  {row['over jax and equinox']:.2f} of those")
-    record("imports", {"target": TARGET, "imports": found})
+    ratios = {f"{name} over jax and equinox": found[name]["over jax and equinox"] for name in list(WHAT)[2:]}
+    conclude("imports", {"seconds of": "the processor", "target": TARGET, "imports": found}, ratios)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
-"""The README's tables, from the JSON files in `benchmarks/results`.
+"""The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
 
-`python -m benchmarks.tables` from the repository's root rewrites what stands in README.md between `<!-- table:NAME -->` and
-`<!-- end -->`. A figure that a file lacks is a dash.
+`python -m benchmarks.tables` from the repository's root rewrites what stands on each page between `<!-- table:NAME -->` and
+`<!-- end -->`. A figure that a file lacks is a dash. The README's tables are here; those of a page of its own stand beside it.
 """
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -60,7 +61,10 @@ def equilibrium() -> str:
         rows.append([f"{n} elements, generic start", milliseconds(meshes[n]["generic"]["min_s"]), power])
     if "batch" in r:
         b = r["batch"]
-        rows.append([f"each of {b['cables']} cables in one batch", milliseconds(b["s per cable"]), f"{b['solved']} solved"])
+        mean, most = b["steps: mean, most"]
+        told = {"loop": f"{b['solved']} solved", "loop in one call": f"{mean:.1f} steps each", "vmap": f"{most:.0f} steps each"}
+        for way, words in told.items():
+            rows.append([f"each of {b['cables']} cables, {way} (processor time)", milliseconds(b[way]["s per cable"]), words])
     for name, words in (("compiling", "first call, compiling"), ("from the cache", "first call, from the compilation cache")):
         rows.append([words, f"{r['first call'][name]['first_s']:.1f} s", "imports left out"])
     return table(["one equilibrium", "least time", "what it took"], rows) + made_on(entry)
@@ -89,7 +93,7 @@ _BLIND = (  # key, what it says, what is asked for
     ("named_and_wrong", "named alone, and wrong", "2 % at most"),
     ("both_of_a_pair", "two effects: both found", "80 %"),
     ("one_of_a_pair", "two effects: at least one in the tie set", "-"),
-    ("off_catalogue_flagged", "an effect that no catalogue has: answered \"unexplained\"", "75 %"),
+    ("off_catalogue_flagged", 'an effect that no catalogue has: answered "unexplained"', "75 %"),
     ("fit_within_5_percent", "ranked first and right: RMS after within 5 % of the noise", "all"),
     ("validate_better", "poses never fitted: predicted better than before", "90 %"),
     ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
@@ -131,40 +135,42 @@ def ablations() -> str:
     return table(["", *(words for _, words in _ABLATED)], rows) + made_on(entry)
 
 
-def peers() -> str:
-    """Other programs on the same cables: time at equal accuracy and error at equal mesh, both over ours."""
-    entry = load("peers")
-    results, rows = entry["results"], []
-    for name, about in results["peers"].items():
-        r = results["ratios"].get(name)
-        if r is None:
-            continue
-        spread = [r["seconds over ours at equal accuracy"], r["error over ours at equal mesh"]]
-        words = ["-" if x is None else f"{x['least']:.2g} ({x['median']:.2g})" for x in spread]
-        most = "-" if r["memory_MB"] is None else f"{r['memory_MB']:.0f} MB"
-        least = about.get("missing", "-") if r["least error"] is None else f"{r['least error']:.1e}"
-        rows.append([name, about["what"], least, *words, most])
-    head = ["program", "how", "least error", "time over ours, as accurate", "error over ours, same mesh", "memory"]
-    return table(head, rows) + made_on(entry)
-
-
 def sensitivity() -> str:
     """Recovery from grids of guesses, and what turned clamps do to the estimates."""
     entry = load("sensitivity")
     r, rows = entry["results"], []
-    for size, methods in r["guesses"].items():
-        for method, g in methods.items():
-            found = f"{g['recovered']} of {g['guesses']} recovered"
-            rows.append([f"{size} guesses, {method}", found, f"{g['median equilibria']:.0f} equilibria (median)"])
+    for name, g in r["guesses"].items():
+        some = "" if g["run"] == g["guesses"] else f" (a random {g['run']} of {g['guesses']:,})"
+        found = f"{g['recovered']:,} of {g['run']:,} recovered{some}"
+        took = f"{g['median equilibria']:.0f} equilibria, {g['median_s']:.1f} s (medians)"
+        rows.append([f"guesses {name}{_earlier(g)}", found, took])
     for name, c in r["clamps"].items():
-        EI, GJ = (c[k] for k in ("bending_stiffness", "torsional_stiffness"))
-        means = ", ".join(f"{100 * x['mean']:+.2f} ± {100 * x['standard error']:.2f} %" for x in (EI, GJ))
-        low = [100 * x for x in (EI["underestimated"], GJ["underestimated"], c["both underestimated"])]
-        below = "below the truth: {:.0f}, {:.0f} %, both {:.0f} %".format(*low)
-        rows.append([f"clamps turned within 3 degrees, {name} ({c['draws']} draws): mean error of EI, GJ", means, below])
+        own = {letter: c[k] for letter, k in (("EI", "bending_stiffness"), ("GJ", "torsional_stiffness")) if k in c}
+        means = ", ".join(_percent(x["mean"], x["standard error"]) for x in own.values())
+        below = "below the truth: " + ", ".join(f"{100 * x['underestimated']:.0f} %" for x in own.values())
+        below += f", both {100 * c['both underestimated']:.0f} %" if "both underestimated" in c else ""
+        if all("linear in the turns" in x for x in own.values()):
+            below += "; linear in the turns: " + ", ".join(f"{100 * x['linear in the turns']:.0f} %" for x in own.values())
+        rows.append(
+            [f"clamps turned, {name} ({c['draws']:,} draws{_earlier(c)}): mean error of {', '.join(own)}", means, below]
+        )
     for name, c in r.get("natural curvature", {}).items():
         rows.append([f"natural curvature {name}", f"{c['recovered']} of {c['starts']} starts recovered", ""])
+    for c in r.get("cantilever", {}).values():
+        low, high = c["measured over formula, EI/(w L^3) above 1"]
+        power = f"grows with the power {c['power of EI/(g rhoA), stiff half']:.2f} of EI/(g rhoA)"
+        rows.append(["cantilever: error of EI over the formula, EI/(w L^3) above 1", f"{low:.3f} to {high:.3f}", power])
     return table(["sensitivity", "", ""], rows) + made_on(entry)
+
+
+def _earlier(figures) -> str:
+    """Says of figures that a sweep of the release before made that they are its own."""
+    return ", earlier run" if figures.get("by") == "the release before" else ""
+
+
+def _percent(log, error) -> str:
+    """The mean of a logarithm and its standard error, as a change in per cent."""
+    return f"{100 * math.expm1(log):+.2f} ± {100 * math.exp(log) * error:.2f} %"
 
 
 def kinect() -> str:
@@ -181,17 +187,31 @@ def kinect() -> str:
 
 
 TABLES = {
-    "blind": blind, "ablations": ablations, "kinect": kinect, "sensitivity": sensitivity, "fit": fit, "equilibrium": equilibrium
+    "blind": blind,
+    "ablations": ablations,
+    "kinect": kinect,
+    "sensitivity": sensitivity,
+    "fit": fit,
+    "equilibrium": equilibrium,
 }  # in the order of the README
 
 
-def filled(text: str) -> str:
+def pages() -> dict:
+    """Every page with its tables, in the order of the page."""
+    from benchmarks import robustness_tables, scanning_tables, sweep_tables  # noqa: PLC0415 - made with what stands above
+    from benchmarks.peers import tables as peers_tables  # noqa: PLC0415
+
+    return {README: TABLES} | {m.PAGE: m.TABLES for m in (scanning_tables, sweep_tables, peers_tables, robustness_tables)}
+
+
+def filled(text: str, tables: dict = TABLES) -> str:
     """The text with its tables made anew."""
-    return _PART.sub(lambda m: m[1] + TABLES[m[2]]() + m[3], text)
+    return _PART.sub(lambda m: m[1] + tables[m[2]]() + m[3], text)
 
 
 def main() -> None:
-    README.write_text(filled(README.read_text()))
+    for page, tables in pages().items():
+        page.write_text(filled(page.read_text(), tables))
 
 
 if __name__ == "__main__":

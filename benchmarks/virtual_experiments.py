@@ -15,6 +15,7 @@ the results.
 """
 
 import argparse
+import json
 import sys
 import tempfile
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ import trimesh
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-from benchmarks.record import record
+from benchmarks.record import RESULTS, record
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fit import fit
 from scan2flex_jax.scan import scanner
@@ -225,15 +226,40 @@ def picture(x: Experiment, f, run, path: Path) -> None:
     space, along = figure.add_subplot(1, 2, 1, projection="3d"), figure.add_subplot(1, 2, 2)
     for k, (name, role, twist) in enumerate(x.poses):
         colour, cloud = f"C{k}", scanned(x, twist, k).points
+        words = f"{name} ({'fitted' if role == 'fit' else 'never fitted'})"
         space.plot(*cloud[:: max(1, len(cloud) // 1500)].T, ".", ms=0.7, color=colour, alpha=0.4)
-        space.plot(*f.poses[name].modelled.T, color=colour, label=f"{name} ({role})")
+        space.plot(*f.poses[name].modelled.T, color=colour, label=words)
         e = run["poses"][name]["along"]
-        along.plot(e["s_data"], e["data_from_model_mm"], color=colour, lw=0.8, alpha=0.6)
-        along.plot(e["s"], e["model_from_truth_mm"], color=colour, lw=2.0, label=f"{name}, from the truth")
+        along.plot(e["s_data"], e["data_from_model_mm"], color=colour, lw=0.8, alpha=0.5)
+        along.plot(e["s"], e["model_from_truth_mm"], color=colour, lw=2.0, ls="-" if role == "fit" else "--", label=words)
     space.set_aspect("equal")
+    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     space.legend(fontsize="small")
-    along.set(xlabel="s (m)", ylabel="distance (mm)", title=f"{x.title}, data {run['data']}: thin = from the scan")
+    title = f"{x.title}: modelled from true centre line (thick), scan from model (thin)"
+    along.set(xlabel="s (m)", ylabel="distance (mm)", ylim=(0.0, None))
+    along.set_title(title, fontsize="medium")
     along.legend(fontsize="small")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=130)
+
+
+def drawn(results, path: Path, data: str = "cloud") -> None:
+    """Point-wise distances along s of every pose, as in the paper's Fig. 4, from the record: the first run of each cable."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    names = [name for name in EXPERIMENTS if name.endswith("two views") and results["runs"].get(name)]
+    figure = Figure(figsize=(6.0 * len(names), 5.5), layout="constrained")
+    rows = figure.subplots(2, len(names), squeeze=False, sharex="col")
+    for (above, below), name in zip(rows.T, names, strict=True):
+        run = next(r for r in results["runs"][name] if r["data"] == data and "failed" not in r)
+        for k, (pose, p) in enumerate(run["poses"].items()):
+            e, unseen = p["along"], p["role"] == "validate"
+            look = {"color": f"C{k}", "ls": "--" if unseen else "-", "label": f"{pose}{', never fitted' if unseen else ''}"}
+            above.plot(e["s"], e["model_from_truth_mm"], lw=1.8, **look)
+            below.plot(e["s_data"], e["data_from_model_mm"], lw=1.0, **look)
+        above.set(title=name, ylabel="modelled from true centre line (mm)", ylim=(0.0, None))
+        below.set(xlabel="s (m)", ylabel="scan from modelled one (mm)", ylim=(0.0, None))
+        above.legend(fontsize="small")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130)
 
@@ -241,10 +267,14 @@ def picture(x: Experiment, f, run, path: Path) -> None:
 def main() -> None:
     """Run all experiments with several seeds."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draw", type=Path, help="draw what the record has into this file, and run nothing")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--only", default="", help="experiments whose name holds this")
     parser.add_argument("--pictures", type=Path)
     options = parser.parse_args()
+    if options.draw:
+        drawn(json.loads((RESULTS / "virtual_experiments.json").read_text())["results"], options.draw)
+        return
     jax.config.update("jax_enable_x64", True)
     results = {"truth": {name: x.truth for name, x in EXPERIMENTS.items()}, "runs": {}, "summary": {}}
     for name, x in EXPERIMENTS.items():

@@ -10,18 +10,18 @@ import json
 import sys
 
 from benchmarks.peers import compare, continuum, picture
-from benchmarks.peers.bench import LONGEST, run
+from benchmarks.peers.bench import LONGEST, Process
 from benchmarks.peers.problems import PROBLEMS
-from benchmarks.peers.solvers import PEERS
-from benchmarks.record import RESULTS, record
+from benchmarks.peers.solvers import MESHES, PEERS
+from benchmarks.record import RESULTS, conclude, record
 
 
 def main() -> None:
     arguments = _arguments()
     file = RESULTS / "peers.json"
-    before = json.loads(file.read_text())["results"] if file.exists() else {}
     results = {"problems": {}, "peers": {}, "runs": []}
-    if arguments.only is not None:
+    if arguments.only is not None and file.exists():
+        before = json.loads(file.read_text())["results"]
         results |= {key: before[key] for key in ("problems", "peers", "runs", "fits", "limits") if key in before}
     curves = {}
     for name, problem in PROBLEMS.items():
@@ -29,15 +29,16 @@ def main() -> None:
             curves[name] = continuum.solve(problem, continuum.LOOSE)
         else:
             curves[name], results["problems"][name] = continuum.reference(problem)
+    ours = Process(compare.OURS)
     for name in PEERS if arguments.only is None else arguments.only:
-        about, rows = _of(PEERS[name], curves, _interpreter(name, arguments.python), arguments.longest)
+        about, rows = _of(PEERS[name], ours, curves, arguments)
         results["peers"][name] = about
         results["runs"] = [r for r in results["runs"] if r["peer"] != name] + rows
         _written(results)
         sys.stderr.write(f"{name}: {about.get('missing') or about.get('failed') or f'{len(rows)} results'}\n")
+    ours.close()
     _more(arguments, results)
-    for sentence in compare.fallen(before.get("ratios", {}), results["ratios"]):
-        sys.stderr.write(f"WORSE: {sentence}\n")
+    conclude("peers", results, compare.watched(results))
 
 
 def _more(arguments, results):
@@ -54,20 +55,30 @@ def _more(arguments, results):
         _written(results)
 
 
-def _of(peer, curves, interpreter, longest):
-    about = {"family": peer.family, "what": peer.what}
-    rows = []
-    for answer in run(peer.name, PROBLEMS, peer.sizes, interpreter, longest):
-        if "problem" in answer:
-            rows += compare.scored(peer.name, answer, curves[answer["problem"]])
-        else:
-            about |= answer
-    return about, rows
+def _of(peer, ours, curves, arguments):
+    """One peer on everything; after each of its answers our solver is asked the same, on all meshes."""
+    process, rows = Process(peer.name, _interpreter(peer.name, arguments.python), arguments.longest), []
+    about = {"family": peer.family, "what": peer.what} | process.about
+    for problem in PROBLEMS if process.ready else ():
+        for size in peer.sizes:
+            answer = process.ask(problem, size)
+            beside = {n: ours.ask(problem, n) for n in MESHES} if "failed" not in answer else {}
+            rows += compare.scored(peer.name, answer | {"problem": problem, "size": size}, beside, curves[problem])
+    process.close()
+    return about | memory(peer, _interpreter(peer.name, arguments.python)) if rows else about, rows
+
+
+def memory(peer, interpreter) -> dict:
+    """Megabytes of a fresh process that has solved `level` once at the peer's second size, and nothing else."""
+    process = Process(peer.name, interpreter)
+    answer = process.ask("level", peer.sizes[1])
+    process.close()
+    return {"memory_MB": answer["memory_MB"]} if "failed" not in answer else {}
 
 
 def _written(results):
     order = list(PEERS)
-    results["runs"].sort(key=lambda r: order.index(r["peer"]))
+    results["runs"] = sorted(compare.with_the_least(results["runs"]), key=lambda r: order.index(r["peer"]))
     results["ratios"] = compare.ratios(results["runs"])
     record("peers", results)
     if compare.usable(results["runs"]):
@@ -88,7 +99,7 @@ def _arguments():
     parser.add_argument("--python", action="append", default=[], metavar="PEER=INTERPRETER")
     parser.add_argument("--skip-fits", action="store_true")
     parser.add_argument("--skip-limits", action="store_true")
-    parser.add_argument("--longest", type=float, default=LONGEST, help="wall seconds for one peer")
+    parser.add_argument("--longest", type=float, default=LONGEST, help="wall seconds for one answer")
     return parser.parse_args()
 
 

@@ -1,9 +1,10 @@
-"""One peer on all problems and sizes, in a fresh process on one processor: `python -m benchmarks.peers.bench < request`.
+"""One peer in a process of its own on one processor, which answers one question at a time, so that two can be asked in turn.
 
-The request (JSON) names the peer and the file for the answers, one JSON line each: points for each `Found`, seconds of the
-first solve (what is compiled or built included), median and least processor and wall seconds of the repeats after it, and the
-largest memory of the process so far. Processor seconds of all threads of the process are what is compared: other jobs on the
-machine change them less than the wall clock. `run` starts such a process with this interpreter or another that has the library.
+`Process` starts `python -m benchmarks.peers.bench` with this interpreter or another that has the library. The first line that
+it reads names the peer, each other line a problem and a size (JSON). Each answer is a line of JSON: points for each `Found`,
+seconds of the first solve (what is compiled or built included), least and median processor and wall seconds of the repeats
+after it, and the largest memory of the process so far. What is compared are the least processor seconds of all threads of the
+process: other jobs on the machine change them less than the wall clock, and what still does meets both of two asked in turn.
 """
 
 import importlib
@@ -12,9 +13,9 @@ import json
 import os
 import platform
 import resource
+import select
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from time import perf_counter, process_time
 
@@ -24,48 +25,76 @@ from benchmarks.peers.problems import PROBLEMS
 from benchmarks.peers.solvers import PEERS
 
 ENOUGH, MOST = 1.0, 25  # processor seconds spent on repeats, and their number
-LONGEST = 1800  # wall seconds for a process; what it had done by then counts
+LONGEST = 600.0  # wall seconds for one answer
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 _LIBRARIES = {"elastica": ("pyelastica", "numba"), "mujoco": ("mujoco",), "casadi": ("casadi",), "scipy": ("scipy",),
               "jax": ("jax", "jaxlib", "optimistix", "equinox")}  # fmt: skip
 
 
-def run(peer, problems, sizes, interpreter=sys.executable, longest=LONGEST) -> list[dict]:
-    """The answers of one process; the last one may say ``missing`` or ``failed`` in a sentence."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "answers.jsonl"
-        file.touch()
-        request = {"peer": peer, "problems": list(problems), "sizes": list(sizes), "answers": str(file)}
-        command, said = [interpreter, "-m", "benchmarks.peers.bench"], None
-        options = {"input": json.dumps(request), "env": os.environ | _ONE_THREAD, "capture_output": True, "text": True}
+class Process:
+    """A peer that is ready to answer; `about` says what it is, or why it is not there (``missing``, ``failed``)."""
+
+    def __init__(self, peer: str, interpreter: str = sys.executable, longest: float = LONGEST):
+        """Start it; answers come through a pipe of their own, since libraries print what they like."""
+        self.longest = longest
+        here, there = os.pipe()
+        command = [interpreter, "-m", "benchmarks.peers.bench", str(there)]
+        options = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "text": True}
+        self.child = subprocess.Popen(command, env=os.environ | _ONE_THREAD, pass_fds=(there,), **options)
+        os.close(there)
+        self.answers = os.fdopen(here)
+        self.about = self._told({"peer": peer})
+
+    @property
+    def ready(self) -> bool:
+        """Whether it can be asked."""
+        return "missing" not in self.about and self.child.poll() is None
+
+    def ask(self, problem: str, size: float) -> dict:
+        """The answer on one problem at one size; ``failed`` in a sentence if there is none."""
+        if not self.ready:
+            return {"failed": "the process has ended"}
+        return {"problem": problem, "size": size} | self._told({"problem": problem, "size": size})
+
+    def close(self) -> None:
+        """End it."""
+        self.child.stdin.close()
+        self.child.wait(10.0)
+        self.answers.close()
+
+    def _told(self, question):
         try:
-            done = subprocess.run(command, timeout=longest, check=False, **options)
-            if done.returncode:
-                said = f"the process ended with code {done.returncode}: {' '.join(done.stderr.strip().splitlines()[-1:])}"
-        except subprocess.TimeoutExpired:
-            said = f"stopped after {longest} s of wall time"
-        answers = [json.loads(line) for line in file.read_text().splitlines()]
-        return answers + ([{"failed": said}] if said else [])
+            self.child.stdin.write(json.dumps(question) + "\n")
+            self.child.stdin.flush()
+        except BrokenPipeError:
+            return {"failed": f"the process ended with code {self.child.wait()}"}
+        if not select.select([self.answers], [], [], self.longest)[0]:
+            self.child.kill()
+            self.child.wait()
+            return {"failed": f"stopped after {self.longest:g} s of wall time"}
+        line = self.answers.readline()
+        return json.loads(line) if line else {"failed": f"the process ended with code {self.child.wait()}"}
 
 
-def measured(module, peer, problem, size) -> dict:
-    """One problem at one size."""
-    began = process_time()
+def measured(module, peer, problem, size, kept) -> dict:
+    """One problem at one size; ``kept`` holds what was prepared and solved before, so that asking again only repeats."""
     try:
-        solve = module.prepare(problem, size, **peer.options)
-        prepared, begin = process_time() - began, process_time()
-        found = solve()
+        if (problem.name, size) not in kept:
+            began = process_time()
+            solve = module.prepare(problem, size, **peer.options)
+            prepared, begin = process_time() - began, process_time()
+            found = solve()
+            kept[problem.name, size] = solve, found, {"prepare_s": prepared, "first_s": process_time() - begin}
+        solve, found, told = kept[problem.name, size]
+        times, runs = _repeated(solve, told["first_s"], found)
     except (FloatingPointError, RuntimeError, ValueError) as error:
         return {"failed": str(error)}
-    first = process_time() - begin
-    times, runs = _repeated(solve, first, found)
     return {
-        "prepare_s": prepared,
-        "first_s": first,
+        **told,
         **times,
         "found": [
-            {"s": f.s.tolist(), "points": f.points.tolist(), "told": f.told, "seconds": seconds or times["median_s"]}
-            for f, seconds in zip(found, (_median_of(runs, i) for i in range(len(found))), strict=True)
+            {"s": f.s.tolist(), "points": f.points.tolist(), "told": f.told, "seconds": seconds or times["min_s"]}
+            for f, seconds in zip(found, (_least_of(runs, i) for i in range(len(found))), strict=True)
         ],
         "memory_MB": _memory(),
     }
@@ -85,13 +114,18 @@ def _repeated(solve, first, found):
     return medians | {"repeats": len(busy)}, runs
 
 
-def _median_of(runs, i):
+def _least_of(runs, i):
     """Processor seconds until the i-th thing found, None for a solve that finds one at its end."""
     seconds = [run[i].seconds for run in runs if i < len(run)]
-    return None if None in seconds or not seconds else float(np.median(seconds))
+    return None if None in seconds or not seconds else min(seconds)
 
 
 def _memory():
+    """Largest resident set so far (MB); what `getrusage` tells begins with that of the process that started this one."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
+        return round(float(line.split()[1]) / 1024, 1)
     return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
 
 
@@ -99,9 +133,9 @@ def _versions(peer):
     return {"python": platform.python_version()} | {x: importlib.metadata.version(x) for x in _LIBRARIES[peer.needs]}
 
 
-def answers(request):
-    """First a line about the peer, then one for each problem and size."""
-    peer = PEERS[request["peer"]]
+def answers(questions):
+    """First a line about the peer that the first question names, then one for each problem and size."""
+    peer = PEERS[next(questions)["peer"]]
     if peer.missing():
         yield {"missing": peer.missing()}
         return
@@ -112,18 +146,17 @@ def answers(request):
         yield {"missing": sentence}
         return
     yield {"import_s": process_time() - began, "memory_after_import_MB": _memory(), "versions": _versions(peer)}
-    for size in request["sizes"]:
-        for name in request["problems"]:
-            yield {"problem": name, "size": size} | measured(module, peer, PROBLEMS[name], size)
+    kept = {}
+    for question in questions:
+        yield measured(module, peer, PROBLEMS[question["problem"]], question["size"], kept)
 
 
 def main() -> None:
-    request = json.loads(sys.stdin.read())
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    with Path(request["answers"]).open("a") as file:
-        for answer in answers(request):
-            file.write(json.dumps(answer) + "\n")
-            file.flush()
+    with os.fdopen(int(sys.argv[1]), "w") as pipe:
+        for answer in answers(json.loads(line) for line in sys.stdin):
+            pipe.write(json.dumps(answer) + "\n")
+            pipe.flush()
 
 
 if __name__ == "__main__":

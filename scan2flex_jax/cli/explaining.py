@@ -5,15 +5,27 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, draw_explanation, explained
+from scan2flex_jax.cli.options import (
+    NOT_TO_BELIEVE,
+    Elements,
+    JsonFile,
+    StudyFolder,
+    draw_explanation,
+    explained,
+    folder_to_write,
+)
 from scan2flex_jax.cli.setup import prepare_jax, progress
 
 
 def explain(
     study: StudyFolder,
     json: JsonFile = None,
-    figures: Annotated[Path | None, typer.Option(help="Folder for pictures of the evidence, residuals and shapes.")] = None,
-    save: Annotated[Path | None, typer.Option(help="Save the study with the effect declared to this folder.")] = None,
+    figures: Annotated[
+        Path | None, typer.Option(help="Folder for pictures of the evidence, residuals and shapes.", callback=folder_to_write)
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Save the study with the effect declared to this folder.", callback=folder_to_write)
+    ] = None,
     elements: Elements = 40,
 ) -> None:
     """Find which physics the model lacks, with the error before and after.

@@ -14,6 +14,8 @@ from scan2flex_jax.cli.options import (
     draw_explanation,
     drawing,
     explained,
+    folder_to_write,
+    picture_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
 
@@ -40,8 +42,12 @@ def fit(
         typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.", autocompletion=choices(*_DISTANCES)),
     ] = "normal",
     json: JsonFile = None,
-    save: Annotated[Path | None, typer.Option(help="Save the study with its estimates to this folder.")] = None,
-    figure: Annotated[Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.")] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Save the study with its estimates to this folder.", callback=folder_to_write)
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.", callback=picture_to_write)
+    ] = None,
     elements: Elements = 40,
 ) -> None:
     """Estimate the unknowns of a study from its shapes.
@@ -70,7 +76,7 @@ def fit(
 
 def simulate(
     study: StudyFolder,
-    out: Annotated[Path, typer.Option(help="Folder for the CSV files.")] = Path("simulated"),
+    out: Annotated[Path, typer.Option(help="Folder for the CSV files.", callback=folder_to_write)] = Path("simulated"),
     json: JsonFile = None,
     elements: Elements = 40,
 ) -> None:
@@ -98,7 +104,9 @@ def simulate(
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the pictures and results.")] = Path("scan2flex-demo"),
+    out: Annotated[Path, typer.Option(help="Folder for the pictures and results.", callback=folder_to_write)] = Path(
+        "scan2flex-demo"
+    ),
 ) -> None:
     """Fit two studies that come with the package, and find what the rod lacks for the real wire.
 

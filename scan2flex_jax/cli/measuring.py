@@ -1,5 +1,6 @@
 """Commands that come before a fit: new, pose, curve, check, extract."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,8 @@ from scan2flex_jax.cli.options import (
     choices,
     drawing,
     extracted,
+    file_to_write,
+    folder_to_write,
     interactive,
 )
 from scan2flex_jax.cli.setup import prepare_jax
@@ -62,7 +65,9 @@ def new(
     gravity: Annotated[str | None, typer.Option(help="Gravity in the scan frame, m/s^2; left out, 0,0,-9.81.")] = None,
     validate: Annotated[list[str] | None, typer.Option(help="A pose that no fit may use; may be repeated.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the study.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of the study; left out, DIR itself.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the study; left out, DIR itself.", callback=folder_to_write)
+    ] = None,
 ) -> None:
     """Start a study from a folder of scans or centre curves; asks for what it cannot know.
 
@@ -102,7 +107,9 @@ def new(
     toml = save_study(study, out or folder)
     for note in notes:
         typer.echo(f"  {note}")
-    typer.echo(f"\n{describe(load_study(toml))}\nwritten: {toml}; look it through, then: scan2flex fit {toml.parent}")
+    typer.echo(
+        f"\n{describe(load_study(toml))}\nwritten: {toml}; look it through, then: scan2flex fit {shlex.quote(str(toml.parent))}"
+    )
 
 
 def _quantity(given, what, question, option):
@@ -212,10 +219,12 @@ def pose(
 def curve(
     file: Annotated[Path, typer.Argument(help="Text file with a centre curve, as another tool wrote it.")],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="CSV to write; left out, the numbers are only looked at.")
+        Path | None,
+        typer.Option("--out", "-o", help="CSV to write; left out, the numbers are only looked at.", callback=file_to_write),
     ] = None,
     units: Units = None,
     columns: Columns = None,
+    json: JsonFile = None,
 ) -> None:
     """Turn a centre curve of another tool into the CSV of a study: separators, decimal commas, columns and units.
 
@@ -223,14 +232,17 @@ def curve(
     """
     from scan2flex_jax.convert import read_foreign_curve  # noqa: PLC0415
     from scan2flex_jax.study.curves import arc_length  # noqa: PLC0415
-    from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
+    from scan2flex_jax.study.files import write_atomic, write_json_atomic  # noqa: PLC0415
     from scan2flex_jax.study.write import csv_text  # noqa: PLC0415
 
     found = read_foreign_curve(file, units=units, columns=columns)
-    for note in (*found.notes, f"{arc_length(found.curve.points):.4f} m long"):
+    long = arc_length(found.curve.points)
+    for note in (*found.notes, f"{long:.4f} m long"):
         typer.echo(note)
     if out:
         write_atomic(out, csv_text(found.curve).encode("ascii"))
+    if json:
+        write_json_atomic(json, {"points": len(found.curve.points), "arc_length": long, "notes": list(found.notes)})
 
 
 def check(study: StudyFolder, json: JsonFile = None) -> None:
@@ -239,19 +251,37 @@ def check(study: StudyFolder, json: JsonFile = None) -> None:
     Example: scan2flex check my-cable
     """
     from scan2flex_jax.study import describe, load_study, study_warnings, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study.scans import scan_facts  # noqa: PLC0415
 
     loaded = load_study(study)
     typer.echo(describe(loaded))
+    scans = {pose.name: scan_facts(pose.scan) for pose in loaded.poses if pose.scan is not None}
+    for name, (count, size) in scans.items():
+        typer.echo(f"{name}: a scan of {count} points, {_extents(loaded, size)}")
     if json:
-        poses = {p.name: {"role": p.role, "curve": p.curve is not None, "scan": p.scan is not None} for p in loaded.poses}
+        holds = {n: {"points": count, "size": size} for n, (count, size) in scans.items()}
+        poses = {p.name: {"role": p.role, "curve": p.curve is not None, "scan": holds.get(p.name)} for p in loaded.poses}
         names = list(loaded.unknown_names)
         write_json_atomic(json, {"title": loaded.title, "unknown": names, "poses": poses, "warnings": study_warnings(loaded)})
 
 
+def _extents(study, size):
+    """The box of a scan in words, and whether it seems to be in another unit."""
+    from scan2flex_jax.study.sense import looks_like  # noqa: PLC0415
+
+    length = study.known("length")
+    unit = None if length is None else looks_like(float(max(size)) / float(length))
+    box = f"{' x '.join(f'{x:.3g}' for x in size)} m"
+    return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres"
+
+
 def extract(
     study: StudyFolder,
-    save: Annotated[Path | None, typer.Option(help="Folder for the study with its curves; default: the study itself.")] = None,
-    figures: Annotated[Path | None, typer.Option(help="Folder for a picture per pose.")] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the study with its curves; default: the study itself.", callback=folder_to_write),
+    ] = None,
+    figures: Annotated[Path | None, typer.Option(help="Folder for a picture per pose.", callback=folder_to_write)] = None,
     json: JsonFile = None,
 ) -> None:
     """Find the centre curves of scanned poses and write them into the study.

@@ -1,5 +1,6 @@
 """What the commands share: exit codes, options that several have, and the steps that several take."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -10,13 +11,42 @@ from scan2flex_jax.cli.setup import progress
 from scan2flex_jax.errors import Scan2FlexError
 
 BAD_INPUT, NOT_TO_BELIEVE = 2, 3
+PICTURES = (".png", ".svg", ".pdf")
 EXIT_CODES = (
     "Exit codes: 0 done; 1 a fault of the program itself; 2 input or options that cannot be used, one sentence on standard "
     "error; 3 computed, but not to be believed (a pose that could not be solved); 130 interrupted."
 )
 
+
+def file_to_write(path: Path | None) -> Path | None:
+    """The file that an option names, refused before anything is computed where it could not be written after."""
+    if path is not None:
+        if path.is_dir():
+            raise Scan2FlexError(f"{path} is a folder: name a file in it.")
+        folder_to_write(path.parent)
+    return path
+
+
+def folder_to_write(path: Path | None) -> Path | None:
+    """The folder that an option names; it need not be there, but somebody must be able to make it."""
+    if path is not None:
+        there = next(p for p in (path, *path.absolute().parents) if p.exists())
+        if not there.is_dir():
+            raise Scan2FlexError(f"{there} is no folder: name another place for {path.name}.")
+        if not os.access(there, os.W_OK | os.X_OK):
+            raise Scan2FlexError(f"{there}: nothing may be written there: name another place.")
+    return path
+
+
+def picture_to_write(path: Path | None) -> Path | None:
+    """The picture that an option names."""
+    if path is not None and path.suffix.lower() not in PICTURES:
+        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in {', '.join(PICTURES)}.")
+    return file_to_write(path)
+
+
 StudyFolder = Annotated[Path, typer.Argument(help="Folder of a study, with its study.toml.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the result here, as JSON.")]
+JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the result here, as JSON.", callback=file_to_write)]
 Elements = Annotated[int, typer.Option(min=8, max=5000, help="Elements of the rod.")]
 
 
@@ -31,10 +61,9 @@ def interactive() -> bool:
 
 
 def explained(study, elements: int):
-    """The explanation of a study, centre curves extracted first where poses have none; its summary is printed."""
+    """The explanation of a study; its summary is printed."""
     from scan2flex_jax.explain import explain as run  # noqa: PLC0415
 
-    study = with_curves(study)
     with progress(f"explaining {study.title}") as tell:
         result = run(study, elements=elements, progress=tell)
     typer.echo(result.summary())

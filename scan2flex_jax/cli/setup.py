@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
+from rich.text import Text
 
 ERRORS = Console(stderr=True, highlight=False)
 
@@ -37,6 +38,7 @@ def _user_cache() -> str:
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator:
-    """A status line on standard error while something runs; yields the function that changes its text."""
-    with ERRORS.status(what) as status:
-        yield lambda message: status.update(f"{what}: {message}")
+    """A status line on standard error while something runs; yields the function that changes its text. Brackets in it (a title
+    of a study) are no markup."""
+    with ERRORS.status(Text(what)) as status:
+        yield lambda message: status.update(Text(f"{what}: {message}"))

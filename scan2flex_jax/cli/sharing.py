@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, choices, with_curves
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, choices, file_to_write, with_curves
 from scan2flex_jax.cli.setup import prepare_jax, progress
 
 _TO = ("mujoco", "pyelastica", "json")
@@ -13,7 +13,7 @@ _TO = ("mujoco", "pyelastica", "json")
 
 def report(
     study: StudyFolder,
-    out: Annotated[Path, typer.Option("--out", "-o", help="HTML file to write.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option("--out", "-o", help="HTML file to write.", callback=file_to_write)] = Path("report.html"),
     no_explain: Annotated[
         bool, typer.Option("--no-explain", help="Only the fit: no search for what the model lacks, no next pose (fast).")
     ] = False,
@@ -53,7 +53,7 @@ def report(
 def export(
     study: StudyFolder,
     to: Annotated[str, typer.Option(help="mujoco, pyelastica or json.", autocompletion=choices(*_TO))],
-    out: Annotated[Path, typer.Option("--out", "-o", help="File to write.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
     pose: Annotated[str | None, typer.Option(help="The pose in which the cable hangs; left out, the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
 ) -> None:

@@ -86,10 +86,10 @@ def _clamp(position, turn: Rotation, tangent: str) -> Clamp:
 
 
 def clamp_toml(clamp: Clamp) -> str:
-    """The clamp as the format writes it, on one line."""
-    rounded = [f"position = [{', '.join(f'{v:.9g}' for v in clamp.position + 0.0)}]"]
+    """The clamp as the format writes it, on one line, without the rounding noise of zeros."""
+    rounded = [f"position = [{', '.join(f'{v:.9g}' for v in np.round(clamp.position, 12) + 0.0)}]"]
     if clamp.quaternion is not None:
-        rounded.append(f"quaternion = [{', '.join(f'{v:.12g}' for v in clamp.quaternion + 0.0)}]")
+        rounded.append(f"quaternion = [{', '.join(f'{v:.12g}' for v in np.round(clamp.quaternion, 14) + 0.0)}]")
     return f"{{ {', '.join(rounded)} }}"
 
 

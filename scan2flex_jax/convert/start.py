@@ -16,9 +16,11 @@ from scan2flex_jax.convert.curves import read_foreign_curve, read_foreign_points
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
+from scan2flex_jax.study.curves import arc_length
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.scans import load_geometry
+from scan2flex_jax.study.sense import CURVE_SLACK, looks_like
 
 CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv")
 SCANS = (".ply", ".xyz", ".obj", ".stl", ".off", ".glb")
@@ -100,6 +102,7 @@ def new_study(
     made = []
     for pose in poses:
         one, said = _pose(folder, pose, clamps, units, columns, "validate" if pose.name in validate else "fit")
+        _same_unit(pose, one, length)
         made.append(one)
         notes += [f"{pose.name}: {text}" for text in said]
     if clamps is None:
@@ -133,13 +136,26 @@ def _pose(folder, files, clamps, units, columns, role):
     return StudyPose(files.name, role, start, end, curve=curve, scan=scan, guide_points=guides), notes
 
 
+def _same_unit(files, pose, length):
+    """Refuse a curve that is far longer than the cable: it was read in another unit than it was written in."""
+    if pose.curve is None:
+        return
+    long = arc_length(pose.curve.points)
+    if long > CURVE_SLACK * length:
+        unit = looks_like(long / length)
+        hint = "" if unit is None else f" (it looks like {unit[0]})"
+        said = f"read so, the curve is {long:g} m long, but the cable is {length:g} m"
+        raise StudyError(files.curve, None, f"{said}: name the unit of the files{hint}, or correct the length.")
+
+
 def _clamps(name, clamps, curve):
     if clamps is None:
         if curve is None:
             raise Scan2FlexError(f"pose {name!r} has only a scan: its clamps cannot be taken from a curve, give them.")
         return clamps_of_curve(curve.points)
     if f"{name} start" not in clamps:
-        raise Scan2FlexError(f"there is no frame {name + ' start'!r}: give the start clamp of every pose.")
+        given = ", ".join(repr(known) for known in list(clamps)[:6]) or "none"
+        raise Scan2FlexError(f"there is no frame {name + ' start'!r}: give the start clamp of every pose (there are {given}).")
     return clamps[f"{name} start"], clamps.get(f"{name} end")
 
 

@@ -4,7 +4,8 @@ Each step solves the block-tridiagonal system with the geometric stiffness at *p
 stress-strain step, `rod.assembly`): the nearly rigid stretching then does not shorten the steps. What remains to be tamed
 is negative curvature. The Hessian's inertia comes with its factorisation; while it is not positive definite, a bending
 stiffness is lent to all sections (never to stretching, whose predicted forces must stay right) and taken back as the
-solve settles. A solve that settles where the undamped Hessian has a negative direction is on a saddle: it is pushed off
+solve settles. A solve that settles for two steps where the undamped Hessian has a negative direction is on a saddle (forces
+that the start did not know, or that were predicted badly, make a Hessian indefinite for one step): it is pushed off
 along that direction, which a second right-hand side has followed by inverse iteration all along, towards the side of the
 start. There is no line search: energy along the way means little in a curved valley, and stability is judged at the end.
 """
@@ -32,7 +33,7 @@ from scan2flex_jax.rod.model import Rod
 
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
 _PUSH = 0.2  # the same for a push off a saddle
-_SETTLED = 1.0e-2  # steps below this, still indefinite, mean that a saddle attracts
+_SETTLED = 1.0e-2  # two steps below this, still indefinite, mean that a saddle attracts: after one the forces may be to blame
 _ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 _HOLD = 1.0e-13  # stiffness that holds each motion of a node, over the largest of the rod: beyond rounding, below physics
 _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
@@ -40,7 +41,8 @@ _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness
 
 class NewtonState(eqx.Module):
     """What one step leaves to the next: the derivatives where it began, predicted section forces, the softest mode, the
-    lent stiffness. After the last step, which does not move, ``last`` belongs to the solution."""
+    lent stiffness, and whether the last step that moved was a small one (``settling``). After the last step, which does not
+    move, ``last`` belongs to the solution."""
 
     last: Derivatives
     forces: Float[Array, "n 6"]
@@ -49,6 +51,7 @@ class NewtonState(eqx.Module):
     lent: Float[Array, ""]
     first: Bool[Array, ""]
     was_indefinite: Bool[Array, ""]
+    settling: Bool[Array, ""]
     size: Float[Array, ""]
     negative: Int[Array, ""]
     done: Bool[Array, ""]
@@ -72,7 +75,9 @@ class MixedNewton(optx.AbstractMinimiser):
         empty = no_derivatives(rod)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
-        return NewtonState(empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, one, jnp.array(0), no)
+        return NewtonState(
+            empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, no, one, jnp.array(0), no
+        )
 
     def step(self, fn, y, args, options, state, tags):
         """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
@@ -89,7 +94,8 @@ class MixedNewton(optx.AbstractMinimiser):
         size = _size(rod, twist)
         definite = (negative == 0) & jnp.isfinite(size)
         done = looking & definite
-        push = definite & state.was_indefinite & (size < _SETTLED)
+        small = size < _SETTLED
+        push = definite & state.was_indefinite & small & state.settling
         home = jnp.sum(mode[:, :3] * jnp.einsum("nji,nj->ni", y.R, state.start - y.r))
         push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
         twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
@@ -104,6 +110,7 @@ class MixedNewton(optx.AbstractMinimiser):
             lent=jnp.where(definite, less, jnp.maximum(_GROW * state.lent, _FIRST)),
             first=state.first & ~definite,
             was_indefinite=~definite,
+            settling=jnp.where(definite, small & ~push, state.settling),
             size=jnp.where(definite & ~push & (state.lent == 0.0), size, 1.0),
             negative=negative,
             done=done,

@@ -19,6 +19,7 @@ from scan2flex_jax.fit import fit as plain_fit
 from scan2flex_jax.fit.run import FIT_ELEMENTS
 from scan2flex_jax.study.model import MeasuredCurve, Study
 
+_SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
@@ -173,7 +174,7 @@ def _judged(kind, best, tie_kinds, found, value):
 def _sentences(found, chosen, description):
     p = found.test.p_value
     if found.verdict == verdict.NONE:
-        return (f"the plain rod explains these shapes to within the noise (p = {p:.3f})",)
+        return (f"the plain rod explains these shapes to within the noise (p = {p:.3f})", *_if_noise(found))
     if found.verdict == verdict.UNSOLVED:
         return ("nothing is concluded",)
     if found.verdict == verdict.UNEXPLAINED:
@@ -184,6 +185,16 @@ def _sentences(found, chosen, description):
         return (text + tail, *_not_enough(found), field)
     names = " and ".join(r.kind for r in chosen)
     return (f"something is missing (p = {p:.3f}); {names} explains it; what is left is noise", *_never_told(chosen))
+
+
+def _if_noise(found):
+    """What has to be believed of the scan where smooth errors as large as shapes pass for noise."""
+    n, stage = found.stage.noise, found.stage
+    stated = all(pose.noise is not None for pose in stage.bench.problem.study.fit_poses)
+    if stated or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
+        return ()
+    errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
+    return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to have it decided",)
 
 
 def _not_enough(found):

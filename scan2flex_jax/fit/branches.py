@@ -48,6 +48,8 @@ def _distance(problem, pose, shared):
 
 def with_turns(study, turns: dict[str, int]):
     """The study with other turns in some poses."""
+    if all(turns.get(p.name, p.turns) == p.turns for p in study.poses):
+        return study
     return replace(study, poses=tuple(replace(p, turns=turns.get(p.name, p.turns)) for p in study.poses))
 
 

@@ -196,7 +196,8 @@ class CloudEvaluator(Evaluator):
 def scans_of(poses: Poses, points: list[np.ndarray], curve_points: list[np.ndarray], length: float) -> Poses:
     """The poses with the points of their scans in place of curves: thinned, padded, and where each is expected (s, m).
 
-    After the `MOST_POINTS` places of the cloud come those of the curve; their mask is 0.
+    The lot decides which points of a large scan enter, whatever curve begins the fit: with others a value moves by a
+    third of its standard deviation. After the `MOST_POINTS` places of the cloud come those of the curve; their mask is 0.
     """
     rows = [_rows(one(poses.boundary, i), p, c, length) for i, (p, c) in enumerate(zip(points, curve_points, strict=True))]
     stacked = [np.stack(column) for column in zip(*rows, strict=True)]
@@ -206,7 +207,7 @@ def scans_of(poses: Poses, points: list[np.ndarray], curve_points: list[np.ndarr
 def _rows(boundary, points, curve, length):
     from scan2flex_jax.scan import cloud as clouds  # noqa: PLC0415  (only scans need it, and it loads slowly)
 
-    points = points[clouds.thin(points, MOST_POINTS)]
+    points = points[clouds.drawn(points, MOST_POINTS)]
     even = np.asarray(curves.resample(jnp.asarray(curve), CURVE_POINTS))
     full = complete_curve(even, boundary, length)
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(full, axis=0), axis=1))])

@@ -109,7 +109,7 @@ def levenberg_marquardt(
             e2 = evaluator(*trial, start=e.configuration)
             cost2 = goal.cost(e2, *trial)
             goal.progress(f"iteration {iteration}: cost {min(cost, cost2):.6g}")
-            held = share * np.sum(goal.weak * ((trial[0] - began) ** 2 - (shared - began) ** 2))
+            held = np.sum(bowl.weak * ((trial[0] - began) ** 2 - (shared - began) ** 2))
             small = abs(cost2 + held - cost) <= _COST_TOLERANCE * cost
             if cost2 + held < cost:
                 small |= np.max(np.abs(trial[0] - shared), initial=0.0) < _STEP_TOLERANCE
@@ -128,13 +128,20 @@ def levenberg_marquardt(
 
 
 class _Bowl:
-    """The cost to second order about an iterate, in the numbers that are felt and not held at a bound."""
+    """The cost to second order about an iterate, in the numbers that are felt and not held at a bound.
+
+    A logarithm that no pose feels goes with those that are felt: a plane pose says nothing of torsion, but a rod that grows
+    stiffer in bending alone would buckle out of the plane.
+    """
 
     def __init__(self, goal, e, shared, local, weak=0.0, began=0.0):
         JJ, self.Jr = goal.normal_equations(e, shared, local)
         self.x, self.shape, n = np.r_[shared, local.ravel()], local.shape, len(shared)
-        JJ[np.arange(n), np.arange(n)] += weak
-        self.Jr[:n] += weak * (shared - began)
+        felt = np.diag(JJ)[:n] > UNSEEN**2 * np.max(np.diag(JJ))
+        logs = np.broadcast_to(goal.weak, n) > 0
+        self.weak, self.leading, self.following = np.where(felt, weak, 0.0), felt & logs, ~felt & logs
+        JJ[np.arange(n), np.arange(n)] += self.weak
+        self.Jr[:n] += self.weak * (shared - began)
         self.low = np.r_[goal.low, np.full(len(self.x) - n, -np.inf)]
         self.high = np.r_[goal.high, np.full(len(self.x) - n, np.inf)]
         self.JJ, self.scale = JJ, np.diag(JJ) + 1e-300
@@ -156,6 +163,8 @@ class _Bowl:
     def step(self, damping):
         """Shared and local numbers after a damped step of bounded length."""
         move, n = self.move(damping), len(self.x) - int(np.prod(self.shape))
+        if np.any(self.leading):
+            move[:n][self.following] = np.mean(move[:n][self.leading])
         low, high, x = self.low[:n], self.high[:n], self.x[:n]
         reach = np.where(np.isfinite(low) & (np.abs(high - low) < 60), 1.0, 1.0 + np.abs(x))
         longest = np.max(np.abs(move[:n]) / reach, initial=0.0)

@@ -6,6 +6,7 @@ the priors that the noise gives their weight, and judge: intervals, what is open
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -80,6 +81,7 @@ def fit(
         said = (*said, *direct.sentences())
     valid, verdict = _validity(poses, noise, stated, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
+    said = said if minimum.converged else (*said, _UNSETTLED)
     sentences = (*said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict)
     spread = np.sqrt(np.diag(known.covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -117,7 +119,8 @@ def _on_its_branches(problem, minimum, method):
         found = []
         for other in (t for i, t in enumerate(turns) if t and t not in turns[:i]):
             tried = problem.with_study(branches.with_turns(problem.study, other))
-            found.append((tried, tried.minimise(method)))
+            with suppress(Scan2FlexError):  # nothing settles with these turns
+                found.append((tried, tried.minimise(method)))
             problem.evaluator.equilibria = tried.evaluator.equilibria
         best = min(found, key=lambda pair: pair[1].cost, default=None)
         if best is None or best[1].cost > branches.BETTER * minimum.cost:
@@ -139,6 +142,7 @@ def _from_curves(problem, minimum, stated):
     return minimum, noise, uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), noise)
 
 
+_UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
 _HAUSDORFF = "fitted to the largest distance of each pose: the intervals are those of a least-squares fit at these values"
 
 

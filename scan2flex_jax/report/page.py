@@ -139,6 +139,8 @@ def _found(explanation: Explanation) -> str:
         return explanation.verdict
     rivals = [k.replace("_", " ") for r in explanation.chosen for k in r.tied_with]
     rivals = [k for k in dict.fromkeys(rivals) if k not in kinds]
+    if explanation.verdict == "tied" and not rivals:  # with a smooth field, or with an error of what the study states
+        rivals = ["something outside the catalogue"]
     return f"{explanation.verdict}: {' and '.join(kinds)}" + "".join(f" or {k}" for k in rivals)
 
 

@@ -2,7 +2,8 @@
 
 Files are read by trimesh (PLY, XYZ, OBJ, STL and what else it reads; a mesh is sampled over its surface). Cleaning takes
 out isolated points and what no cable of length L between these clamps can reach: every point of it has distances to the
-two clamps that add up to at most L. Thinning keeps the density's proportions, so outliers stay as rare as they were.
+two clamps that add up to at most L. Thinning keeps the density's proportions, so outliers stay as rare as they were. Of its two
+forms `thin` is the more even one; in `drawn` every point has its own lot, whatever other points there are.
 
 Symbols: ``r`` radius, ``L`` length, points: all m in the scan frame.
 """
@@ -22,9 +23,13 @@ from scan2flex_jax.study.scans import load_geometry, unreadable
 MESH_SAMPLES = 60_000
 MILLIMETRES = 50.0  # a cloud this many times longer than the cable is in other units: no room is so large
 _PLANES = 3  # table tops and walls that are looked for
+_FLAT = 1e-6  # of the largest triangle: a smaller one has no direction
+_PLANE = 100  # points that make one, at least
 _TRIPLES = 200
 _FILLED = 0.45  # ratio of in-plane variances around a point: a noisy cable has 0.2, a table 1
+_AROUND = 12  # points that surroundings must hold to show whether they are filled
 _NEIGHBOURS = 8
+_STEP = 2.0**-0.25  # between the shares of a cloud that may be drawn
 _ISOLATED = 5.0  # robust standard deviations of the log distance to neighbours
 
 
@@ -72,6 +77,12 @@ def _normals(meshes, count):
         return None
     size = np.linalg.norm(normals, axis=1, keepdims=True)
     return normals / np.where(size > 0, size, 1.0) if len(normals) == count else None
+
+
+def normals_at(cloud: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"] | None:
+    """The file's normals at some of its own points; None where it has none (or ``cloud`` is bare points)."""
+    normals = cloud.normals if isinstance(cloud, Cloud) else None
+    return None if normals is None else normals[cKDTree(cloud.points).query(points)[1]]
 
 
 def check_cloud(points: Float[np.ndarray, "n 3"], radius: float, length: float | None) -> Float[np.ndarray, "n 3"]:
@@ -125,33 +136,44 @@ def reachable(points, radius, start, end, length) -> np.ndarray:
 def off_planes(points: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
     """Mask of points on no table top or wall: planes in which the points fill their surroundings evenly.
 
-    Planes are proposed by triples of points (RANSAC with a fixed seed); a cable that lies in a plane lines up in it.
+    Planes are proposed by triples of points (RANSAC with a fixed seed); a cable that lies in a plane lines up in it, and
+    further planes are looked for among the other points.
     """
-    keep = np.ones(len(points), bool)
+    keep, lined_up = np.ones(len(points), bool), np.zeros(len(points), bool)
     rng = np.random.default_rng(5)
     near = 0.25 * radius + 2e-3
     for _ in range(_PLANES):
-        left = points[keep]
+        left = points[keep & ~lined_up]
+        if len(left) < _PLANE:
+            break
         normal, offset = _best_plane(left[thin(left, 4000)], near, rng)
         away = points @ normal - offset
-        on = keep & (np.abs(away) < 2.0 * near)
+        on = keep & ~lined_up & (np.abs(away) < 2.0 * near)
         axes = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2]
-        if on.sum() < max(100, 0.1 * keep.sum()) or _filling(points[on] @ axes, 4.0 * max(radius, near)) < _FILLED:
+        if on.sum() < max(_PLANE, 0.1 * keep.sum()):
             break
+        if _filling(points[on] @ axes, 4.0 * max(radius, near)) < _FILLED:
+            lined_up |= on
+            continue
         middle, spread = 0.0, near
         for _ in range(5):  # the slab that found the plane may be thinner than its noise
             inside = away[keep & (np.abs(away - middle) < 3.0 * spread)]
             middle = np.median(inside)
-            spread = min(1.55 * np.median(np.abs(inside - middle)), 6.0 * near)
+            spread = float(np.clip(1.55 * np.median(np.abs(inside - middle)), 1e-3 * near, 6.0 * near))
         keep &= np.abs(away - middle) > 4.0 * spread + 1e-4
     return keep
 
 
 def _filling(flat: Float[np.ndarray, "n 2"], reach: float) -> float:
-    """Median over points of the smaller by the larger variance of the points around them: 1 in an area, 0 on a line."""
+    """Median over points of the smaller by the larger variance of the points around them: 1 in an area, 0 on a line.
+
+    ``reach`` (m) is widened until half of the surroundings hold `_AROUND` points: a table far off is seen thinly.
+    """
     tree = cKDTree(flat)
+    some = flat[thin(np.column_stack([flat, 0 * flat[:, 0]]), 200)]
+    reach = max(reach, float(np.median(tree.query(some, min(_AROUND + 1, len(flat)))[0][:, -1])))
     ratios = []
-    for ball in tree.query_ball_point(flat[thin(np.column_stack([flat, 0 * flat[:, 0]]), 200)], reach):
+    for ball in tree.query_ball_point(some, reach):
         if len(ball) > 5:
             size = np.linalg.eigvalsh(np.cov(flat[ball].T))
             ratios.append(size[0] / (size[1] + 1e-300))
@@ -163,10 +185,13 @@ def _best_plane(points, near, rng):
     triples = points[rng.integers(0, len(points), (_TRIPLES, 3))]
     normal = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     size = np.linalg.norm(normal, axis=1)
-    normal = normal / np.where(size > 0, size, 1.0)[:, None]
-    offset = np.sum(normal * triples[:, 0], axis=1)
-    best = np.argmax(np.sum(np.abs(points @ normal.T - offset) < near, axis=0))
-    on = points[np.abs(points @ normal[best] - offset[best]) < near]
+    some = size > _FLAT * np.max(size)  # a point drawn twice makes no plane, and would be near to every point
+    on = points
+    if some.any():
+        normal, triples = normal[some] / size[some, None], triples[some]
+        offset = np.sum(normal * triples[:, 0], axis=1)
+        best = np.argmax(np.sum(np.abs(points @ normal.T - offset) < near, axis=0))
+        on = points[np.abs(points @ normal[best] - offset[best]) < near]
     middle = on.mean(axis=0)
     normal = np.linalg.svd(on - middle, full_matrices=False)[2][2]
     return normal, float(normal @ middle)
@@ -185,3 +210,20 @@ def thin(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
     cell = np.floor((points - low) / (np.max(high - low) / 64.0 + 1e-300)).astype(int)
     order = np.lexsort((points[:, 0], points[:, 1], points[:, 2], cell[:, 0], cell[:, 1], cell[:, 2]))
     return np.sort(order[np.linspace(0, len(points) - 1, count).astype(int)])
+
+
+def drawn(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
+    """Indices of at most ``count`` points, those whose lot, a hash of their own coordinates (splitmix64), is low enough.
+
+    How low goes in steps of ``_STEP``: of two clouds that differ in a few points, all others are taken from both or from none.
+    """
+    lot = np.zeros(len(points), np.uint64)
+    for column in np.ascontiguousarray(points, float).T:
+        lot = (lot ^ (column + 0.0).view(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)  # + 0.0: there is one zero
+        lot = (lot ^ (lot >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        lot = (lot ^ (lot >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        lot ^= lot >> np.uint64(31)
+    share, at = 1.0, lot / 2.0**64
+    while np.sum(at <= share) > count:
+        share *= _STEP
+    return np.flatnonzero(at <= share)

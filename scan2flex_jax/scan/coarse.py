@@ -1,10 +1,11 @@
 """The coarse centre curve found without guide points (the step that the paper tried and gave up).
 
-Every cloud point *votes* for the axis by stepping one radius inward along its local surface normal. Votes lie close to the
-centre line even where only one side was seen, and two strands that nearly touch have votes two radii apart. Votes are
-gathered into nodes half a radius apart, each with the direction in which its neighbours line up; nodes that line up with
-nothing (a clamp, a table) are dropped. The nodes are drawn into *strands* (`strands.py`) and the strands joined end to end
-from clamp to clamp, over gaps of up to 10 % of the length.
+Every cloud point *votes* for the axis by stepping one radius inward along its surface normal (the file's, where it has
+normals, else that of the points around). Votes lie close to the centre line even where only one side was seen, and two
+strands that nearly touch have votes two radii apart. Votes are gathered into nodes half a radius apart, each with the
+direction in which its neighbours line up; nodes that line up with nothing (a clamp, a table) are dropped. The nodes are
+drawn into *strands* (`strands.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 10 % of the
+length.
 
 Symbols: ``r`` radius (m), ``L`` length (m), node spacing ``h`` = r/2 (m, at least L/400).
 Reference: normals by principal components (Hoppe et al. 1992); mean shift (Fukunaga, Hostetler 1975).
@@ -54,9 +55,10 @@ class Coarse:
         return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
 
 
-def axis_votes(points: Float[np.ndarray, "n 3"], radius: float) -> tuple[Float[np.ndarray, "n 3"], float]:
+def axis_votes(points: Float[np.ndarray, "n 3"], radius: float, normals=None) -> tuple[Float[np.ndarray, "n 3"], float]:
     """Where each point believes the axis to be (m), and the radius at which the cloud looks like a tube.
 
+    ``normals`` (n, 3), of either sign, take the place of those that the points around show.
     With noise beyond 0.3 r normals mean nothing: then each point votes for the middle of its surroundings, and the tube
     looks as wide as the noise makes it.
     """
@@ -69,7 +71,7 @@ def axis_votes(points: Float[np.ndarray, "n 3"], radius: float) -> tuple[Float[n
         return gathered(gathered(points, points, apparent), points, apparent), apparent
     sparse = points[:: max(1, len(points) // 2000)]
     middle = gathered(points, sparse, 0.7 * radius)
-    normal = axes[:, :, 0]
+    normal = axes[:, :, 0] if normals is None else normals
     outward = np.sign(np.sum(normal * (points - middle), axis=1, keepdims=True))
     votes = points - radius * outward * normal
     return gathered(votes, votes, 0.5 * radius), radius
@@ -118,9 +120,9 @@ def _nodes(votes, spacing, radius) -> Nodes:
     return Nodes(at[keep], axes[keep][:, :, 2], count[keep])
 
 
-def find_curve(points, radius, length, start: End | None, end: End | None) -> Coarse:
+def find_curve(points, radius, length, start: End | None, end: End | None, normals=None) -> Coarse:
     """The centre curve through a cloud without guide points; a doubtful one says why, an absent one is refused."""
-    votes, apparent = axis_votes(points, radius)
+    votes, apparent = axis_votes(points, radius, normals)
     scale = length or 2.0 * float(np.max(np.ptp(points, axis=0)))
     spacing = max(0.5 * apparent, scale / 400.0)
     nodes = _nodes(votes, spacing, apparent)

@@ -9,13 +9,13 @@ Symbols: r radius, L length between the clamps, s arc length: m.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
@@ -33,6 +33,10 @@ SNAKES_POINTS = 2048
 SNAKES_KNOTS = 20
 REFINE_POINTS = 8192
 _PLANE_POINTS = 40_000
+_WIDE, _WIDE_OF_LENGTH = 3.0, 0.015  # of r, of the curve's length: half-width of the tube of points around a curve
+_RENEWALS = 3  # of the points near the curve
+_ON = 3.0  # deviations of a point from the surface
+_LEFT_OUT = 2e-3  # of the points used: more that lie on the curve and were left out call for another round
 _FEW = 60  # points up to which a cloud is what a user picked, and has no surface to speak of
 _RADII_SHARE = 0.25  # r_i of the coarse step may differ from r by this share
 _LENGTH_TRUSTED = 0.05  # of L, for a curve found without guide points
@@ -68,36 +72,58 @@ def extract(
         notes += said
         stages["guide points"] = guide_points
     eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
-    points = _cleaned(points, radius, length, start, end, guide_points)
-    coarse, found_by = _coarse(points, radius, length, start, end, guide_points, eyes)
+    points = cleaned(points, radius, length, start, end, guide_points)
+    coarse, found_by = _coarse(cloud, points, radius, length, start, end, guide_points, eyes)
     stages["coarse"] = coarse.points
-    wide = max(3.0 * radius, 0.015 * coarse.length)
-    extended = _extended(coarse.points, max(2.0 * radius, 0.02 * coarse.length), radius, start, end)
-    near = points[clouds.near_polyline(points, spline.evenly(extended, 800), wide)]
-    if len(near) < 4:
+    extended = lengthened(coarse.points, max(2.0 * radius, 0.02 * coarse.length), radius, start, end)
+    inside = _near(points, extended, radius)
+    if inside.sum() < 4:
         raise Scan2FlexError(
-            f"only {len(near)} points of the cloud lie near the coarse curve: check the guide points and the units"
+            f"only {inside.sum()} points of the cloud lie near the coarse curve: check the guide points and the units"
         )
-    stages["snakes"] = _snake(extended, near, radius, method)
-    near = near[clouds.thin(near, REFINE_POINTS)]
-    stages["points used"] = near
-    padded, real = _padded(near, REFINE_POINTS)
-    few = guide_points is not None and len(near) <= _FEW
-    if few and eyes is not None:  # marks stand on the seen side: the axis is a radius behind them
-        padded = padded + radius * (padded - eyes[0]) / jnp.linalg.norm(padded - eyes[0], axis=1, keepdims=True)
+    stages["snakes"] = _snake(extended, points[inside], radius, method)
+    few = guide_points is not None and int(inside.sum()) <= _FEW
     known = {"length": length, "start": start, "end": end}
-    starts = (extended,) if few else (stages["snakes"], extended)
-    against, curve, fit = _refined(starts, padded, real, radius, eyes, noise, few, known, found_by, stages, notes)
+    refined = partial(_refined, radius=radius, eyes=eyes, noise=noise, few=few, known=known)
+    refined = partial(refined, found_by=found_by, stages=stages, notes=notes)
+    against, curve, fit = refined((extended,) if few else (stages["snakes"], extended), points[inside])
+    for _ in range(0 if few else _RENEWALS):
+        inside, left_out = _renewed(points, inside, fit, radius)
+        if not left_out:
+            break
+        against, curve, fit = refined((fit.points,), points[inside])
     _refuse_doubtful(curve, length, start, end)
     said = [] if few else _remarks(curve, radius, fit, eyes is not None)
     return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against))
 
 
-def _refined(starts, points, real, radius, eyes, noise, few, known, found_by, stages, notes):
+def _near(points, curve, radius):
+    """Mask of the points that a curve like this one may belong to."""
+    wide = max(_WIDE * radius, _WIDE_OF_LENGTH * float(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))))
+    return clouds.near_polyline(points, spline.evenly(curve, 800), wide)
+
+
+def _renewed(points, inside, fit, radius):
+    """Mask of the points near the refined curve, and whether it left points of the cable out before.
+
+    The coarse curve goes straight over what was seen thinly, and passes it at a distance where the cable bends.
+    """
+    now = _near(points, fit.points, radius)
+    come = points[now & ~inside]
+    on = clouds.near_polyline(come, spline.evenly(fit.points, 800), radius + _ON * fit.sigma) if len(come) else come
+    return now, bool(np.sum(on) > max(3.0, _LEFT_OUT * np.sum(inside)))
+
+
+def _refined(starts, near, radius, eyes, noise, few, known, found_by, stages, notes):
     """What speaks against the curve, the curve, and its `Refined`, from the first start that leaves no doubt, else the best.
 
     Where the snakes went astray, the coarse curve is the better start.
     """
+    near = near[clouds.thin(near, REFINE_POINTS)]
+    stages["points used"] = near
+    points, real = _padded(near, REFINE_POINTS)
+    if few and eyes is not None:  # marks stand on the seen side: the axis is a radius behind them
+        points = points + radius * (points - eyes[0]) / jnp.linalg.norm(points - eyes[0], axis=1, keepdims=True)
     clamps = [None if one is None else one.position for one in (known["start"], known["end"])]
     found = []
     for begin in starts:
@@ -122,7 +148,7 @@ def _require_float64():
         )
 
 
-def _cleaned(points, radius, length, start, end, guides):
+def cleaned(points, radius, length, start, end, guides):
     """Points that are not isolated, that the cable can reach, and (with guides) near them, (without) on no table."""
     at, to = (None if one is None else one.position for one in (start, end))
     held = points[clouds.reachable(points, radius, at, to, length)]
@@ -134,7 +160,7 @@ def _cleaned(points, radius, length, start, end, guides):
     held = held[clouds.not_isolated(held)]
     if guides is not None:
         curve, reach = guide_step.guide_tube(guides, radius)
-        held = held[clouds.near_polyline(held, _extended(curve, 3.0 * reach), reach)]
+        held = held[clouds.near_polyline(held, lengthened(curve, 3.0 * reach), reach)]
         if len(held) < 4:
             raise Scan2FlexError(f"no points of the cloud lie within {reach:.3g} m of the guide points: are both in metres?")
         return held
@@ -142,11 +168,12 @@ def _cleaned(points, radius, length, start, end, guides):
     return held[clouds.off_planes(held, radius)]
 
 
-def _coarse(points, radius, length, start, end, guides, eyes):
+def _coarse(cloud, points, radius, length, start, end, guides, eyes):
     """The coarse curve and how it was found; guide points have the last word, and without them doubt is a refusal."""
     some = points[clouds.thin(points, coarse_step.VOTERS)]
+    normals = clouds.normals_at(cloud, some)
     if guides is None:
-        found: Any = coarse_step.find_curve(some, radius, length, start, end)
+        found: Any = coarse_step.find_curve(some, radius, length, start, end, normals)
         if not found.sure:
             raise Scan2FlexError(
                 f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(found.doubts)};"
@@ -154,7 +181,7 @@ def _coarse(points, radius, length, start, end, guides, eyes):
             )
         return found, "cloud"
     try:
-        found = coarse_step.find_curve(some, radius, length, start, end) if len(some) >= 200 else None
+        found = coarse_step.find_curve(some, radius, length, start, end, normals) if len(some) >= 200 else None
     except Scan2FlexError:
         found = None
     if found is not None and found.sure:
@@ -164,10 +191,10 @@ def _coarse(points, radius, length, start, end, guides, eyes):
             found, which = replace(found, points=found.points[::-1]), 799 - which
         if np.all(away < 3.0 * radius + 0.01 * found.length) and np.all(np.diff(which) > 0):
             return found, "cloud, and the guide points agree"
-    return guide_step.guided_curve(guides, some, radius, eyes), "guide points"
+    return guide_step.guided_curve(guides, some, radius, eyes, normals), "guide points"
 
 
-def _extended(curve, by, radius=0.0, start=None, end=None):
+def lengthened(curve, by, radius=0.0, start=None, end=None):
     """The curve lengthened at both ends, so that the cloud ends before it does: along the clamps where it ends at them."""
     back = max(2, len(curve) // 40)
     first, last = curve[0] - curve[back], curve[-1] - curve[-1 - back]
@@ -277,63 +304,6 @@ def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -
         raise
     except Scan2FlexError as fault:
         raise StudyError(name, f"pose {pose.name!r}", f"{fault}") from fault
-
-
-@dataclass(frozen=True)
-class NearCurve:
-    """A cleaned cloud for a direct fit: points (m) near a curve (m) that is good enough to start from.
-
-    ``noise``: standard deviation of a point from the surface (m), where extraction found it; ``refused``: why it did not.
-    """
-
-    points: Float[np.ndarray, "n 3"]
-    curve: Float[np.ndarray, "m 3"]
-    noise: float | None = None
-    refused: str | None = None
-
-
-def near_curve(study: Study, pose: StudyPose) -> NearCurve:
-    """The cloud of a pose, cleaned, near its centre curve: the study's, an extracted one, or a coarse one where that fails."""
-    radius, length = study.cable.get("radius"), study.cable.get("length")
-    if pose.curve is None:
-        try:
-            found = extract_pose(study, pose)
-            return NearCurve(found.stages["points used"], found.points, found.noise)
-        except Scan2FlexError as refusal:
-            if radius is None:
-                raise
-            try:
-                return _near_coarse(study, pose, refusal)
-            except Scan2FlexError:
-                raise refusal from None
-    if radius is None:
-        raise StudyError(str(pose.scan), "cable.radius", "a scan needs the cable's radius (m): give it under [cable].")
-    known = None if length is None else float(length)
-    points = clouds.check_cloud(clouds.load_cloud(str(pose.scan)).points, float(radius), known)
-    curve = np.asarray(pose.curve.points)
-    return NearCurve(_near(points, curve, float(radius)), curve)
-
-
-def _near(points, curve, radius):
-    wide = max(3.0 * radius, 0.015 * float(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))))
-    near = points[clouds.near_polyline(points, spline.evenly(_extended(curve, 2.0 * radius), 800), wide)]
-    if len(near) < 4:
-        raise Scan2FlexError(f"only {len(near)} points of the cloud lie near the curve that the fit starts from")
-    return near
-
-
-def _near_coarse(study, pose, refusal):
-    """Where extraction refuses: the curve through the guide points, or the doubtful one."""
-    radius, length = float(study.cable["radius"]), study.cable.get("length")
-    points = clouds.check_cloud(clouds.load_cloud(pose.scan).points, radius, length)
-    ends = [None if c is None else End(c.position, c.tangent) for c in (pose.start, pose.end)]
-    points = _cleaned(points, radius, length, ends[0], ends[1], pose.guide_points)
-    some = points[clouds.thin(points, coarse_step.VOTERS)]
-    if pose.guide_points is not None:
-        curve = guide_step.guided_curve(pose.guide_points, some, radius, pose.viewpoints).points
-    else:
-        curve = coarse_step.find_curve(some, radius, length, *ends).points
-    return NearCurve(_near(points, curve, radius), curve, None, str(refusal))
 
 
 def _tell(progress, *what):

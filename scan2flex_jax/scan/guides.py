@@ -73,7 +73,7 @@ def guide_tube(guides, radius: float) -> tuple[Float[np.ndarray, "m 3"], float]:
     return evenly(guides, 400), max(4.0 * radius, 0.3 * spacing)
 
 
-def guided_curve(guides, points, radius: float, eyes=None) -> Coarse:
+def guided_curve(guides, points, radius: float, eyes=None, normals=None) -> Coarse:
     """The curve through the guide points, moved onto the axis: a radius away from the viewpoint that saw them, where one is
     known, then onto the votes around it."""
     curve = evenly(guides, 200)
@@ -83,7 +83,7 @@ def guided_curve(guides, points, radius: float, eyes=None) -> Coarse:
         around = [np.sum(tree.query_ball_point(c, 1.3 * radius, return_length=True)) for c in behind]
         curve = behind[int(np.argmax(around))]
     if len(points) >= 100:
-        votes, apparent = axis_votes(points, radius)
+        votes, apparent = axis_votes(points, radius, normals)
         near = cKDTree(votes).query(curve)[0] < _NEAR_VOTES * apparent
         moved = gathered(curve, votes, 0.5 * apparent)
         near &= np.linalg.norm(moved - curve, axis=1) < _NEAR_VOTES * apparent

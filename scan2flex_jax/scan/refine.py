@@ -39,7 +39,7 @@ _ITERATIONS = 100
 _OF_MARKS = 40  # a curve through a handful of points never comes to rest: it slides along itself and cuts its loops off
 _RAY_FROM = 5  # iteration at which the kind of residual is chosen
 _LEAST = 1e-3  # of r: smaller residuals are rounding of the scanner
-_SETTLED, _STILL = 0.1, 2e-3  # of sigma, of r: a smaller step of any spline point, sliding included, ends the iteration
+_SETTLED, _STILL = 0.03, 2e-3  # of sigma, of r: a smaller move of every spline point, once spaced evenly, ends the iteration
 _WIDE, _NARROWING = 3.0, 0.7  # radii within which a point has a say at first, and how that shrinks per iteration
 _TUKEY = 4.0  # standard deviations beyond which a point has no say
 RAY_ABOVE = 0.25  # of r: with noise above this and no viewpoint a scan from one side is not to be trusted
@@ -50,6 +50,7 @@ FACING = 0.8  # share of points that must face a viewpoint if the viewpoints are
 _STIFF_START = 3.0  # share of the data's weight given to smoothness at the start
 _SLIDE = 1.0  # damping along the curve, in mean weights of a point of the spline
 _NEARLY_ALL = 0.998  # of the points near the cable lie within the window of the mixture
+_FADING = 0.25  # of the distance of two spline points: what lies nearer to an end of the curve has less say
 _ROUNDS = 3  # renewals of the mixture per iteration
 
 
@@ -111,9 +112,13 @@ def along_ray(points, q, tangent, eyes, r):
     return e, n, np.sqrt(1.0 + (_BLUR * slope) ** 2), side / r
 
 
-def _step(x, score, n, info, W, rough, stiff):
-    """Gauss-Newton step for scores and information per viewpoint and point, with smoothness ``stiff`` and damping along
-    the curve; its covariance; traces for lambda."""
+def _step(x, score, n, info, W, rough, stiff, known):
+    """Step for scores and information per viewpoint and point, with smoothness ``stiff`` and damping along the curve; the
+    covariance of x; traces for lambda.
+
+    The step is that of expectation-maximisation: it takes every point's whole information for known, and never goes too far
+    where all points are honest. The covariance takes the ``known`` share, as ``info`` does.
+    """
     K = len(x)
     J = [W[:, :, None] * nv[:, None, :] for nv in n]
     J = [j.reshape(-1, 3 * K) for j in J]
@@ -123,11 +128,11 @@ def _step(x, score, n, info, W, rough, stiff):
     tau = np.gradient(x, axis=0)
     tau /= np.linalg.norm(tau, axis=1, keepdims=True)
     scale = np.trace(H) / (3 * K)
-    held = H + stiff * S + 1e-9 * scale * np.eye(3 * K)
+    held = stiff * S + 1e-9 * scale * np.eye(3 * K)
     for k in range(K):
         held[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += _SLIDE * scale * np.outer(tau[k], tau[k])
-    cov = np.linalg.inv(held)
-    dx = -cov @ (g + stiff * (S @ x.ravel()))
+    cov = np.linalg.inv(H + held)
+    dx = -np.linalg.solve(H / known + held, g + stiff * (S @ x.ravel()))
     return dx.reshape(K, 3), cov, np.sum(cov * S), x.ravel() @ S @ x.ravel()
 
 
@@ -139,6 +144,8 @@ def _spread(e, w) -> float:
 
 class _Tukey:
     """Points far from the surface have no say; how far shrinks from iteration to iteration."""
+
+    known = 1.0  # share of the information that is left when points are told apart
 
     def __init__(self, radius, noise, marks):
         self.radius, self.noise, self.marks = radius, noise, marks
@@ -166,10 +173,12 @@ class _Sensor:
     """Points are honest, fly, or are strays (`sensor_noise`)."""
 
     narrow = True
+    known = 1.0
     mixture: Any
 
-    def __init__(self, radius, sigma):
-        self.radius, self.first, self.mixture = radius, sigma, None
+    def __init__(self, radius, sigma, breadth):
+        """``breadth`` (m): how far from the axis points lie at most, strays among them."""
+        self.radius, self.first, self.band, self.mixture = radius, sigma, radius / max(breadth, radius), None
 
     @property
     def sigma(self):
@@ -182,12 +191,13 @@ class _Sensor:
             near = np.min(np.where(told, np.abs(e), np.inf), axis=0)
             near = near[np.isfinite(near)]
             window = max(3.0 * self.radius, 6.0 * self.first, float(np.quantile(near, _NEARLY_ALL)) if len(near) else 0.0)
-            self.mixture = sensor_noise.first_guess(self.first, window, len(e))
+            self.mixture = sensor_noise.first_guess(self.first, window, len(e), self.band)
         for _ in range(_ROUNDS):
             judged = sensor_noise.judge(e, blur, side, told, self.mixture)
             self.mixture = sensor_noise.update(self.mixture, judged, e, inside, _LEAST * self.radius)
         s2 = (self.mixture.sigma * blur) ** 2
         judged = sensor_noise.judge(e, blur, side, told, self.mixture)
+        self.known = judged.known
         return judged.weight * judged.noise / s2, judged.known * judged.weight / s2, np.sum(judged.weight, axis=0)
 
 
@@ -214,23 +224,40 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
             residual, n, blur, side = along_ray(host, q, tangent, eyes, radius)
             noisy = sensor
             score, info, weight = sensor(residual, blur, side, inside)
+        if not marks:
+            score, info = score * _heard(t, len(x)), info * _heard(t, len(x))
         if stiff is None:
             stiff = _STIFF_START * np.sum(info) / len(x)
-        dx, cov, leverage, bend = _step(x, score, n, info, W, rough, stiff)
+        dx, cov, leverage, bend = _step(x, score, n, info, W, rough, stiff, noisy.known)
         wanted = max(rank - stiff * leverage, 1e-3) / max(bend, 1e-300)
         stiff = float(np.clip(wanted, stiff / 10.0, stiff * 10.0))
+        dx = dx if marks else _held(dx, x)
         size = np.linalg.norm(dx, axis=1).max()
-        x = spline.evenly(x + dx * min(1.0, 0.7 * radius / max(size, 1e-300)), len(x))
+        before, x = x, spline.evenly(x + dx * min(1.0, 0.7 * radius / max(size, 1e-300)), len(x))
         if eyes is not None and not marks and k == _RAY_FROM:
             facing = _faced(host, q, eyes, weight > 0.3, tukey.sigma > RAY_ABOVE * radius)
             if facing > FACING:
-                sensor = _Sensor(radius, tukey.sigma)
-        elif k > _RAY_FROM + 3 and noisy.narrow and size < max(_SETTLED * noisy.sigma, _STILL * radius):
+                breadth = np.quantile(np.linalg.norm(host - q, axis=1)[inside], _NEARLY_ALL)
+                sensor = _Sensor(radius, tukey.sigma, float(breadth))
+        elif k > _RAY_FROM + 3 and noisy.narrow and _moved(before, x) < max(_SETTLED * noisy.sigma, _STILL * radius):
             settled = True
             break
     away = np.where(real, np.linalg.norm(host - q, axis=1) - radius, np.inf)
     asked = np.einsum("vn,vni->ni", score, n), np.einsum("vn,vni,vnj->nij", info, n, n)
     return Refined(x, cov, noisy.sigma, t, away, weight * real, settled, sensor is not None, facing, *asked)
+
+
+def _held(dx, x):
+    """The step without that of the ends along the curve: where it ends no point of a surface can say, and it would drift."""
+    for k, step in ((0, x[1] - x[0]), (-1, x[-1] - x[-2])):
+        along = step / np.linalg.norm(step)
+        dx[k] -= (dx[k] @ along) * along
+    return dx
+
+
+def _moved(before, after) -> float:
+    """The largest move (m) of a point of the spline."""
+    return float(np.linalg.norm(after - before, axis=1).max())
 
 
 def _faced(points, q, eyes, on, noisy) -> float:
@@ -239,6 +266,12 @@ def _faced(points, q, eyes, on, noisy) -> float:
         return 1.0
     out, look = points[on] - q[on], eyes[:, None] - points[on]
     return float(np.mean(np.any(np.sum(out * look, axis=2) > 0.0, axis=0)))
+
+
+def _heard(t, count):
+    """Share of its say that a point has near the ends of the curve: one that is inside now and beyond the end after the next
+    step would make the end swing to and fro."""
+    return np.clip(np.minimum(t, count - 1 - t) / _FADING, 0.0, 1.0)
 
 
 def _inner(t, count):

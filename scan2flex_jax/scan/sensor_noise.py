@@ -6,7 +6,7 @@ Along the ray from a viewpoint a point lies a distance e behind the surface that
 * *flying*: pixels that saw the cable's silhouette and the background in one: honest noise plus a depth between 0 and
   ``reach``. They lie *behind* the surface, never in front; taken for honest ones they push the whole curve away from the
   sensor. Their share depends on how far from the silhouette the ray passed, so there is one share per ring of the tube;
-* *strays*: anywhere within the ``window``.
+* *strays*: anywhere within the ``window``, and anywhere around the cable: a share ``band`` of them where rays meet it.
 
 Expectation-maximisation: `judge` gives every point the part of e that is noise and not flight, and the weight that it
 deserves; `update` renews the mixture from that. Without viewpoints there is no ray, so no flight.
@@ -32,7 +32,10 @@ _ROOT = np.sqrt(2.0 * np.pi)
 
 @dataclass(frozen=True)
 class Mixture:
-    """Deviation sigma, reach of a flight, and window (m); shares of flying points per ring, of strays, of viewpoints."""
+    """Deviation sigma, reach of a flight, and window (m); shares of flying points per ring, of strays, of viewpoints.
+
+    ``band``: share of the strays whose rays meet the tube. Honest points all do, strays lie anywhere beside the cable.
+    """
 
     sigma: float
     reach: float
@@ -40,6 +43,7 @@ class Mixture:
     flying: Float[np.ndarray, " rings"]
     strays: float
     views: Float[np.ndarray, " v"]
+    band: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -58,10 +62,10 @@ class Judged:
     likelihood: float
 
 
-def first_guess(sigma: float, window: float, views: int) -> Mixture:
+def first_guess(sigma: float, window: float, views: int, band: float = 1.0) -> Mixture:
     """A mixture to start from: few strays, few points that fly."""
     flying = np.full(len(_RINGS) + 1, 0.05)
-    return Mixture(sigma, max(_SHORTEST * sigma, 0.5 * window), window, flying, 0.03, np.full(views, 1.0 / views))
+    return Mixture(sigma, max(_SHORTEST * sigma, 0.5 * window), window, flying, 0.03, np.full(views, 1.0 / views), band)
 
 
 def judge(e, h, side, real, m: Mixture) -> Judged:
@@ -76,7 +80,7 @@ def judge(e, h, side, real, m: Mixture) -> Judged:
     inside = np.abs(e) < m.window
     prior = (1.0 - m.strays) * m.views[:, None] * inside
     honest, flight = prior * (1.0 - share) * normal / s, prior * share * mass / m.reach
-    total = np.sum(honest + flight, axis=0) + m.strays / (2.0 * m.window)
+    total = np.sum(honest + flight, axis=0) + m.strays * m.band / (2.0 * m.window)
     honest, flight = honest / total * real, flight / total * real
     mean = s * (beyond - normal) / mass  # of the noise of a flying point, and its mean square
     square = s**2 * (1.0 + (b * beyond - a * normal) / mass)

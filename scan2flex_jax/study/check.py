@@ -22,6 +22,12 @@ ANGLE_WARNING = 5.0
 """Degrees, beyond two standard deviations: careful mounting stays within about 3."""
 PLANE_LIMIT = 0.005
 """Of L, RMS: below it a curve counts as plane, or as straight."""
+HEAVY = 50.0
+"""kg/m: beyond the heaviest cables that people lay by hand."""
+DENSE = 20000.0
+"""kg/m^3: nothing that cables are made of is denser."""
+ARCH = 0.05
+"""Of L: a curve whose mean lies this far above the line between its clamps stands against gravity."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
 
@@ -139,6 +145,8 @@ def study_warnings(study: Study) -> list[str]:
             facts.append(found)
             warnings += [f"{one_line(pose.name)}: {text}" for text in _of_pose(study, pose, found)]
     measured = len(facts) == len(study.poses)
+    if measured and all(_stands(study, pose) for pose in study.poses):
+        warnings.append("every curve lies above the line between its clamps: look whether gravity points the right way.")
     if measured and all_plane(study, facts, PLANE_LIMIT * max(f.covered for f in facts)):
         sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
         warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
@@ -155,12 +163,33 @@ def _of_study(study: Study) -> list[str]:
     size = float(np.linalg.norm(study.gravity))
     if size and abs(size - GRAVITY) > 0.01 * GRAVITY:
         warnings.append(f"gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit.")
+    warnings += _heavy(study)
     scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
     if scales <= set(study.unknown_names):
         warnings.append("the density and both stiffnesses are unknown: shapes tell only their ratios.")
     if study.tolerance.length and "length" in study.unknown_names:
         warnings.append("length stands under [tolerance] and under [unknown]: one of them is enough.")
     return warnings
+
+
+def _heavy(study: Study) -> list[str]:
+    """Whether the cable weighs more than cables do."""
+    density, radius = study.known("length_density"), study.known("radius")
+    if density is None:
+        return []
+    most = HEAVY if radius is None else min(HEAVY, DENSE * np.pi * float(np.max(radius)) ** 2)
+    heaviest = float(np.max(density))
+    return [f"the cable weighs {heaviest:.4g} kg/m: check the unit, it is kg/m."] if heaviest > most else []
+
+
+def _stands(study: Study, pose: StudyPose) -> bool:
+    """Whether a curve between two held ends rises above the line between them, against gravity."""
+    size, length = float(np.linalg.norm(study.gravity)), study.known("length")
+    if pose.end is None or pose.curve is None or length is None or not size > 0:
+        return False
+    middle = 0.5 * (pose.start.position + pose.end.position)
+    fall = float((pose.curve.points.mean(axis=0) - middle) @ study.gravity) / size
+    return fall < -ARCH * float(np.max(length))
 
 
 def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:

@@ -9,6 +9,8 @@ import logging
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scan2flex_jax.errors import Scan2FlexError
 
 SCAN_LIMIT = 2_000_000_000
@@ -20,9 +22,9 @@ def load_geometry(path: Path) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
     if not path.is_file():
-        raise Scan2FlexError(f"the scan {path} does not exist")
+        raise Scan2FlexError(f"the scan {path} is not there: put it back, or correct its name.")
     if path.stat().st_size > SCAN_LIMIT:
-        raise Scan2FlexError(f"the scan {path} is larger than {SCAN_LIMIT // 1_000_000} MB: give a smaller one")
+        raise Scan2FlexError(f"the scan {path} is larger than {SCAN_LIMIT // 1_000_000} MB: thin it out.")
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -37,4 +39,17 @@ def load_geometry(path: Path) -> Any:
 def unreadable(path: Path, fault: Exception) -> Scan2FlexError:
     """One sentence for what trimesh made of a broken file."""
     reason = " ".join(f"{type(fault).__name__} {fault}".split())[:140]
-    return Scan2FlexError(f"the scan {path} cannot be read as a point cloud: {reason}")
+    return Scan2FlexError(f"the scan {path} cannot be read as a point cloud ({reason}): export it again, as PLY or XYZ.")
+
+
+def scan_facts(path: Path) -> tuple[int, np.ndarray]:
+    """``(points, size)`` of a scan: how many it has, and the extents (3,) of their box in the unit of the file."""
+    loaded = load_geometry(path)
+    try:
+        parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
+        vertices = [np.asarray(part.vertices, float).reshape(-1, 3) for part in parts if hasattr(part, "vertices")]
+        points = np.concatenate(vertices) if vertices else np.zeros((0, 3))
+    except (ValueError, IndexError, TypeError) as fault:
+        raise unreadable(path, fault) from fault
+    points = points[np.all(np.isfinite(points), axis=1)]
+    return len(points), np.ptp(points, axis=0) if len(points) else np.zeros(3)

@@ -19,6 +19,8 @@ CURVE_LEAST = 1 / 300
 """A measured curve shorter than this many L was written in another unit than L."""
 GUIDE_SLACK = 2.0
 """The same for guide points, which wander over the surface."""
+THICK = 0.5
+"""A radius larger than this many L was written in another unit than L."""
 STIFF_AXIAL = 1e3
 """N. Below it a cable may stretch by more than SPAN_SLACK under everyday forces, and spans are not checked."""
 DEFAULT_AXIAL = 1e5
@@ -61,10 +63,14 @@ def check_study(study: Study, where: Where) -> None:
 
 
 def _check_cable(study: Study, where: Where) -> None:
-    """What every study must know or ask for."""
+    """What every study must know or ask for, and whether it can be a cable."""
     for key in ("length", "length_density", "bending_stiffness", "torsional_stiffness"):
         if key not in study.cable and key not in study.unknown_names:
             raise where.at(f"cable.{key}").fail(f"it is missing: give {key} in [cable], or declare [unknown.{key}].")
+    longest, radius = longest_cable(study), study.cable.get("radius")
+    if longest is not None and radius is not None and float(np.max(radius)) > THICK * longest:
+        said = f"the radius is {float(np.max(radius)):g} m on a cable of at most {longest:g} m"
+        raise where.at("cable.radius").fail(f"{said}: write both in metres.")
 
 
 def _check_effects(study: Study, where: Where) -> None:
@@ -130,12 +136,15 @@ def _reach(study: Study) -> float | None:
     return max(lengths) * (1 + max(along, 0.0))
 
 
+def looks_like(ratio: float) -> tuple[str, int] | None:
+    """Which unit a length that is `ratio` times too long was probably written in, and how many of it make a metre."""
+    return next(((unit, factor) for low, high, unit, factor in _UNITS if low < ratio < high), None)
+
+
 def unit_hint(ratio: float) -> str:
-    """Which unit a length that is `ratio` times too long was probably written in."""
-    for low, high, unit, factor in _UNITS:
-        if low < ratio < high:
-            return f"it looks like {unit}: divide by {factor}"
-    return "correct the length, the unit or the frame"
+    """What to do about a length that is `ratio` times too long."""
+    unit = looks_like(ratio)
+    return "correct the length, the unit or the frame" if unit is None else f"it looks like {unit[0]}: divide by {unit[1]}"
 
 
 def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:

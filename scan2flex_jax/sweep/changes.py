@@ -27,7 +27,7 @@ def turned(study: Study, turns: ArrayLike) -> Study:
 
     A ball joint or a free end has no orientation and stays as it is.
     """
-    turns = np.asarray(turns, float)
+    turns = np.array(turns, float)  # a copy: scipy refuses what is read-only
     if turns.shape != (len(study.poses), 2, 3):
         wanted = (len(study.poses), 2, 3)
         raise Scan2FlexError(f"turns have shape {turns.shape}: give {wanted}, a vector for each end of each pose")

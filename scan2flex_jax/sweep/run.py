@@ -24,6 +24,8 @@ from scan2flex_jax.sweep.lanes import Lanes
 from scan2flex_jax.sweep.store import FORMAT, Memory, create
 from scan2flex_jax.sweep.task import FAULT, Calls, Traced, joined
 
+_IN_ONE_CALL = 16  # lanes on a CPU: starting a call costs a third of a solve, and few lanes are filled up
+
 
 def sweep(
     task: Calls | Traced,
@@ -41,9 +43,10 @@ def sweep(
     """Evaluate ``task`` in every lane; returns an `xarray.Dataset` over the lanes' dimensions, every lane with its verdict.
 
     ``store``: a folder in which each chunk of ``chunk`` lanes is kept once it is done; the same call goes on from there.
-    ``at_once``: lanes in one vectorised call of a traced task (left out: one by one on a CPU, where a loop measured faster
-    than a batch; a whole chunk on other devices or one lane for each device of a CPU ``mesh``). ``cost``: expected cost of a
-    lane, a function of it or numbers; lanes of like cost share a chunk, the costly ones first. ``mesh``: from `device_mesh`.
+    ``at_once``: lanes in one compiled call of a traced task, one after the other on a CPU and vectorised on other devices or
+    a ``mesh`` (left out: some on a CPU, one for each device of a CPU mesh, a whole chunk on other devices). ``cost``: expected
+    cost of a lane, a function of it or numbers; lanes of like cost share a chunk, the costly ones first. ``mesh``: from
+    `device_mesh`.
     ``share``: ``(i, n)``, this process and how many share the store (left out: what `jax.distributed` says).
     ``longest``: seconds after which no further chunk is begun; lanes that were not reached say so, and the same call goes on.
     ``progress`` is called with a line of text after every chunk and now and then inside one.
@@ -51,7 +54,9 @@ def sweep(
     xarray()
     require_float64()
     size = task.chunk if chunk is None else int(chunk)
-    at_once = _at_once(task, size, at_once, mesh)
+    if size < 1 or (at_once is not None and at_once < 1):
+        raise Scan2FlexError("chunk and at_once count lanes: give 1 or more")
+    at_once = _at_once(task, min(size, lanes.count), at_once, mesh)
     order = _order(lanes, cost)
     i, n = share or (jax.process_index(), jax.process_count())
     if not 0 <= i < n:
@@ -81,15 +86,16 @@ def device_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
 
 
 def _at_once(task, size, at_once, mesh) -> int:
-    if size < 1 or (at_once is not None and at_once < 1):
-        raise Scan2FlexError("chunk and at_once count lanes: give 1 or more")
+    """Lanes in one call, of a chunk of ``size``."""
     if mesh is not None:
         here = set(jax.local_devices())
         if len(mesh.axis_names) != 1 or mesh.axis_types != (AxisType.Auto,) or not set(mesh.devices.flat) <= here:
             raise Scan2FlexError("a sweep runs on one axis of type Auto over this process's own devices: use device_mesh()")
     width = 1 if mesh is None else mesh.size
-    if at_once is None:
-        at_once = width if isinstance(task, Calls) or jax.default_backend() == "cpu" else -(-size // width) * width
+    if at_once is None and (isinstance(task, Calls) or (mesh is not None and jax.default_backend() == "cpu")):
+        at_once = width
+    elif at_once is None:
+        at_once = min(size, _IN_ONE_CALL) if jax.default_backend() == "cpu" else -(-size // width) * width
     if at_once % width:
         raise Scan2FlexError(f"at_once is {at_once} on a mesh of {width} devices: give a multiple of {width}")
     return at_once

@@ -1,5 +1,6 @@
 """The command line, run as a user runs it: in a process of its own where the exit code and the streams count."""
 
+import io
 import json
 import os
 import subprocess
@@ -8,9 +9,11 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from scan2flex_jax import plot
+from scan2flex_jax.cli import setup
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_names, example_path
@@ -134,6 +137,15 @@ def test_fit_and_simulate_write_what_they_say(tmp_path):
     weight = 0.2 * 9.81 * (forces[-1, 0] - forces[0, 0])
     change = forces[-1, 1:4] - forces[0, 1:4]
     np.testing.assert_allclose(change, [0, 0, weight], atol=1e-3 * weight)  # second order
+
+
+def test_brackets_in_a_title_are_no_markup(monkeypatch):
+    """Markup that is not closed rightly would end the command with an error of the library that draws the line."""
+    shown = Console(file=io.StringIO(), force_terminal=True, width=80)
+    monkeypatch.setattr(setup, "ERRORS", shown)
+    with setup.progress("fitting a [bold cable[/red]") as tell:
+        tell("iteration 1 [/]")
+    assert "a [bold cable[/red]" in shown.file.getvalue()
 
 
 def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):

@@ -12,9 +12,10 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
+from scan2flex_jax.errors import Scan2FlexError
 
 COMMANDS = get_command(app).commands
-COMPUTES = ("fit", "explain", "plan", "simulate", "check", "extract", "pose", "report")
+COMPUTES = ("fit", "explain", "plan", "simulate", "check", "extract", "pose", "curve", "report")
 PROGRAM = Path(sys.executable).with_name("scan2flex")
 
 
@@ -43,6 +44,28 @@ def test_help_says_what_exit_codes_mean(name):
         assert code in text
     assert f"Example: scan2flex {name}" in text
     assert "[cable]" in text or name != "simulate"  # brackets are no markup
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_what_cannot_be_written_is_refused_before_anything_is_read(name, tmp_path):
+    """Nobody waits for a result that then has no place: a file in the way of a folder, a folder in the way of a file."""
+    (tmp_path / "file").write_text("")
+    for parameter in COMMANDS[name].params:
+        if parameter.name not in ("json", "out", "save", "figure", "figures"):
+            continue
+        needed = ["x"] * (name != "demo") + (["--to", "json"] if name == "export" else [])
+        needed += ["-o", "x"] if name == "export" and parameter.name != "out" else []
+        found = CliRunner().invoke(app, [name, *needed, parameter.opts[0], str(tmp_path / "file" / "deep.png")])
+        assert isinstance(found.exception, Scan2FlexError), (parameter.name, found.output)
+        assert f"{tmp_path / 'file'} is no folder" in str(found.exception)
+
+
+def test_a_folder_and_a_document_are_no_pictures(tmp_path):
+    for target, words in ((tmp_path, "no kind of picture"), (tmp_path / "fit.docx", ".png, .svg, .pdf")):
+        found = CliRunner().invoke(app, ["fit", "x", "--figure", str(target)])
+        assert words in str(found.exception)
+    found = CliRunner().invoke(app, ["fit", "x", "--json", str(tmp_path)])
+    assert "is a folder: name a file in it" in str(found.exception)
 
 
 @pytest.mark.parametrize("name", COMPUTES)

@@ -1,6 +1,7 @@
 """The commands before a fit: `new`, `pose`, `curve`, `check`, with answers, with options, and with nobody to ask."""
 
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study
+from tests.study.samples import curve, write_sample
 
 T = np.linspace(0, 1, 30)
 SAG = 1e3 * np.column_stack([0.6 * T, 0 * T, -0.35 * np.sin(np.pi * T) ** 2])  # mm
@@ -18,6 +20,8 @@ SAG = 1e3 * np.column_stack([0.6 * T, 0 * T, -0.35 * np.sin(np.pi * T) ** 2])  #
 
 @pytest.fixture
 def folder(tmp_path):
+    tmp_path = tmp_path / "mein Kabel \N{LATIN SMALL LETTER U WITH DIAERESIS}"
+    tmp_path.mkdir()
     for name in ("sag-1", "sag-2"):
         np.savetxt(tmp_path / f"{name}.txt", SAG, fmt="%.4f")
     return tmp_path
@@ -39,7 +43,7 @@ def test_new_with_options_alone(folder):
     np.testing.assert_allclose(study.poses[0].end.position, [0.6, 0, 0])
     np.testing.assert_allclose(study.poses[0].end.tangent, [1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(study.poses[1].curve.points, 1e-3 * SAG, atol=1e-7)
-    assert "scan2flex fit" in found.output
+    assert f"scan2flex fit {shlex.quote(str(folder))}" in found.output
 
 
 def test_new_asks_until_it_has_an_answer(folder, monkeypatch):
@@ -114,12 +118,15 @@ def test_curve_writes_what_a_study_reads(tmp_path):
     (tmp_path / "export.txt").write_text(
         "X [mm];Y [mm];Z [mm]\n" + "\n".join(";".join(f"{v:.3f}".replace(".", ",") for v in p) for p in SAG)
     )
-    found = run("curve", tmp_path / "export.txt", "-o", tmp_path / "sag.csv")
+    found = run("curve", tmp_path / "export.txt", "-o", tmp_path / "sag.csv", "--json", tmp_path / "sag.json")
     assert found.exit_code == 0, found.exception
     assert "30 points in mm" in found.output
     table = np.loadtxt(tmp_path / "sag.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, 1e-3 * SAG, atol=1e-6)
     assert (tmp_path / "sag.csv").read_text().startswith("x,y,z\n")
+    said = json.loads((tmp_path / "sag.json").read_text())
+    long = np.sum(np.linalg.norm(np.diff(table, axis=0), axis=1))
+    assert (said["points"], said["arc_length"]) == (30, pytest.approx(long, rel=1e-6))
 
 
 def test_check_writes_its_warnings(tmp_path):
@@ -128,3 +135,22 @@ def test_check_writes_its_warnings(tmp_path):
     said = json.loads((tmp_path / "check.json").read_text())
     assert said["unknown"] == ["bending_stiffness", "torsional_stiffness"]
     assert any("no validate pose" in warning for warning in said["warnings"])
+
+
+def test_check_reads_the_scans(tmp_path):
+    write_sample(tmp_path)
+    np.savetxt(tmp_path / "sag.xyz", curve())
+    found = run("check", tmp_path, "--json", tmp_path / "check.json")
+    assert found.exit_code == 0, found.exception
+    assert "sag: a scan of " in found.output
+    held = json.loads((tmp_path / "check.json").read_text())["poses"]["sag"]["scan"]
+    np.savetxt(tmp_path / "sag.xyz", 1e3 * np.loadtxt(tmp_path / "sag.xyz"))
+    found = run("check", tmp_path, "--json", tmp_path / "again.json")
+    assert "looks like millimetres" in found.output
+    again = json.loads((tmp_path / "again.json").read_text())["poses"]["sag"]["scan"]
+    assert again["points"] == held["points"]
+    np.testing.assert_allclose(again["size"], 1e3 * np.array(held["size"]))
+    (tmp_path / "sag.xyz").write_text("hello\n")
+    found = run("check", tmp_path)
+    assert isinstance(found.exception, Scan2FlexError)
+    assert "sag.xyz" in str(found.exception)

@@ -85,7 +85,8 @@ def test_scans_in_millimetres_are_scaled(tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"clamps": {}}, "'aside-45 start'"),
+        ({"clamps": {}}, "'aside-45 start'.*there are none"),
+        ({"clamps": {"plane start": Clamp(np.zeros(3))}}, "'aside-45 start'.*there are 'plane start'"),
         ({"clamps": {**clamps(), "sag start": Clamp(np.zeros(3))}}, "'sag start' belongs to no pose"),
         ({"clamps": clamps(), "validate": ("sag",)}, "no pose is called 'sag'"),
         ({"clamps": clamps(), "validate": ("aside-45", "plane", "twist-90", "unseen")}, "leave at least one"),
@@ -94,6 +95,12 @@ def test_scans_in_millimetres_are_scaled(tmp_path):
 def test_what_does_not_fit_is_one_sentence(folder, options, words):
     with pytest.raises(Scan2FlexError, match=words):
         new_study(folder, measured_files(folder), units="mm", **KNOWN, **options)
+
+
+@pytest.mark.parametrize(("units", "hint"), [(None, "looks like millimetres"), ("cm", "or correct the length")])
+def test_a_forgotten_unit_is_named(folder, units, hint):
+    with pytest.raises(Scan2FlexError, match=f"aside-45.csv: read so, the curve is .* name the unit of the files.*{hint}"):
+        new_study(folder, measured_files(folder), clamps=None, units=units, **KNOWN)
 
 
 def test_a_folder_without_measurements_is_refused(tmp_path):

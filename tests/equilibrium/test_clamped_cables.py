@@ -124,9 +124,15 @@ def test_a_loop_as_start_gives_another_branch():
 SWEEP = [(EI, GJ) for EI in (0.01, 0.1, 1.0, 10.0, 100.0) for GJ in (0.01, 0.1, 1.0, 10.0, 100.0)]
 
 
+nodes_start = eqx.filter_jit(curve_start)
+
+
 def test_four_poses_over_four_decades_of_stiffness():
-    """Generic starts, twists of 0, +-90 and 45 degrees: stable or an honest code, at least 95 of 100 solved."""
-    codes = []
+    """Generic starts, twists of 0, +-90 and 45 degrees: stable or an honest code, at least 98 of 100 solved.
+
+    Its nodes, without their frames and forces, are a start from which an equilibrium is found in a few steps.
+    """
+    codes, again = [], []
     for pose in cases.four_poses():
         boundary = cases.clamped(pose.end, pose.frame)
         for EI, GJ in SWEEP:
@@ -135,7 +141,24 @@ def test_four_poses_over_four_decades_of_stiffness():
             code = int(answer.verdict.code)
             assert code != SOLVED or (int(answer.verdict.negative) == 0 and answer.verdict.out_of_balance < 1e-6)
             codes.append(code)
-    assert codes.count(SOLVED) >= 95, np.reshape(codes, (4, 25))
+            if code == SOLVED:
+                found = cases.solved(cases.model(Cable(1.0, 0.2, EI, GJ)), boundary, start=nodes_start(answer.points, boundary))
+                again.append(int(found.verdict.steps) if found.verdict.solved else 1000)
+    assert codes.count(SOLVED) >= 98, np.reshape(codes, (4, 25))
+    assert max(again) <= 40, again
+
+
+def test_a_stiff_rod_is_found_again_from_its_own_nodes():
+    """A steel rod of 10 mm bent to 0.6 L: the tension that a start does not know makes its Hessian indefinite at first, which
+    is no saddle. A push off it ended nowhere within 200 steps."""
+    model = cases.model(Cable(1.0, 0.617, 103.0, 78.5, 1.65e7, 1.65e7))
+    boundary = cases.clamped((0.6, 0.0, 0.0), cases.START_FRAME)
+    rod = cases.solved(model, boundary)
+    again = cases.solved(model, boundary, start=nodes_start(rod.points, boundary))
+    assert rod.verdict.solved
+    assert again.verdict.solved
+    assert int(again.verdict.steps) <= 20
+    np.testing.assert_allclose(again.points, rod.points, atol=1e-9)
 
 
 def displaced(configuration, length, seed):

@@ -32,7 +32,7 @@ def right():
 def test_a_full_turn_too_many_is_found_and_said(right, wrong):
     f = fit(with_turns(wrong))
     assert {n for n in NAMES if any(f"pose {n} was solved with turns =" in s for s in f.sentences)} >= set(wrong)
-    assert all(p.rms < 1e-4 for p in f.poses.values())
+    assert all(p.rms < 1.05 * right.poses[name].rms for name, p in f.poses.items())
     for name, estimate in right.estimates.items():
         assert f.estimates[name].value == pytest.approx(estimate.value, rel=1e-4)
     assert f.valid == right.valid

@@ -5,6 +5,8 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import trimesh
+from scipy.integrate import solve_bvp
 
 from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.errors import Scan2FlexError
@@ -12,9 +14,11 @@ from scan2flex_jax.fit import cloud, fit
 from scan2flex_jax.fit.direct import Direct, measured_by
 from scan2flex_jax.fit.run import Problem
 from scan2flex_jax.scan import scanner
-from scan2flex_jax.study import MeasuredCurve
+from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Unknown
+from tests.reference import rotations
 
 TRUE = virtual.PTFE.bending
+PLAIN = Study("free", np.array([0.0, 0.0, -virtual.GRAVITY]), {}, (), unknowns=(Unknown("bending_stiffness"),))
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +59,7 @@ def test_the_answer_says_that_it_comes_from_the_points(direct, study):
     assert direct.data == "cloud" and direct.to_json()["data"] == "cloud"
     assert "fit to point clouds" in direct.summary()
     assert any("points of the scans themselves" in s for s in direct.sentences)
-    assert direct.study is study
+    assert direct.study == study
 
 
 def test_the_default_takes_clouds_where_there_is_no_curve_and_curves_where_there_is(study, direct):
@@ -70,12 +74,12 @@ def test_the_default_takes_clouds_where_there_is_no_curve_and_curves_where_there
     assert any("extracted" in s for s in extracted.sentences)
 
 
-@pytest.mark.xfail(strict=True, reason="0.34 standard errors since extraction changed; the fits settle, cause not traced")
-def test_where_the_direct_fit_starts_matters_little(study, direct):
+def test_where_the_direct_fit_starts_does_not_matter(study, direct):
+    """From the curve that was extracted and from the true one: 0.02 of a standard deviation is what the fit settles to."""
     curve, _ = virtual.true_shape(virtual.PTFE, 0.0)
     with_curve = replace(study, poses=(replace(study.poses[0], curve=MeasuredCurve(curve[5:-5:10])),))
     value, other = (x.estimates["bending_stiffness"] for x in (fit(with_curve, data="cloud"), direct))
-    assert abs(value.value - other.value) < 0.2 * other.std
+    assert abs(value.value - other.value) < 0.02 * other.std
 
 
 def test_a_point_of_weight_is_on_the_cable(stage):
@@ -169,6 +173,41 @@ def test_a_radius_that_is_not_quite_right_shows_as_an_offset(study, direct, wron
     stage = start_of(replace(study, cable={**study.cable, "radius": wrong * virtual.PTFE.radius}))
     bias = virtual.PTFE.sensor.range_bias
     assert abs(stage.evaluator.weights.offset[0] - (1.0 - wrong) * virtual.PTFE.radius) < 1.5 * abs(bias)
+
+
+def cantilever(x, count=401):
+    """The heavy cantilever of a cable (count, 3) in m, clamped along +x: EI theta'' = -q (L - s) cos theta, by collocation."""
+    q, s = virtual.GRAVITY * x.density, np.linspace(0.0, x.length, count)
+
+    def slopes(s, y):
+        return np.stack([y[1], -q * (x.length - s) * np.cos(y[0]) / x.bending, np.cos(y[0]), -np.sin(y[0])])
+
+    def ends(a, b):
+        return np.array([a[0], b[1], a[2], a[3]])
+
+    y = solve_bvp(slopes, ends, s, np.zeros((4, count)), tol=1e-8, max_nodes=20_000).sol(s)
+    return np.stack([y[2], 0.0 * s, y[3]], axis=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("views", [1, 2])
+def test_a_cable_with_a_free_end(tmp_path, views):
+    """A heavy cantilever and a table under it, no guide points: found, fitted to its points, inside the interval."""
+    x = replace(virtual.PTFE, length=0.5, eyes=virtual.PTFE.eyes[:views])
+    curve = cantilever(x)
+    clutter = [scanner.clamp_block(curve[0], -virtual.START[:, 2], x.radius), scanner.table(curve, x.radius)]
+    seen = scanner.scan(curve, x.radius, np.array(x.eyes), x.sensor, 7, clutter=clutter)
+    trimesh.PointCloud(seen.points).export(tmp_path / "hangs.ply")
+    start = Clamp(np.zeros(3), rotations.quaternion(virtual.START))
+    pose = StudyPose("hangs", "fit", start, None, scan=tmp_path / "hangs.ply", viewpoints=np.array(x.eyes))
+    cable = {"length": x.length, "radius": x.radius, "length_density": x.density, "torsional_stiffness": x.torsion}
+    cable |= {"shear_stiffness": virtual.RIGID, "axial_stiffness": virtual.RIGID}
+    f = fit(replace(PLAIN, cable=cable, poses=(pose,), folder=tmp_path))
+    e = f.estimates["bending_stiffness"]
+    assert f.data == "cloud"
+    assert e.low < TRUE < e.high
+    assert e.std < 0.02 * TRUE
+    assert np.linalg.norm(f.poses["hangs"].modelled[-1] - curve[-1]) < 1e-3
 
 
 def test_tolerances_of_the_clamps_are_priors_for_clouds_too(study, direct):

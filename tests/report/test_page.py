@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -136,6 +137,9 @@ def test_an_explanation_brings_its_evidence_and_the_tie(fitted, monkeypatch):
     assert "kink: look at the cable" in words
     assert "position 0.42; angle [0.1, 0, 0]; width 0.02" in words
     assert "plain fit: validate poses" in words
+    alone = explained(fitted)
+    alone = replace(alone, chosen=(replace(alone.chosen[0], tied_with=()),))
+    assert "tied: kink or something outside the catalogue" in Page(report(alone)).words()
     colours = {t["line"]["color"] for t in shown.figures()["residual-1"]["data"]}
     assert len(colours) == 2  # before and after
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
-from scan2flex_jax.scan import extract, load_cloud, scanner, shapes
+from scan2flex_jax.scan import cloud, extract, load_cloud, scanner, shapes
 from tests.scan.truth import EYES, ends, errors, scanned
 
 LENGTH, RADIUS = 1.0, 0.012
@@ -71,6 +71,43 @@ def test_guide_points_and_a_table():
     found = extract(scan.points, RADIUS, length=LENGTH, guide_points=marks)
     rms, _, _ = errors(found, curve, RADIUS, 2)
     assert rms < 0.3 * NOISE
+
+
+def test_a_bend_that_was_seen_thinly_is_followed():
+    """One view of a loop above a table: the coarse curve cuts across the bend, further from it than the tube of points around
+    the curve is wide. The points of the bend are taken in once a finer curve passes near them."""
+    curve = shapes.loop(LENGTH, 0.004)
+    clutter = [scanner.table(curve, 0.004)]
+    points = scanner.scan(curve, 0.004, EYES[:1], scanner.STRUCTURED_LIGHT, 75, clutter=clutter).points
+    start, end = ends(curve)
+    found = extract(points, 0.004, length=LENGTH, start=start, end=end, viewpoints=EYES[:1])
+    rms, shift, length = errors(found, curve, 0.004, 1)
+    assert rms < 0.3 * NOISE
+    assert shift < 0.2
+    assert abs(length) < 0.005
+    assert found.sure and not found.gaps
+
+
+def test_a_table_is_left_out_however_thinly_it_was_seen():
+    curve, scan = scanned("loop", LENGTH, 0.004)
+    size, rng = [0.8, 0.6, 0.0], np.random.default_rng(3)
+    table = rng.uniform(-0.5, 0.5, (2000, 3)) * size + [0.0, 0.0, curve[:, 2].min() - 0.1]
+    kept = cloud.off_planes(np.concatenate([scan.points, table]), 0.004)
+    assert kept[len(scan.points) :].sum() < 20
+    assert kept[: len(scan.points)].mean() > 0.99
+
+
+@pytest.mark.parametrize("views", [2, 3])
+def test_noise_as_large_as_the_radius_lets_the_last_stage_settle(views):
+    """Flying pixels take information from the points beside them; a step that overlooks it goes to and fro for ever."""
+    curve = shapes.loop(LENGTH, 0.004)
+    points = scanner.scan(curve, 0.004, EYES[:views], scanner.TIME_OF_FLIGHT, 88).points
+    start, end = ends(curve)
+    found = extract(points, 0.004, length=LENGTH, start=start, end=end, viewpoints=EYES[:views])
+    rms, shift, _ = errors(found, curve, 0.004, views)
+    assert found.sure
+    assert rms < 0.5 * scanner.TIME_OF_FLIGHT.noise
+    assert abs(shift) < 0.2
 
 
 def test_the_answer_is_complete_and_the_same_again():

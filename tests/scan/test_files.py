@@ -8,7 +8,8 @@ import trimesh
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import extract, load_cloud, shapes, tube_mesh
-from scan2flex_jax.scan.cloud import MESH_SAMPLES
+from scan2flex_jax.scan.cloud import MESH_SAMPLES, normals_at
+from scan2flex_jax.scan.coarse import axis_votes
 from tests.scan.truth import ends, errors
 
 LENGTH, RADIUS = 1.0, 0.012
@@ -64,6 +65,28 @@ def test_a_curve_comes_out_of_an_stl(tmp_path):
     rms, _, length = errors(found, curve, RADIUS, 2)
     assert rms < 2e-4
     assert abs(length) < 0.005
+
+
+def test_normals_of_a_file_are_used(tmp_path):
+    """Points of a straight cable, too few to show where their surface faces; their normals, in a PLY, show its axis."""
+    rng = np.random.default_rng(4)
+    angle, x = rng.uniform(-1.2, 1.2, 150), rng.uniform(0.0, 0.6, 150)
+    normals = np.column_stack([0.0 * angle, np.cos(angle), np.sin(angle)])
+    points = RADIUS * normals + np.column_stack([x, 0.0 * x, 0.0 * x])
+    head = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+    rows = "".join(" ".join(f"{v:.7f}" for v in row) + "\n" for row in np.hstack([points, normals]))
+    (tmp_path / "faced.ply").write_text(f"ply\nformat ascii 1.0\nelement vertex 150\n{head}end_header\n{rows}")
+    cloud = load_cloud(tmp_path / "faced.ply")
+    np.testing.assert_allclose(cloud.normals, normals, atol=1e-6)
+    np.testing.assert_allclose(normals_at(cloud, cloud.points[40:60]), normals[40:60], atol=1e-6)
+    assert normals_at(cloud.points, cloud.points) is None
+
+    def off_axis(known):
+        votes, _ = axis_votes(cloud.points, RADIUS, known)
+        return np.median(np.linalg.norm(votes[:, 1:], axis=1))
+
+    assert off_axis(cloud.normals) < 0.02 * RADIUS
+    assert off_axis(None) > 0.1 * RADIUS
 
 
 @pytest.mark.parametrize("name", ["empty.xyz", "words.xyz", "empty.obj", "cut.stl"])

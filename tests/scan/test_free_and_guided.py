@@ -9,6 +9,7 @@ import trimesh
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.scan import extract, extract_pose, near_curve, scanner, shapes
+from scan2flex_jax.scan.cloud import drawn
 from scan2flex_jax.study import Clamp, Study, StudyPose
 from tests.scan.test_study import quaternion
 from tests.scan.truth import EYES, ends, errors, scanned
@@ -99,3 +100,14 @@ def test_where_extraction_refuses_a_fit_begins_from_a_coarse_curve(study, marked
     away = np.linalg.norm(near.curve[:, None] - shapes.resample(curve, 2001), axis=2).min(axis=1)
     assert np.max(away) < 1.5 * RADIUS
     assert len(near.points) > 1000
+
+
+def test_a_point_is_drawn_whatever_other_points_there_are():
+    points = np.random.default_rng(0).normal(size=(5300, 3))
+    whole, less = drawn(points, 4096), 65 + drawn(points[65:], 4096)
+    np.testing.assert_array_equal(whole[whole >= 65], less)
+    assert 0.75 * 4096 < len(whole) <= 4096
+    np.testing.assert_array_equal(5299 - drawn(points[::-1], 4096)[::-1], whole)
+    np.testing.assert_allclose(points[whole].std(axis=0), 1.0, atol=0.05)  # no part of the cloud is preferred
+    np.testing.assert_array_equal(drawn(points[:50], 60), np.arange(50))
+    assert len(drawn(np.zeros((10, 3)), 4)) == 0  # what lies in one place has one lot

@@ -26,11 +26,16 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 from scan2flex_jax.sweep import device_mesh, sweep
 from tests.sweep import scenes
 """
-MESH = HEAD + """
+MESH = (
+    HEAD
+    + """
 assert len(jax.devices()) == 4
 sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, store=sys.argv[1], mesh=device_mesh())
 """
-PROCESS = HEAD + """
+)
+PROCESS = (
+    HEAD
+    + """
 store, note, address, me = sys.argv[1:]
 jax.distributed.initialize(address, num_processes=2, process_id=int(me), heartbeat_timeout_seconds=20)
 assert jax.process_count() == 2
@@ -38,6 +43,7 @@ task, lanes = scenes.squares(Path(note), 0.05)
 found = sweep(task, lanes, store=store, chunk=2)
 assert int((found["code"] == 0).sum()) == lanes.count
 """
+)
 
 
 def run(code, *arguments, devices=1):

@@ -15,6 +15,7 @@ from scan2flex_jax.sweep import (
     Calls,
     Outcome,
     Output,
+    device_mesh,
     draws,
     equilibria,
     failed,
@@ -71,10 +72,12 @@ def test_labels_units_and_progress(swept):
     assert any("chunk 2 of 2 kept, 6 of 6 lanes, 2 failed" in line for line in lines)
 
 
-def test_a_batch_gives_what_the_loop_gives(swept):
-    """In the order of cost, with a last batch that is filled up: only rounding differs, and a failed lane harms no other."""
+def test_a_vectorised_batch_gives_what_the_loop_gives(swept):
+    """On a mesh, in the order of cost, with a last batch that is filled up: only rounding differs, and a failed lane harms no
+    other."""
     found, _ = swept
-    batched = sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, at_once=4, cost=lambda lane: -lane["bending_stiffness"])
+    order = {"cost": lambda lane: -lane["bending_stiffness"]}
+    batched = sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, at_once=4, mesh=device_mesh(), **order)
     np.testing.assert_array_equal(batched["code"], found["code"])
     for name in scenes.QUANTITIES:
         np.testing.assert_allclose(batched[name], found[name], rtol=1e-6, atol=1e-9)

@@ -3,7 +3,8 @@
 Unknown are the nodes' positions and their turns away from the start's frames, as Rodrigues parameters p with the quaternion
 (1, p)/|(1, p)|: no constraints, no singularity below half a turn. The strain of an element is the logarithm of its relative
 rigid motion; functions of the angle are series in the squared sine of half of it, for which derivatives need no branch.
-IPOPT has exact gradients and Hessians from CasADi; positions are in m, the energy in units of B/L.
+IPOPT has exact gradients and Hessians from CasADi; positions are in m, the energy in units of B/L. At its tolerance rounding
+ends some solves ("search direction becomes too small"); the record says which.
 """
 
 import casadi as ca

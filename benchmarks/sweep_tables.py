@@ -1,0 +1,27 @@
+"""The tables of docs/sweeps.md: lanes in a loop and in batches. See `benchmarks.tables`."""
+
+from pathlib import Path
+
+from benchmarks.tables import load, made_on, table
+
+PAGE = Path(__file__).parents[1] / "docs" / "sweeps.md"
+
+
+def batches() -> str:
+    """Milliseconds of a lane by what one compiled call does with how many lanes."""
+    entry = load("sensitivity")
+    ms = entry["results"]["batches"]["a loop and vmap"]["ms per lane"]
+    first = next(iter(ms.values()))
+    rows = [[way, f"{x:.1f}", f"{x / first:.2g}"] for way, x in ms.items()]
+    return table(["way", "ms for a lane", "over the first"], rows) + made_on(entry)
+
+
+def order() -> str:
+    """Steps that batches of 16 run over the steps that their lanes need."""
+    entry = load("sensitivity")
+    b = entry["results"]["batches"]["a loop and vmap"]
+    rows = [[name, f"{x:.2f}"] for name, x in b["steps of batches of 16 over steps of the lanes"].items()]
+    return table(["order of the lanes", "steps run over steps needed"], rows) + made_on(entry)
+
+
+TABLES = {"batches": batches, "order": order}
