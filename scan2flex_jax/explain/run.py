@@ -194,7 +194,7 @@ def _if_noise(found):
     if stated or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
         return ()
     errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
-    return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to have it decided",)
+    return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)
 
 
 def _not_enough(found):
