@@ -92,13 +92,17 @@ _BLIND = (  # key, what it says, what is asked for
     ("top_1_above_1.5", "the same, strength above 1.5", "95 %"),
     ("named_and_wrong", "named alone, and wrong", "2 % at most"),
     ("both_of_a_pair", "two effects: both found", "80 %"),
+    ("both_tied", "two effects: both in the tied sets", "-"),
     ("one_of_a_pair", "two effects: at least one in the tie set", "-"),
     ("off_catalogue_flagged", 'an effect that no catalogue has: answered "unexplained"', "75 %"),
+    ("off_catalogue_field", "the same, or a field that describes it tied with the kinds named", "-"),
     ("fit_within_5_percent", "ranked first and right: RMS after within 5 % of the noise", "all"),
     ("validate_better", "poses never fitted: predicted better than before", "90 %"),
     ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
     ("validate_within_1.15_no_tolerance", "the same in studies without tolerances (a new pose's clamps deviate too)", "all"),
     ("place_within_2_percent", "right kind with a place along the cable: within 2 % of the length", "all"),
+    ("place_within_2_percent_if_seen", "the same, where its standard error is below 1 % of the length", "-"),
+    ("place_covered", "95 % intervals of places that hold the truth", "-"),
     ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"),
 )
 
