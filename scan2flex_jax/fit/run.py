@@ -115,7 +115,10 @@ def _on_its_branches(problem, minimum, method):
         vectors = [minimum.shared]
         if np.any(own > branches.ASTRAY):
             vectors += [np.r_[x, minimum.shared[len(x) :]] for x in problem.starts()]
-        turns = [branches.nearest(problem, problem.study.fit_poses, own > branches.FAR, x) for x in vectors]
+        turns = []
+        for x in vectors:  # all poses that are nearer with other turns, and each of them alone
+            nearer = branches.nearest(problem, problem.study.fit_poses, own > branches.FAR, x)
+            turns += [nearer, *({name: n} for name, n in nearer.items())]
         found = []
         for other in (t for i, t in enumerate(turns) if t and t not in turns[:i]):
             tried = problem.with_study(branches.with_turns(problem.study, other))

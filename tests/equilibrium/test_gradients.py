@@ -114,6 +114,7 @@ def test_jacfwd_matches_finite_differences(forward, k):
     np.testing.assert_allclose(forward[:, k], slope, atol=1e-6 * scale)
 
 
+@pytest.mark.slow
 def test_jacrev_matches_jacfwd(forward):
     reverse = jax.jit(jax.jacrev(outcome), compiler_options=UNOPTIMISED)(zero)
     np.testing.assert_allclose(reverse, forward, atol=1e-9 * np.abs(forward).max())
@@ -127,6 +128,7 @@ def loss(z):
     return WEIGHTS @ outcome(z)
 
 
+@pytest.mark.slow
 def test_vmap_of_grad_and_grad_of_vmap_agree(forward):
     """Lanes at the centre and beside it; the centre is known from the forward Jacobian."""
     inside = jax.jit(jax.vmap(jax.grad(loss)), compiler_options=UNOPTIMISED)(LANES)

@@ -210,6 +210,7 @@ def test_a_cable_with_a_free_end(tmp_path, views):
     assert np.linalg.norm(f.poses["hangs"].modelled[-1] - curve[-1]) < 1e-3
 
 
+@pytest.mark.slow
 def test_tolerances_of_the_clamps_are_priors_for_clouds_too(study, direct):
     from scan2flex_jax.study import Tolerance
 

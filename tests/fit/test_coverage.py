@@ -20,6 +20,7 @@ def fits():
     return [fit(scenes.measured(study, curves, NOISE, seed), elements=scenes.ELEMENTS) for seed in range(DRAWS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(TRUE))
 def test_intervals_cover(fits, name):
     estimates = [f.estimates[name] for f in fits]

@@ -9,6 +9,7 @@ from scan2flex_jax.fit import fit
 from . import scenes
 
 
+@pytest.mark.slow
 def test_it_brings_the_largest_distance_down():
     """On noisy shapes the fit to the largest distance has a smaller one. It rests on a point or two: a poor estimator, off by
     some per cent where least squares are off by tenths of one."""

@@ -68,6 +68,7 @@ def test_restricted_likelihood_is_the_dense_one():
     np.testing.assert_allclose(ours[1] - ours[0], values[1] - values[0], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("columns", [0, 3])
 def test_known_noise_is_found_again(columns):
     """The mean over draws is unbiased within its scatter (and a tenth for the weak priors), the scatter is the known one;

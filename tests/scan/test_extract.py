@@ -123,6 +123,7 @@ def test_the_answer_is_complete_and_the_same_again():
     assert {"cloud", "coarse", "snakes", "points used"} <= set(one.stages)
 
 
+@pytest.mark.slow
 def test_the_standard_deviation_is_honest():
     """Errors over the stated standard deviation, over several scans: of order one (a range bias is not in it)."""
     sensor = scanner.Sensor(noise=5e-4, lateral_noise=1e-4)

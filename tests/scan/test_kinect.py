@@ -36,6 +36,7 @@ def picks_of(curve):
     return np.column_stack([pixels, 1e3 * curve[:, 2]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slope", [0.0, 0.5, 1.0])
 def test_the_length_follows_the_focal_length_as_far_as_it_runs_across_the_view(slope):
     """An arc across the view goes with 1/f. Tilted by ``slope`` in depth, a line's share is -across^2/length^2: x is z u/f."""
@@ -45,6 +46,7 @@ def test_the_length_follows_the_focal_length_as_far_as_it_runs_across_the_view(s
     assert abs(found + 1.0 / (1.0 + slope**2)) < 0.02
 
 
+@pytest.mark.slow
 def test_a_wrong_focal_length_makes_the_length_wrong_by_what_the_sensitivity_says():
     a = np.linspace(-0.6, 0.6, 14)
     picks = picks_of(np.stack([0.15 * np.sin(2 * a), 0.10 * np.cos(2 * a), 0.4 + 0.05 * a], axis=1))
@@ -54,6 +56,7 @@ def test_a_wrong_focal_length_makes_the_length_wrong_by_what_the_sensitivity_say
 
 
 @needs_data
+@pytest.mark.slow
 def test_the_lengths_of_real_wires_agree_within_what_the_intrinsics_allow():
     lengths = {}
     for path in sorted(FOLDER.glob("*.csv")):

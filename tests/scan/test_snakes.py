@@ -102,6 +102,7 @@ def test_the_gradient_is_that_of_finite_differences(transform):
     np.testing.assert_allclose(slope, expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_all_methods_go_down_and_the_good_ones_agree():
     x0, base = problem()
     out = {method: minimise.minimise_snakes(x0, base, method, 300) for method in ("least squares", "bfgs", "cg")}

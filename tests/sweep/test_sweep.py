@@ -31,6 +31,8 @@ from tests.fit import scenes as studies
 
 from . import scenes
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def swept():
