@@ -70,11 +70,6 @@ def explained(study, elements: int):
     return result
 
 
-def with_curves(study):
-    """The study itself, or with the centre curves of its scans where poses have none."""
-    return study if all(pose.curve is not None for pose in study.poses) else extracted(study)[0]
-
-
 def extracted(study):
     """``(study with curves, curves by pose)``."""
     from scan2flex_jax.scan import extract_study  # noqa: PLC0415

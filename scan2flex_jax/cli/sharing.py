@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, choices, file_to_write, with_curves
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, choices, file_to_write
 from scan2flex_jax.cli.setup import prepare_jax, progress
 
 _TO = ("mujoco", "pyelastica", "json")
@@ -38,7 +38,6 @@ def report(
     else:
         from scan2flex_jax.explain import explain as run  # noqa: PLC0415
 
-        loaded = with_curves(loaded)
     with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}") as tell:
         result = run(loaded, elements=elements, progress=tell)
         save_report(result, out, progress=tell)

@@ -61,8 +61,7 @@ def _facets(c, axes):
     order = sorted(lower, key=lambda e: -np.sum(c.points @ e[:3] + e[3] > -_TOUCHING * c.length))
     out: list = []
     for e in order:
-        normal = -e[:3] / -(e[:3] @ c.up)
-        tilt = axes @ normal
+        tilt = axes @ e[:3] / (e[:3] @ c.up)
         touching = c.points[c.points @ e[:3] + e[3] > -_TOUCHING * c.length]
         if all(np.linalg.norm(tilt - other[:2]) > _OTHER for other in out):
             out.append((*tilt, touching.mean(axis=0)))

@@ -60,8 +60,9 @@ class Context:
 
     @property
     def up(self) -> np.ndarray:
-        """Unit vector against gravity."""
-        return -np.asarray(self.gravity) / max(float(np.linalg.norm(self.gravity)), 1e-12)
+        """Unit vector against gravity; +z where there is none."""
+        size = float(np.linalg.norm(self.gravity))
+        return -np.asarray(self.gravity) / size if size > 0 else np.array([0.0, 0.0, 1.0])
 
     @property
     def lowest(self) -> np.ndarray:

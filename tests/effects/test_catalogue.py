@@ -160,6 +160,15 @@ def test_a_leaning_table_is_among_the_planes_to_look_at():
     assert min(found) < 1.0 < np.degrees(np.arccos(normal[2]))
 
 
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [0.0, 0.0, -9.81]])
+@pytest.mark.parametrize("points", [np.zeros((0, 3)), np.outer(np.linspace(0, 1, 30), [0, 0, 1.0])], ids=["none", "in line"])
+def test_planes_are_finite_without_gravity_and_for_points_that_span_nothing(gravity, points):
+    c = dataclasses.replace(scene.CONTEXT, gravity=np.array(gravity), points=points)
+    for site in ENTRIES["support_plane"].sites(c):
+        p = ENTRIES["support_plane"].to_parameters(np.zeros(1), site, c)
+        assert np.linalg.norm(p["normal"]) == pytest.approx(1.0) and np.isfinite(p["offset"])
+
+
 def test_parameters_of_planes_go_there_and_back():
     entry, c = ENTRIES["support_plane"], scene.CONTEXT
     normal = c.up + np.array([0.05, -0.03, 0.02])
