@@ -3,7 +3,7 @@
 The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of what is known only nearly. Its
 share for one residual stands for the square of the noise, which is not known yet: in units of it, logarithms are held weakly
 where they began (a factor of 20 is one standard deviation), so that a number that the poses hardly feel does not drift to where
-the rod is no cable and takes hundreds of steps to solve, while what they determine moves by thousandths of its standard error;
+the rod is no cable and takes hundreds of steps to solve, while what they determine moves by a small part of its standard error;
 and the fit has converged when a step promises less than a thousandth of it. Marquardt's scaling makes the steps independent of
 units; steps in logarithms are bounded, the range of the user is kept by holding those numbers that lie at a bound and want to
 leave it. Solves follow the branch from one iterate to the next; a fit that began from configurations already found starts from

@@ -50,3 +50,15 @@ def test_natural_curvature_in_the_plane_of_a_clamped_pose_is_invisible(noise):
     assert any(f"natural_curvature[{across}]" in s for s in f.sentences), f.sentences
     assert not f.estimates["natural_curvature"].identifiable
     assert f.estimates["natural_curvature"].std is None
+
+
+def test_what_a_plane_pose_does_not_feel_keeps_its_ratio_to_what_it_feels():
+    """Stiffer in bending alone, the rod would buckle out of its plane on the way, and the fit end where it does."""
+    soft = {"bending_stiffness": scenes.EI / 50, "torsional_stiffness": scenes.EI / 50}
+    study = scenes.guessed(scenes.study_of(poses=("plane",)), **soft)
+    found = fit(study)
+    EI, GJ = (found.estimates[name] for name in ("bending_stiffness", "torsional_stiffness"))
+    assert found.converged
+    assert EI.value == pytest.approx(scenes.EI, rel=1e-3)
+    assert GJ.value == pytest.approx(EI.value, rel=1e-6)
+    assert not GJ.identifiable
