@@ -1,6 +1,8 @@
 """The program ``scan2flex``: its commands in the order in which a user meets them, and its entry point."""
 
+import os
 import sys
+import threading
 
 import typer
 
@@ -33,6 +35,17 @@ for _command in (
 
 def main() -> None:
     """Entry point: faults in the input are one sentence and exit code 2."""
+    try:
+        _run()
+    except SystemExit as end:
+        if not any(t is not threading.main_thread() and not t.daemon for t in threading.enumerate()):
+            raise
+        for stream in (sys.stdout, sys.stderr):  # the answer is there: nobody waits for what is still being compiled
+            stream.flush()
+        os._exit(end.code if isinstance(end.code, int) else int(end.code is not None))
+
+
+def _run() -> None:
     try:
         app()
     except Scan2FlexError as error:

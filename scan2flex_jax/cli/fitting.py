@@ -117,6 +117,7 @@ def demo(
 
     prepare_jax()
     from scan2flex_jax.explain.ahead import compile_ahead  # noqa: PLC0415
+    from scan2flex_jax.explain.slots import empty_slots_of  # noqa: PLC0415
     from scan2flex_jax.fit import fit as run  # noqa: PLC0415
 
     out.mkdir(parents=True, exist_ok=True)
@@ -125,7 +126,7 @@ def demo(
     plot = drawing()
     for name, loaded in (("simulated-cable", cable), ("black-wire", wire)):
         with progress(f"fitting {name}") as tell:
-            result = run(loaded, progress=tell)
+            result = run(loaded, progress=tell, slots=empty_slots_of(loaded))  # compiled for the search too
         typer.echo(result.summary())
         plot.save(plot.overview(result), out / f"{name}.png")
         write_json_atomic(out / f"{name}.json", result.to_json())

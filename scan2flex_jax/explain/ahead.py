@@ -1,7 +1,8 @@
-"""Compiling ahead: what a diagnosis will run, compiled in a thread beside the plain fit that it has to wait for.
+"""Compiling ahead: what a diagnosis will run beyond its plain fit, compiled in a thread beside that fit.
 
 XLA compiles outside of Python's lock, so on two cores most of the loop's compilation costs the user no time. The thread
-evaluates one pose of the study at values of no meaning; whatever goes wrong there comes up again, in words, where it counts.
+works on one pose of the study at values of no meaning; whatever goes wrong there comes up again, in words, where it counts.
+The evaluation of a pose itself is compiled by the fit (`slots.empty_slots_of`), and serves the search as it is.
 """
 
 import contextlib
@@ -29,7 +30,7 @@ def compile_ahead(study, elements: int = FIT_ELEMENTS, *, mesh: bool = True) -> 
     key = (layout_of(study), tuple(e.kind for e in study.effects), study.clamped_ends, elements, mesh)
     if key not in _STARTED:
         one = replace(study, poses=study.fit_poses[:1])
-        _STARTED[key] = threading.Thread(target=_run_through, args=(one, elements, mesh), daemon=True)
+        _STARTED[key] = threading.Thread(target=_run_through, args=(one, elements, mesh))  # a daemon in XLA aborts the exit
         _STARTED[key].start()
     return _STARTED[key]
 
@@ -39,8 +40,7 @@ def _run_through(study, elements, mesh):
         problem = Problem(study, elements)
         minimum = _anywhere(problem)
         bench, vector = Bench(problem, minimum), np.r_[minimum.shared, minimum.local.ravel()]
-        bench.shapes((), vector)
-        bench.catalogue_columns(vector, all_components(bench.context), problem.poses.start)
+        bench.catalogue_tangents(vector, all_components(bench.context), problem.poses.start, 0)
         if mesh:
             mesh_error(problem, minimum)
 

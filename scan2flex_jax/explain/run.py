@@ -15,6 +15,7 @@ from scan2flex_jax.explain.evidence import one_step
 from scan2flex_jax.explain.families import WORDS
 from scan2flex_jax.explain.result import Explanation, Ranked
 from scan2flex_jax.explain.sensitivity import Bench
+from scan2flex_jax.explain.slots import empty_slots_of
 from scan2flex_jax.fit import fit as plain_fit
 from scan2flex_jax.fit.run import FIT_ELEMENTS
 from scan2flex_jax.study.model import MeasuredCurve, Study
@@ -44,7 +45,7 @@ def explain(
         say("plain fit")
         compiling = compile_ahead(study, elements, mesh=mesh)
         try:
-            fitted = plain_fit(study, elements=elements)
+            fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
         except Scan2FlexError as fault:
             if "settle" not in str(fault):
                 raise

@@ -1,8 +1,8 @@
 """Signatures: what every entry of the catalogue would do to the residual, at the plain fit and without a refit.
 
 A `Component` is one kind at one site. `Bench` holds a study made ready: it turns numbers (shared, local, amplitudes,
-continuous parts of the sites) into states (`states`), solves all poses, and differentiates. At zero amplitude the columns of
-the whole catalogue share the base model's factors, so each costs one back-substitution.
+continuous parts of the sites) into states (`fit.states`), solves all poses, and differentiates. At zero amplitude the columns
+of the whole catalogue share the base model's factors, so each costs one back-substitution.
 
 Units: residuals in m; columns in m per unit of their number; amplitudes as the catalogue has them.
 """
@@ -19,8 +19,9 @@ import numpy as np
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import Context, Site, catalogue, entry_of
-from scan2flex_jax.explain import states
-from scan2flex_jax.fit.evaluate import one
+from scan2flex_jax.explain.slots import empty_slots, load_of_fields
+from scan2flex_jax.fit import states
+from scan2flex_jax.fit.evaluate import one, target_of
 from scan2flex_jax.fit.parameters import boundary_at, model_at
 from scan2flex_jax.rod.effect import overriding
 
@@ -82,12 +83,12 @@ class Bench:
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
         self.previous = _previous(problem.study, minimum, self.elements)
-        self.nulls = states.empty_slots(self.context)
+        self.nulls = empty_slots(self.context)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.solves = 0
 
     def shapes(self, components, vector, start=None, derivative=True):
-        """All poses solved at the numbers: a list of `states.Shape`, columns in the order of `Numbers.of_pose`."""
+        """All poses solved at the numbers: a list of `fit.states.Shape`, columns in the order of `Numbers.of_pose`."""
         numbers, out = Numbers(self, components), []
         start = self.start if start is None else start
         for i in range(self.poses.count):
@@ -101,31 +102,42 @@ class Bench:
         ``start`` must be the equilibrium of ``vector``. Most kinds share its factors. A section law whose knee is scanned
         is a slot of the state with another value in it at every site, and is solved once for each.
         """
-        laws = [k for k, c in enumerate(components) if self._is_scanned_law(c)]
-        rest = [k for k in range(len(components)) if k not in laws]
-        kinds = list(dict.fromkeys(components[k].kind for k in rest))
-        numbers, out = Numbers(self, ()), []
+        kinds, laws = self._of_catalogue(components)
+        out = []
         for i in range(self.poses.count):
-            x, here = vector[numbers.of_pose(i)], one(start, i)
-            state, _ = self._state((), x, i)
-            own = [[components[k] for k in rest if components[k].kind == kind] for kind in kinds]
-            parts = [self._scan(kind, same, x, i, here) for kind, same in zip(kinds, own, strict=True)]
-            tangents = jax.tree.map(lambda *t: np.concatenate(t), *parts)
-            columns = [self._solve(state, tangents, i, here).columns]
-            columns += [self._law_columns(components[k], x, i, here) for k in laws]
+            parts = self.catalogue_tangents(vector, components, start, i)
+            columns = [self._solve(state, tangents, i, one(start, i)).columns for state, tangents in parts]
             out.append(np.concatenate(columns, axis=-1))
-        owner = [k for kind in kinds for k in rest if components[k].kind == kind] + laws
+        owner = [k for same in kinds.values() for k in same] + laws
         return out, np.array([k for k in owner for _ in components[k].entry.amplitudes])
+
+    def catalogue_tangents(self, vector, components, start, i):
+        """States of pose ``i`` and the directions in which the components move them at zero amplitude: most kinds one state,
+        each scanned law its own."""
+        kinds, laws = self._of_catalogue(components)
+        x, here = vector[Numbers(self, ()).of_pose(i)], one(start, i)
+        parts = [self._scan(kind, [components[k] for k in same], x, i, here) for kind, same in kinds.items()]
+        common = self._state((), x, i)[0], jax.tree.map(lambda *t: np.concatenate(t), *parts)
+        return [common, *(self._law(components[k], x, i) for k in laws)]
+
+    def _of_catalogue(self, components):
+        """Which components are of each kind, and which are scanned laws."""
+        laws = [k for k, c in enumerate(components) if self._is_scanned_law(c)]
+        kinds: dict[str, list[int]] = {}
+        for k, c in enumerate(components):
+            if k not in laws:
+                kinds.setdefault(c.kind, []).append(k)
+        return kinds, laws
 
     def _is_scanned_law(self, component):
         slots = self.nulls.get(component.kind, ())
         return bool(component.site) and bool(overriding(slots, "strain_energy"))
 
-    def _law_columns(self, component, x, i, start):
+    def _law(self, component, x, i):
         count = len(component.entry.amplitudes)
         null = np.r_[x, np.zeros(count), [float(component.site[name]) for name in component.moving]]
         state, tangents = self._state((component,), null, i)
-        return self._solve(state, jax.tree.map(lambda t: t[len(x) : len(x) + count], tangents), i, start).columns
+        return state, jax.tree.map(lambda t: t[len(x) : len(x) + count], tangents)
 
     def field_columns(self, vector, make, shape, start):
         """Columns of a field that is no kind of the catalogue: ``make(values)`` gives its effect."""
@@ -140,8 +152,8 @@ class Bench:
 
     def _solve(self, state, tangents, i, start):
         self.solves += 1
-        p = self.poses
-        return states.evaluate(state, tangents, start, p.points[i], p.mask[i], p.expected[i])
+        tangents = states.no_tangents(state) if tangents is None else tangents
+        return states.evaluate(state, tangents, start, target_of(self.poses, i))
 
     def _state(self, components, x, i):
         kinds, sites = tuple(c.kind for c in components), tuple(_numeric(c.site) for c in components)
@@ -255,7 +267,7 @@ def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nu
 
         def load(a):
             fields = entry_of(kind).build(a, site, cast(Any, SimpleNamespace(**scene)))
-            return states.load_of_fields(fields, state(null), start)
+            return load_of_fields(fields, state(null), start)
 
         tangents = jax.vmap(lambda t: jax.jvp(state, (null,), (t,))[1])(jnp.eye(len(null)))
         if not overriding(nulls.get(kind, ()), "node_potential"):

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2flex_jax.fit.evaluate import Evaluator
 from scan2flex_jax.fit.poses import poses_of
 
 FAR = 0.003  # of the length: RMS distance from which on a pose may be on another branch
@@ -40,7 +39,7 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0) -> dict
 
 def _distance(problem, pose, shared):
     poses = poses_of([pose], problem.length, problem.elements)
-    evaluator = Evaluator(problem.layout, problem.template, poses, problem.elements)
+    evaluator = problem.evaluator_of(poses)
     found = evaluator(shared)
     problem.evaluator.equilibria += evaluator.equilibria
     return float(distances(found, poses.mask)[0])

@@ -1,31 +1,25 @@
 """Residuals of all poses and their Jacobian: what every method of fitting asks for.
 
 Poses are solved one after the other by one compiled function: a batch would run all of them to the slowest, and compile
-anew for each number of poses.
+anew for each number of poses. What a study asks for and knows nearly only changes the way from its numbers to the state of a
+pose (`states`), which is compiled in no time.
 
 The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
 the factors of the solve. A call that only needs residuals compiles and runs without it.
 """
 
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.compilation import compiled
-from scan2flex_jax.equilibrium.solve import SOLVED, Verdict, equilibrium
-from scan2flex_jax.fit.distance import hausdorff_residuals, integrated_residuals, normal_residuals
+from scan2flex_jax.compilation import lightly_compiled
+from scan2flex_jax.equilibrium.solve import SOLVED, Verdict
+from scan2flex_jax.fit import states
 from scan2flex_jax.fit.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fit.poses import Poses
 from scan2flex_jax.rod.model import CableModel, Configuration
-
-DISTANCES: dict[str, Callable] = {
-    "normal": normal_residuals,
-    "integrated": integrated_residuals,
-    "hausdorff": hausdorff_residuals,
-}
 
 
 class Evaluation(NamedTuple):
@@ -44,24 +38,18 @@ class Evaluation(NamedTuple):
         return bool(np.all(np.asarray(self.verdict.code) == SOLVED) and np.all(np.isfinite(self.residual)))
 
 
-@compiled
-def _evaluate(layout: Layout, template: CableModel, pose: Poses, x, start, elements, distance, derivative):
-    """One pose: its Jacobian, residual, arc lengths, configuration and verdict."""
+@lightly_compiled
+def _state(layout: Layout, template: CableModel, boundary, x, slots, elements, derivative):
+    """State of one pose at its numbers, and its derivatives by them."""
 
-    def residual(x):
+    def state(x):
         model = model_at(layout, template, x[: layout.shared])
-        boundary = boundary_at(layout, pose.boundary, x[layout.shared :])
-        e = equilibrium(model, boundary, start=start, elements=elements)
-        distances = DISTANCES[distance]
-        ds, d3 = e.rod.section.ds, e.configuration.R[:, :, 2]
-        r, s = distances(e.points, d3, ds, pose.points, pose.expected, partial(observed, model))
-        r = r * pose.mask[:, None]
-        return r, (r, s, jax.lax.stop_gradient(e.configuration), e.verdict)
+        own = states.slots_of(model.effects)
+        return states.state_of(model, boundary_at(layout, boundary, x[layout.shared :]), elements, (*own, *slots))
 
-    if derivative:
-        jacobian, rest = jax.jacfwd(residual, has_aux=True)(x)
-        return jacobian, *rest
-    return None, *residual(x)[1]
+    if not derivative:
+        return state(x), None
+    return state(x), jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(jnp.eye(len(x)))
 
 
 def observed(model: CableModel, points):
@@ -74,10 +62,13 @@ def observed(model: CableModel, points):
 class Evaluator:
     """Residuals of a study's poses; counts the equilibria that it solved."""
 
-    def __init__(self, layout: Layout, template: CableModel, poses: Poses, elements: int, distance: str = "normal"):
-        """Nothing is solved yet."""
+    def __init__(
+        self, layout: Layout, template: CableModel, poses: Poses, elements: int, distance: str = "normal", slots: tuple = ()
+    ):
+        """Nothing is solved yet; ``slots`` are energy laws of no effect that the states have room for beside the model's."""
         self.layout, self.template, self.poses = layout, template, poses
-        self.elements, self.distance = elements, distance
+        self.elements, self.distance, self.slots = elements, distance, slots
+        self.few = not slots and layout.shared + layout.local <= states.FEW
         self.equilibria = 0
 
     def __call__(self, shared, local=None, *, start=None, derivative=True) -> Evaluation:
@@ -86,15 +77,21 @@ class Evaluator:
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         start = p.start if start is None else start
-        found = [
-            _evaluate(
-                self.layout, self.template, one(p, i), np.concatenate([shared, local[i]]), one(start, i), self.elements,
-                self.distance, derivative,
-            )
-            for i in range(p.count)
-        ]  # fmt: skip
-        jacobian, r, s, configuration, verdict = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *found)
+        found = [self._pose(i, np.concatenate([shared, local[i]]), one(start, i), derivative) for i in range(p.count)]
+        r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)
         return Evaluation(r, jacobian, s, configuration, verdict)
+
+    def _pose(self, i, x, start, derivative):
+        boundary = one(self.poses.boundary, i)
+        derivative = derivative or bool(self.slots)  # with room for more, one compiled function serves all
+        given = self.layout, self.template, boundary, x, self.slots, self.elements, derivative
+        state, tangents = jax.tree.map(np.asarray, _state(*given))
+        return states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.few)
+
+
+def target_of(poses: Poses, i: int) -> states.Target:
+    """What pose ``i`` is compared with."""
+    return states.Target(poses.points[i], poses.mask[i], poses.expected[i])
 
 
 def one(tree, i: int):

@@ -16,12 +16,13 @@ from scan2flex_jax.equilibrium.solve import SENTENCES
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fit import branches
 from scan2flex_jax.fit.direct import Direct, measured_by
-from scan2flex_jax.fit.evaluate import DISTANCES, Evaluator
+from scan2flex_jax.fit.evaluate import Evaluator
 from scan2flex_jax.fit.least_squares import Goal, bfgs, levenberg_marquardt, nelder_mead
 from scan2flex_jax.fit.parameters import layout_of, start_vector, template, values_of
 from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fit.start import balance_start
+from scan2flex_jax.fit.states import DISTANCES
 from scan2flex_jax.fit.statistics import noise_of, uncertainty
 from scan2flex_jax.study.model import Study
 
@@ -49,6 +50,7 @@ def fit(
     distance: str = "normal",
     elements: int = FIT_ELEMENTS,
     progress: Callable[[str], None] | None = None,
+    slots: tuple = (),
 ) -> Fit:
     """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
 
@@ -56,14 +58,15 @@ def fit(
     or "nelder-mead" (the paper's). ``data``: "curve" fits centre curves (extracted first where a pose has a scan only),
     "cloud" the points of the scans themselves, "auto" curves where every pose has one or a scan is too coarse for its
     cable, else clouds. ``distance``, of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and
-    "nelder-mead": it has no least squares). ``progress`` is called with a line of text now and then. Raises `Scan2FlexError`
-    when there is nothing to fit or no pose can be solved.
+    "nelder-mead": it has no least squares). ``progress`` is called with a line of text now and then. ``slots``: energy laws
+    of effects that may be added later, at zero amplitude, so that what is compiled here serves then too. Raises
+    `Scan2FlexError` when there is nothing to fit or no pose can be solved.
     """
     _check(study, method, distance, data)
     began = time.perf_counter()
     progress = progress or (lambda message: None)
     whole, scans, said = measured_by(study, data, method, distance, progress)
-    problem = Problem(whole, elements, distance, progress)
+    problem = Problem(whole, elements, distance, progress, slots)
     minimum = problem.minimise(method)
     problem, minimum = _on_its_branches(problem, minimum, method)
     turned, whole = branches.sentences(whole, problem.study), problem.study
@@ -152,19 +155,23 @@ _HAUSDORFF = "fitted to the largest distance of each pose: the intervals are tho
 class Problem:
     """One study made ready: layout, template, poses and evaluator; kept by the loop that refits with effects added."""
 
-    def __init__(self, study, elements=FIT_ELEMENTS, distance="normal", progress=lambda message: None):
+    def __init__(self, study, elements=FIT_ELEMENTS, distance="normal", progress=lambda message: None, slots=()):
         """Arrays of the fit poses; nothing is solved yet."""
-        self.study, self.elements, self.progress = study, elements, progress
+        self.study, self.elements, self.progress, self.slots = study, elements, progress, slots
         self.layout, self.template = layout_of(study), template(study)
         guess = study.start_value("length") or 1.0
         self.length = float(study.cable.get("length", guess))
         self.poses = poses_of(study.fit_poses, self.length, elements)
         self.held_out = _held_out(study, self.length, elements)
-        self.evaluator = Evaluator(self.layout, self.template, self.poses, elements, distance)
+        self.evaluator = self.evaluator_of(self.poses, distance)
+
+    def evaluator_of(self, poses, distance: str = "normal") -> Evaluator:
+        """An evaluator of other poses, that has counted nothing yet."""
+        return Evaluator(self.layout, self.template, poses, self.elements, distance, self.slots)
 
     def with_study(self, study) -> "Problem":
         """The same of another study with the same unknowns; equilibria are counted on."""
-        other = Problem(study, self.elements, self.evaluator.distance, self.progress)
+        other = Problem(study, self.elements, self.evaluator.distance, self.progress, self.slots)
         other.evaluator.equilibria = self.evaluator.equilibria
         return other
 
@@ -174,7 +181,7 @@ class Problem:
 
     def predicted(self, minimum):
         """The evaluation of the ``validate`` poses, which had no part in the minimum."""
-        return Evaluator(self.layout, self.template, self.held_out, self.elements, self.evaluator.distance)(minimum.shared)
+        return self.evaluator_of(self.held_out, self.evaluator.distance)(minimum.shared)
 
     def scale(self, noise) -> np.ndarray:
         """Standard deviation (m) that weighs each pose: the stated one, else the estimated one."""
@@ -246,7 +253,7 @@ class Problem:
     def seen_by_normals(self, minimum):
         """The minimum of another distance with all its residuals, for the statistics and the poses."""
         old = self.evaluator
-        self.evaluator = Evaluator(self.layout, self.template, self.poses, self.elements, "normal")
+        self.evaluator = self.evaluator_of(self.poses)
         self.evaluator.equilibria = old.equilibria
         start = minimum.evaluation.configuration
         return replace(minimum, evaluation=self.evaluator(minimum.shared, minimum.local, start=start))

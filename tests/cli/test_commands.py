@@ -166,3 +166,12 @@ def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(Scan2FlexError, match="no kind of picture"):
         plot.save(figure, tmp_path / "fit.docx")
     plt.close(figure)
+
+
+def test_the_program_ends_with_its_answer_while_something_is_still_being_compiled(tmp_path):
+    busy = "import threading, time; threading.Thread(target=time.sleep, args=(200,)).start()"
+    code = f"{busy}; from scan2flex_jax.cli import main; main()"
+    command = [sys.executable, "-c", code, "check", str(tmp_path / "nothing")]
+    found = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert found.returncode == 2
+    assert "nothing" in found.stderr

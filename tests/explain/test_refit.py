@@ -10,6 +10,7 @@ import pytest
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.explain import ahead, evidence, refit, search, stage
 from scan2flex_jax.explain.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.explain.slots import empty_slots_of
 from scan2flex_jax.fit import fit
 from scan2flex_jax.study import load_study
 
@@ -53,7 +54,7 @@ def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
 
 
 def first_stage(study):
-    problem, minimum = fit(study).problem
+    problem, minimum = fit(study, slots=empty_slots_of(study)).problem
     bench = Bench(problem, minimum)
     signatures, beside = stage.signatures(bench, minimum, None)
     return signatures, stage.stage_of(signatures, beside)
@@ -98,7 +99,7 @@ def test_a_repeated_search_needs_fewer_equilibria_and_finds_the_same():
 def test_what_was_compiled_ahead_is_not_compiled_again():
     study, names, listening = scenes.study(), [], True
     ahead.compile_ahead(study).join()
-    fit(study)
+    fit(study, slots=empty_slots_of(study))  # what the fit compiled serves all that comes after it
 
     def listen(event, seconds, **more):
         if event == COMPILED and listening:

@@ -1,14 +1,16 @@
-"""One structure for every effect: what an effect does to the rod, apart from how the rod is solved.
+"""One structure for every study and effect: what a model does to the rod of one pose, apart from how the rod is solved.
 
-A *state* is the discrete rod of one pose with slots for all energy laws and outer fields of the catalogue (each null until
-it is used), and the affine map by which the scanner sees points. Effects on clamps, sections and loads only change arrays
-of the state. So one compiled evaluation serves the base model, every kind of the catalogue and every combination of kinds;
-what is compiled anew for a kind is only the cheap way from its numbers to the state.
+A *state* is the discrete rod of one pose with slots for its energy laws and outer fields, and the affine map by which the
+scanner sees points. Parameters and effects on clamps, sections and loads only change arrays of the state. So one compiled
+evaluation serves every choice of unknowns, and with slots for the laws of the whole catalogue (each null until it is used)
+every kind of effect and every combination of kinds; what is compiled anew for a choice is only the cheap way from its
+numbers to the state.
 
 Symbols: ``view`` (3, 4) = [A | b], points are seen at ``A p + b``; ``tangents`` are directions in the space of states, and
 the residual's derivative along each is that of the equilibrium by the implicit function theorem: one back-substitution.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -20,17 +22,20 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.compilation import compiled
-from scan2flex_jax.effects.catalogue import catalogue
 from scan2flex_jax.equilibrium.solve import Verdict, equilibrium
-from scan2flex_jax.fit.distance import normal_residuals
+from scan2flex_jax.fit.distance import hausdorff_residuals, integrated_residuals, normal_residuals
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.effect import AbstractEffect, Node, Section, overriding
-from scan2flex_jax.rod.energy import node_weights
+from scan2flex_jax.rod.effect import AbstractEffect, Section, overriding
 from scan2flex_jax.rod.loads import DeadLoad
-from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
+from scan2flex_jax.rod.model import CableModel, Configuration, discretise
 
-CHUNK = 24  # tangents that one call pushes through: a refit needs about a dozen, the catalogue some 250
+FEW, CHUNK = 6, 24  # tangents that one call pushes through: most fits need few, a refit a dozen, the catalogue some 250
+DISTANCES: dict[str, Callable] = {
+    "normal": normal_residuals,
+    "integrated": integrated_residuals,
+    "hausdorff": hausdorff_residuals,
+}
 _ENERGY_HOOKS = ("strain_energy", "node_potential")
 
 
@@ -68,7 +73,7 @@ class Shape(NamedTuple):
     """One pose solved: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, verdict."""
 
     residual: np.ndarray
-    columns: np.ndarray
+    columns: np.ndarray | None
     s: np.ndarray
     configuration: Configuration
     verdict: Verdict
@@ -77,16 +82,6 @@ class Shape(NamedTuple):
 def slots_of(effects) -> tuple[AbstractEffect, ...]:
     """Those of the effects that bring an energy law or an outer field."""
     return tuple(e for e in effects if any(overriding((e,), hook) for hook in _ENERGY_HOOKS))
-
-
-def empty_slots(context) -> dict[str, tuple[AbstractEffect, ...]]:
-    """Per kind of the catalogue that needs slots: its effects at zero amplitude."""
-    found = {}
-    for entry in catalogue():
-        slots = slots_of(entry.build(jnp.zeros(len(entry.amplitudes)), entry.sites(context)[0], context))
-        if slots:
-            found[entry.kind] = slots
-    return found
 
 
 def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> State:
@@ -103,56 +98,66 @@ def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> Sta
     return State(rod.section, rod.load, rod.boundary, slots, view)
 
 
-def load_of_fields(effects, state: State, configuration: Configuration) -> DeadLoad:
-    """The dead load that outer fields of effects are at a configuration: of nodes and of their tangents d3."""
-    rod = Rod(state.section, state.load, state.boundary, ())
+class Target(NamedTuple):
+    """What one pose is compared with: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m."""
 
-    def energy(r, d3):
-        R = configuration.R.at[:, :, 2].set(d3)
-        def node(r, R, s, w):
-            seen = Node(r, R, s, w, rod.section.ds, rod.boundary)
-            return sum(field.node_potential(seen) for field in overriding(effects, "node_potential"))
-
-        return jnp.sum(jax.vmap(node)(r, R, rod.node_s, node_weights(rod)))
-
-    force, lever = jax.grad(energy, argnums=(0, 1))(configuration.r, configuration.R[:, :, 2])
-    return DeadLoad(-force, -lever)
+    points: Float[Array | np.ndarray, "m 3"]
+    mask: Float[Array | np.ndarray, " m"]
+    expected: Float[Array | np.ndarray, " m"]
 
 
-def _shape(state, start, points, mask, expected):
+def _shape(state, start, target, distance):
     section = state.section
     n = section.s.shape[0]
     one = jnp.ones(())
     cable = Cable(section.ds * n, one, one, one)
     model = CableModel(cable, jnp.zeros(3), (Given(section, state.load, state.boundary), *state.slots))
     e = equilibrium(model, state.boundary, start=start, elements=n)
-    view = state.view
-    r, s = normal_residuals(
-        e.points, e.configuration.R[:, :, 2], section.ds, points, expected, lambda p: p @ view[:, :3].T + view[:, 3]
+    view, points = state.view, target.points
+    r, s = DISTANCES[distance](
+        e.points, e.configuration.R[:, :, 2], section.ds, points, target.expected, lambda p: p @ view[:, :3].T + view[:, 3]
     )
-    return r * mask[:, None], (s, jax.lax.stop_gradient(e.configuration), e.verdict)
+    return r * target.mask[:, None], (s, jax.lax.stop_gradient(e.configuration), e.verdict)
 
 
 @compiled
-def _evaluate(state, start, points, mask, expected, tangents):
-    r, push, rest = jax.linearize(lambda x: _shape(x, start, points, mask, expected), state, has_aux=True)
+def _evaluate(state, start, target, distance, tangents):
+    if tangents is None:
+        r, rest = _shape(state, start, target, distance)
+        return r, None, rest
+    r, push, rest = jax.linearize(lambda x: _shape(x, start, target, distance), state, has_aux=True)
     return r, jax.vmap(push)(tangents), rest
 
 
-def evaluate(state: State, tangents: State | None, start: Configuration, points, mask, expected) -> Shape:
-    """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number)."""
-    arrays = eqx.filter(state, eqx.is_inexact_array)
-    zero = jax.tree.map(lambda x: np.zeros((CHUNK, *x.shape)), arrays)
-    tangents = zero if tangents is None else tangents
+def evaluate(state: State, tangents: State | None, start: Configuration, target: Target, distance="normal", few=False) -> Shape:
+    """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
+
+    ``few``: what is compiled pushes few tangents at a time, and is the quicker for it. Without ``tangents`` there are no
+    columns, and what is compiled is another, smaller function.
+    """
+    if tangents is None:
+        r, _, rest = _evaluate(state, start, target, distance, None)
+        return _as_numpy(r, None, *rest)
+    arrays, width = eqx.filter(state, eqx.is_inexact_array), FEW if few else CHUNK
+    zero = jax.tree.map(lambda x: np.zeros((width, *x.shape)), arrays)
     count = len(jax.tree.leaves(tangents)[0])
     columns = []
-    for first in range(0, count, CHUNK):
+    for first in range(0, max(count, 1), width):
         part = jax.tree.map(partial(_part, first), tangents, zero)
-        r, d, (s, configuration, verdict) = _evaluate(state, start, points, mask, expected, part)
+        r, d, (s, configuration, verdict) = _evaluate(state, start, target, distance, part)
         columns.append(np.asarray(d))
         start = jax.tree.map(np.asarray, configuration)
     d = np.moveaxis(np.concatenate(columns)[:count], 0, -1)
-    return Shape(np.asarray(r), d, np.asarray(s), start, jax.tree.map(np.asarray, verdict))
+    return _as_numpy(r, d, s, start, verdict)
+
+
+def no_tangents(state: State) -> State:
+    """Tangents of the kind that `evaluate` asks for, none of them."""
+    return jax.tree.map(lambda x: np.zeros((0, *x.shape)), eqx.filter(state, eqx.is_inexact_array))
+
+
+def _as_numpy(residual, columns, s, configuration, verdict) -> Shape:
+    return Shape(*jax.tree.map(np.asarray, (residual, columns, s, configuration, verdict)))
 
 
 def _part(first, x, zero):
