@@ -24,7 +24,10 @@ from scan2flex_jax.fit.noise import Noise
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
 _REACH = np.array([0.03, 1.0])  # of the length: from the cable to where a string is anchored
-_GIVE_UP = 1e7
+_GIVE_UP = 1e7  # damping
+_HOPELESS = 200.0  # cost above the least one of another refit: a hundred nats behind
+_TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
+_PATIENCE = 3  # steps in a row that promise too little
 _WEAK = 3.0  # standard deviation of the logarithm of a base number about the plain fit's: a factor of 20
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 _TILT = 0.2  # of a plane from the level: no table is further off
@@ -100,22 +103,24 @@ class Prior:
             self.width[i] = 12.0 / max(high - low, 1e-12) ** 2
 
 
-def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST) -> Refit:
+def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST, least: float = np.inf) -> Refit:
     """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum.
 
-    Entries may then propose other starts; the likeliest end is returned.
+    Entries may then propose other starts; the likeliest end is returned. A descent that cannot come near the cost ``least``
+    is given up before its end.
     """
-    found = _refit(bench, tuple(components), noise, guess, amplitudes, None, most)
+    found = _refit(bench, tuple(components), noise, guess, amplitudes, None, most, least)
     ends = [found]
     for other, begin, base in _other_starts(bench, found):
-        ends.append(_refit(bench, other, noise, base, begin, configurations(found.shapes), 2 * most))
+        least = min(least, found.cost)
+        ends.append(_refit(bench, other, noise, base, begin, configurations(found.shapes), 2 * most, least))
     return max(ends, key=lambda f: f.log_evidence)
 
 
-def again(bench: Bench, before: Refit, noise) -> Refit:
+def again(bench: Bench, before: Refit, noise, least: float = np.inf) -> Refit:
     """A refit anew with another noise, from where it ended before."""
     n, prior = Numbers(bench, before.components), Prior(bench, before.components)
-    return _descend(bench, before.components, n, prior, noise, before.vector, configurations(before.shapes), _MOST)
+    return _descend(bench, before.components, n, prior, noise, before.vector, configurations(before.shapes), _MOST, least)
 
 
 def _other_starts(bench, found):
@@ -136,7 +141,7 @@ def _other_starts(bench, found):
             yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]], base
 
 
-def _refit(bench, components, noise, guess, amplitudes, start, most):
+def _refit(bench, components, noise, guess, amplitudes, start, most, least):
     n, prior = Numbers(bench, components), Prior(bench, components)
     vector = np.zeros(n.count)
     vector[: n.base] = guess[: n.base]
@@ -145,13 +150,15 @@ def _refit(bench, components, noise, guess, amplitudes, start, most):
         vector[n.site(k)] = [float(c.site[name]) for name in c.moving]
         if c.kind == "support_plane":  # nothing lies below a hard plane
             vector[n.site(k)[c.moving.index("offset")]] = noise.total
-    for stage in _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,):
+    stages = _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,)
+    for stage in stages:
         for k, c in enumerate(components):
             if c.kind == "support_plane":
                 vector[n.amplitudes(k)] = np.minimum(stage * c.entry.size(bench.context), c.entry.bounds(bench.context)[1])
         vector = np.clip(vector, prior.low, prior.high)
         for law in _tempered(noise):
-            found = _descend(bench, components, n, prior, law, vector, start, most)
+            near = least if law is noise and stage == stages[-1] else np.inf  # costs of another law do not compare
+            found = _descend(bench, components, n, prior, law, vector, start, most, near)
             vector, start = found.vector, configurations(found.shapes)
     return found
 
@@ -178,7 +185,7 @@ def _cost(bench, shapes, n, prior, noise, vector):
     return float(white.r @ white.r + own @ vector**2 + prior.weak @ (vector - prior.centre) ** 2), white
 
 
-def _descend(bench, components, n, prior, noise, vector, start, most):
+def _descend(bench, components, n, prior, noise, vector, start, most, least):
     def at(x, begin):
         shapes = bench.shapes(components, x, begin)
         return (x, shapes, *_cost(bench, shapes, n, prior, noise, x))
@@ -189,10 +196,13 @@ def _descend(bench, components, n, prior, noise, vector, start, most):
     while not np.isfinite(cost) and len(amplitudes) and np.any(np.abs(vector[amplitudes]) > 0) and damping < 1e-1:
         vector[amplitudes] *= 0.3
         (vector, shapes, cost, white), damping = at(vector, start), damping * 10
-    iteration = 0
+    iteration = hopeless = 0
     while np.isfinite(cost) and iteration < most and damping < _GIVE_UP:
         iteration += 1
         step = _Step(white, n, prior, vector, damping)
+        hopeless = hopeless + 1 if cost - _TRUSTED * step.promised > least + _HOPELESS else 0
+        if hopeless >= _PATIENCE:
+            break
         trial = at(step.end, configurations(shapes))
         if np.isfinite(trial[2]) and trial[2] > cost + _ENOUGH:
             bent = at(step.bent(trial[3]), configurations(shapes))
@@ -228,7 +238,9 @@ class _Step:
         self.scale = np.sqrt(np.diag(A) + prior.width)[self.free] + 1e-150
         self.H = A[np.ix_(self.free, self.free)] / np.outer(self.scale, self.scale) + damping * np.eye(int(self.free.sum()))
         self.white, self.prior, self.vector, self.shared = white, prior, vector, n.shared
-        self.move = self._bounded(self._solved(g))
+        whole = self._solved(g)
+        self.promised = -float(g @ whole)  # drop of the cost, were the residual linear and nothing bounded
+        self.move = self._bounded(whole)
         self.end = np.clip(vector + self.move, prior.low, prior.high)
 
     def bent(self, white) -> np.ndarray:

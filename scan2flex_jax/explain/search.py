@@ -243,9 +243,10 @@ def outside(found: Refit) -> tuple[str, ...]:
 def _relative(stage, components, amplitudes):
     before = stage.known.get(frozenset(c.kind for c in components))
     if before is not None and np.isfinite(before.cost):
-        found = again(stage.bench, before, stage.noise)
+        found = again(stage.bench, before, stage.noise, stage.least)
     else:
-        found = refit(stage.bench, components, stage.noise, stage.base.vector, amplitudes)
+        found = refit(stage.bench, components, stage.noise, stage.base.vector, amplitudes, least=stage.least)
+    stage.least = min(stage.least, found.cost)
     found.log_evidence -= stage.base.log_evidence
     for c in components:  # choices between sites that are not continuous
         discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(stage.bench.context)}

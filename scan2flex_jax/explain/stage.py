@@ -19,6 +19,7 @@ class Stage:
     """All that the scores rest on: whitened residual, groups (one per component), families, noise draws.
 
     ``known``: refits with another estimate of the noise, by their kinds; a refit of the same kinds begins where they ended.
+    ``least``: the lowest cost of a refit so far; those that cannot come near it are given up on the way.
     """
 
     bench: Bench
@@ -33,6 +34,7 @@ class Stage:
     y: np.ndarray
     Q: np.ndarray
     known: dict
+    least: float = np.inf
 
 
 @dataclass
