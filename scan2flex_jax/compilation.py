@@ -5,6 +5,7 @@ XLA's CPU fusion emitters spend about twice the compile time on graphs of many s
 """
 
 from functools import cache
+from pathlib import Path
 from typing import ClassVar
 
 import equinox as eqx
@@ -18,6 +19,9 @@ except ImportError:
     def _outside() -> bool:
         return False
 
+
+_MAPPED, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+_FULL = 0.5  # of the memory mappings that Linux grants a process: what is left is ample for one diagnosis
 
 _OPTIONS = {"xla_cpu_use_fusion_emitters": False}
 
@@ -57,3 +61,19 @@ class lightly_compiled(compiled):  # noqa: N801 - used as a decorator
     """The same for functions that run in no time and only cost their compilation: without optimisation."""
 
     _more: ClassVar[dict] = {"xla_backend_optimization_level": 0}
+
+
+def make_room(full: float = _FULL) -> bool:
+    """Forget all compiled functions of the process when they hold more than ``full`` of the memory mappings that it may have.
+
+    Each compiled function holds some; beyond Linux's limit the next one crashes the process, after some sixty studies that
+    are explained one after the other. Whether they were forgotten; elsewhere than on Linux nothing is known, and nothing done.
+    """
+    try:
+        with _MAPPED.open("rb") as maps:
+            room = sum(1 for _ in maps) < full * int(_LIMIT.read_text())
+    except (OSError, ValueError):
+        return False
+    if not room:
+        jax.clear_caches()
+    return not room

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from scan2flex_jax.compilation import make_room
 from scan2flex_jax.explain.gates import mesh_error
 from scan2flex_jax.explain.sensitivity import Bench, all_components
 from scan2flex_jax.fit.evaluate import Evaluation
@@ -27,6 +28,8 @@ def compile_ahead(study, elements: int = FIT_ELEMENTS, *, mesh: bool = True) -> 
 
     Wait with ``join`` before running the same functions: a function compiled twice at once is compiled twice.
     """
+    if not any(thread.is_alive() for thread in _STARTED.values()) and make_room():
+        _STARTED.clear()
     key = (layout_of(study), tuple(e.kind for e in study.effects), study.clamped_ends, elements, mesh)
     if key not in _STARTED:
         one = replace(study, poses=study.fit_poses[:1])

@@ -15,8 +15,7 @@ from scipy import stats
 from scan2flex_jax.explain.refit import Prior, Refit
 from scan2flex_jax.explain.residual import orthonormal, whiten
 from scan2flex_jax.explain.sensitivity import Numbers
-
-_NORMALS = 2
+from scan2flex_jax.fit.distance import NORMALS
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
@@ -26,7 +25,7 @@ def left_out(stage, found: Refit) -> np.ndarray:
     for factor, rows in zip(white.factors, white.rows, strict=True):
         H = white.J[rows] @ covariance @ white.J[rows].T
         r = np.linalg.lstsq(np.eye(len(rows)) - H, white.r[rows], rcond=1e-10)[0]
-        out.append(np.sqrt(np.sum((factor @ r.reshape(len(factor), _NORMALS)) ** 2) / len(factor)))
+        out.append(np.sqrt(np.sum((factor @ r.reshape(len(factor), NORMALS)) ** 2) / len(factor)))
     return np.array(out)
 
 

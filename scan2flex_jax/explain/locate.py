@@ -43,11 +43,6 @@ def pose_loads(stage) -> list[Field]:
     return [_field(stage, stage.fields["load"], rows, "N/m") for rows in stage.white.rows]
 
 
-def misfit(stage) -> np.ndarray:
-    """Per pose the mean square of the whitened residual beyond the base: 1 for noise alone."""
-    return np.array([np.mean(stage.white.r[rows] ** 2) for rows in stage.white.rows])
-
-
 def _field(stage, columns, rows, unit):
     S = np.zeros((len(stage.y), columns[0].shape[-1]))
     S[rows] = -stage.white.stack(columns)[rows]

@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
+from scan2flex_jax.fit.distance import NORMALS
 from scan2flex_jax.fit.noise import Noise, most_likely
 
-_NORMALS = 2
 _MOST = 64  # points of a pose that enter the likelihood of the noise
 _RANK = 24  # directions of all signatures together that are kept out of the noise
 _KNOTS = 25  # of the residual that repeated scans of a pose share
@@ -40,7 +40,7 @@ class Whitened:
         """Columns (m, 3, K) per pose, whitened and stacked, (n, K)."""
         out = np.zeros((len(self.r), columns[0].shape[-1]))
         for factor, rows, real, c in zip(self.factors, self.rows, self.real, columns, strict=True):
-            out[rows] = _whiten(factor, c[real][:, :_NORMALS])
+            out[rows] = _whiten(factor, c[real][:, :NORMALS])
         return out
 
     @property
@@ -54,14 +54,14 @@ def whiten(shapes, real, numbers, vector, noise: Noise) -> Whitened:
     factors, rows, at = [], [], 0
     for shape, keep in zip(shapes, real, strict=True):
         factors.append(linalg.cholesky(noise.covariance(shape.s[keep]), lower=True))
-        rows.append(np.arange(at, at + _NORMALS * int(keep.sum())))
-        at += _NORMALS * int(keep.sum())
+        rows.append(np.arange(at, at + NORMALS * int(keep.sum())))
+        at += NORMALS * int(keep.sum())
     known = np.r_[numbers.nearly_known]
     r, J = np.zeros(at + len(known)), np.zeros((at + len(known), numbers.count))
     for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
-        r[rows[i]] = _whiten(factors[i], shape.residual[keep][:, :_NORMALS, None])[:, 0]
+        r[rows[i]] = _whiten(factors[i], shape.residual[keep][:, :NORMALS, None])[:, 0]
         own = numbers.of_pose(i)
-        J[np.ix_(rows[i], own)] = _whiten(factors[i], shape.columns[keep][:, :_NORMALS, : len(own)])
+        J[np.ix_(rows[i], own)] = _whiten(factors[i], shape.columns[keep][:, :NORMALS, : len(own)])
     r[at:] = vector[known]
     J[at + np.arange(len(known)), known] = 1.0
     return Whitened(r, J, tuple(factors), tuple(rows), tuple(real), len(known))
@@ -70,7 +70,7 @@ def whiten(shapes, real, numbers, vector, noise: Noise) -> Whitened:
 def _whiten(factor, columns):
     """Both normals, one after the other."""
     m, _, k = columns.shape
-    return linalg.solve_triangular(factor, columns.reshape(m, -1), lower=True).reshape(m * _NORMALS, k)
+    return linalg.solve_triangular(factor, columns.reshape(m, -1), lower=True).reshape(m * NORMALS, k)
 
 
 def orthonormal(X: np.ndarray, small: float = 1e-10) -> np.ndarray:
@@ -106,18 +106,18 @@ class Complement:
         """Thinned curves and columns, each with where its columns stand."""
         self.length, self.stated, self.curves = length, stated, []
         extra = signatures[0].shape[-1]
-        self.columns = numbers.count + extra + len(repeats) * _NORMALS * _KNOTS
+        self.columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
             own = numbers.of_pose(i)
-            X = np.concatenate([shape.columns[keep][:, :_NORMALS, : len(own)], signatures[i]], axis=-1)
+            X = np.concatenate([shape.columns[keep][:, :NORMALS, : len(own)], signatures[i]], axis=-1)
             thin = np.unique(np.round(np.linspace(0, len(X) - 1, min(len(X), _MOST))).astype(int))
             order = np.argsort(shape.s[keep], kind="stable")[thin]
             at = np.r_[own, numbers.count + np.arange(extra)]
             for k in [k for k, group in enumerate(repeats) if i in group]:
                 hats = np.clip(1 - np.abs(shape.s[keep][:, None] * (_KNOTS - 1) / length - np.arange(_KNOTS)), 0, 1)
-                X = np.concatenate([X, np.einsum("mk,ab->mabk", hats, np.eye(_NORMALS)).reshape(len(X), _NORMALS, -1)], axis=-1)
-                at = np.r_[at, numbers.count + extra + k * _NORMALS * _KNOTS + np.arange(_NORMALS * _KNOTS)]
-            self.curves.append((shape.s[keep][order], shape.residual[keep][order][:, :_NORMALS], X[order], at))
+                X = np.concatenate([X, np.einsum("mk,ab->mabk", hats, np.eye(NORMALS)).reshape(len(X), NORMALS, -1)], axis=-1)
+                at = np.r_[at, numbers.count + extra + k * NORMALS * _KNOTS + np.arange(NORMALS * _KNOTS)]
+            self.curves.append((shape.s[keep][order], shape.residual[keep][order][:, :NORMALS], X[order], at))
         self.prior = np.zeros(self.columns)
         self.prior[numbers.nearly_known] = 1.0
         self.vector = np.r_[vector, np.zeros(self.columns - numbers.count)]
@@ -133,7 +133,7 @@ class Complement:
         for s, r, X, at in self.curves:
             factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
             both = _whiten(factor, np.concatenate([r[:, :, None], X], axis=-1))
-            total += _NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * both[:, 0] @ both[:, 0]
+            total += NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * both[:, 0] @ both[:, 0]
             XX[np.ix_(at, at)] += both[:, 1:].T @ both[:, 1:]
             Xr[at] += both[:, 1:].T @ both[:, 0]
         scale = np.sqrt(np.diag(XX)) + 1e-150
@@ -181,6 +181,6 @@ def noise_like(white: Whitened, shapes, noises, count: int, rng) -> np.ndarray:
     for noise, mine in zip(noises, share, strict=True):
         for factor, rows, real, shape in zip(white.factors, white.rows, white.real, shapes, strict=True):
             L = linalg.cholesky(noise.covariance(shape.s[real]), lower=True)
-            drawn = (L @ out[np.ix_(rows, mine)].reshape(len(L), -1)).reshape(len(L), _NORMALS, len(mine))
+            drawn = (L @ out[np.ix_(rows, mine)].reshape(len(L), -1)).reshape(len(L), NORMALS, len(mine))
             out[np.ix_(rows, mine)] = _whiten(factor, drawn)
     return out

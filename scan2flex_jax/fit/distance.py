@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.geometry import curves
 
+NORMALS = 2  # of the three components of a residual: the first two, across the curve
 _WINDOW = 0.25  # of the length: a measured point is sought this far along the rod from where its arc length puts it
 _REFINEMENTS = 6  # Gauss-Newton steps for the closest point, from the nearest node: converged to rounding
 

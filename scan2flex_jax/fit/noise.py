@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, optimize
 
+from scan2flex_jax.fit.distance import NORMALS
+
 _MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
-_NORMALS = 2
 _SMOOTHNESS = (1.5, 2.5, np.inf)
 _FLOOR = 0.1  # white part over the size of the residual: nothing finer is asked of a model of the cable
 _MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that is smooth over the whole cable, no more
@@ -97,7 +98,7 @@ def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
     """
     thin = [_thin(*c) for c in curves]
     r = np.concatenate([r.ravel() for _, r, _ in thin])
-    X = np.concatenate([X.reshape(_NORMALS * len(X), X.shape[2]) for _, _, X in thin])
+    X = np.concatenate([X.reshape(NORMALS * len(X), X.shape[2]) for _, _, X in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
     spacing = np.median(np.concatenate([np.diff(s) for s, _, _ in thin]))
@@ -119,8 +120,8 @@ def restricted_likelihood(curves, noise: Noise) -> float:
     for s, r, X in curves:
         factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
         white = linalg.solve_triangular(factor, np.column_stack([r, X.reshape(len(s), -1)]), lower=True, check_finite=False)
-        wr, wX = white[:, :_NORMALS], white[:, _NORMALS:].reshape(len(s), _NORMALS, columns)
-        total += _NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * np.sum(wr**2)
+        wr, wX = white[:, :NORMALS], white[:, NORMALS:].reshape(len(s), NORMALS, columns)
+        total += NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * np.sum(wr**2)
         XX += np.einsum("mnp,mnq->pq", wX, wX)
         Xr += np.einsum("mnp,mn->p", wX, wr)
     if columns == 0:

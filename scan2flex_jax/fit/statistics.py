@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2flex_jax.fit.distance import NORMALS
 from scan2flex_jax.fit.least_squares import UNSEEN, normal_equations
 from scan2flex_jax.fit.noise import Noise, estimate_noise
 from scan2flex_jax.fit.parameters import Layout
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
 _VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
-_NORMALS = 2
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def noise_of(evaluation, poses, layout: Layout, length: float, stated: float | N
     for i in range(poses.count):
         real = np.asarray(poses.mask[i]) > 0
         s, r, J = evaluation.s[i][real], evaluation.residual[i][real], evaluation.jacobian[i][real]
-        curves.append((s, r[:, :_NORMALS], J[:, :_NORMALS]))
+        curves.append((s, r[:, :NORMALS], J[:, :NORMALS]))
     return estimate_noise(curves, length, stated)
 
 

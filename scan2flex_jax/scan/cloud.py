@@ -17,7 +17,7 @@ import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.scans import load_geometry, unreadable
 
 MESH_SAMPLES = 60_000
@@ -63,7 +63,7 @@ def _cloud_of(loaded, path) -> Cloud:
     vertices = [np.asarray(m.vertices, float).reshape(-1, 3) for m in meshes if hasattr(m, "vertices")]
     points = np.concatenate(vertices) if vertices else np.empty((0, 3))
     if not len(points):
-        raise Scan2FlexError(f"the scan {path} holds no points")
+        raise StudyError(path, None, "the scan holds no points")
     return Cloud(points, _normals(meshes, len(points)))
 
 

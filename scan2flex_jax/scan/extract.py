@@ -300,10 +300,9 @@ def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -
             noise=pose.noise,
             method=method,
         )
-    except StudyError:
-        raise
     except Scan2FlexError as fault:
-        raise StudyError(name, f"pose {pose.name!r}", f"{fault}") from fault
+        sentence = fault.sentence if isinstance(fault, StudyError) else f"{fault}"
+        raise StudyError(name, f"pose {pose.name!r}", sentence) from fault
 
 
 def _tell(progress, *what):

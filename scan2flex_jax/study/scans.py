@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 
-from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.errors import StudyError
 
 SCAN_LIMIT = 2_000_000_000
 """Bytes of a scan; ten million points take about 200 million."""
 
 
 def load_geometry(path: Path) -> Any:
-    """The trimesh object in a file; raises `Scan2FlexError` for one that is not there, too large or of no known kind."""
+    """The trimesh object in a file; raises `StudyError` for one that is not there, too large or of no known kind."""
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
     if not path.is_file():
-        raise Scan2FlexError(f"the scan {path} is not there: put it back, or correct its name.")
+        raise StudyError(path, None, "the scan is not there: put it back, or correct its name.")
     if path.stat().st_size > SCAN_LIMIT:
-        raise Scan2FlexError(f"the scan {path} is larger than {SCAN_LIMIT // 1_000_000} MB: thin it out.")
+        raise StudyError(path, None, f"the scan is larger than {SCAN_LIMIT // 1_000_000} MB: thin it out.")
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -36,10 +36,10 @@ def load_geometry(path: Path) -> Any:
         log.setLevel(level)
 
 
-def unreadable(path: Path, fault: Exception) -> Scan2FlexError:
+def unreadable(path: Path, fault: Exception) -> StudyError:
     """One sentence for what trimesh made of a broken file."""
     reason = " ".join(f"{type(fault).__name__} {fault}".split())[:140]
-    return Scan2FlexError(f"the scan {path} cannot be read as a point cloud ({reason}): export it again, as PLY or XYZ.")
+    return StudyError(path, None, f"it cannot be read as a point cloud ({reason}): export it again, as PLY or XYZ.")
 
 
 def scan_facts(path: Path) -> tuple[int, np.ndarray]:
