@@ -21,6 +21,7 @@ from scan2flex_jax.fit.run import FIT_ELEMENTS
 from scan2flex_jax.study.model import MeasuredCurve, Study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
+_FINE = 0.1  # of the radius: what errs less may be the axis of a scan
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
@@ -39,7 +40,7 @@ def explain(
     the gate that refines the mesh. Poses that cannot be solved give the verdict "not in equilibrium", never an exception.
     """
     began, say = time.perf_counter(), progress or (lambda message: None)
-    names = [p.name for p in study.fit_poses]
+    names, scanned = [p.name for p in study.fit_poses], any(pose.curve is None for pose in study.fit_poses)
     study = _on_axes(study, elements, say)
     while True:
         say("plain fit")
@@ -75,6 +76,8 @@ def explain(
         found.verdict = verdict.UNSOLVED
     checks = {"elements": elements} | ({"mesh_error": float(np.max(error))} if mesh else {})
     warnings = (f"the mesh error reaches the noise in {', '.join(coarse)}: nothing is concluded",) if coarse else ()
+    if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
+        warnings += _if_fine(found)
     say("before and after")
     return _explanation(study, fitted, found, checks, warnings, began)
 
@@ -196,6 +199,16 @@ def _if_noise(found):
         return ()
     errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
     return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)
+
+
+def _if_fine(found):
+    """What has to be believed of scans where an effect shows in less than they may err."""
+    bench = found.stage.bench
+    rms, radius = report.rms(bench, found.stage.base.shapes), bench.context.radius_or_guess
+    if rms > _FINE * radius:
+        return ()
+    left = f"the plain rod leaves {1e3 * rms:.2f} mm, {100 * rms / radius:.0f} % of the radius"
+    return (f"{left}: so little may be the scans', which err alike along a pose that was seen from one side",)
 
 
 def _not_enough(found):

@@ -39,17 +39,17 @@ class Evaluation(NamedTuple):
 
 
 @lightly_compiled
-def _state(layout: Layout, template: CableModel, boundary, x, slots, elements, derivative):
-    """State of one pose at its numbers, and its derivatives by them."""
+def _state(layout: Layout, template: CableModel, boundary, x, slots, elements, rows):
+    """State of one pose at its numbers, and its derivatives by them, filled up with zeros to ``rows`` (0: none at all)."""
 
     def state(x):
         model = model_at(layout, template, x[: layout.shared])
         own = states.slots_of(model.effects)
         return states.state_of(model, boundary_at(layout, boundary, x[layout.shared :]), elements, (*own, *slots))
 
-    if not derivative:
+    if not rows:
         return state(x), None
-    return state(x), jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(jnp.eye(len(x)))
+    return state(x), jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(jnp.eye(rows, len(x)))
 
 
 def observed(model: CableModel, points):
@@ -68,7 +68,7 @@ class Evaluator:
         """Nothing is solved yet; ``slots`` are energy laws of no effect that the states have room for beside the model's."""
         self.layout, self.template, self.poses = layout, template, poses
         self.elements, self.distance, self.slots = elements, distance, slots
-        self.few = not slots and layout.shared + layout.local <= states.FEW
+        self.width = states.FEW if not slots and layout.shared + layout.local <= states.FEW else states.CHUNK
         self.equilibria = 0
 
     def __call__(self, shared, local=None, *, start=None, derivative=True) -> Evaluation:
@@ -83,10 +83,11 @@ class Evaluator:
 
     def _pose(self, i, x, start, derivative):
         boundary = one(self.poses.boundary, i)
-        derivative = derivative or bool(self.slots)  # with room for more, one compiled function serves all
-        given = self.layout, self.template, boundary, x, self.slots, self.elements, derivative
-        state, tangents = jax.tree.map(np.asarray, _state(*given))
-        return states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.few)
+        wanted = derivative or bool(self.slots)  # with room for more, one compiled function serves all
+        rows = -(-len(x) // self.width) * self.width if wanted else 0
+        state, tangents = _state(self.layout, self.template, boundary, x, self.slots, self.elements, rows)
+        found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
+        return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
 
 def target_of(poses: Poses, i: int) -> states.Target:

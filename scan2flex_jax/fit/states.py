@@ -129,21 +129,20 @@ def _evaluate(state, start, target, distance, tangents):
     return r, jax.vmap(push)(tangents), rest
 
 
-def evaluate(state: State, tangents: State | None, start: Configuration, target: Target, distance="normal", few=False) -> Shape:
+def evaluate(
+    state: State, tangents: State | None, start: Configuration, target: Target, distance: str = "normal", width: int = CHUNK
+) -> Shape:
     """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
 
-    ``few``: what is compiled pushes few tangents at a time, and is the quicker for it. Without ``tangents`` there are no
-    columns, and what is compiled is another, smaller function.
+    ``width`` tangents are pushed at a time; what is compiled depends on it. Without ``tangents`` there are no columns, and
+    what is compiled is another, smaller function.
     """
     if tangents is None:
         r, _, rest = _evaluate(state, start, target, distance, None)
         return _as_numpy(r, None, *rest)
-    arrays, width = eqx.filter(state, eqx.is_inexact_array), FEW if few else CHUNK
-    zero = jax.tree.map(lambda x: np.zeros((width, *x.shape)), arrays)
-    count = len(jax.tree.leaves(tangents)[0])
-    columns = []
+    count, columns = len(jax.tree.leaves(tangents)[0]), []
     for first in range(0, max(count, 1), width):
-        part = jax.tree.map(partial(_part, first), tangents, zero)
+        part = tangents if count == width else jax.tree.map(partial(_rows, first, width), tangents)
         r, d, (s, configuration, verdict) = _evaluate(state, start, target, distance, part)
         columns.append(np.asarray(d))
         start = jax.tree.map(np.asarray, configuration)
@@ -160,11 +159,7 @@ def _as_numpy(residual, columns, s, configuration, verdict) -> Shape:
     return Shape(*jax.tree.map(np.asarray, (residual, columns, s, configuration, verdict)))
 
 
-def _part(first, x, zero):
-    """``CHUNK`` rows of ``x`` from ``first`` on, zeros where there are none."""
-    x = np.asarray(x)[first : first + CHUNK]
-    if len(x) == len(zero):
-        return x
-    full = zero.copy()
-    full[: len(x)] = x
-    return full
+def _rows(first, width, x):
+    """``width`` rows of ``x`` from ``first`` on, zeros where there are none."""
+    x = np.asarray(x)[first : first + width]
+    return np.concatenate([x, np.zeros((width - len(x), *x.shape[1:]))])

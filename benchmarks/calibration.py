@@ -1,0 +1,71 @@
+"""How often `explain` raises an alarm where nothing is missing: its p-values must be uniform.
+
+    python -m benchmarks.calibration --json FILE [--jobs 2] CASES ANSWERS [CASES ANSWERS ...]
+
+All cases with nothing missing of folders that `benchmarks.blind` made are diagnosed; the record holds their p-values, the
+share below 5 % with its 95 % interval (Clopper and Pearson), and the Kolmogorov-Smirnov test against uniform ones.
+"""
+
+import argparse
+import json
+import multiprocessing
+import sys
+import tomllib
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+from scipy import stats
+
+from benchmarks.blind_score import diagnose, prepare
+from benchmarks.record import record
+
+LEVEL = 0.05
+
+
+def with_nothing_missing(cases: Path, answers: Path) -> dict[str, Path]:
+    """Study folders by a name that tells their folder too."""
+    found = {}
+    for folder in sorted(f for f in cases.iterdir() if f.is_dir()):
+        answer = tomllib.loads((answers / f"{folder.name}.toml").read_text())
+        if not answer.get("kinds") and answer.get("off_catalogue", "none") in ("none", ""):
+            found[f"{cases.parent.name}/{folder.name}"] = folder
+    return found
+
+
+def summary(p: list[float]) -> dict:
+    """What p-values of cases without an effect say of the test."""
+    alarms = sum(v < LEVEL for v in p)
+    low, high = stats.binomtest(alarms, len(p)).proportion_ci(method="exact")
+    uniform = stats.kstest(p, "uniform")
+    return {
+        "cases": len(p), "alarms": alarms, "share": alarms / len(p), "low": float(low), "high": float(high),
+        "mean_p": sum(p) / len(p), "kolmogorov_smirnov": float(uniform.statistic),
+        "kolmogorov_smirnov_p": float(uniform.pvalue), "p_values": sorted(p),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="CASES ANSWERS, in pairs")
+    parser.add_argument("--json", type=Path, required=True, help="results so far: a run that was stopped goes on from it")
+    parser.add_argument("--jobs", type=int, default=1)
+    args = parser.parse_args()
+    if len(args.folders) % 2:
+        parser.error("name the answers of each folder of cases")
+    todo: dict[str, Path] = {}
+    for cases, answers in zip(args.folders[::2], args.folders[1::2], strict=True):
+        todo |= with_nothing_missing(cases, answers)
+    found = json.loads(args.json.read_text()) if args.json.exists() else {}
+    with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"), prepare) as pool:
+        running = {pool.submit(diagnose, f): name for name, f in todo.items() if name not in found}
+        for finished in as_completed(running):
+            found[running[finished]] = finished.result()
+            args.json.write_text(json.dumps(found))
+            sys.stderr.write(f"{len(found)} of {len(todo)}\n")
+    p = [found[n]["test"]["p_value"] for n in todo if "test" in found[n]]
+    others = {n: r.get("fault") or r.get("skipped") or r.get("verdict") for n, r in found.items() if "test" not in r}
+    record("calibration", summary(p) | {"without_a_test": others})
+
+
+if __name__ == "__main__":
+    main()
