@@ -4,6 +4,7 @@ import json
 import sys
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -39,6 +40,29 @@ def test_report_of_an_explanation(fitted, tmp_path, monkeypatch):
     found = run("report", example_path("simulated-cable"), "-o", tmp_path / "r.html")
     assert found.exit_code == 0, found.exception
     assert "tied: kink or natural curvature" in (tmp_path / "r.html").read_text("utf-8")
+
+
+def test_a_report_of_scans_explains_the_scans_themselves(fitted, tmp_path, monkeypatch):
+    """Centre curves that were extracted first would be pulled towards the sensor: `explain` knows what to do with scans."""
+    study, seen = load_study(example_path("simulated-cable")), []
+    for pose in study.poses:
+        np.savetxt(tmp_path / f"{pose.name}.xyz", pose.curve.points)
+    save_study(replace(study, cable={**study.cable, "radius": 0.01}), tmp_path / "scans")
+    text = (tmp_path / "scans" / "study.toml").read_text()
+    for pose in study.poses:
+        curve = next(line for line in text.splitlines() if line.startswith("centre_curve") and pose.name in line)
+        text = text.replace(curve, f'scan = "{pose.name}.xyz"')
+        (tmp_path / "scans" / f"{pose.name}.xyz").write_bytes((tmp_path / f"{pose.name}.xyz").read_bytes())
+    (tmp_path / "scans" / "study.toml").write_text(text)
+
+    def explain(study, **options):
+        seen.append(study)
+        return explained(fitted)
+
+    monkeypatch.setattr(sys.modules["scan2flex_jax.explain"], "explain", explain)
+    found = run("report", tmp_path / "scans", "-o", tmp_path / "r.html")
+    assert found.exit_code == 0, found.exception
+    assert all(pose.curve is None and pose.scan is not None for pose in seen[0].poses)
 
 
 def test_a_pose_that_is_not_solved_ends_with_three(fitted, tmp_path, monkeypatch):
