@@ -22,6 +22,7 @@ _MOST = 64  # points of a pose that enter the likelihood of the noise
 _RANK = 24  # directions of all signatures together that are kept out of the noise
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
+_USUAL, _FACTOR = 1e-3, np.log(5.0)  # noise over length of a scan, and by what factor (one sigma) scans differ
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 
@@ -146,8 +147,8 @@ class Complement:
     def _prior(self, u, noise):
         L = self.length
         prior = 0.5 * ((u[2] - np.log(0.07 * L)) / 0.6) ** 2 + 0.02 * (u[1] - u[0]) ** 2
-        if self.stated:
-            prior += 0.5 * (np.log(noise.total / self.stated) / 0.15) ** 2
+        expected, spread = (self.stated, 0.15) if self.stated else (_USUAL * L, _FACTOR)
+        prior += 0.5 * (np.log(noise.total / expected) / spread) ** 2
         beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(0.3 * L)) ** 2
         return prior + 1e3 * beyond
 

@@ -87,7 +87,8 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
         count = len(found.best.kinds) + 1
         if count == 2:
             found.add(refit_pairs(stage, found.values, progress))
-        found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress))
+        settled = {kinds for kinds, r in found.refits.items() if r.converged}
+        found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress, settled=settled))
         wider = found.widest(count)
         if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
             break
@@ -189,10 +190,13 @@ def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
     return out
 
 
-def refit_beside(stage: Stage, first: Refit, count: int, progress, known: Refit | None = None) -> list[Refit]:
+def refit_beside(
+    stage: Stage, first: Refit, count: int, progress, known: Refit | None = None, settled: frozenset | set = frozenset()
+) -> list[Refit]:
     """Refits of one kind more beside a refit, ranked at that one: right where it is far from linear.
 
-    Kinds of ``known``, a set of which ``first`` is a part, are refitted only elsewhere along the cable.
+    Kinds of ``known``, a set of which ``first`` is a part, are refitted only elsewhere along the cable; sets that are
+    ``settled`` are not refitted again.
     """
     numbers = Numbers(stage.bench, first.components)
     white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.noise)
@@ -207,7 +211,7 @@ def refit_beside(stage: Stage, first: Refit, count: int, progress, known: Refit 
             best[kind] = value, g, evidence.one_step(A, b) * stage.components[g].entry.size(stage.bench.context)
     order = [k for k in sorted(best, key=lambda k: -best[k][0]) if _is_new(stage, stage.components[best[k][1]], known)]
     out = []
-    for _, g, a in (best[k] for k in order[:count]):
+    for _, g, a in (best[k] for k in order[:count] if frozenset((*first.kinds, k)) not in settled):
         progress(f"refit with {' and '.join(first.kinds)} and {stage.components[g].kind}")
         held = [first.amplitudes(stage.bench, k) for k in range(len(first.components))]
         out.append(_relative(stage, [*first.components, stage.components[g]], [*held, a]))

@@ -20,6 +20,7 @@ from scipy import optimize
 from scan2flex_jax.fit.evaluate import Evaluation, Evaluator
 
 _MOST_ITERATIONS = 60
+_PATIENCE, _FAR = 10, 10.0  # iterations, and cost over the one to beat, after which a descent is given up
 _LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
 _COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-10, 1.0e-8
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
@@ -45,7 +46,8 @@ class Minimum:
 class Goal:
     """What is minimised: an evaluator, the scale of residuals of each pose (m), and bounds of the shared numbers.
 
-    ``weak``: precision with which each shared number is held where it began, in shares of the cost (0: free).
+    ``weak``: precision with which each shared number is held where it began, in shares of the cost (0: free). ``beat``: the
+    cost that a minimum has to come under to be of use; a descent that is far above it after some iterations is given up.
     """
 
     evaluator: Evaluator
@@ -54,6 +56,7 @@ class Goal:
     high: np.ndarray
     progress: Callable[[str], None] = lambda message: None
     weak: np.ndarray | float = 0.0
+    beat: float = np.inf
 
     def cost(self, e: Evaluation, shared, local) -> float:
         """Weighted squares of residuals and priors."""
@@ -98,7 +101,7 @@ def levenberg_marquardt(
     e = evaluator(shared, local, start=start) if known is None else known
     cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
     began, residuals = shared, max(int(np.count_nonzero(e.residual)), 1)
-    while np.isfinite(cost) and iteration < _MOST_ITERATIONS:
+    while np.isfinite(cost) and iteration < (_MOST_ITERATIONS if cost < _FAR * goal.beat else _PATIENCE):
         share = cost / residuals
         bowl = _Bowl(goal, e, shared, local, share * goal.weak, began)
         if bowl.promised() <= _SHARE * share:

@@ -126,7 +126,7 @@ def _on_its_branches(problem, minimum, method):
         for other in (t for i, t in enumerate(turns) if t and t not in turns[:i]):
             tried = problem.with_study(branches.with_turns(problem.study, other))
             with suppress(Scan2FlexError):  # nothing settles with these turns
-                found.append((tried, tried.minimise(method)))
+                found.append((tried, tried.minimise(method, branches.BETTER * minimum.cost)))
             problem.evaluator.equilibria = tried.evaluator.equilibria
         best = min(found, key=lambda pair: pair[1].cost, default=None)
         if best is None or best[1].cost > branches.BETTER * minimum.cost:
@@ -204,16 +204,17 @@ class Problem:
         free = start_vector(_without_guesses(self.study), self.layout, own)
         return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
 
-    def minimise(self, method: str):
+    def minimise(self, method: str, beat: float = np.inf):
         """The minimum from the start that fits better, and from the other one too where that leaves doubt.
 
-        The slower methods use the first start only. Numbers with priors do not move yet.
+        The slower methods use the first start only. Numbers with priors do not move yet. Of use is only a minimum below
+        ``beat``: what stays far above it is not followed to its end.
         """
         sigma = np.full(self.poses.count, 1e-3 * self.length)
         stated = [p.noise for p in self.study.fit_poses]
         if all(stated):
             sigma = np.array(stated, float)
-        goal = self.goal(sigma)
+        goal = replace(self.goal(sigma), beat=beat)
         prior = np.zeros(self.layout.shared - self.layout.unknowns)
         if method != "least-squares":
             run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
