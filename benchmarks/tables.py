@@ -148,6 +148,13 @@ def ablations() -> str:
     return table(["", *(words for _, words in _ABLATED)], rows) + made_on(entry)
 
 
+def firstuse() -> str:
+    """Whole commands with an empty and a filled cache of compiled functions."""
+    entry = load("first_use")
+    rows = [[f"`{n}`" if n == "demo" else n, *(f"{v:.0f} s" for v in r.values())] for n, r in entry["results"].items()]
+    return table(["whole command", "empty cache", "filled cache"], rows) + made_on(entry)
+
+
 def sensitivity() -> str:
     """Recovery from grids of guesses, and what turned clamps do to the estimates."""
     entry = load("sensitivity")
@@ -200,6 +207,7 @@ def kinect() -> str:
 
 
 TABLES = {
+    "firstuse": firstuse,
     "blind": blind,
     "ablations": ablations,
     "kinect": kinect,

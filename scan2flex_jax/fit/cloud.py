@@ -24,7 +24,7 @@ Reference: Huber and Ronchetti, "Robust Statistics" (2009), section 7.8; Golub a
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -226,13 +226,45 @@ def weigh(raw: Raw, evaluator: CloudEvaluator) -> Weights:
 
 
 def _weigh_pose(raw, evaluator, i):
+    """One pose from two fields, that of the curve that starts its solve and that of the model: a curve in front of the surface
+    instead of behind it, or one that took another strand, leads to a field that explains fewer points."""
     radius, normals, y = evaluator.radius, raw.normals[i], raw.off[i]
     points = np.asarray(evaluator.poses.points[i])
     real = (np.asarray(evaluator.poses.mask[i]) > 0) & raw.inside[i]
     at = raw.s[i] / evaluator.length * (STATIONS - 1)
+    rays, first = _rays(points, normals, evaluator.eyes[i]), _first_field(at, y)
+    found = [_weigh_from(u, at, y, rays, real, radius) for u in (first, np.zeros_like(first))]
+    finest = min(f.sigma for f in found)
+    best = min(found, key=lambda f: f.missed(real, finest))
+    axis = points - np.einsum("mc,mci->mi", y - best.here, normals)
+    axis = np.where(real[:, None], axis, points)  # what has no say stays where it is
+    direction = np.einsum("mc,mci->mi", best.normal, normals)
+    return best.weight, best.distance, direction, best.swell, axis, best.sigma, best.offset
+
+
+class _Seen(NamedTuple):
+    """The points of a pose beside a settled field: as `Weights`, in the two normals of each point; ``here`` (m, 2) is the
+    field (m), ``told`` whether a point tells anything."""
+
+    weight: np.ndarray
+    distance: np.ndarray
+    normal: np.ndarray
+    swell: np.ndarray
+    here: np.ndarray
+    told: np.ndarray
+    sigma: float
+    offset: float
+
+    def missed(self, real, sigma: float) -> float:
+        """Squared distances over ``sigma`` (m), none above the cut: what the field leaves of the points."""
+        left = np.where(self.told, (self.distance + self.swell * self.offset) / sigma, np.inf)
+        return float(np.sum(np.minimum(left[real] ** 2, TUKEY**2)))
+
+
+def _weigh_from(u, at, y, rays, real, radius) -> _Seen:
+    """What the points say, from a field ``u`` (STATIONS, 2) of the axis beside the model, in m."""
     k = np.clip(np.floor(at).astype(int), 0, STATIONS - 2)
     t = at - k
-    u, rays = _first_field(at, y), _rays(points, normals, evaluator.eyes[i])
     offset, sigma = 0.0, 0.3 * radius
     for sweep in range(_SWEEPS):
         here = (1 - t)[:, None] * u[k] + t[:, None] * u[k + 1]
@@ -246,9 +278,7 @@ def _weigh_pose(raw, evaluator, i):
         w = np.where(told & (np.abs(left) < cut), (1 - (left / cut) ** 2) ** 2, 0.0)
         offset = -np.sum(w * swell * e) / (np.sum(w * swell**2) + (sigma / (OFFSET * radius)) ** 2)
         u = u + _field_step(u, k, t, n, e + swell * offset, w)
-    axis = points - np.einsum("mc,mci->mi", y - here, normals)
-    axis = np.where(real[:, None], axis, points)  # what has no say stays where it is
-    return w, e, np.einsum("mc,mci->mi", n, normals), swell, axis, sigma, offset
+    return _Seen(w, e, n, swell, here, told, sigma, offset)
 
 
 def _first_field(at, y):

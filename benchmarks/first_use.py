@@ -1,0 +1,57 @@
+"""What a user waits for the first time and the second: whole commands, compilation included.
+
+    python -m benchmarks.first_use [STUDY ...]
+
+Each command runs in a process of its own, once with an empty cache of compiled functions and once with what that run left.
+Studies named besides (blind cases of eight poses) are explained likewise; they are recorded by their folder's name.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+from benchmarks.record import conclude
+from scan2flex_jax.examples import example_path
+
+PROGRAM = (sys.executable, "-c", "from scan2flex_jax.cli import main; main()")
+
+
+def commands(studies: list[Path], out: Path) -> dict[str, tuple[str, ...]]:
+    """Words of the program by the name of the measurement."""
+    found = {
+        "demo": ("demo", "--out", str(out / "demo")),
+        "fit of the simulated cable": ("fit", str(example_path("simulated-cable"))),
+        "explain the black wire": ("explain", str(example_path("black-wire"))),
+    }
+    return found | {f"explain {study.name}": ("explain", str(study)) for study in studies}
+
+
+def seconds(words: tuple[str, ...], cache: Path) -> float:
+    """How long a command takes with a cache folder."""
+    began = perf_counter()
+    environment = {**os.environ, "SCAN2FLEX_CACHE": str(cache)}
+    subprocess.run([*PROGRAM, *words], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    return perf_counter() - began
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("studies", type=Path, nargs="*", metavar="STUDY")
+    args = parser.parse_args()
+    results = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, words in commands(args.studies, Path(folder)).items():
+            cache = Path(folder) / name.replace(" ", "-")
+            first = seconds(words, cache)
+            results[name] = {"empty cache": first, "filled cache": seconds(words, cache)}
+            sys.stderr.write(f"{name}: {first:.1f} s, then {results[name]['filled cache']:.1f} s\n")
+    ratios = {f"{n}, filled over empty cache": r["filled cache"] / r["empty cache"] for n, r in results.items()}
+    conclude("first_use", results, ratios)
+
+
+if __name__ == "__main__":
+    main()
