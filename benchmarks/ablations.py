@@ -58,8 +58,8 @@ def no_sizes() -> None:
 
     relative, one_step = search._relative, search.one_step
 
-    def by_bic(stage, components, amplitudes):
-        found = relative(stage, components, amplitudes)
+    def by_bic(stage, components, *rest):
+        found = relative(stage, components, *rest)
         free = sum(len(c.entry.amplitudes) + len(c.moving) for c in components)
         found.log_evidence = 0.5 * (stage.base.chi2 - found.chi2) - 0.5 * free * np.log(len(stage.y))
         return found

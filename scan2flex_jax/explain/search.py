@@ -92,11 +92,11 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
         wider = found.widest(count)
         if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
             break
-        needed = _settled(stage, found, wider, progress)
-        if needed is None:
+        needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # what is left of it where it is not needed
+        if needed is None or needed is found.best:
             break
         found.best, found.after = needed, test_after(stage, needed)
-    rivals = _of_one_size(stage, found)
+    rivals = _needed(_of_one_size(stage, found))
     candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
     found.tied = [rivals[i] for i in verdict.ties(candidates)]
     first = found.tied[0]
@@ -117,6 +117,15 @@ def _of_one_size(stage, found) -> list[Refit]:
     near = [r for r in rivals if r.log_evidence > best - verdict.LEAD_NAMED]
     unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), len(r.kinds))]
     return [r for r in rivals if r not in unlike] if len(unlike) < len(near) else rivals
+
+
+def _needed(rivals: list[Refit]) -> list[Refit]:
+    """The refits without sets of which a part is as likely: the rest of such a set is not needed."""
+
+    def spare(r, part):
+        return set(part.kinds) < set(r.kinds) and part.log_evidence > r.log_evidence - verdict.LEAD_FAVOURED
+
+    return [r for r in rivals if not any(spare(r, part) for part in rivals)]
 
 
 def _settled(stage, found, wider, progress) -> Refit | None:
@@ -140,10 +149,10 @@ def _without(stage, found, wider, dropped, progress) -> Refit:
     """The refit of a set without one of its effects; it is kept for the ties."""
     rest = [k for k in range(len(wider.kinds)) if k != dropped]
     key = frozenset(wider.kinds[k] for k in rest)
-    if key not in found.refits:
+    if key not in found.refits or not found.refits[key].converged:  # one that was given up afar may do well from here
         progress(f"refit without {wider.kinds[dropped]}")
         components = [wider.components[k] for k in rest]
-        found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest])])
+        found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
     return found.refits[key]
 
 
@@ -244,12 +253,15 @@ def outside(found: Refit) -> tuple[str, ...]:
     return tuple(other for other, when in found.components[0].entry.same_shapes if "always" in when and other not in kinds)
 
 
-def _relative(stage, components, amplitudes):
+def _relative(stage, components, amplitudes, near=None):
+    """A refit with its evidence over the base's: from where one with another noise ended, from the base numbers of ``near``,
+    or from the base."""
     before = stage.known.get(frozenset(c.kind for c in components))
-    if before is not None and np.isfinite(before.cost):
+    if before is not None and np.isfinite(before.cost) and near is None:
         found = again(stage.bench, before, stage.noise, stage.least)
     else:
-        found = refit(stage.bench, components, stage.noise, stage.base.vector, amplitudes, least=stage.least)
+        guess = (near or stage.base).vector
+        found = refit(stage.bench, components, stage.noise, guess, amplitudes, least=stage.least)
     stage.least = min(stage.least, found.cost)
     found.log_evidence -= stage.base.log_evidence
     for c in components:  # choices between sites that are not continuous
