@@ -1,13 +1,18 @@
 """Rules of the search that need no rod."""
 
 from importlib import import_module
-from types import SimpleNamespace
+
+import numpy as np
+
+from scan2flex_jax.explain.refit import Refit
+from scan2flex_jax.explain.sensitivity import Component
 
 search = import_module("scan2flex_jax.explain.search")
 
 
 def refit(log_evidence, *kinds):
-    return SimpleNamespace(kinds=kinds, log_evidence=log_evidence)
+    components, nothing = tuple(Component(kind, {}) for kind in kinds), np.zeros(0)
+    return Refit(components, nothing, [], 0.0, 0.0, log_evidence, nothing, True)
 
 
 def test_a_set_with_an_effect_too_many_gives_way_to_the_rest():
