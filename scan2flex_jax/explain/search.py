@@ -85,7 +85,7 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     most = min(MOST_EFFECTS, (stage.bench.poses.count + 1) // 2)
     while found.after.p_value <= verdict.ALARM and len(found.best.kinds) < most:
         count = len(found.best.kinds) + 1
-        if count == 2:
+        if count == 2 and found.widest(2) is None:  # once: the scores that propose pairs do not change
             found.add(refit_pairs(stage, found.values, progress))
         settled = {kinds for kinds, r in found.refits.items() if r.converged}
         found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress, settled=settled))

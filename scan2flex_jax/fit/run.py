@@ -23,7 +23,7 @@ from scan2flex_jax.fit.poses import poses_of
 from scan2flex_jax.fit.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fit.start import balance_start
 from scan2flex_jax.fit.states import DISTANCES
-from scan2flex_jax.fit.statistics import noise_of, uncertainty
+from scan2flex_jax.fit.statistics import noise_of, uncertainty, unseen_spread
 from scan2flex_jax.study.model import Study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
@@ -314,7 +314,7 @@ def _pose_fits(problem, minimum, covariance):
         own = [np.asarray(m) > 0 for m in poses.mask]
         moved = [J[keep] for J, keep in zip(np.asarray(found.jacobian), own, strict=True)]
         names = [p.name for p in problem.study.validate_poses]
-        spread = {name: _spread(problem.layout, J, covariance) for name, J in zip(names, moved, strict=True)}
+        spread = {name: unseen_spread(problem.layout, J, covariance) for name, J in zip(names, moved, strict=True)}
     for study_poses, poses, e in groups:
         for i, pose in enumerate(study_poses):
             real = np.asarray(poses.mask[i]) > 0
@@ -334,19 +334,6 @@ def _pose_fits(problem, minimum, covariance):
             )
     order = [p.name for p in problem.study.poses]
     return {name: out[name] for name in order if name in out}
-
-
-def _spread(layout, jacobian, covariance) -> float:
-    """RMS distance (m) by which a pose that was not fitted may be off within its own tolerances and the estimates' errors.
-
-    Numbers that are not determined have no part in it: what they could do has no bound.
-    """
-    J = jacobian.reshape(-1, jacobian.shape[-1])
-    unknowns, local = J[:, : layout.unknowns], J[:, layout.shared :]
-    known = np.isfinite(np.diag(covariance))
-    C = covariance[np.ix_(known, known)]
-    variance = np.sum(local**2) + np.einsum("ri,ij,rj->", unknowns[:, known], C, unknowns[:, known])
-    return float(np.sqrt(variance / len(jacobian)))
 
 
 def _estimates(layout, x, known):

@@ -117,3 +117,16 @@ def _vague_sentences(layout, covariance, vague):
 
 def _and(names):
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def unseen_spread(layout, jacobian, covariance) -> float:
+    """RMS distance (m) by which a pose that was not fitted may be off within its own tolerances and the estimates' errors.
+
+    Numbers that are not determined have no part in it: what they could do has no bound.
+    """
+    J = jacobian.reshape(-1, jacobian.shape[-1])
+    unknowns, local = J[:, : layout.unknowns], J[:, layout.shared :]
+    known = np.isfinite(np.diag(covariance))
+    C = covariance[np.ix_(known, known)]
+    variance = np.sum(local**2) + np.einsum("ri,ij,rj->", unknowns[:, known], C, unknowns[:, known])
+    return float(np.sqrt(variance / len(jacobian)))

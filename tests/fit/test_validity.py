@@ -7,7 +7,7 @@ import pytest
 
 from scan2flex_jax.fit import fit
 from scan2flex_jax.fit.parameters import layout_of
-from scan2flex_jax.fit.run import _spread
+from scan2flex_jax.fit.statistics import unseen_spread
 from scan2flex_jax.study import Tolerance
 
 from . import scenes
@@ -47,4 +47,4 @@ def test_spread_adds_variances_and_leaves_out_what_is_not_determined():
     layout = layout_of(scenes.study_of(tolerance=LOOSE))
     J = np.zeros((5, 2, layout.shared + layout.local))
     J[:, 0, 0], J[:, 0, 1], J[:, 1, -1] = 3.0, 7.0, 4.0
-    assert _spread(layout, J, np.diag([0.25, np.inf])) == pytest.approx(np.sqrt(1.5**2 + 4.0**2))
+    assert unseen_spread(layout, J, np.diag([0.25, np.inf])) == pytest.approx(np.sqrt(1.5**2 + 4.0**2))
