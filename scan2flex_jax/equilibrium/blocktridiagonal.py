@@ -13,6 +13,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float, Int
 
+from scan2flex_jax.geometry.small import matmul, matvec
+
 _NEUTRAL = 1.0e-13  # pivot over its original diagonal: below it, cancellation left rounding noise only
 
 
@@ -31,7 +33,7 @@ def factor(diagonal: Float[Array, "n 6 6"], upper: Float[Array, "n-1 6 6"]) -> F
 
     def eliminate(carry, blocks):
         D, U, U_before = blocks
-        work, negative = _reduce(D - U_before.T @ carry, D, U, jnp.eye(6, dtype=D.dtype))
+        work, negative = _reduce(D - matmul(U_before.T, carry), D, U, jnp.eye(6, dtype=D.dtype))
         return work[:, 6:12], (work[:, 12:], work[:, 6:12], negative)
 
     _, (inverse, carry, negative) = jax.lax.scan(eliminate, jnp.zeros_like(diagonal[0]), (diagonal, below, above))
@@ -41,9 +43,11 @@ def factor(diagonal: Float[Array, "n 6 6"], upper: Float[Array, "n-1 6 6"]) -> F
 def solve(factors: Factors, rhs: Float[Array, "n 6 *k"]) -> Float[Array, "n 6 *k"]:
     """Solution of ``H x = rhs``; linear in ``rhs`` and transposable, so it serves forward and reverse derivatives."""
 
+    product = matvec if rhs.ndim == 2 else matmul
+
     def forward(y, block):
         inverse, U_before, b = block
-        y = inverse @ (b - U_before.T @ y)
+        y = product(inverse, b - product(U_before.T, y))
         return y, y
 
     _, y = jax.lax.scan(forward, jnp.zeros_like(rhs[0]), (factors.inverse, factors.upper, rhs))
@@ -57,7 +61,7 @@ def factor_and_solve(diagonal, upper, rhs: Float[Array, "n 6 k"]):
     def eliminate(before, blocks):
         D, U, U_before, b = blocks
         carry, y = before
-        work, negative = _reduce(D - U_before.T @ carry, D, U, b - U_before.T @ y)
+        work, negative = _reduce(D - matmul(U_before.T, carry), D, U, b - matmul(U_before.T, y))
         after = work[:, 6:12], work[:, 12:]
         return after, (*after, negative)
 
@@ -86,9 +90,11 @@ def _beside(upper):
 
 
 def _substitute(carry, y):
+    product = matvec if y.ndim == 2 else matmul
+
     def backward(x, block):
         carry, y = block
-        x = y - carry @ x
+        x = y - product(carry, x)
         return x, x
 
     return jax.lax.scan(backward, jnp.zeros_like(y[0]), (carry, y), reverse=True)[1]

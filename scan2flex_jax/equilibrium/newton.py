@@ -20,6 +20,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.equilibrium import blocktridiagonal as bt
+from scan2flex_jax.geometry.small import matvec, vecmat
 from scan2flex_jax.rod.assembly import (
     Derivatives,
     derivatives,
@@ -96,11 +97,11 @@ class MixedNewton(optx.AbstractMinimiser):
         done = looking & definite
         small = size < _SETTLED
         push = definite & state.was_indefinite & small & state.settling
-        home = jnp.sum(mode[:, :3] * jnp.einsum("nji,nj->ni", y.R, state.start - y.r))
+        home = jnp.sum(mode[:, :3] * vecmat(state.start - y.r, y.R))
         push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
         twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
         twist = jnp.where(definite & ~done, twist, 0.0)
-        increment = jnp.einsum("nij,nj->ni", d.elements.K, strain_increment(rod, d.elements, twist))
+        increment = matvec(d.elements.K, strain_increment(rod, d.elements, twist))
         less = jnp.where(state.lent < _NONE, 0.0, state.lent / _SHRINK)
         state = NewtonState(
             last=d,
@@ -149,9 +150,8 @@ def _hold(rod, diagonal):
 def _lent_forces(rod, elements, mode):
     """The lent stiffness applied to a motion of the nodes: with it inverse iteration follows the motion in which the energy
     falls fastest for the bending that it takes, and not one that merely costs little, like spinning."""
-    strain = strain_increment(rod, elements, mode) @ lendable_stiffness(rod)
-    near = -jnp.einsum("nji,nkj,nk->ni", elements.A, elements.T, strain)
-    return to_nodes(near, jnp.einsum("nji,nj->ni", elements.T, strain))
+    far = vecmat(matvec(lendable_stiffness(rod), strain_increment(rod, elements, mode)), elements.T)
+    return to_nodes(-vecmat(far, elements.A), far)
 
 
 def _size(rod, twist):

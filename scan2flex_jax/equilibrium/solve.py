@@ -20,6 +20,7 @@ from scan2flex_jax.equilibrium.newton import MixedNewton
 from scan2flex_jax.equilibrium.reference import bfgs_configuration
 from scan2flex_jax.equilibrium.starts import sagging_start
 from scan2flex_jax.geometry import lie
+from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.assembly import derivatives, newton_correction, out_of_balance, section_forces
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.energy import potential_energy, supported
@@ -110,17 +111,17 @@ class Equilibrium(eqx.Module):
         n = section_forces(self.rod, self.configuration)
 
         def half(R0, r0, r1, R1):
-            x = lie.se3_log(R0.T @ (r1 - r0), R0.T @ R1)
-            return R0 @ lie.so3_exp(0.5 * x[3:])
+            x = lie.se3_log(vecmat(r1 - r0, R0), matmul(R0.T, R1))
+            return matmul(R0, lie.so3_exp(0.5 * x[3:]))
 
         middle = jax.vmap(half)(R[:-1], r[:-1], r[1:], R[1:])
-        return self.rod.section.s, *(jnp.einsum("nij,nj->ni", middle, part) for part in (n[:, :3], n[:, 3:]))
+        return self.rod.section.s, *(matvec(middle, part) for part in (n[:, :3], n[:, 3:]))
 
     def reactions(self):
         """``(force, moment)`` of shape (2, 3), N and N m, scan frame: what the supports exert on start and end."""
         R = self.configuration.R[jnp.array([0, -1])]
         g = out_of_balance(self.rod, self.configuration)[jnp.array([0, -1])]
-        return jnp.einsum("eij,ej->ei", R, g[:, :3]), jnp.einsum("eij,ej->ei", R, g[:, 3:])
+        return matvec(R, g[:, :3]), matvec(R, g[:, 3:])
 
 
 @compiled

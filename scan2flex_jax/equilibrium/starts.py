@@ -82,7 +82,7 @@ def complete_curve(points: np.ndarray, boundary: Boundary, length: float) -> np.
 
 
 def _bisect(too_large, high):
-    """Largest x in [0, high] (to high/2^40) that is not too large; `too_large` is monotone."""
+    """Largest x in [0, high] (to high/2^24) that is not too large; `too_large` is monotone."""
 
     def halve(_, bracket):
         low, up = bracket
@@ -90,5 +90,5 @@ def _bisect(too_large, high):
         far = too_large(middle)
         return jnp.where(far, low, middle), jnp.where(far, middle, up)
 
-    low, _ = jax.lax.fori_loop(0, 40, halve, (0.0 * high, high))
+    low, _ = jax.lax.fori_loop(0, 24, halve, (0.0 * high, high))
     return jnp.where(too_large(high), low, high)

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.geometry.small import matmul, vecdot
+
 
 def arc_length(points: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Length of the polygon from the first point to each point (m)."""
@@ -32,10 +34,10 @@ def tangents(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
 
 def smallest_rotation(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Rotation that takes unit ``a`` to unit ``b`` about their common normal (for opposite vectors: about some normal)."""
-    v, c = jnp.cross(a, b), a @ b
+    v, c = jnp.cross(a, b), vecdot(a, b)
     V = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     opposite = c < -1.0 + 1e-9
-    turn = jnp.eye(3) + V + V @ V / jnp.where(opposite, 1.0, 1.0 + c)
+    turn = jnp.eye(3) + V + matmul(V, V) / jnp.where(opposite, 1.0, 1.0 + c)
     normal = jnp.cross(a, jnp.eye(3)[jnp.argmin(jnp.abs(a))])
     normal = normal / jnp.linalg.norm(normal)
     return jnp.where(opposite, 2.0 * jnp.outer(normal, normal) - jnp.eye(3), turn)
@@ -43,10 +45,10 @@ def smallest_rotation(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array
 
 def transported_frames(tangent: Float[Array, "n 3"], first: Float[Array, "3 3"]) -> Float[Array, "n 3 3"]:
     """Rotation-minimising frames along unit tangents, starting from ``first`` turned onto the first tangent."""
-    first = smallest_rotation(first[:, 2], tangent[0]) @ first
+    first = matmul(smallest_rotation(first[:, 2], tangent[0]), first)
 
     def carry(R, pair):
-        R = smallest_rotation(*pair) @ R
+        R = matmul(smallest_rotation(*pair), R)
         return R, R
 
     _, rest = jax.lax.scan(carry, first, (tangent[:-1], tangent[1:]))

@@ -9,9 +9,12 @@ its derivative in the direction ``v``: the 6x6 matrices below are ``[[X, dX[v]],
 Reference: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), eqs. 143-147, 172-180.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
+
+from scan2flex_jax.geometry.small import matmul, vecdot
 
 _SERIES_BELOW = 0.05  # t = |w|^2 under which six Taylor terms are exact to rounding (remainder t^6/12! < 1e-16)
 
@@ -60,15 +63,15 @@ def hat(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
 
 def so3_exp(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Rotation about ``w`` by ``|w|`` rad (Rodrigues)."""
-    t = w @ w
+    t = vecdot(w, w)
     W = hat(w)
-    return jnp.eye(3, dtype=w.dtype) + sinc(t) * W + versine(t) * (W @ W)
+    return jnp.eye(3, dtype=w.dtype) + sinc(t) * W + versine(t) * matmul(W, W)
 
 
 def so3_log(R: Float[Array, "3 3"]) -> Float[Array, "3"]:
     """Rotation vector of ``R``, for angles below pi (an element of a resolved rod turns by far less)."""
     u = 0.5 * jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine2 = u @ u
+    sine2 = vecdot(u, u)
     cosine = 0.5 * (jnp.trace(R) - 1.0)
     small = (sine2 < 1e-4) & (cosine > 0)
     series = 1.0 + sine2 * (1 / 6 + sine2 * (3 / 40 + sine2 * (5 / 112 + sine2 * (35 / 1152))))  # asin(x)/x
@@ -79,7 +82,7 @@ def so3_log(R: Float[Array, "3 3"]) -> Float[Array, "3"]:
 def se3_exp(x: Float[Array, "6"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """Rigid motion ``(r, R)`` reached by following the constant body twist ``x = (v, w)`` for unit time: a helix."""
     v, w = x[:3], x[3:]
-    t = w @ w
+    t = vecdot(w, w)
     c = jnp.cross(w, v)
     return v + versine(t) * c + _cubic(t) * jnp.cross(w, c), so3_exp(w)
 
@@ -88,23 +91,40 @@ def se3_log(r: Float[Array, "3"], R: Float[Array, "3 3"]) -> Float[Array, "6"]:
     """Twist whose helix reaches ``(r, R)`` in unit time; inverse of `se3_exp` for angles below pi."""
     w = so3_log(R)
     c = jnp.cross(w, r)
-    return jnp.concatenate([r - 0.5 * c + _bernoulli(w @ w) * jnp.cross(w, c), w])
+    return jnp.concatenate([r - 0.5 * c + _bernoulli(vecdot(w, w)) * jnp.cross(w, c), w])
 
 
 def adjoint_inverse(r: Float[Array, "3"], R: Float[Array, "3 3"]) -> Float[Array, "6 6"]:
     """``Ad(g^-1)``: carries a body twist through ``g``, ``exp(a) g = g exp(Ad(g^-1) a)``."""
-    return jnp.block([[R.T, -R.T @ hat(r)], [jnp.zeros((3, 3), R.dtype), R.T]])
+    return jnp.block([[R.T, -matmul(R.T, hat(r))], [jnp.zeros((3, 3), R.dtype), R.T]])
 
 
 def right_jacobian_inverse(x: Float[Array, "6"]) -> Float[Array, "6 6"]:
     """``T`` with ``log(exp(x) exp(c)) = x + T c + O(c^2)``; with ``-x`` it is the left one."""
     v, w = x[:3], x[3:]
-    t = w @ w
+    t = vecdot(w, w)
     V, W = hat(v), hat(w)
     g, dg = _bernoulli(t), _bernoulli_slope(t)
-    rotation = jnp.eye(3, dtype=x.dtype) + 0.5 * W + g * (W @ W)
-    derivative = 0.5 * V + g * (V @ W + W @ V) + 2.0 * dg * (w @ v) * (W @ W)
+    WW = matmul(W, W)
+    rotation = jnp.eye(3, dtype=x.dtype) + 0.5 * W + g * WW
+    derivative = 0.5 * V + g * (matmul(V, W) + matmul(W, V)) + 2.0 * dg * vecdot(w, v) * WW
     return jnp.block([[rotation, derivative], [jnp.zeros((3, 3), x.dtype), rotation]])
+
+
+def right_jacobian_inverse_slope(x: Float[Array, "6"], m: Float[Array, "6"]) -> Float[Array, "6 6"]:
+    """Derivative of ``T(x)' m`` with respect to ``x``, for a fixed wrench ``m = (force, moment)``.
+
+    Six tangents through `right_jacobian_inverse` give the same; XLA then computes most of it once for every entry.
+    """
+    v, w = x[:3], x[3:]
+
+    def rotational(w, f):  # of f + 1/2 f x w + g w x (w x f)
+        t, along = vecdot(w, w), vecdot(w, f)
+        turned = 0.5 * hat(f) + _bernoulli(t) * (along * jnp.eye(3) + jnp.outer(w, f) - 2.0 * jnp.outer(f, w))
+        return turned + 2.0 * _bernoulli_slope(t) * jnp.outer(along * w - t * f, w)
+
+    slope, change = jax.jvp(lambda w: rotational(w, m[:3]), (w,), (v,))
+    return jnp.block([[jnp.zeros((3, 3), x.dtype), slope], [slope, change + rotational(w, m[3:])]])
 
 
 def _bernoulli_slope(t):

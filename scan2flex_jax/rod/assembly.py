@@ -24,6 +24,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
+from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces, element_stiffness
 from scan2flex_jax.rod.energy import E3, node_potential, node_weights, retract, strains, supported
@@ -79,10 +80,10 @@ def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "node
     r, R = c
 
     def element(r0, R0, r1, R1, n):
-        d, D = R0.T @ (r1 - r0), R0.T @ R1
+        d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         x = lie.se3_log(d, D)
         # T' n at the far end and -(T A)' n at the near one, where T A is the left Jacobian's inverse
-        return lie.right_jacobian_inverse(-x).T @ n, lie.right_jacobian_inverse(x).T @ n
+        return vecmat(n, lie.right_jacobian_inverse(-x)), vecmat(n, lie.right_jacobian_inverse(x))
 
     near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)
     return to_nodes(-near, far) + _outer_gradient(rod, c)
@@ -103,10 +104,10 @@ def derivatives(
     x = rod.section.ds * (strain + jnp.array(E3))
     T, A, p, stiffness, bracket = _element_blocks(rod, c, x, n, K if damping is None else K + damping, predict(n))
     At = jnp.swapaxes(A, 1, 2)
-    near = At @ stiffness
-    diagonal = to_nodes(near @ A, stiffness)
-    upper = -(near + 0.5 * At @ bracket)
-    gradient = to_nodes(-jnp.einsum("nij,nj->ni", At, p), p) + _outer_gradient(rod, c)
+    near = matmul(At, stiffness)
+    diagonal = to_nodes(matmul(near, A), stiffness)
+    upper = -(near + 0.5 * matmul(At, bracket))
+    gradient = to_nodes(-matvec(At, p), p) + _outer_gradient(rod, c)
     diagonal = diagonal + _outer_hessian(rod, c)
     free = free_motions(rod)
     diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
@@ -116,19 +117,19 @@ def derivatives(
 
 def strain_increment(rod: Rod, elements: Elements, twist: Float[Array, "nodes 6"]) -> Float[Array, "n 6"]:
     """First-order change of the strains (-, 1/m) when the nodes move by ``twist``."""
-    near = jnp.einsum("nij,nj->ni", elements.A, twist[:-1])
-    return jnp.einsum("nij,nj->ni", elements.T, twist[1:] - near) / rod.section.ds
+    near = matvec(elements.A, twist[:-1])
+    return matvec(elements.T, twist[1:] - near) / rod.section.ds
 
 
 def _element_blocks(rod, c, x, n, K, forces):
     ds = rod.section.ds
 
     def element(r0, R0, r1, R1, x, n, K, m):
-        d, D = R0.T @ (r1 - r0), R0.T @ R1
+        d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         T = lie.right_jacobian_inverse(x)
-        P = jax.jacfwd(lambda y: lie.right_jacobian_inverse(y).T @ m)(x) @ T
-        stiffness = T.T @ (K / ds) @ T + 0.5 * (P + P.T)
-        return T, lie.adjoint_inverse(d, D), T.T @ n, stiffness, lie.bracket_matrix(T.T @ m)
+        P = lie.right_jacobian_inverse_slope(x, m) @ T
+        stiffness = matmul(T.T, K / ds, T) + 0.5 * (P + P.T)
+        return T, lie.adjoint_inverse(d, D), vecmat(n, T), stiffness, lie.bracket_matrix(vecmat(m, T))
 
     r, R = c
     return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], x, n, K, forces)
@@ -162,7 +163,7 @@ def _outer_hessian(rod, c):
 
 
 def _material_loads(rod, c):
-    return tuple(jnp.einsum("nji,nj->ni", c.R, x) for x in (rod.load.force, rod.load.lever))
+    return tuple(vecmat(x, c.R) for x in (rod.load.force, rod.load.lever))
 
 
 def _outer_field(rod, c):
@@ -174,7 +175,7 @@ def _outer_field(rod, c):
     def energy(twist, node):
         r, R, s, w = node
         dr, dR = lie.se3_exp(twist)
-        return potential(Node(r + R @ dr, R @ dR, s, w, rod.section.ds, rod.boundary))
+        return potential(Node(r + matvec(R, dr), matmul(R, dR), s, w, rod.section.ds, rod.boundary))
 
     return energy, (jnp.zeros((rod.elements + 1, 6)), (c.r, c.R, rod.node_s, node_weights(rod)))
 

@@ -21,6 +21,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry.lie import hat
+from scan2flex_jax.geometry.small import matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
 
 _PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over one: where the correction begins to fade, and has halved
@@ -32,7 +33,7 @@ def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
 
     def energy(e, natural, K, within):
         n, _ = _force(e, natural, K, within, rod.section.ds)
-        return 0.5 * n @ e + (extra(e, K) if extra else 0.0)
+        return 0.5 * vecdot(n, e) + (extra(e, K) if extra else 0.0)
 
     return jax.vmap(energy)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
 
@@ -59,8 +60,9 @@ def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]
         M = hat(n[3:])
         C = ds**2 / 12.0 * _inverse(_limited(within))
         # d(C_eff n)/de at fixed n, then the Schur complement of the stationary n
-        W = _embed(hat(y)) - jnp.pad(_turning(e, natural).T @ C @ M, ((0, 0), (3, 0)))
-        S = (jnp.eye(6) - W).T @ _relaxed(e, natural, K, within, ds) @ (jnp.eye(6) - W) - _embed(M.T @ C @ M)
+        W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural).T, C, M), ((0, 0), (3, 0)))
+        kept = jnp.eye(6) - W
+        S = matmul(kept.T, _relaxed(e, natural, K, within, ds), kept) - _embed(matmul(M.T, C, M))
         return S + jax.hessian(extra)(e, K) if extra else S
 
     return jax.vmap(stiffness)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
@@ -74,7 +76,7 @@ def _extra_law(rod):
 def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
     """Bending and torsional stiffness (N m^2) against what varies inside an element: that under no force, for the moment
     varies and the force does not."""
-    return K[:, 3:, 3:] - K[:, 3:, :3] @ jax.vmap(_inverse)(K[:, :3, :3]) @ K[:, :3, 3:]
+    return K[:, 3:, 3:] - matmul(K[:, 3:, :3], jax.vmap(_inverse)(K[:, :3, :3]), K[:, :3, 3:])
 
 
 def _limited(within):
@@ -92,19 +94,20 @@ def _turning(e, natural):
 def _softening(e, natural, K, within, ds):
     """``(A K, M)`` of the Woodbury form ``K_eff = K - K A' M^-1 A K``."""
     A = _turning(e, natural)
-    return A @ K, 12.0 / ds**2 * _limited(within) + A @ K @ A.T
+    AK = matmul(A, K)
+    return AK, 12.0 / ds**2 * _limited(within) + matmul(AK, A.T)
 
 
 def _force(e, natural, K, within, ds):
     """``n = K_eff e`` and ``y = ds^2/12 K_Omega^-1 A n``."""
     AK, M = _softening(e, natural, K, within, ds)
-    y = _inverse(M) @ (AK @ e)
-    return K @ e - AK.T @ y, y
+    y = matvec(_inverse(M), matvec(AK, e))
+    return matvec(K, e) - vecmat(y, AK), y
 
 
 def _relaxed(e, natural, K, within, ds):
     AK, M = _softening(e, natural, K, within, ds)
-    return K - AK.T @ _inverse(M) @ AK
+    return K - matmul(AK.T, _inverse(M), AK)
 
 
 def _embed(block):
@@ -114,4 +117,4 @@ def _embed(block):
 def _inverse(K: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """Inverse by the adjugate: no library call for nine numbers."""
     rows = jnp.stack([jnp.cross(K[1], K[2]), jnp.cross(K[2], K[0]), jnp.cross(K[0], K[1])], axis=1)
-    return rows / (K[0] @ rows[:, 0])
+    return rows / vecdot(K[0], rows[:, 0])

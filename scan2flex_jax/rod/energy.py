@@ -13,6 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
+from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node, overriding
 from scan2flex_jax.rod.element_law import element_energy
 from scan2flex_jax.rod.model import Configuration, Rod
@@ -35,7 +36,7 @@ def strains(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
     r, R = configuration
 
     def element(r0, R0, r1, R1):
-        return lie.se3_log(R0.T @ (r1 - r0), R0.T @ R1)
+        return lie.se3_log(vecmat(r1 - r0, R0), matmul(R0.T, R1))
 
     return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:]) / rod.section.ds - jnp.array(E3)
 
@@ -69,4 +70,4 @@ def retract(configuration: Configuration, twist: Float[Array, "nodes 6"]) -> Con
     """Each node moved by the body twist ``(v, w)``: ``g exp(twist)``."""
     dr, dR = jax.vmap(lie.se3_exp)(twist)
     r, R = configuration
-    return Configuration(r + jnp.einsum("nij,nj->ni", R, dr), R @ dR)
+    return Configuration(r + matvec(R, dr), matmul(R, dR))
