@@ -83,7 +83,7 @@ def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "node
         d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         x = lie.se3_log(d, D)
         # T' n at the far end and -(T A)' n at the near one, where T A is the left Jacobian's inverse
-        return vecmat(n, lie.right_jacobian_inverse(-x)), vecmat(n, lie.right_jacobian_inverse(x))
+        return n @ lie.right_jacobian_inverse(-x), n @ lie.right_jacobian_inverse(x)
 
     near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)
     return to_nodes(-near, far) + _outer_gradient(rod, c)
