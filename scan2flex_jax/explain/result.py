@@ -7,7 +7,7 @@ import numpy as np
 
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.explain.locate import Field
-from scan2flex_jax.explain.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED
+from scan2flex_jax.explain.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.fit.noise import Noise
 from scan2flex_jax.fit.result import Estimate, Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -156,6 +156,11 @@ class Explanation:
         values["rms_left_out"] = self.rms_left_out(after)
         return {k: v for k, v in values.items() if np.isfinite(v)}
 
+    @property
+    def concluded(self) -> bool:
+        """Whether the kinds' evidence may be read: not where the plain rod could not be solved well enough."""
+        return self.verdict != UNSOLVED
+
     def in_words(self, r: Ranked) -> str:
         """The verdict of a kind in words that stand alone: of two kinds, less likely is not the same as not seen."""
         if r.verdict == INCONCLUSIVE and r.log_evidence > LEAD_FAVOURED:
@@ -167,8 +172,8 @@ class Explanation:
         lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences)]
         if self.noise is None or self.fit is None:
             return "\n".join(lines)
-        lines += ["", "  kind                      log evidence   verdict"]
-        for r in self.ranking[:8]:
+        lines += ["", "  kind                      log evidence   verdict"] if self.concluded else []
+        for r in self.ranking[:8] if self.concluded else ():
             tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
             lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
         lines += [""] + [f"  {_effect_line(r)}" for r in self.chosen] + [""] * bool(self.chosen)

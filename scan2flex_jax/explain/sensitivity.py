@@ -116,9 +116,11 @@ class Bench:
         each scanned law its own."""
         kinds, laws = self._of_catalogue(components)
         x, here = vector[Numbers(self, ()).of_pose(i)], one(start, i)
+        of_laws = [self._law(components[k], x, i) for k in laws]
+        if not kinds:
+            return of_laws
         parts = [self._scan(kind, [components[k] for k in same], x, i, here) for kind, same in kinds.items()]
-        common = self._state((), x, i)[0], jax.tree.map(lambda *t: np.concatenate(t), *parts)
-        return [common, *(self._law(components[k], x, i) for k in laws)]
+        return [(self._state((), x, i)[0], jax.tree.map(lambda *t: np.concatenate(t), *parts)), *of_laws]
 
     def _of_catalogue(self, components):
         """Which components are of each kind, and which are scanned laws."""

@@ -13,7 +13,11 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8
 BEFORE, AFTER = "#8a8f98", "#d1495b"
 _DISTANCE = ((0.0, "#2a9d8f"), (0.5, "#e9b44c"), (1.0, "#e63946"))
 _ROOM = {"margin": {"l": 60, "r": 15, "t": 30, "b": 45}, "paper_bgcolor": "rgba(0,0,0,0)", "plot_bgcolor": "rgba(0,0,0,0)"}
+_POWERS = {"exponentformat": "power"}  # not "5\u03bc" on an axis in mm
 _LEGEND = {"orientation": "h", "yanchor": "bottom", "y": 1.02, "xanchor": "left", "x": 0.0}
+_THINNEST = 0.15  # of its longest side: what a box around plane shapes is thick
+_SIDE = 1.3  # of the longest, in units of plotly's cube
+_MARGIN = 0.04  # the same: free space on all sides
 _TANGENT = 0.05  # of the picture's size: length of the line that shows a clamp's d3
 
 
@@ -24,7 +28,8 @@ def _figure(**layout):
 
 
 def _axes(x, y, **more):
-    return {"xaxis": {"title": {"text": x}, "automargin": True}, "yaxis": {"title": {"text": y}, "automargin": True, **more}}
+    common = {"automargin": True, **_POWERS}
+    return {"xaxis": {"title": {"text": x}, **common}, "yaxis": {"title": {"text": y}, **common, **more}}
 
 
 def shapes(poses):
@@ -33,10 +38,12 @@ def shapes(poses):
     Traces of pose k carry ``meta`` k, by which the page shows one pose alone.
     """
     axis = {"backgroundcolor": "rgba(0,0,0,0)", "showspikes": False}
+    ranges, sides = _box(poses)
     scene = {
-        "aspectmode": "data",
+        "aspectmode": "manual",
+        "aspectratio": dict(zip("xyz", sides, strict=True)),
         "camera": {"eye": {"x": 1.4, "y": 1.4, "z": 1.0}},
-        **{f"{k}axis": {"title": {"text": f"{k} (m)"}, **axis} for k in "xyz"},
+        **{f"{k}axis": {"title": {"text": f"{k} (m)"}, "range": r, **axis} for k, r in zip("xyz", ranges, strict=True)},
     }
     figure = _figure(scene=scene, showlegend=False, height=560, uirevision="kept")
     figure.update_layout(margin={"l": 0, "r": 0, "t": 0, "b": 0})
@@ -52,6 +59,7 @@ def shapes(poses):
             bar = {
                 "title": {"text": "distance (mm)", "side": "right"},
                 "thickness": 12,
+                **_POWERS,
                 "len": 0.7,
                 "x": 1.0,
                 "xanchor": "right",
@@ -73,6 +81,19 @@ def shapes(poses):
                                  marker={"size": [6, 1], "color": COLOURS[4], "symbol": "square"}, name=f"{name}, clamp",
                                  meta=k)  # fmt: skip
     return figure
+
+
+def _box(poses):
+    """Ranges (m) of a box around all poses, and its sides in plotly's unit: the box that plotly chooses outgrows the picture
+    where a cable hangs deep."""
+    curves = [c for p in poses for c in (p.measured, p.modelled, *(np.atleast_2d(at) for at, _ in p.clamps)) if c is not None]
+    points = np.concatenate(curves) if curves else np.zeros((1, 3))
+    points = points[np.all(np.isfinite(points), axis=1)]
+    low, high = (np.min(points, axis=0), np.max(points, axis=0)) if len(points) else (np.zeros(3), np.ones(3))
+    longest = max(float(np.max(high - low)), 1e-9)
+    half = 0.5 * np.maximum(high - low, _THINNEST * longest) + _MARGIN * longest
+    middle = 0.5 * (low + high)
+    return np.stack([middle - half, middle + half], axis=1).tolist(), (_SIDE * half / np.max(half)).tolist()
 
 
 def errors(poses):

@@ -96,7 +96,8 @@ def _figures(c: Contents) -> dict:
         noise = c.explanation.noise.total
         seen = [p for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
         out["residuals"] = [figures.residual(p, noise) for p in seen]
-        out["evidence"] = figures.evidence(c.explanation)
+        if c.explanation.concluded:
+            out["evidence"] = figures.evidence(c.explanation)
         out["load"] = figures.load(c.explanation.load)
     if c.sections:
         names = [pose.name for pose in c.study.poses]

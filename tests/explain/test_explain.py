@@ -9,6 +9,7 @@ import pytest
 
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.explain import confirm, explain, gates, plan, search
+from scan2flex_jax.explain.refit import configurations
 from scan2flex_jax.explain.residual import whiten
 from scan2flex_jax.explain.sensitivity import Numbers
 from scan2flex_jax.explain.stage import one_step
@@ -107,9 +108,7 @@ def test_natural_twist_and_a_roll_of_a_clamp_are_one_class(stage):
 def test_every_signature_is_the_derivative_of_the_refitted_model(stage):
     """The columns of the whole catalogue come from one state; those of a refit from a state with the kind in it."""
     bench, base = stage.bench, stage.base
-    start = type(base.shapes[0].configuration)(
-        *(np.stack([s.configuration[k] for s in base.shapes]) for k in range(2))
-    )
+    start = configurations(base.shapes)
     columns, owner = bench.catalogue_columns(base.vector, stage.components, start)
     assert len(owner) == columns[0].shape[-1]
     for kind in dict.fromkeys(c.kind for c in stage.components):
@@ -174,6 +173,16 @@ def test_a_coarse_mesh_is_refined_before_anything_is_looked_for():
     assert found.gates["elements"] > 8
     assert found.gates["mesh_error"] < gates.OF_NOISE * found.noise.total
     assert found.verdict == "no missing effect"
+
+
+def test_a_law_that_is_scanned_has_its_columns_alone(stage):
+    """A rival of `plan` that is a law of its own shares no state with other kinds."""
+    bench, base, start = stage.bench, stage.base, configurations(stage.base.shapes)
+    k = next(k for k, c in enumerate(stage.components) if c.kind == "nonlinear_bending")
+    among, owner = bench.catalogue_columns(base.vector, stage.components, start)
+    alone, _ = bench.catalogue_columns(base.vector, [stage.components[k]], start)
+    for whole, part in zip(among, alone, strict=True):
+        np.testing.assert_allclose(part, whole[..., owner == k], rtol=1e-6, atol=1e-9 * np.abs(whole).max())
 
 
 def test_a_plan_ranks_poses_that_were_not_scanned(clip):

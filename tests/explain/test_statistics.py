@@ -66,6 +66,16 @@ def test_one_sided_evidence_is_that_of_half_the_prior():
     assert evidence.log_evidence(A, b, (True,)) == pytest.approx(exact, abs=1e-6)
 
 
+def test_an_exact_scan_leaves_evidence_finite():
+    """Signatures a billion times the noise and nearly parallel: rounding must not turn a variance negative."""
+    rng = np.random.default_rng(7)
+    x = 1e9 * rng.standard_normal(50)
+    X = np.stack([x, x * (1 + 1e-12)], axis=1)
+    y = X @ [1.0, 0.5]
+    found = evidence.log_evidence(X.T @ X, X.T @ y, (True, True))
+    assert found == pytest.approx(0.5 * y @ y, rel=1e-3)
+
+
 def test_an_effect_of_three_times_its_size_loses_less_than_a_normal_prior_would_take():
     A, strong = np.array([[1e4]]), np.array([3e4])  # seen to a hundredth of its size, and three times as large
     normal = 0.5 * strong @ np.linalg.solve(np.eye(1) + A, strong) - 0.5 * np.log(1 + 1e4)

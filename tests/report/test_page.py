@@ -87,6 +87,13 @@ def test_the_figures_show_the_fit(fitted, shown):
     drawn = [a["id"] for _, a in shown.tags if "data-figure" in a]
     assert sorted(drawn) == sorted(figures)
     traces = figures["shapes"]["data"]
+    scene = figures["shapes"]["layout"]["scene"]
+    low, high = np.transpose([scene[f"{k}axis"]["range"] for k in "xyz"])
+    sides = np.array([scene["aspectratio"][k] for k in "xyz"])
+    np.testing.assert_allclose(sides / sides.max(), (high - low) / (high - low).max())  # true to scale
+    for t in traces:
+        points = np.stack([numbers(t[k]) for k in "xyz"], axis=1)[:1 if "clamp" in t["name"] else None]
+        assert np.all((low < points) & (points < high)), t["name"]
     for k, (name, pose) in enumerate(fitted.poses.items()):
         own = [t for t in traces if t["meta"] == k]
         assert [t["mode"] for t in own] == ["markers", "lines", "lines+markers", "lines+markers"], name
@@ -142,6 +149,15 @@ def test_an_explanation_brings_its_evidence_and_the_tie(fitted, monkeypatch):
     assert "tied: kink or something outside the catalogue" in Page(report(alone)).words()
     colours = {t["line"]["color"] for t in shown.figures()["residual-1"]["data"]}
     assert len(colours) == 2  # before and after
+
+
+def test_evidence_is_not_shown_where_nothing_is_concluded(fitted):
+    found = explained(fitted, "not in equilibrium")
+    shown = Page(report(found))
+    assert "evidence" not in shown.figures()
+    assert {"load", "residual-1"} <= set(shown.figures())
+    assert "natural_curvature" not in found.summary().split("tied with")[0]
+    assert "log evidence" not in found.summary() + shown.words()
 
 
 def test_a_study_that_could_not_be_solved_is_shown_as_measured(fitted):
