@@ -40,6 +40,12 @@ def record(name: str, results: dict, ratios: dict[str, float] | None = None) -> 
     return path
 
 
+def one_processor() -> None:
+    """Keep this process on one processor, where the system can: with more, small solves take more processor time."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
 def conclude(name: str, results: dict, ratios: dict[str, float]) -> None:
     """`record` at the end of a run; says which ratios are worse than the committed ones, and ends with code 1 if any is."""
     before = committed(name).get("ratios", {})

@@ -61,8 +61,9 @@ def equilibrium() -> str:
         rows.append([f"{n} elements, generic start", milliseconds(meshes[n]["generic"]["min_s"]), power])
     if "batch" in r:
         b = r["batch"]
-        mean, most = b["steps: mean, most"]
+        mean, most, group = b["steps: mean, most, of a group"]
         told = {"loop": f"{b['solved']} solved", "loop in one call": f"{mean:.1f} steps each", "vmap": f"{most:.0f} steps each"}
+        told |= {way: f"like GJ/EI, {group:.1f} steps each" for way in b if way.startswith("vmap, ")}
         for way, words in told.items():
             rows.append([f"each of {b['cables']} cables, {way} (processor time)", milliseconds(b[way]["s per cable"]), words])
     for name, words in (("compiling", "first call, compiling"), ("from the cache", "first call, from the compilation cache")):

@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.peers.problems import PROBLEMS
 from benchmarks.peers.solvers import PEERS
+from benchmarks.record import one_processor
 
 ENOUGH, MOST = 1.0, 25  # processor seconds spent on repeats, and their number
 LONGEST = 600.0  # wall seconds for one answer
@@ -152,7 +153,7 @@ def answers(questions):
 
 
 def main() -> None:
-    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    one_processor()
     with os.fdopen(int(sys.argv[1]), "w") as pipe:
         for answer in answers(json.loads(line) for line in sys.stdin):
             pipe.write(json.dumps(answer) + "\n")

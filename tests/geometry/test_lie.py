@@ -114,6 +114,13 @@ def test_right_jacobian_inverse_is_the_derivative_of_the_log(angle):
 
 
 @pytest.mark.parametrize("angle", ANGLES)
+def test_slope_of_a_wrench_under_the_right_jacobian_inverse(angle):
+    x, wrench = jnp.array(np.concatenate([V, angle * AXIS])), jnp.array([0.3, -1.1, 0.6, 0.9, 0.2, -0.4])
+    slope = jax.jacfwd(lambda y: lie.right_jacobian_inverse(y).T @ wrench)(x)
+    np.testing.assert_allclose(lie.right_jacobian_inverse_slope(x, wrench), slope, atol=1e-13)
+
+
+@pytest.mark.parametrize("angle", ANGLES)
 def test_slope_of_the_bernoulli_function(angle):
     """Just above the switch cancellation costs 1e-16/t^2 of a slope of 1/720: 3e-11 of it."""
     t = jnp.array(angle**2)
