@@ -58,7 +58,10 @@ def kinds() -> str:
         for name, of in chosen.items():
             rows.append(_row(f"{sensor}, {name}", [c for c in cases if c["sensor"] == sensor and of(c)], target))
     gaps = [_marked(c) for c in cases if c["gap"] and "refused" not in c]
-    said = f"\nOf the gaps in curves that were found, {sum(gaps)} of {len(gaps)} were marked as such.\n"
+    missed = [c for c in cases if c["class"] == "missed"]
+    beyond = sum(c["bound_mm"] > target[c["sensor"]] * c["noise_mm"] for c in missed)
+    said = f"\nOf the gaps in curves that were found, {sum(gaps)} of {len(gaps)} were marked as such. "
+    said += f"Of the {len(missed)} curves that missed a target and\nsaid nothing, {beyond} have a Cramer-Rao bound above it.\n"
     return table(["", *_HEAD], rows) + said + made_on(entry)
 
 
