@@ -160,9 +160,9 @@ def fitted(case: Case, folder: Path, points) -> dict:
         return {"outcome": REFUSED, "says": str(error)[:300]}
     EI = found.estimates["bending_stiffness"]
     error = float(EI.value) / case.EI - 1.0
-    settled, sound = all(p.stable for p in found.poses.values()), np.isfinite(error)
-    wrong = EI.identifiable and settled and not EI.at_bound and abs(error) > FIT_WITHIN
-    outcome = FAILURE if wrong or not sound else SOLVED if EI.identifiable and settled else REFUSED
+    sure = EI.identifiable and found.believable
+    wrong = sure and not EI.at_bound and abs(error) > FIT_WITHIN
+    outcome = FAILURE if wrong or not np.isfinite(error) else SOLVED if sure else REFUSED
     says = " ".join(found.sentences)[:300]
     return {"outcome": outcome, "says": says, "relative error of EI": error, "rms over L": found.rms() / case.length}
 

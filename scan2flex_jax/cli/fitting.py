@@ -70,7 +70,7 @@ def fit(
     if figure:
         plot = drawing()
         plot.save(plot.overview(result), figure)
-    if not all(pose.stable for pose in result.poses.values()):
+    if not result.believable:
         raise typer.Exit(NOT_TO_BELIEVE)
 
 

@@ -87,6 +87,11 @@ class Fit:
         return float(np.sqrt(np.sum(np.concatenate(squares) ** 2) / points)) if points else float("nan")
 
     @property
+    def believable(self) -> bool:
+        """Whether the fit has settled, with every pose a stable equilibrium; else its numbers are not to be used."""
+        return bool(self.converged and all(p.stable for p in self.poses.values()))
+
+    @property
     def calibrated(self):
         """The study with the estimates in `[cable]` and as guesses, ready to be saved or fitted again."""
         cable, effects = dict(self.study.cable), list(self.study.effects)

@@ -31,6 +31,7 @@ def plot_extraction(curve: CentreCurve, title: str = "") -> Any:
     space.plot(*curve.points.T, "-", color="tab:blue", lw=1.8, label="centre curve")
     space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=title)
     space.set_aspect("equal")
+    space.locator_params(nbins=4)  # a short side has no room for more
     space.legend(loc="upper left", fontsize="small")
     _along(figure, curve)
     return figure

@@ -1,6 +1,7 @@
 """Results: real measured studies, the format's JSON object, and the calibrated study."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,13 @@ def test_real_studies_are_fitted_and_not_believed(real):
     assert {p.role for p in real.poses.values()} == {"fit", "validate"}
     assert all(p.stable for p in real.poses.values())
     assert real.rms("validate") > 1.2 * real.rms()
+
+
+def test_a_fit_that_has_not_settled_is_not_to_be_believed(real):
+    assert real.believable
+    assert not replace(real, converged=False).believable
+    name, pose = next(iter(real.poses.items()))
+    assert not replace(real, poses=real.poses | {name: replace(pose, stable=False)}).believable
 
 
 def check_object(data):
