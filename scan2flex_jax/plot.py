@@ -179,7 +179,7 @@ def explained(explanation):
 
 def basins(sweep, ax=None, most: int = 5, within: float = 0.01):
     """Where the fits of a sweep over two guesses ended: one colour for each end (estimates alike ``within`` that share),
-    by its cost, at most ``most`` of them; crosses where a fit failed."""
+    by its cost, at most ``most`` of them; crosses where a fit failed, nothing where none was run yet."""
     ax = plt.subplots()[1] if ax is None else ax
     across, up = sweep.attrs["lane_dims"].split()[::-1]
     names = [dim.removeprefix("guess_") for dim in (up, across)]
@@ -188,7 +188,7 @@ def basins(sweep, ax=None, most: int = 5, within: float = 0.01):
     colours = [*([_MODELLED, "#2b5c9e", "#2d7d46", "#d99a2b", "#7b4b94", "#4aa3a3"][:most]), "#cccccc"]
     x, y = (_log_edges(sweep[dim].values) for dim in (across, up))
     ax.pcolormesh(x, y, np.ma.masked_less(end, 0), cmap=mpl.colors.ListedColormap(colours), vmin=-0.5, vmax=most + 0.5)
-    row, column = np.nonzero(end < 0)
+    row, column = np.nonzero((end < 0) & (sweep["code"].transpose(up, across).values > 0))  # below 0: not run
     ax.plot(sweep[across].values[column], sweep[up].values[row], "kx", ms=3, lw=0)
     handles = []
     for k, size in enumerate(sizes):

@@ -80,5 +80,5 @@ def picture(found, method, name) -> None:
     figure, ax = plt.subplots(figsize=(6.2, 4.0), layout="constrained")
     done = was_run(found)
     ax.set_title(f"{method}: {recovered(found)[done].sum()} of {done.sum()} recovered", fontsize=10)
-    plot.basins(found.where(done), ax)
+    plot.basins(found, ax)
     save(figure, name)

@@ -1,12 +1,19 @@
 """What the study of the paper's Section 6.2 makes of its sweeps, on made results: nothing is solved here."""
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from benchmarks import paper
 from benchmarks.sensitivity import __main__ as command
 from benchmarks.sensitivity import bench, cantilever, clamps, guesses
+from scan2flex_jax import plot
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.sweep import Axis, Calls, Output, draws, sweep
+from scan2flex_jax.sweep.task import NOT_RUN
+
+mpl.use("Agg")
 
 
 def drawn(error, count):
@@ -44,6 +51,27 @@ def test_lanes_that_were_not_run_do_not_count():
     assert (told["guesses"], told["run"], told["recovered"]) == (25, 25, 10)
     none = sweep(Calls(estimate, outputs), guesses.lanes(5), longest=-1.0)
     assert not bench.run(none).any()
+
+
+def test_basins_show_ends_and_failures_and_nothing_where_no_fit_was_run():
+    def estimate(lane):
+        EI, GJ = lane["guess_bending_stiffness"], lane["guess_torsional_stiffness"]
+        if EI > 1.0 and GJ > 1.0:
+            raise Scan2FlexError("no equilibrium")
+        right = EI < 1.0
+        return {"bending_stiffness": 0.1 if right else 0.2, "torsional_stiffness": paper.GJ, "cost": float(not right)}
+
+    outputs = dict.fromkeys(("bending_stiffness", "torsional_stiffness", "cost"), Output())
+    found = sweep(Calls(estimate, outputs), guesses.lanes(5))
+    found["code"][0, 0] = NOT_RUN
+    for name in outputs:
+        found[name][0, 0] = np.nan
+    ax = plot.basins(found)
+    crosses = ax.lines[0].get_xydata()
+    assert len(crosses) == 4 and np.all(crosses > 1.0)
+    ends = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert ends == ["0.1, 0.25 (9)", "0.2, 0.25 (11)"]
+    plt.close("all")
 
 
 def test_error_of_a_stiff_cantilever_is_the_formula():
