@@ -1,12 +1,12 @@
 """Products of small matrices against NumPy, with batches that broadcast."""
 
+import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.geometry import small
 
 RNG = np.random.default_rng(0)
-A, B, C = RNG.standard_normal((5, 3, 6)), RNG.standard_normal((6, 2)), RNG.standard_normal((5, 2, 4))
-U, V = RNG.standard_normal((5, 3)), RNG.standard_normal(6)
+A, B, C, U, V = (jnp.array(RNG.standard_normal(shape)) for shape in ((5, 3, 6), (6, 2), (5, 2, 4), (5, 3), (6,)))
 
 
 def test_products_are_those_of_numpy():
