@@ -82,7 +82,8 @@ def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "node
     def element(r0, R0, r1, R1, n):
         d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         x = lie.se3_log(d, D)
-        # T' n at the far end and -(T A)' n at the near one, where T A is the left Jacobian's inverse
+        # T' n at the far end and -(T A)' n at the near one, where T A is the left Jacobian's inverse; dots, since tangents of n
+        # alone would otherwise have the Jacobians worked out for each of their entries (`geometry.small`)
         return n @ lie.right_jacobian_inverse(-x), n @ lie.right_jacobian_inverse(x)
 
     near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)
@@ -127,7 +128,7 @@ def _element_blocks(rod, c, x, n, K, forces):
     def element(r0, R0, r1, R1, x, n, K, m):
         d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         T = lie.right_jacobian_inverse(x)
-        P = lie.right_jacobian_inverse_slope(x, m) @ T
+        P = lie.right_jacobian_inverse_slope(x, m) @ T  # a dot: see `geometry.small`
         stiffness = matmul(T.T, K / ds, T) + 0.5 * (P + P.T)
         return T, lie.adjoint_inverse(d, D), vecmat(n, T), stiffness, lie.bracket_matrix(vecmat(m, T))
 
