@@ -157,7 +157,7 @@ def main() -> None:
     folders = [f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)]
     results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
     todo, context = [f for f in folders if f.name not in results], multiprocessing.get_context("spawn")
-    # fresh processes now and then: after some seventy cases the compiled code of one process has crashed it
+    # fresh processes now and then: they once crashed at the limit of memory mappings, which `compilation.make_room` now minds
     for batch in (todo[i : i + _PER_PROCESS * args.jobs] for i in range(0, len(todo), _PER_PROCESS * args.jobs)):
         with ProcessPoolExecutor(args.jobs, context, prepare) as pool:
             running = {pool.submit(diagnose, f): f.name for f in batch}
