@@ -1,6 +1,6 @@
 """How the package's functions are compiled: XLA options that were measured to make the user wait less.
 
-XLA's CPU fusion emitters spend about twice the compile time on graphs of many small-matrix operations and run no faster
+XLA's CPU fusion emitters spend 1.4 times the compile time on graphs of many small-matrix operations and run no faster
 (`benchmarks/equilibrium.py` records both). Versions of XLA that do not know the option compile without it.
 """
 

@@ -43,11 +43,9 @@ def factor(diagonal: Float[Array, "n 6 6"], upper: Float[Array, "n-1 6 6"]) -> F
 def solve(factors: Factors, rhs: Float[Array, "n 6 *k"]) -> Float[Array, "n 6 *k"]:
     """Solution of ``H x = rhs``; linear in ``rhs`` and transposable, so it serves forward and reverse derivatives."""
 
-    product = matvec if rhs.ndim == 2 else matmul
-
     def forward(y, block):
         inverse, U_before, b = block
-        y = product(inverse, b - product(U_before.T, y))
+        y = _times(inverse, b - _times(U_before.T, y))
         return y, y
 
     _, y = jax.lax.scan(forward, jnp.zeros_like(rhs[0]), (factors.inverse, factors.upper, rhs))
@@ -84,17 +82,19 @@ def _reduce(block, original, *columns):
     return work, negative
 
 
+def _times(matrix, x):
+    return matvec(matrix, x) if x.ndim == 1 else matmul(matrix, x)
+
+
 def _beside(upper):
     zero = jnp.zeros_like(upper[:1])
     return jnp.concatenate([upper, zero]), jnp.concatenate([zero, upper])
 
 
 def _substitute(carry, y):
-    product = matvec if y.ndim == 2 else matmul
-
     def backward(x, block):
         carry, y = block
-        x = y - product(carry, x)
+        x = y - _times(carry, x)
         return x, x
 
     return jax.lax.scan(backward, jnp.zeros_like(y[0]), (carry, y), reverse=True)[1]

@@ -19,12 +19,12 @@ SCALES = (1.0 / 3.0, 1.0, 3.0)  # of a physical size, each as likely as the othe
 
 def log_evidence(A: np.ndarray, b: np.ndarray, one_sided=()) -> float:
     """Log Bayes factor of a group over the base."""
-    return averaged([_at_scale(t, A, b, one_sided) for t in SCALES])
-
-
-def _at_scale(scale, A, b, one_sided):
     sizes, axes = np.linalg.eigh(0.5 * (A + A.T))  # none is negative but by rounding, which may be far above the prior
-    sizes = np.maximum(sizes, 0.0) + scale**-2
+    return averaged([_at_scale(t, np.maximum(sizes, 0.0), axes, b, one_sided) for t in SCALES])
+
+
+def _at_scale(scale, sizes, axes, b, one_sided):
+    sizes = sizes + scale**-2
     mean = axes @ (axes.T @ b / sizes)
     value = 0.5 * b @ mean - 0.5 * np.sum(np.log(scale**2 * sizes))
     if any(one_sided):

@@ -17,7 +17,7 @@ _POWERS = {"exponentformat": "power"}  # not "5\u03bc" on an axis in mm
 _LEGEND = {"orientation": "h", "yanchor": "bottom", "y": 1.02, "xanchor": "left", "x": 0.0}
 _THINNEST = 0.15  # of its longest side: what a box around plane shapes is thick
 _SIDE = 1.3  # of the longest, in units of plotly's cube
-_MARGIN = 0.04  # the same: free space on all sides
+_MARGIN = 0.06  # the same: free space on all sides, for a clamp's line too
 _TANGENT = 0.05  # of the picture's size: length of the line that shows a clamp's d3
 
 

@@ -1,8 +1,8 @@
 """What a sweep does with a lane, and the verdict that every lane gets.
 
 Two kinds of task. `Calls`: a Python function of one lane, called for one lane after the other. `Traced`: a function that JAX
-can trace, evaluated for several lanes in one compiled call: one after the other on a CPU (`jax.lax.map`), where that measured
-faster than a vectorised batch, which runs to its slowest lane; vectorised (`jax.vmap`) on other devices and on a
+can trace, evaluated for several lanes in one compiled call: one after the other on a CPU (`jax.lax.map`), where a
+vectorised batch, which runs to its slowest lane, measured no faster; vectorised (`jax.vmap`) on other devices and on a
 mesh. Whatever happens in a lane stays there: its verdict says what it was, its values are NaN.
 """
 
