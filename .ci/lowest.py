@@ -22,8 +22,8 @@ EXTRAS = ("report", "sweep")
 RUNNERS = ("pytest", "pytest-xdist", "beartype", "hypothesis")
 TESTS = (
     "test_toolchain.py", "test_public_names.py", "cli/test_help.py", "cli/test_measuring.py", "study", "convert",
-    "scan/test_files.py", "equilibrium/test_blocktridiagonal.py", "fit/test_result.py", "fit/test_simulation_study.py",
-    "report/test_page.py", "report/test_plot.py", "sweep/test_store.py",
+    "scan/test_files.py", "statics/test_blocktridiagonal.py", "fitting/test_result.py", "fitting/test_simulation_study.py",
+    "reporting/test_page.py", "reporting/test_plot.py", "sweep/test_store.py",
 )  # fmt: skip
 
 

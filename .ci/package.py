@@ -16,7 +16,7 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-INSIDE = ("scan2flex_jax/py.typed", "scan2flex_jax/report/page.html", "scan2flex_jax/examples/black-wire/study.toml")
+INSIDE = ("scan2flex_jax/py.typed", "scan2flex_jax/reporting/page.html", "scan2flex_jax/examples/black-wire/study.toml")
 
 
 def main() -> None:

@@ -32,7 +32,7 @@ def prepare() -> None:
 
 
 def diagnose(folder: Path, options: dict | None = None) -> dict:
-    from scan2flex_jax.explain import explain  # noqa: PLC0415 - the environment must be set first
+    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415 - the environment must be set first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
     began = time.perf_counter()

@@ -21,10 +21,10 @@ import optimistix as optx
 
 from benchmarks.record import RESULTS, conclude, machine, one_processor, record, timed, timed_in_turn
 from scan2flex_jax import compilation
-from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import equilibrium
 
 MESHES = (20, 40, 80, 160, 320, 640, 1280, 2000)
 BATCH, GROUP = 256, 8

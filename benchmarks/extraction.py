@@ -39,7 +39,7 @@ from benchmarks.record import RESULTS, record  # noqa: E402
 from scan2flex_jax.errors import Scan2FlexError  # noqa: E402
 from scan2flex_jax.scan import minimise, refine, scanner, shapes, snakes, spline  # noqa: E402
 from scan2flex_jax.scan.doubts import clamp_to_clamp  # noqa: E402
-from scan2flex_jax.scan.extract import extract  # noqa: E402
+from scan2flex_jax.scan.extraction import extract  # noqa: E402
 from scan2flex_jax.scan.strands import End  # noqa: E402
 
 VIEWS = np.array([[0.3, -1.0, 0.6], [0.3, 1.0, 0.5], [-1.0, 0.1, 0.6]])

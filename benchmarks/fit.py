@@ -4,7 +4,7 @@
 simulated one (EI 0.1, GJ 0.25 N m^2; its shapes are those of the continuous equations); a guess is recovered when both are
 within 0.1 %. "least-squares, guess alone" descends from the guess only; the default fit also tries the package's own start.
 Seconds are processor seconds. A method that has used up an hour is run from no more guesses: the result says from how many.
-Nelder-Mead ends after 400 iterations at the latest, as it does for every user (`fit.least_squares`).
+Nelder-Mead ends after 400 iterations at the latest, as it does for every user (`fitting.least_squares`).
 Targets against Nelder-Mead: 10 times fewer equilibria, 10 times less time. The paper's Nelder-Mead: 19 of 25.
 """
 
@@ -18,9 +18,9 @@ import numpy as np
 from benchmarks import paper
 from benchmarks.record import conclude, record, timed
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fit import METHODS, fit
-from scan2flex_jax.fit.least_squares import levenberg_marquardt
-from scan2flex_jax.fit.run import Problem
+from scan2flex_jax.fitting import METHODS, fit
+from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.run import Problem
 
 GUESSES = [(EI, GJ) for EI in paper.guesses(5) for GJ in paper.guesses(5)]
 LONGEST = 3600.0  # seconds for the guesses of one method

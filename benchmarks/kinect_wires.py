@@ -81,7 +81,7 @@ def along(points, count=41):
 def fitted(wire, paths, unseen=None):
     """The fit of a wire's poses, one of them perhaps for validation only; an error's sentence where there is none."""
     from scan2flex_jax.errors import Scan2FlexError  # noqa: PLC0415
-    from scan2flex_jax.fit import fit  # noqa: PLC0415
+    from scan2flex_jax.fitting import fit  # noqa: PLC0415
     from scan2flex_jax.study import Study, Tolerance, Unknown  # noqa: PLC0415
 
     poses = tuple(pose_of(p, "validate" if p == unseen else "fit") for p in paths)

@@ -64,7 +64,7 @@ def buckling(study, bending_stiffness: float, ratio: float) -> float | None:
     import jax.numpy as jnp  # noqa: PLC0415
 
     from scan2flex_jax import Boundary, Cable, CableModel, equilibrium  # noqa: PLC0415
-    from scan2flex_jax.equilibrium.starts import curve_start  # noqa: PLC0415
+    from scan2flex_jax.statics.starts import curve_start  # noqa: PLC0415
 
     pose, given = study.poses[0], study.cable
     cable = Cable(given["length"], given["length_density"], bending_stiffness, ratio * bending_stiffness)

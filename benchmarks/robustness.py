@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.record import record
 from scan2flex_jax import Boundary, Cable, CableModel, Scan2FlexError, equilibrium, fit, load_study
 from scan2flex_jax.cli import main as command
-from scan2flex_jax.equilibrium.starts import sagging_start
+from scan2flex_jax.statics.starts import sagging_start
 
 jax.config.update("jax_enable_x64", True)
 

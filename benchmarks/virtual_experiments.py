@@ -31,7 +31,7 @@ from scipy.spatial import cKDTree
 
 from benchmarks.record import RESULTS, record
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fit import fit
+from scan2flex_jax.fitting import fit
 from scan2flex_jax.scan import scanner
 from scan2flex_jax.study import Clamp, Study, StudyPose, Unknown
 from tests.reference import cosserat_bvp, rotations

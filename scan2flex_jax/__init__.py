@@ -4,59 +4,59 @@ Start with ``fit(load_study(folder))``. float64 must be on before the first arra
 ``jax.config.update("jax_enable_x64", True)``.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported when it is first used
+    from scan2flex_jax import plot as plot
+    from scan2flex_jax.diagnosis import explain as explain
+    from scan2flex_jax.diagnosis import plan as plan
+    from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
+    from scan2flex_jax.errors import StudyError as StudyError
+    from scan2flex_jax.fitting import fit as fit
+    from scan2flex_jax.prediction import predict as predict
+    from scan2flex_jax.reporting import report as report
+    from scan2flex_jax.rod.boundary import Boundary as Boundary
+    from scan2flex_jax.rod.cable import Cable as Cable
+    from scan2flex_jax.rod.model import CableModel as CableModel
+    from scan2flex_jax.statics import Equilibrium as Equilibrium
+    from scan2flex_jax.statics import MixedNewton as MixedNewton
+    from scan2flex_jax.statics import equilibrium as equilibrium
+    from scan2flex_jax.study import load_study as load_study
+    from scan2flex_jax.study import save_study as save_study
 
 _HOMES = {
     "Boundary": "rod.boundary",
     "Cable": "rod.cable",
     "CableModel": "rod.model",
-    "Equilibrium": "equilibrium.solve",
-    "MixedNewton": "equilibrium.newton",
+    "Equilibrium": "statics",
+    "MixedNewton": "statics",
     "Scan2FlexError": "errors",
     "StudyError": "errors",
-    "equilibrium": "equilibrium.solve",
-    "explain": "explain",
-    "fit": "fit",
+    "equilibrium": "statics",
+    "explain": "diagnosis",
+    "fit": "fitting",
     "load_study": "study",
-    "plan": "explain",
+    "plan": "diagnosis",
     "plot": "",
-    "predict": "predict",
-    "report": "report",
+    "predict": "prediction",
+    "report": "reporting",
     "save_study": "study",
 }
 __all__ = sorted(_HOMES)
 __version__ = "0.1.0"
 
 
-
-def _public(name):
-    """A public object, imported when it is first asked for, so that reading a study does not load JAX."""
-    home = import_module(f"{__name__}.{_HOMES[name] or name}")
-    return getattr(home, name) if _HOMES[name] else home
-
-
-class _Package(ModuleType):
-    """The package. `equilibrium`, `explain`, `fit`, `predict` and `report` name its functions, though modules are called so
-    too: those are reached by imports from them, ``from scan2flex_jax.fit import METHODS``."""
-
-    equilibrium = property(lambda self: _public("equilibrium"), lambda self, module: None)
-    explain = property(lambda self: _public("explain"), lambda self, module: None)
-    fit = property(lambda self: _public("fit"), lambda self, module: None)
-    predict = property(lambda self: _public("predict"), lambda self, module: None)
-    report = property(lambda self: _public("report"), lambda self, module: None)
-
-
-sys.modules[__name__].__class__ = _Package
-
-
-def __getattr__(name: str):
+def __getattr__(name: str) -> object:
+    """A public name, imported when it is first used, so that reading a study does not load JAX."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return _public(name)
+    home = import_module(f"{__name__}.{_HOMES[name] or name}")
+    found = getattr(home, name) if _HOMES[name] else home
+    globals()[name] = found
+    return found
 
 
-def __dir__():
+def __dir__() -> list[str]:
     """Public names."""
-    return __all__
+    return list(__all__)

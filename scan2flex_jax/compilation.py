@@ -4,9 +4,10 @@ XLA's CPU fusion emitters spend 1.4 times the compile time on graphs of many sma
 (`benchmarks/equilibrium.py` records both). Versions of XLA that do not know the option compile without it.
 """
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, wraps
 from pathlib import Path
-from typing import ClassVar
+from typing import TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -20,6 +21,7 @@ except ImportError:
         return False
 
 
+_Function = TypeVar("_Function", bound=Callable)
 _MAPPED, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _FULL = 0.5  # of the memory mappings that Linux grants a process: what is left is ample for one diagnosis
 
@@ -37,30 +39,37 @@ def _options() -> dict:
     return _OPTIONS
 
 
-class compiled:  # noqa: N801 - used as a decorator
-    """`equinox.filter_jit` with the package's compiler options, chosen at the first call."""
+def _compiled_with(more: dict) -> Callable[[_Function], _Function]:
+    def decorate(function: _Function) -> _Function:
+        jitted: dict[bool, Callable] = {}
 
-    _more: ClassVar[dict] = {}
+        @wraps(function)
+        def call(*args, **kwargs):
+            outside = _outside()
+            if not outside and isinstance(jnp.zeros(()), jax.core.Tracer):  # inside jit every operation is traced
+                return function(*args, **kwargs)
+            if outside not in jitted:  # an eager transformation (`jax.grad`) takes no compiler options
+                options = {"compiler_options": _options() | more} if outside else {}
+                jitted[outside] = eqx.filter_jit(function, **options)  # type: ignore[call-overload]  # jax.jit's, not declared
+            return jitted[outside](*args, **kwargs)
 
-    def __init__(self, function):
-        """Nothing is compiled or configured yet."""
-        self.function, self.jitted = function, None
-        self.__doc__, self.__name__, self.__wrapped__ = function.__doc__, function.__name__, function
+        return cast(_Function, call)
 
-    def __call__(self, *args, **kwargs):
-        """Call the compiled function; inside another compilation it is part of that one."""
-        if not _outside() and isinstance(jnp.zeros(()), jax.core.Tracer):  # inside jit every operation is traced
-            return self.function(*args, **kwargs)
-        if self.jitted is None:
-            options = {"compiler_options": _options() | self._more}
-            self.jitted = eqx.filter_jit(self.function, **options)  # type: ignore[call-overload]  # jax.jit's, not declared
-        return self.jitted(*args, **kwargs)
+    return decorate
 
 
-class lightly_compiled(compiled):  # noqa: N801 - used as a decorator
+def compiled(function: _Function) -> _Function:
+    """`equinox.filter_jit` with the package's compiler options, chosen at the first call.
+
+    Inside another compilation the function is part of that one; inside an eager `jax.grad`, `jax.vmap` and the like, whose
+    parts cannot have options of their own, it is compiled without them.
+    """
+    return _compiled_with({})(function)
+
+
+def lightly_compiled(function: _Function) -> _Function:
     """The same for functions that run in no time and only cost their compilation: without optimisation."""
-
-    _more: ClassVar[dict] = {"xla_backend_optimization_level": 0}
+    return _compiled_with({"xla_backend_optimization_level": 0})(function)
 
 
 def make_room(full: float = _FULL) -> bool:

@@ -60,7 +60,7 @@ def test_tests_get_what_the_extras_that_they_use_give():
 
 @pytest.mark.parametrize("library", ["plotly", "jinja2"])
 def test_a_report_without_its_libraries_names_the_extra(monkeypatch, library):
-    from scan2flex_jax.report import require_libraries
+    from scan2flex_jax.reporting import require_libraries
 
     monkeypatch.setitem(sys.modules, library, None)
     with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[report\]"):

@@ -16,17 +16,17 @@ ALLOWED = {
     "scan": {"geometry", "study", "errors"},
     "rod": {"geometry", "compilation", "errors"},
     "effects": {"geometry", "rod", "study", "compilation", "errors"},
-    "equilibrium": {"geometry", "rod", "compilation", "errors"},
+    "statics": {"geometry", "rod", "compilation", "errors"},
 }
-ALLOWED["fit"] = {*ALLOWED, "examples"}
-ALLOWED["sweep"] = {*ALLOWED["fit"], "fit"}
-ALLOWED["explain"] = {*ALLOWED["fit"], "fit"}
-ALLOWED["predict"] = ALLOWED["explain"]
-ALLOWED["plot"] = {*ALLOWED["predict"], "predict"}
+ALLOWED["fitting"] = {*ALLOWED, "examples"}
+ALLOWED["sweep"] = {*ALLOWED["fitting"], "fitting"}
+ALLOWED["diagnosis"] = {*ALLOWED["fitting"], "fitting"}
+ALLOWED["prediction"] = ALLOWED["diagnosis"]
+ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction"}
 ALLOWED["convert"] = {"study", "errors"}
-ALLOWED["export"] = {*ALLOWED["predict"], "predict"}
-ALLOWED["report"] = {*ALLOWED["predict"], "explain", "predict"}
-ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "explain", "convert", "export", "report"}
+ALLOWED["export"] = {*ALLOWED["prediction"], "prediction"}
+ALLOWED["reporting"] = {*ALLOWED["prediction"], "diagnosis", "prediction"}
+ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "diagnosis", "convert", "export", "reporting"}
 NO_JAX = ("study", "convert", "errors")
 
 

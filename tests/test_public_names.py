@@ -1,32 +1,61 @@
-"""What `from scan2flex_jax import ...` gives, in a process of its own: three functions have the names of modules."""
+"""What `from scan2flex_jax import ...` gives, in processes of their own: no public name is a module's name too."""
 
+import importlib
+import pickle
+import pkgutil
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 
-IMPORTS = (
-    "from scan2flex_jax import Boundary, Cable, CableModel, equilibrium, fit, load_study, predict",
-    "import scan2flex_jax.equilibrium.solve, scan2flex_jax.fit.run, scan2flex_jax.predict\n"
-    "from scan2flex_jax import equilibrium, fit, predict",
-)
+import scan2flex_jax
+
+PACKAGES = ["scan2flex_jax", *(f"scan2flex_jax.{m.name}" for m in pkgutil.iter_modules(scan2flex_jax.__path__) if m.ispkg)]
 
 
-@pytest.mark.parametrize("imports", IMPORTS, ids=["at once", "after the modules"])
-def test_functions_and_not_the_modules_of_their_names(imports):
-    code = f"{imports}\nfrom scan2flex_jax.fit import METHODS\nassert all(map(callable, (equilibrium, fit, predict)))"
+def run(code):
     command = [sys.executable, "-W", "error::ImportWarning", "-c", code]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_public_name_hides_a_module(package):
+    module = importlib.import_module(package)
+    modules = {m.name for m in pkgutil.iter_modules(module.__path__)}
+    hidden = [n for n in getattr(module, "__all__", ()) if n in modules and not isinstance(getattr(module, n), ModuleType)]
+    assert hidden == []
+
+
+def test_modules_are_modules_and_functions_are_functions():
+    run(
+        "import scan2flex_jax.fitting as m\n"
+        "from scan2flex_jax import equilibrium, fit, predict\n"
+        "from types import ModuleType\n"
+        "assert isinstance(m, ModuleType) and all(map(callable, (equilibrium, fit, predict)))"
+    )
+
+
+def test_an_assignment_to_the_package_stays():
+    run("import scan2flex_jax as s\ns.fit = 3\nassert s.fit == 3\nfrom scan2flex_jax import fit\nassert fit == 3")
+
+
 def test_every_public_name_is_there():
-    code = "import scan2flex_jax as s\nfor n in s.__all__: getattr(s, n)\nassert 'fit' in dir(s)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    run("import scan2flex_jax as s\nfor n in s.__all__: getattr(s, n)\nassert 'fit' in dir(s)")
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="has no attribute 'fitt'"):
+        _ = scan2flex_jax.fitt
+
+
+@pytest.mark.parametrize("name", ["equilibrium", "explain", "fit", "plan", "predict", "report"])
+def test_functions_are_pickled_by_name_and_print_their_name(name):
+    function = getattr(scan2flex_jax, name)
+    assert pickle.loads(pickle.dumps(function)) is function
+    assert repr(function).startswith(f"<function {name}")
 
 
 def test_reading_a_study_does_not_load_jax():
-    code = "import sys\nfrom scan2flex_jax import load_study\nassert 'jax' not in sys.modules"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    run("import sys\nfrom scan2flex_jax import load_study\nassert 'jax' not in sys.modules")

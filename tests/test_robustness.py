@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import robustness
-from scan2flex_jax.predict import touching
+from scan2flex_jax.prediction import touching
 
 SOME = (
     "chain: EI = GJ = 1e-6", "50 m, EI 10", "20 turns of twist, 40 elements", "clamps at distance L", "clamps 1.05 L apart",

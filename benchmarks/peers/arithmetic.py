@@ -21,13 +21,13 @@ import numpy as np
 from benchmarks.peers.problems import PROBLEMS
 from benchmarks.peers.solvers.ours import rod as rod_of
 from scan2flex_jax.compilation import _options
-from scan2flex_jax.equilibrium import blocktridiagonal as bt
-from scan2flex_jax.equilibrium.newton import MixedNewton
-from scan2flex_jax.equilibrium.solve import equilibrium
-from scan2flex_jax.equilibrium.starts import sagging_start
 from scan2flex_jax.rod.assembly import derivatives
 from scan2flex_jax.rod.energy import potential_energy
 from scan2flex_jax.rod.model import discretise
+from scan2flex_jax.statics import blocktridiagonal as bt
+from scan2flex_jax.statics.newton import MixedNewton
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.starts import sagging_start
 
 ELEMENTS = 40
 _SIMPLE = {"add", "sub", "mul", "div", "sqrt", "rsqrt", "add_any", "square"}

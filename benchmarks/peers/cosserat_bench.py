@@ -18,10 +18,10 @@ from cosseratbench.solver import Capability, Diverged
 from cosseratbench.trajectory import Trajectory
 
 from scan2flex_jax.effects.point_load import PointLoad
-from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import equilibrium
 
 EXPERIMENTS = ("cantilever", "catenary")
 _SHEAR = 4.0 / 3.0  # inverse shear coefficient of a circular section, 3/4 of the area carries it

@@ -58,7 +58,7 @@ def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40) -> 
 
     loaded = load_study(study)
     prepare_jax()
-    from scan2flex_jax.explain import plan as rank  # noqa: PLC0415
+    from scan2flex_jax.diagnosis import plan as rank  # noqa: PLC0415
 
     result = explained(loaded, elements)
     with progress("solving poses that could be scanned"):

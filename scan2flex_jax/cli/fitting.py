@@ -58,7 +58,7 @@ def fit(
 
     loaded = load_study(study)
     prepare_jax()
-    from scan2flex_jax.fit import fit as run  # noqa: PLC0415
+    from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     with progress(f"fitting {loaded.title}") as tell:
         result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
@@ -90,7 +90,7 @@ def simulate(
 
     loaded = load_study(study)
     prepare_jax()
-    from scan2flex_jax.predict import predict, write_csv  # noqa: PLC0415
+    from scan2flex_jax.prediction import predict, write_csv  # noqa: PLC0415
 
     with progress(f"simulating {loaded.title}"):
         predictions = predict(loaded, elements=elements)
@@ -116,9 +116,9 @@ def demo(
     from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
 
     prepare_jax()
-    from scan2flex_jax.explain.ahead import compile_ahead  # noqa: PLC0415
-    from scan2flex_jax.explain.slots import empty_slots_of  # noqa: PLC0415
-    from scan2flex_jax.fit import fit as run  # noqa: PLC0415
+    from scan2flex_jax.diagnosis.ahead import compile_ahead  # noqa: PLC0415
+    from scan2flex_jax.diagnosis.slots import empty_slots_of  # noqa: PLC0415
+    from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     out.mkdir(parents=True, exist_ok=True)
     cable, wire = (load_study(example_path(name)) for name in ("simulated-cable", "black-wire"))

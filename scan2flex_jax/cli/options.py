@@ -62,7 +62,7 @@ def interactive() -> bool:
 
 def explained(study, elements: int):
     """The explanation of a study; its summary is printed."""
-    from scan2flex_jax.explain import explain as run  # noqa: PLC0415
+    from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
 
     with progress(f"explaining {study.title}") as tell:
         result = run(study, elements=elements, progress=tell)

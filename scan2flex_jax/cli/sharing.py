@@ -30,13 +30,13 @@ def report(
 
     loaded = load_study(study)
     prepare_jax()
-    from scan2flex_jax.report import require_libraries, save_report  # noqa: PLC0415
+    from scan2flex_jax.reporting import require_libraries, save_report  # noqa: PLC0415
 
     require_libraries()
     if no_explain:
-        from scan2flex_jax.fit import fit as run  # noqa: PLC0415
+        from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
     else:
-        from scan2flex_jax.explain import explain as run  # noqa: PLC0415
+        from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
 
     with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}") as tell:
         result = run(loaded, elements=elements, progress=tell)

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.equilibrium.solve import Equilibrium
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.predict import model_of, settled
+from scan2flex_jax.prediction import model_of, settled
 from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.loads import distributed_load
+from scan2flex_jax.statics.solve import Equilibrium
 from scan2flex_jax.study.model import Study
 
 _SAME = 1e-9  # part by which sections may differ and still be one cable's

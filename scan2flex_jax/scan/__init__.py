@@ -2,7 +2,7 @@
 
 from scan2flex_jax.scan.centre_curve import CentreCurve, RadiusStatistics
 from scan2flex_jax.scan.cloud import Cloud, load_cloud
-from scan2flex_jax.scan.extract import extract, extract_pose, extract_study
+from scan2flex_jax.scan.extraction import extract, extract_pose, extract_study
 from scan2flex_jax.scan.near import NearCurve, near_curve
 from scan2flex_jax.scan.picture import plot_extraction, save_picture
 from scan2flex_jax.scan.scanner import PERFECT, STRUCTURED_LIGHT, TIME_OF_FLIGHT, Scan, Sensor, scan, tube_mesh

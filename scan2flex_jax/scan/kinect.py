@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.centre_curve import CentreCurve
-from scan2flex_jax.scan.extract import extract
+from scan2flex_jax.scan.extraction import extract
 
 
 @dataclass(frozen=True)

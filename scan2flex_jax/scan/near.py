@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.scan import cloud as clouds
 from scan2flex_jax.scan import coarse, guides, spline
-from scan2flex_jax.scan.extract import cleaned, extract_pose, lengthened
+from scan2flex_jax.scan.extraction import cleaned, extract_pose, lengthened
 from scan2flex_jax.scan.strands import End
 from scan2flex_jax.study.model import Study, StudyPose
 

@@ -5,8 +5,8 @@
 """
 
 from scan2flex_jax.sweep.changes import guesses, noisy, random_turns, turned
-from scan2flex_jax.sweep.equilibria import QUANTITIES, Quantity, Scene, equilibria
-from scan2flex_jax.sweep.fits import fits
+from scan2flex_jax.sweep.equilibrium_task import QUANTITIES, Quantity, Scene, equilibria
+from scan2flex_jax.sweep.fit_task import fits
 from scan2flex_jax.sweep.labelled import failed
 from scan2flex_jax.sweep.lanes import Axis, Lanes, draws, grid
 from scan2flex_jax.sweep.run import device_mesh, sweep

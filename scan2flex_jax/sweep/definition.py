@@ -23,7 +23,7 @@ from scan2flex_jax.errors import Scan2FlexError
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy")
 _COUNTED_BY_VERSION = {"scan2flex_jax", "jaxtyping", *LIBRARIES, *sys.stdlib_module_names} - {"__main__"}
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-_COMPUTING = ("geometry", "rod", "effects", "equilibrium", "study", "scan", "fit", "sweep")
+_COMPUTING = ("geometry", "rod", "effects", "statics", "study", "scan", "fitting", "sweep")
 
 
 def versions() -> dict[str, str]:

@@ -12,11 +12,11 @@ import numpy as np
 
 import scan2flex_jax.effects as fx
 from scan2flex_jax.effects.catalogue import Context, catalogue
-from scan2flex_jax.equilibrium.solve import SOLVED, UNBALANCED, equilibrium
-from scan2flex_jax.equilibrium.starts import curve_start
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import SOLVED, UNBALANCED, equilibrium
+from scan2flex_jax.statics.starts import curve_start
 
 ELEMENTS = 16
 UNOPTIMISED = {"xla_backend_optimization_level": 0}

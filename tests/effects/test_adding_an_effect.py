@@ -11,9 +11,9 @@ import pytest
 from scan2flex_jax.effects import effect_of, parameters_of
 from scan2flex_jax.effects._registry import _CLASSES
 from scan2flex_jax.effects.catalogue import _ADDED, catalogue, entry_of
-from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.study import load_study, save_study
 from scan2flex_jax.study.kinds import _KINDS, KindFormat, ParameterFormat, kind_names
 from scan2flex_jax.study.model import EffectDeclaration

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax.equilibrium.reference import dense
 from scan2flex_jax.rod.assembly import derivatives
 from scan2flex_jax.rod.energy import potential_energy, retract
 from scan2flex_jax.rod.model import CableModel, Configuration, discretise
+from scan2flex_jax.statics.reference import dense
 
 from . import scene
 

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax.equilibrium.reference import dense
 from scan2flex_jax.rod.assembly import derivatives, free_motions, out_of_balance, strain_increment
 from scan2flex_jax.rod.boundary import BALL, CLAMP, FREE
 from scan2flex_jax.rod.energy import potential_energy, retract, strains
+from scan2flex_jax.statics.reference import dense
 
 from .scenes import ELEMENTS, Hardening, Spring, random_rod
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from scan2flex_jax.equilibrium.solve import SOLVED, equilibrium
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fit import fit
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.statics.solve import SOLVED, equilibrium
 from scan2flex_jax.sweep import (
     Axis,
     Calls,
@@ -27,7 +27,7 @@ from scan2flex_jax.sweep import (
     turned,
 )
 from scan2flex_jax.sweep.task import FAULT, REFUSED
-from tests.fit import scenes as studies
+from tests.fitting import scenes as studies
 
 from . import scenes
 

@@ -6,10 +6,10 @@ import numpy as np
 import optimistix as optx
 
 from benchmarks.peers.solvers import Found
-from scan2flex_jax.equilibrium.solve import equilibrium
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import equilibrium
 
 
 def rod(problem) -> tuple[CableModel, Boundary]:

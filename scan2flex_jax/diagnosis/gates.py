@@ -1,0 +1,46 @@
+"""Gates: what looks like missing physics and is none.
+
+A mesh that is too coarse would be reported as physics, so it is refined before anything is looked for: the plain fit's shapes
+are solved with twice the elements, and while that moves a node by a fifth of the noise the number of elements is doubled.
+Poses on a saddle or off balance never enter (`fit` and every refit require a stable equilibrium from the measured curve), and
+that every effect vanishes at zero amplitude is a property of the catalogue that its tests hold.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax.fitting.evaluate import one
+from scan2flex_jax.fitting.parameters import boundary_at, model_at
+from scan2flex_jax.statics.solve import equilibrium
+
+OF_NOISE = 0.2  # mesh error over the noise of one component beyond which the mesh is refined
+MOST_ELEMENTS = 160
+
+
+def mesh_error(problem, minimum) -> np.ndarray:
+    """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
+    model = model_at(problem.layout, problem.template, jnp.asarray(minimum.shared))
+    out = []
+    for i in range(problem.poses.count):
+        said = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
+        boundary = boundary_at(problem.layout, said, jnp.asarray(minimum.local[i]))
+        c = one(minimum.evaluation.configuration, i)
+        e = equilibrium(model, boundary, start=_doubled(c), elements=2 * problem.elements)
+        error = np.max(np.linalg.norm(np.asarray(e.points)[::2] - c.r, axis=1))
+        out.append(error if bool(e.verdict.solved) else np.nan)
+    return np.array(out)
+
+
+def _doubled(c):
+    """The configuration with a node in the middle of each element."""
+    a, b = Rotation.from_matrix(c.R[:-1]), Rotation.from_matrix(c.R[1:])
+    r, R = (np.repeat(x, 2, axis=0)[:-1] for x in (c.r, c.R))
+    r[1::2], R[1::2] = 0.5 * (c.r[:-1] + c.r[1:]), (a * (a.inv() * b) ** 0.5).as_matrix()
+    return type(c)(r, R)
+
+
+def too_coarse(error: np.ndarray, noise: float, names) -> list[str]:
+    """The poses whose mesh error may be taken for physics, with that error in words."""
+    return [f"{n} ({1e3 * m:.2f} mm)" for n, m in zip(names, error, strict=True) if not m <= OF_NOISE * noise]

@@ -1,0 +1,59 @@
+"""Where the residual is: per pose, and as the field of forces that would make it.
+
+The equivalent load is a smooth random field ``f(s)`` (N/m, in the scan frame) with the prior of `families`; what the shapes
+say of it is its posterior mean and standard deviation, through the sensitivity of the equilibrium. Balance holds by
+construction and no scan is differentiated. It describes where something acts; along directions in which the cable is stiff
+it is known badly, and the band says so. The same for a field of natural curvature (1/m).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.diagnosis.families import POINTS, best_amplitude, smooth_root
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field along the cable: ``s`` (k,) m, posterior ``mean`` and ``std`` (k, 3) in ``unit``, and log evidence ``gain``."""
+
+    s: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    gain: float
+    unit: str
+
+    def to_json(self) -> dict:
+        """Lists."""
+        return {"s": self.s.tolist(), "mean": self.mean.tolist(), "std": self.std.tolist(), "unit": self.unit}
+
+
+def common_load(stage) -> Field:
+    """The load (N/m) that is the same in all poses."""
+    return _field(stage, stage.fields["load"], slice(None), "N/m")
+
+
+def common_curvature(stage) -> Field:
+    """The natural curvature (1/m, material axes) that is the same in all poses."""
+    return _field(stage, stage.fields["curvature"], slice(None), "1/m")
+
+
+def pose_loads(stage) -> list[Field]:
+    """The load (N/m) of each pose by itself."""
+    return [_field(stage, stage.fields["load"], rows, "N/m") for rows in stage.white.rows]
+
+
+def _field(stage, columns, rows, unit):
+    S = np.zeros((len(stage.y), columns[0].shape[-1]))
+    S[rows] = -stage.white.stack(columns)[rows]
+    root = smooth_root(POINTS, 3)
+    Z = S @ root
+    Z = Z - stage.Q @ (stage.Q.T @ Z)
+    U, d, Vt = np.linalg.svd(Z, full_matrices=False)
+    a, gain = best_amplitude(U, d, stage.y)
+    t = (a * d) ** 2
+    mean = root @ (Vt.T @ (a**2 * d / (1 + t) * (U.T @ stage.y)))
+    spread = root @ (np.eye(len(root)) - (Vt.T * (t / (1 + t))) @ Vt) @ root.T
+    std = a * np.sqrt(np.maximum(np.diag(spread), 0.0))
+    s = np.linspace(0.0, stage.bench.context.length, POINTS)
+    return Field(s, mean.reshape(POINTS, 3), std.reshape(POINTS, 3), float(gain), unit)

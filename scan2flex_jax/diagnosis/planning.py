@@ -1,0 +1,235 @@
+"""Which pose next: what a pose that could still be scanned would tell, before it is scanned.
+
+For the parameters the gain is D-optimal, half the drop of the log determinant of their covariance. Between two rival effects it
+is T-optimal: with the signatures of both and the numbers of the base in one linear model, the part of effect ``a`` at its
+refitted size that effect ``b`` and the base cannot imitate, squared, is the expected lead of ``a`` over ``b`` in twice the log
+likelihood. All is to first order at the plain fit, with the noise that was estimated there.
+Reference: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models" (1975).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import jax
+import numpy as np
+
+from scan2flex_jax.diagnosis.refit import configurations
+from scan2flex_jax.diagnosis.residual import Whitened, orthonormal, whiten
+from scan2flex_jax.diagnosis.result import Explanation
+from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting.parameters import model_at
+from scan2flex_jax.fitting.poses import Poses, boundary_of, poses_of
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, StudyPose
+
+POINTS = 48  # of the curve that a scan of a candidate is taken to give
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One pose that could be scanned.
+
+    ``parameters`` (nats): gain for the unknowns; ``settles``: per pair of rival effects the expected lead (nats) of the first
+    over the second with this pose, the smaller of both directions; ``lead_now``: the same without it. ``note``: why a pose
+    gives nothing, when it cannot be solved.
+    """
+
+    name: str
+    words: str
+    parameters: float
+    settles: dict[tuple[str, str], float]
+    lead_now: dict[tuple[str, str], float]
+    pose: object = None
+    note: str = ""
+
+    @property
+    def worth(self) -> float:
+        """What the ranking goes by: the worst pair's lead where rivals are tied, else the gain for the parameters."""
+        return min(self.settles.values()) if self.settles else self.parameters
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Candidates, the most telling first, and the rivals that they are to tell apart."""
+
+    candidates: tuple[Candidate, ...]
+    rivals: tuple[str, ...]
+
+    def summary(self) -> str:
+        """In plain text."""
+        pairs = list(self.candidates[0].lead_now) if self.candidates else []
+        lines = ["what to scan next, the most telling first", ""]
+        if pairs:
+            lines += [f"  to tell apart: {', '.join(self.rivals)}", ""]
+        head = "".join(f"{f'{a} / {b}'[:34]:>36}" for a, b in pairs)
+        lines += [f"  {'pose':<52}{'parameters':>12}{head}   (nats)"]
+        if pairs:
+            now = "".join(f"{self.candidates[0].lead_now[p]:36.1f}" for p in pairs)
+            lines += [f"  {'(none more)':<52}{0.0:12.2f}{now}"]
+        for c in self.candidates:
+            own = "".join(f"{c.settles.get(p, 0.0):36.1f}" for p in pairs)
+            lines.append(f"  {c.words[:50]:<52}{c.parameters:12.2f}{own}" + (f"   {c.note}" if c.note else ""))
+        return "\n".join(lines)
+
+    def to_json(self) -> dict:
+        """Lists and numbers."""
+        return {
+            "rivals": list(self.rivals),
+            "candidates": [
+                {"name": c.name, "words": c.words, "parameters": c.parameters, "note": c.note,
+                 "settles": [{"pair": list(p), "lead": v, "lead_now": c.lead_now[p]} for p, v in c.settles.items()]}
+                for c in self.candidates
+            ],
+        }  # fmt: skip
+
+
+def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None) -> Plan:
+    """Rank poses that could still be scanned by what they would settle.
+
+    ``candidates``: study poses (their curves, if any, play no part); left out, variations of the fitted ones: end clamp
+    twisted, both clamps rolled, clamps nearer to each other, end clamp aside. Rivals are the effects of the explanation's tie,
+    or the best two. Raises `Scan2FlexError` for an explanation that has no plain fit.
+    """
+    found = explanation.search
+    if found is None:
+        raise Scan2FlexError("There is no plan without a solved plain fit: the explanation says what went wrong.")
+    stage = found.stage
+    given = [(p.name, p) for p in candidates] if candidates is not None else variations(stage.bench.problem.study)
+    rivals = _rivals(found)
+    old = stage.white
+    columns = {c.kind: -old.stack(_columns(stage.bench, stage, c)) for c, _ in rivals}
+    leads = _leads(rivals, columns, old.J)
+    now = _log_volume(old.J, stage.bench.layout.unknowns)
+    out = [_judge(stage, words, pose, rivals, columns, leads, now) for words, pose in given]
+    return Plan(tuple(sorted(out, key=lambda c: (bool(c.note), -c.worth))), tuple(c.kind for c, _ in rivals))
+
+
+def variations(study) -> list[tuple[str, object]]:
+    """``(words, pose)``: what can be done with the clamps at hand, from each of the first fitted poses."""
+    out = []
+    for pose in study.fit_poses[:3]:
+        if pose.end is None:
+            out += _held_poses(pose, ((f"{pose.name}, start clamp rolled by {d} degrees", "start", d) for d in (90, 180)))
+            continue
+        turned = [(f"{pose.name}, end clamp twisted by {d:+d} degrees", "end", d) for d in (90, -90)]
+        out += _held_poses(pose, [*turned, (f"{pose.name}, both clamps rolled by 180 degrees", "both", 180)])
+        chord = pose.end.position - pose.start.position
+        near = Clamp(pose.start.position + 0.8 * chord, pose.end.quaternion)
+        side = np.cross(chord, study.gravity)
+        side = side / max(np.linalg.norm(side), 1e-12) * 0.25 * np.linalg.norm(chord)
+        aside = Clamp(pose.end.position + side, pose.end.quaternion)
+        out.append((f"{pose.name}, end clamp a fifth nearer", replace(pose, end=near)))
+        out.append((f"{pose.name}, end clamp {np.linalg.norm(side):.2f} m aside", replace(pose, end=aside)))
+    return out
+
+
+def _held_poses(pose, changes):
+    out = []
+    for words, which, degrees in changes:
+        start = _rolled(pose.start, degrees) if which in ("start", "both") else pose.start
+        end = _rolled(pose.end, degrees) if which in ("end", "both") else pose.end
+        out.append((words, replace(pose, start=start, end=end)))
+    return out
+
+
+def _rolled(clamp, degrees):
+    """The clamp turned about its own tangent d3; a ball joint stays as it is."""
+    if clamp.quaternion is None:
+        return clamp
+    h = np.deg2rad(degrees) / 2
+    w, x, y, z = clamp.quaternion
+    a, b = np.cos(h), np.sin(h)
+    return Clamp(clamp.position, np.array([w * a - z * b, x * a + y * b, y * a - x * b, z * a + w * b]))
+
+
+def _rivals(found):
+    """Components and amplitudes of the tied effects, or of the best two, each alone."""
+    kinds = list(dict.fromkeys(k for r in found.tied for k in r.kinds))
+    singles = {r.kinds[0]: r for r in found.singles}
+    chosen = [k for k in kinds if k in singles]
+    chosen += [k for k in singles if k not in chosen][: max(0, 2 - len(chosen))]
+    return [(singles[k].components[0], singles[k].amplitudes(found.stage.bench, 0)) for k in chosen[:4]]
+
+
+def _columns(bench, stage, component: Component):
+    start = configurations(stage.base.shapes) if bench is stage.bench else bench.start
+    return bench.catalogue_columns(_own(bench, stage), [component], start)[0]
+
+
+def _own(bench, stage):
+    """The base's numbers for the poses of ``bench``: shared ones as fitted, local ones at zero."""
+    if bench is stage.bench:
+        return stage.base.vector
+    shared = Numbers(stage.bench, ()).shared
+    return np.r_[stage.base.vector[:shared], np.zeros(Numbers(bench, ()).base - shared)]
+
+
+def _judge(stage, words, pose, rivals, columns, leads, now):
+    try:
+        bench, white = _scanned(stage, pose)
+    except Scan2FlexError as error:
+        return Candidate(pose.name, words, 0.0, {}, leads, pose, str(error))
+    J, rows = _together(stage.white, white, stage.bench)
+    both = {k: np.concatenate([S, -white.stack(_columns(bench, stage, c))[rows]]) for (c, _), (k, S) in
+            zip(rivals, columns.items(), strict=True)}  # fmt: skip
+    gain = now - _log_volume(J, stage.bench.layout.unknowns)
+    return Candidate(pose.name, words, float(gain), _leads(rivals, both, J), leads, pose)
+
+
+def _scanned(stage, pose):
+    """A bench of the one pose, measured where the model says that it would be."""
+    bench = stage.bench
+    model = model_at(bench.layout, bench.template, stage.base.vector[: bench.layout.shared])
+    e = equilibrium(model, boundary_of(pose), turns=int(pose.turns), elements=bench.elements)
+    if not bool(e.verdict.solved):
+        raise Scan2FlexError(f"not solved: {e.verdict.sentence()}")
+    keep = np.linspace(0, bench.elements, min(POINTS, bench.elements + 1)).round().astype(int)[1:-1]
+    points = np.asarray(e.points)[np.unique(keep)]
+    measured = replace(pose, curve=MeasuredCurve(points, None))
+    poses = poses_of([measured], bench.problem.length, bench.elements)
+    settled = jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
+    poses = Poses(poses.points, poses.mask, poses.expected, poses.boundary, poses.turns, settled)
+    other = Bench(bench.problem, bench.minimum, poses)
+    own = _own(other, stage)
+    white = whiten(other.shapes((), own), other.real, Numbers(other, ()), own, stage.noise)
+    return other, white
+
+
+def _together(old: Whitened, new: Whitened, bench):
+    """``(J, rows)`` of all numbers with the new pose's rows below; its local numbers are columns of their own."""
+    shared = bench.layout.shared
+    nearly = shared - bench.layout.unknowns  # priors of shared numbers stand in the old rows already
+    rows = [i for i in range(len(new.r)) if not len(new.r) - new.priors <= i < len(new.r) - new.priors + nearly]
+    local = new.J.shape[1] - shared
+    J = np.zeros((len(old.r) + len(rows), old.J.shape[1] + local))
+    J[: len(old.r), : old.J.shape[1]] = old.J
+    J[len(old.r) :, :shared] = new.J[rows, :shared]
+    J[len(old.r) :, old.J.shape[1] :] = new.J[rows, shared:]
+    return J, rows
+
+
+def _leads(rivals, columns, J):
+    """Per pair the smaller expected lead (nats) of one over the other."""
+    Q = orthonormal(J)
+    out = {}
+    for (a, x), (b, z) in combinations(rivals, 2):
+        out[a.kind, b.kind] = min(_lead(columns[a.kind], x, columns[b.kind], Q), _lead(columns[b.kind], z, columns[a.kind], Q))
+    return out
+
+
+def _lead(true, size, other, Q):
+    y = true @ size
+    y = y - Q @ (Q.T @ y)
+    X = orthonormal(other - Q @ (Q.T @ other), 1e-8)
+    return float(0.5 * np.sum((y - X @ (X.T @ y)) ** 2))
+
+
+def _log_volume(J, unknowns):
+    """Half the log determinant of the covariance of the unknown numbers."""
+    A = J.T @ J
+    scale = np.sqrt(np.diag(A)) + 1e-150
+    inverse = np.linalg.pinv(A / np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    own = inverse[:unknowns, :unknowns]
+    return 0.5 * np.linalg.slogdet(own + 1e-12 * np.eye(unknowns))[1] - np.sum(np.log(scale[:unknowns]))

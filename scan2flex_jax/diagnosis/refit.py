@@ -1,0 +1,309 @@
+"""Nonlinear refits: the base numbers, the amplitudes and the places of one or more kinds, all free.
+
+Levenberg-Marquardt on the whitened residual with priors: nearly known numbers and amplitudes are standard normal in units of
+their tolerance and size, continuous parts of a site are flat over the range that was scanned. Evidence is Laplace's,
+
+    log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites), relative to the base model's,
+
+and a flat range R counts as a normal of standard deviation ``R/sqrt(12)``. Each effect's size is known to a factor of three
+(`evidence.SCALES`): its evidence is the mean over those. The logarithms of the base numbers have a weak
+normal prior about the plain fit, in every model alike: a number that the poses do not feel stays where it was, and adds
+nothing to the evidence. Symbols as in `sensitivity` and `residual`.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from scan2flex_jax.diagnosis.evidence import SCALES, averaged
+from scan2flex_jax.diagnosis.residual import whiten
+from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.fitting.noise import Noise
+
+_MOST = 14  # iterations: a refit begins at the one-step estimate
+_ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
+_REACH = np.array([0.03, 1.0])  # of the length: from the cable to where a string is anchored
+_GIVE_UP = 1e7  # damping
+_HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
+_TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
+_PATIENCE = 3  # steps in a row that promise too little
+_WEAK = 3.0  # standard deviation of the logarithm of a base number about the plain fit's: a factor of 20
+_WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
+_TILT = 0.2  # of a plane from the level: no table is further off
+_EDGE = 0.01  # of the length: no place closer to a clamp
+_CONTACT_STAGES = (20.0, 400.0, 1e4)  # stiffness of a plane in units of its size: contact is hard, and met step by step
+
+
+@dataclass(eq=False)
+class Refit:
+    """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance."""
+
+    components: tuple[Component, ...]
+    vector: np.ndarray
+    shapes: list
+    cost: float
+    chi2: float
+    log_evidence: float
+    covariance: np.ndarray
+    converged: bool
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of its components."""
+        return tuple(c.kind for c in self.components)
+
+    def amplitudes(self, bench: Bench, k: int) -> np.ndarray:
+        """Amplitudes of component ``k``."""
+        return self.vector[Numbers(bench, self.components).amplitudes(k)]
+
+
+class Prior:
+    """Precision (0 = flat) of every number, its bounds, and the weak precision of base numbers about their ``centre``."""
+
+    def __init__(self, bench: Bench, components):
+        """From tolerances, sizes and ranges."""
+        n = Numbers(bench, components)
+        self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
+        self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
+        self.precision[n.nearly_known] = 1.0
+        self.low[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.low]
+        self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
+        self.frozen = np.zeros(n.count, bool)
+        self.weak, self.centre = np.zeros(n.count), np.zeros(n.count)
+        logs = [slot.log for slot in bench.layout.slots for _ in range(slot.size)]
+        self.weak[: bench.layout.unknowns] = np.where(logs, 1.0 / _WEAK**2, 0.0)
+        self.centre[: bench.layout.shared] = bench.minimum.shared
+        for k, c in enumerate(components):
+            at = n.amplitudes(k)
+            size = c.entry.size(bench.context)
+            self.precision[at] = 1.0 / size**2
+            self.low[at], self.high[at] = c.entry.bounds(bench.context)
+            if c.kind == "support_plane":
+                self.frozen[at] = True
+                self.precision[at] = 0.0
+            if "ends" in c.site:
+                self.frozen[at] |= np.repeat(np.asarray(c.site["ends"]) == 0, len(at) // 2)
+            self._sites(bench, c, n.site(k))
+
+    def _sites(self, bench, c, at):
+        scanned = c.entry.sites(bench.context)
+        for i, name in zip(at, c.moving, strict=True):
+            values = np.array([s[name] for s in scanned if name in s], float)
+            low, high = (values.min(), values.max()) if len(values) else _REACH * bench.context.length
+            if name == "position":
+                low, high = _EDGE * bench.context.length, (1 - _EDGE) * bench.context.length
+            if name.startswith("tilt"):
+                low, high = -_TILT, _TILT
+            if name == "width":
+                low, high = 0.5 * low, 1.5 * high
+            if name == "slip_curvature":
+                low = 0.2 * low
+            self.low[i], self.high[i] = low, high
+            self.width[i] = 12.0 / max(high - low, 1e-12) ** 2
+
+
+def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST, least: float = np.inf) -> Refit:
+    """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum.
+
+    Entries may then propose other starts; the likeliest end is returned. A descent that cannot come near the cost ``least``
+    is given up before its end.
+    """
+    found = _refit(bench, tuple(components), noise, guess, amplitudes, None, most, least)
+    ends = [found]
+    for other, begin, base in _other_starts(bench, found):
+        least = min(least, found.cost)
+        ends.append(_refit(bench, other, noise, base, begin, configurations(found.shapes), 2 * most, least))
+    return max(ends, key=lambda f: f.log_evidence)
+
+
+def again(bench: Bench, before: Refit, noise, least: float = np.inf) -> Refit:
+    """A refit anew with another noise, from where it ended before."""
+    n, prior = Numbers(bench, before.components), Prior(bench, before.components)
+    return _descend(bench, before.components, n, prior, noise, before.vector, configurations(before.shapes), _MOST, least)
+
+
+def _other_starts(bench, found):
+    """Components, amplitudes and base numbers of the starts that the entries propose after a first refit."""
+    n = Numbers(bench, found.components)
+    amplitudes = [found.vector[n.amplitudes(k)] for k in range(len(found.components))]
+    if not np.isfinite(found.cost):
+        return
+    nodes = np.linspace(0.0, bench.context.length, bench.elements + 1)
+    for k, c in enumerate(found.components):
+        at = c.site.get("position", 0.0)
+        places = np.array([[np.interp(at, nodes, x) for x in s.configuration.r.T] for s in found.shapes])
+        for a, site, factors in c.entry.other_starts(amplitudes[k], c.site, bench.context, places):
+            base = found.vector[: n.base].copy()
+            for slot in bench.layout.slots:
+                base[slot.at : slot.at + slot.size] += np.log(factors.get(slot.name, 1.0)) if slot.log else 0.0
+            other = Component(c.kind, site)
+            yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]], base
+
+
+def _refit(bench, components, noise, guess, amplitudes, start, most, least):
+    n, prior = Numbers(bench, components), Prior(bench, components)
+    vector = np.zeros(n.count)
+    vector[: n.base] = guess[: n.base]
+    for k, (c, a) in enumerate(zip(components, amplitudes, strict=True)):
+        vector[n.amplitudes(k)] = a
+        vector[n.site(k)] = [float(c.site[name]) for name in c.moving]
+        if c.kind == "support_plane":  # nothing lies below a hard plane
+            vector[n.site(k)[c.moving.index("offset")]] = noise.total
+    stages = _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,)
+    for stage in stages:
+        for k, c in enumerate(components):
+            if c.kind == "support_plane":
+                vector[n.amplitudes(k)] = np.minimum(stage * c.entry.size(bench.context), c.entry.bounds(bench.context)[1])
+        vector = np.clip(vector, prior.low, prior.high)
+        for law in _tempered(noise):
+            near = least if law is noise and stage == stages[-1] else np.inf  # costs of another law do not compare
+            found = _descend(bench, components, n, prior, law, vector, start, most, near)
+            vector, start = found.vector, configurations(found.shapes)
+    return found
+
+
+def _tempered(noise: Noise) -> tuple[Noise, ...]:
+    """The noise, after a whiter one where it is smooth: its metric makes a narrow valley that a start from afar is lost in."""
+    if noise.white > _WHITE * noise.correlated:
+        return (noise,)
+    return replace(noise, white=_WHITE * noise.correlated), noise
+
+
+def configurations(shapes):
+    """The configurations of solved poses, with a leading axis of poses."""
+    c = shapes[0].configuration
+    return type(c)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
+
+
+def _cost(bench, shapes, n, prior, noise, vector):
+    if any(int(s.verdict.code) != 0 or not np.all(np.isfinite(s.residual)) for s in shapes):
+        return np.inf, None
+    white = whiten(shapes, bench.real, n, vector, noise)
+    own = prior.precision.copy()
+    own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
+    return float(white.r @ white.r + own @ vector**2 + prior.weak @ (vector - prior.centre) ** 2), white
+
+
+def _descend(bench, components, n, prior, noise, vector, start, most, least):
+    def at(x, begin):
+        shapes = bench.shapes(components, x, begin)
+        return (x, shapes, *_cost(bench, shapes, n, prior, noise, x))
+
+    vector, shapes, cost, white = at(vector, start)
+    damping, converged = 1e-4, False
+    amplitudes = np.concatenate([n.amplitudes(k) for k in range(len(components))]) if components else np.zeros(0, int)
+    while not np.isfinite(cost) and len(amplitudes) and np.any(np.abs(vector[amplitudes]) > 0) and damping < 1e-1:
+        vector[amplitudes] *= 0.3
+        (vector, shapes, cost, white), damping = at(vector, start), damping * 10
+    iteration = hopeless = 0
+    while np.isfinite(cost) and iteration < most and damping < _GIVE_UP:
+        iteration += 1
+        step = _Step(white, n, prior, vector, damping)
+        hopeless = hopeless + 1 if cost - _TRUSTED * step.promised > least + _HOPELESS else 0
+        if hopeless >= _PATIENCE:
+            break
+        trial = at(step.end, configurations(shapes))
+        if np.isfinite(trial[2]) and trial[2] > cost + _ENOUGH:
+            bent = at(step.bent(trial[3]), configurations(shapes))
+            trial = min(trial, bent, key=lambda found: found[2])
+        cost2 = trial[2]
+        if cost2 < cost:
+            converged = bool(cost - cost2 < _ENOUGH)
+            (vector, shapes, cost, white), damping = trial, max(0.1 * damping, 1e-9)
+        else:
+            converged = bool(np.isfinite(cost2)) and cost2 - cost < _ENOUGH
+            damping = max(10.0 * damping, 1e-3)
+        if converged:
+            break
+    return _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
+
+
+class _Step:
+    """A damped Gauss-Newton step to ``end``, and the same bent along a valley.
+
+    A step that went uphill has told how the residual curves along it, ``c = r(end) - r - J step``. The second-order correction
+    ``-(J'J + ...)^-1 J' c`` follows the valley in which it left the floor: geodesic acceleration, with the refused step in
+    place of a finite difference. Reference: Transtrum and Sethna, "Improvements to the Levenberg-Marquardt algorithm for
+    nonlinear least-squares minimization" (2012).
+    """
+
+    def __init__(self, white, n, prior, vector, damping):
+        """From the whitened residual at ``vector``."""
+        own = prior.precision.copy()
+        own[n.nearly_known] = 0.0
+        A = white.J.T @ white.J + np.diag(own + prior.weak)
+        g = white.J.T @ white.r + own * vector + prior.weak * (vector - prior.centre)  # columns: the residual's derivatives
+        self.free = ~prior.frozen & ~(((vector <= prior.low) & (g > 0)) | ((vector >= prior.high) & (g < 0)))
+        self.scale = np.sqrt(np.diag(A) + prior.width)[self.free] + 1e-150
+        self.H = A[np.ix_(self.free, self.free)] / np.outer(self.scale, self.scale) + damping * np.eye(int(self.free.sum()))
+        self.white, self.prior, self.vector, self.shared = white, prior, vector, n.shared
+        whole = self._solved(g)
+        self.promised = -float(g @ whole)  # drop of the cost, were the residual linear and nothing bounded
+        self.move = self._bounded(whole)
+        self.end = np.clip(vector + self.move, prior.low, prior.high)
+
+    def bent(self, white) -> np.ndarray:
+        """Where it ends with the correction, from the whitened residual at its plain end."""
+        curved = white.r - self.white.r - self.white.J @ (self.end - self.vector)
+        move = self._bounded(self.move + self._solved(self.white.J.T @ curved))
+        return np.clip(self.vector + move, self.prior.low, self.prior.high)
+
+    def _solved(self, gradient):
+        out = np.zeros_like(self.vector)
+        out[self.free] = np.linalg.lstsq(self.H, -gradient[self.free] / self.scale, rcond=1e-12)[0] / self.scale
+        return out
+
+    def _bounded(self, move):
+        prior = self.prior
+        reach = np.where(prior.width > 0, 0.25 * (prior.high - prior.low), np.inf)
+        shrink = np.min(np.where(np.abs(move) > reach, reach / np.maximum(np.abs(move), 1e-300), 1.0), initial=1.0)
+        logs = np.max(np.abs(move[: self.shared]), initial=0.0)
+        return move * min(shrink, 1.0 / max(logs, 1.0))
+
+
+def _finish(bench, components, n, prior, vector, shapes, white, cost, converged):
+    final, chi2, evidence = [], np.inf, -np.inf
+    covariance = np.full((n.count, n.count), np.nan)
+    for k, c in enumerate(components):
+        site = c.site | dict(zip(c.moving, (float(v) for v in vector[n.site(k)]), strict=True))
+        final.append(Component(c.kind, site))
+    if white is not None:
+        own = prior.precision + prior.width
+        own[n.nearly_known] = 0.0
+        free = ~prior.frozen
+        inside = np.ix_(free, free)
+        A = white.J.T @ white.J + np.diag(own)
+        known = (prior.precision + prior.width)[free]
+        whole, added = (A + np.diag(prior.weak))[inside], np.arange(n.count)[free] >= n.base
+        evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + _over_scales(n, prior, whole, vector, free, components)
+        one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
+        evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
+        correlation, scale = _scaled(A[inside])  # intervals are the data's, not the weak prior's
+        covariance[inside] = np.linalg.inv(correlation) / np.outer(scale, scale)
+        chi2 = float(white.r @ white.r)
+    return Refit(tuple(final), vector, shapes, cost, chi2, float(evidence), covariance, converged)
+
+
+def _over_scales(n, prior, A, vector, free, components):
+    """``-1/2 log |A|`` with the prior of each effect's amplitudes at all its scales: the change of the cost, to second order,
+    and of the determinants go into the mean."""
+    values = []
+    for scales in product(SCALES, repeat=len(components)):
+        change = np.zeros(n.count)
+        for k, t in enumerate(scales):
+            change[n.amplitudes(k)] = prior.precision[n.amplitudes(k)] * (t**-2 - 1.0)
+        lost, x = change[free], vector[free]
+        correlation, scale = _scaled(A + np.diag(lost))
+        moved = np.linalg.solve(correlation, lost * x / scale)
+        cost = lost @ x**2 - (lost * x / scale) @ moved
+        dimensions = [np.sum((change[n.amplitudes(k)] != 0) & free[n.amplitudes(k)]) for k in range(len(components))]
+        normal = -sum(d * np.log(t) for d, t in zip(dimensions, scales, strict=True))
+        values.append(normal - 0.5 * cost - 0.5 * np.linalg.slogdet(correlation)[1] - np.sum(np.log(scale)))
+    return averaged(values)
+
+
+def _scaled(A):
+    """A precision matrix as correlations, with the scales that were divided out."""
+    scale = np.sqrt(np.diag(A)) + 1e-150
+    return A / np.outer(scale, scale) + 1e-12 * np.eye(len(A)), scale

@@ -1,0 +1,144 @@
+"""From refits to what a user reads: estimates with intervals, poses before and after, kinds in the format's parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from scan2flex_jax.diagnosis import locate
+from scan2flex_jax.diagnosis.refit import Refit
+from scan2flex_jax.diagnosis.result import PoseChange, Ranked
+from scan2flex_jax.diagnosis.sensitivity import Numbers
+from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.result import Estimate, unit_of
+from scan2flex_jax.study.kinds import kind_names
+from scan2flex_jax.study.model import EffectDeclaration
+
+_NORMAL_95 = 1.959964
+_VAGUE = 1.0  # standard deviation of a logarithm beyond which a value is not worth the name
+
+
+def parameters_of(bench, found: Refit, k: int) -> dict:
+    """Component ``k`` in the format's parameters."""
+    c = found.components[k]
+    return c.entry.to_parameters(found.amplitudes(bench, k), c.site, bench.context)
+
+
+def spreads_of(bench, found: Refit, k: int) -> dict:
+    """Standard errors of the parameters of component ``k``, by differences along its amplitudes and sites."""
+    c, numbers = found.components[k], Numbers(bench, found.components)
+    at = np.r_[numbers.amplitudes(k), numbers.site(k)]
+    cov = np.nan_to_num(found.covariance[np.ix_(at, at)])
+    split = len(c.entry.amplitudes)
+
+    def flat(x):
+        site = c.site | dict(zip(c.moving, (float(v) for v in x[split:]), strict=True))
+        p = c.entry.to_parameters(x[:split], site, bench.context)
+        return {name: np.asarray(v, float) for name, v in p.items()}
+
+    x = np.r_[found.vector[at]]
+    total = {name: np.zeros_like(v) for name, v in flat(x).items()}
+    values, vectors = np.linalg.eigh(cov)
+    for v, u in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
+        up, down = flat(x + 1e-3 * v * u), flat(x - 1e-3 * v * u)
+        with np.errstate(invalid="ignore"):
+            total = {n: t + np.nan_to_num((up[n] - down[n]) / 2e-3) ** 2 for n, t in total.items()}
+    return {name: np.sqrt(t) for name, t in total.items()}
+
+
+def estimates(bench, tied: list[Refit], best: Refit) -> dict[str, Estimate]:
+    """Values at the best refit; intervals widened over those tied with it, weighted by their evidence."""
+    layout, out = bench.layout, {}
+    weights = np.exp([min(r.log_evidence - best.log_evidence, 0.0) for r in tied])
+    weights /= weights.sum()
+    rescale = [_rescaled(bench, r) for r in tied]
+    own = _rescaled(bench, best)
+    for slot in layout.slots:
+        here = slice(slot.at, slot.at + slot.size)
+        shift = [np.log(f.get(slot.name, 1.0)) if slot.log else 0.0 for f in rescale]
+        centre = best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
+        moves = [r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
+        spread = np.sqrt(sum(w * (np.diag(r.covariance)[here] + m**2) for w, r, m in zip(weights, tied, moves, strict=True)))
+        out[slot.name] = _estimate(slot, centre, spread, layout)
+    return out
+
+
+def _rescaled(bench, found):
+    factors: dict = {}
+    for k, c in enumerate(found.components):
+        factors |= c.entry.rescaled(found.amplitudes(bench, k), c.site, bench.context)
+    return factors
+
+
+def _estimate(slot, centre, spread, layout):
+    value = values_of(replace(layout, slots=(replace(slot, at=0),)), centre)[slot.name]
+    low, high, std = centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
+    bound = bool(np.any((centre <= np.array(slot.low) + 1e-9) | (centre >= np.array(slot.high) - 1e-9)))
+    known = bool(np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _VAGUE)))
+    if slot.log:
+        low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(centre) * spread
+    parts = [np.reshape(v, slot.shape) if slot.shape else float(v[0]) for v in (std, low, high)]
+    std, low, high = parts if known else (None, None, None)
+    return Estimate(value if slot.shape else float(value), std, low, high, known, bound, unit_of(slot.name))
+
+
+def residuals(bench, shapes):
+    """Per pose ``(residual (m, 3), s, solved)`` of real points."""
+    return [(s.residual[k], s.s[k], int(s.verdict.code) == 0) for s, k in zip(shapes, bench.real, strict=True)]
+
+
+def rms(bench, shapes) -> float:
+    """Root mean square distance (m); NaN when a pose was not solved."""
+    rows = residuals(bench, shapes)
+    if not all(ok for *_, ok in rows):
+        return float("nan")
+    return float(np.sqrt(sum(np.sum(r**2) for r, *_ in rows) / sum(len(r) for r, *_ in rows)))
+
+
+def predicted(bench, found: Refit):
+    """Shapes of other poses (``bench`` of those) at a refit's shared numbers and effects."""
+    numbers = Numbers(bench, found.components)
+    vector = np.zeros(numbers.count)
+    vector[: numbers.shared] = found.vector[: numbers.shared]
+    vector[numbers.base :] = found.vector[len(found.vector) - (numbers.count - numbers.base) :]
+    return bench.shapes(found.components, vector, derivative=False)
+
+
+def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, PoseChange]:
+    """Poses of one bench before and after; ``unseen`` (poses, 2) their RMS (m) when left out, before and after."""
+    out = {}
+    for i, pose in enumerate(study_poses):
+        (r0, _, ok0), (r1, s, ok1) = residuals(bench, before)[i], residuals(bench, after)[i]
+        size = [np.linalg.norm(r, axis=1) if ok else np.full(len(r), np.nan) for r, ok in ((r0, ok0), (r1, ok1))]
+        was, now = (float(np.sqrt(np.mean(d**2))) for d in size)
+        points = np.asarray(bench.poses.points[i])[bench.real[i]]
+        modelled = np.asarray(after[i].configuration.r)
+        known = () if unseen is None else tuple(float(v) for v in unseen[i])
+        out[pose.name] = PoseChange(pose.role, was, now, float(np.max(size[1])), ok1, s, r0, r1, points, modelled, *known)
+    return out
+
+
+def ranked(bench, found: Refit, k: int, **known) -> Ranked:
+    """A refitted kind."""
+    return Ranked(found.components[k].kind, parameters_of(bench, found, k), std=spreads_of(bench, found, k), **known)
+
+
+def declared(study, estimates_after, chosen):
+    """The study with the chosen effects declared and the estimates as values and guesses."""
+    cable = dict(study.cable) | {n: e.value for n, e in estimates_after.items() if "." not in n}
+    unknowns = tuple(replace(u, guess=estimates_after[u.name].value) for u in study.unknowns)
+    add = tuple(EffectDeclaration(r.kind, r.parameters) for r in chosen if r.kind in kind_names())
+    return replace(study, cable=cable, unknowns=unknowns, effects=(*study.effects, *add))
+
+
+def description(found) -> Ranked:
+    """The field that describes what no effect explains: curvature or load, whichever is likelier. Not physics."""
+    fields = {"curvature_profile": locate.common_curvature(found.stage), "distributed_load": locate.common_load(found.stage)}
+    kind = max(fields, key=lambda k: fields[k].gain)
+    f, name = fields[kind], {"curvature_profile": "curvature", "distributed_load": "force"}[kind]
+    return Ranked(kind, {name: f.mean}, f.gain, found.test.p_value, "description", std={name: f.std})
+
+
+def settle_sentences(kinds) -> tuple[str, ...]:
+    """The measurements that would tell these kinds apart."""
+    return tuple(dict.fromkeys(f"{kind}: {entry_of(kind).settle}" for kind in kinds))

@@ -1,0 +1,221 @@
+"""What `explain` returns: the verdict in words, the format's JSON, and the study with the effect declared."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scan2flex_jax.diagnosis.locate import Field
+from scan2flex_jax.diagnosis.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.result import Estimate, Fit, in_words
+from scan2flex_jax.study.kinds import kind_format, kind_names
+from scan2flex_jax.study.model import Study
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One kind: evidence over the base (nats), what it would be, and its verdict; RMS in m where it was refitted."""
+
+    kind: str
+    parameters: dict
+    log_evidence: float
+    p_value: float
+    verdict: str
+    tied_with: tuple[str, ...] = ()
+    rms_fit: float | None = None
+    rms_validate: float | None = None
+    std: dict = field(default_factory=dict)
+
+    def to_json(self) -> dict:
+        """As in the study format."""
+        out = {"kind": self.kind, "parameters": _plain(self.parameters), "log_evidence": float(self.log_evidence)}
+        out |= {"p_value": float(self.p_value)}
+        out |= {k: float(v) for k in ("rms_fit", "rms_validate") if (v := getattr(self, k)) is not None and np.isfinite(v)}
+        if self.std:
+            out["std"] = _plain(self.std)
+        return out | {"verdict": self.verdict, "tied_with": list(self.tied_with)}
+
+
+@dataclass(frozen=True)
+class PoseChange:
+    """One pose before and after: RMS distance (m), the largest after, and the residual along s for a picture.
+
+    ``left_out``: RMS distance (m) when the pose is predicted from the other fitted poses (None for validate poses).
+    """
+
+    role: str
+    rms_before: float
+    rms: float
+    worst: float
+    stable: bool
+    s: np.ndarray = field(repr=False)
+    residual_before: np.ndarray = field(repr=False)
+    residual: np.ndarray = field(repr=False)
+    measured: np.ndarray = field(repr=False)
+    modelled: np.ndarray = field(repr=False)
+    left_out_before: float | None = None
+    left_out: float | None = None
+
+    def to_json(self) -> dict:
+        """As in the study format."""
+        named: dict[str, float | None] = {"rms_before": self.rms_before, "rms": self.rms, "max": self.worst}
+        named |= {"left_out_before": self.left_out_before, "left_out": self.left_out}
+        figures = {k: float(v) for k, v in named.items() if v is not None and np.isfinite(v)}
+        return {"role": self.role, "stable": self.stable} | figures
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What physics the model lacks, with the evidence, the refitted model, and the error before and after.
+
+    ``ranking`` holds every kind, the most likely first; ``chosen`` the effects of the refitted model (none, one or
+    several); ``estimates`` are those after; ``families`` log evidence of each family of ghost fields; ``sentences`` say in
+    words what was found, ``settle`` what measurement would decide a tie. ``load`` is the equivalent load field (N/m) that all
+    poses share and ``pose_loads`` that of each fitted pose: where something acts, not what. ``description`` stands in for an
+    effect where none explains the shapes: a field that describes and is not physics. ``study`` has the effects declared.
+    """
+
+    study: Study = field(repr=False)
+    fit: Fit | None = field(repr=False)
+    verdict: str
+    p_value: float
+    noise: Noise | None
+    ranking: tuple[Ranked, ...] = ()
+    chosen: tuple[Ranked, ...] = ()
+    p_after: float | None = None
+    estimates: dict[str, Estimate] = field(default_factory=dict)
+    poses: dict[str, PoseChange] = field(default_factory=dict)
+    families: dict[str, float] = field(default_factory=dict)
+    settle: tuple[str, ...] = ()
+    sentences: tuple[str, ...] = ()
+    gates: dict = field(default_factory=dict)
+    seconds: float = 0.0
+    load: Field | None = field(repr=False, default=None)
+    pose_loads: tuple[Field, ...] = field(repr=False, default=())
+    description: Ranked | None = None
+    search: Any = field(repr=False, default=None)
+
+    @property
+    def significant(self) -> bool:
+        """Whether the plain rod leaves more than noise, at the 5 % level."""
+        return bool(self.p_value <= 0.05)
+
+    def rms(self, role: str = "fit", after: bool = True) -> float:
+        """Root mean square distance (m) over all points of the poses of a role; NaN where there are none."""
+        own = [p.residual if after else p.residual_before for p in self.poses.values() if p.role == role]
+        points = sum(len(r) for r in own)
+        return float(np.sqrt(sum(np.sum(r**2) for r in own) / points)) if points else float("nan")
+
+    def rms_left_out(self, after: bool = True) -> float:
+        """Root mean square distance (m) over the fitted poses, each predicted from the others; NaN with a single one."""
+        own = [(p.left_out if after else p.left_out_before, len(p.residual)) for p in self.poses.values() if p.role == "fit"]
+        known = [(v, n) for v, n in own if v is not None]
+        if len(own) < 2 or len(known) < len(own):
+            return float("nan")
+        return float(np.sqrt(sum(v**2 * n for v, n in known) / sum(n for _, n in known)))
+
+    def shifts(self) -> dict[str, Any]:
+        """By how many standard errors (those after) each estimate moved; without those whose error is not known."""
+        if self.fit is None or not self.chosen:
+            return {}
+        known = {n: e for n, e in self.estimates.items() if e.std is not None and np.all(np.asarray(e.std) > 0)}
+        return {n: (np.asarray(e.value) - np.asarray(self.fit.estimates[n].value)) / e.std for n, e in known.items()}
+
+    def to_json(self) -> dict:
+        """The format's result object."""
+        out = {"format": "scan2flex-result/1", "verdict": self.verdict}
+        if self.noise is None or self.fit is None or self.load is None:
+            return out | {"settle": list(self.settle), "messages": list(self.sentences), "seconds": self.seconds}
+        before = {name: _plain(e.value) for name, e in self.fit.estimates.items()}
+        after = {name: _plain(e.value) for name, e in self.estimates.items()}
+        return {
+            "format": "scan2flex-result/1",
+            "estimates": {name: e.to_json() for name, e in self.estimates.items()},
+            "poses": {name: p.to_json() for name, p in self.poses.items()},
+            "noise": self.noise.to_json(),
+            "test": {"p_value": float(self.p_value), "significant": self.significant}
+            | ({} if self.p_after is None else {"p_value_after": float(self.p_after)}),
+            "ranking": [r.to_json() for r in self.ranking],
+            "chosen": [{"kind": r.kind, "parameters": _plain(r.parameters)} for r in self.chosen],
+            "verdict": self.verdict,
+            "before": self._errors(False) | {"estimates": before},
+            "after": self._errors(True) | {"estimates": after, "shift_in_std": _plain(self.shifts())},
+            "families": {k: float(v) for k, v in self.families.items()},
+            "gates": _plain(self.gates),
+            "equivalent_load": self.load.to_json(),
+            **({} if self.description is None else {"description": self.description.to_json()}),
+            "settle": list(self.settle),
+            "messages": list(self.sentences),
+            "seconds": float(self.seconds),
+        }
+
+    def _errors(self, after):
+        values = {f"rms_{role}": self.rms(role, after) for role in ("fit", "validate")}
+        values["rms_left_out"] = self.rms_left_out(after)
+        return {k: v for k, v in values.items() if np.isfinite(v)}
+
+    @property
+    def concluded(self) -> bool:
+        """Whether the kinds' evidence may be read: not where the plain rod could not be solved well enough."""
+        return self.verdict != UNSOLVED
+
+    def in_words(self, r: Ranked) -> str:
+        """The verdict of a kind in words that stand alone: of two kinds, less likely is not the same as not seen."""
+        if r.verdict == INCONCLUSIVE and r.log_evidence > LEAD_FAVOURED:
+            return "explains too little" if self.verdict == UNEXPLAINED else "less likely"
+        return r.verdict
+
+    def summary(self) -> str:
+        """The explanation in plain text, about one page."""
+        lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences)]
+        if self.noise is None or self.fit is None:
+            return "\n".join(lines)
+        lines += ["", "  kind                      log evidence   verdict"] if self.concluded else []
+        for r in self.ranking[:8] if self.concluded else ():
+            tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
+            lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
+        lines += [""] + [f"  {_effect_line(r)}" for r in self.chosen] + [""] * bool(self.chosen)
+        shifts = self.shifts()
+        for name, e in self.estimates.items():
+            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
+            lines += [f"  {name:<24} before  {in_words(self.fit.estimates[name])}", f"  {'':<24} after   {in_words(e)}{shift}"]
+        lines += ["", "  pose                 role       before mm   after mm   left out: before, after mm"]
+        lines += [_pose_line(n, p) for n, p in self.poses.items()]
+        n = self.noise
+        lines.append(f"\n  noise {1e3 * np.sqrt(2) * n.total:.3f} mm RMS (white {1e3 * n.white:.3f}, correlated "
+                     f"{1e3 * n.correlated:.3f} over {1e3 * n.correlation_length:.0f} mm, per normal)")  # fmt: skip
+        return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
+
+
+def signature_of(kind: str) -> str:
+    """What a kind looks like, in plain words."""
+    return entry_of(kind).signature
+
+
+def _effect_line(r):
+    """``point_mass: position 0.42 +- 0.01 m, mass 0.05 +- 0.002 kg``."""
+    said = []
+    for name, value in r.parameters.items():
+        std = f" +- {_shown(r.std[name])}" if name in r.std and np.all(np.isfinite(r.std[name])) else ""
+        unit = kind_format(r.kind).parameter(name).unit if r.kind in kind_names() else "-"
+        said.append(f"{name} {_shown(value)}{std}{'' if unit == '-' else ' ' + unit}")
+    return f"{r.kind}: {', '.join(said)}"
+
+
+def _pose_line(name, p):
+    line = f"  {name:<20} {p.role:<9}{1e3 * p.rms_before:11.3f}{1e3 * p.rms:11.3f}"
+    return line if p.left_out is None else f"{line}{1e3 * p.left_out_before:19.3f}{1e3 * p.left_out:11.3f}"
+
+
+def _shown(value):
+    return f"{float(value):.4g}" if np.ndim(value) == 0 else f"({', '.join(f'{v:.3g}' for v in np.ravel(value))})"
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {k: _plain(v) for k, v in value.items()}
+    if np.ndim(value) == 0:
+        return value if isinstance(value, str | bool) or value is None else float(value)
+    return np.asarray(value).tolist()

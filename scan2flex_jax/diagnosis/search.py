@@ -1,0 +1,270 @@
+"""The search: from the scores to refits, from one effect to several, and what is tied with the best.
+
+Each round refits what the scores find most likely: single kinds first, then pairs (found together from one Gram matrix, or one
+beside the best), then a third beside the best pair. A wider set must be asked for by the test on what is left, win by three
+nats, and lose as much when any of its effects is dropped (backward check). In the place of each effect of a pair the likeliest
+others beside the rest are tried, and the same one elsewhere along the cable (exchange): scores taken at the plain fit, from
+which a pair is proposed, mistake places and kinds where two strong effects are added.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from scan2flex_jax.diagnosis import confirm, evidence, pairs, verdict
+from scan2flex_jax.diagnosis.families import POSE_LOADS
+from scan2flex_jax.diagnosis.refit import Refit, again, refit
+from scan2flex_jax.diagnosis.residual import orthonormal, whiten
+from scan2flex_jax.diagnosis.score import Test
+from scan2flex_jax.diagnosis.sensitivity import Numbers
+from scan2flex_jax.diagnosis.stage import Stage, one_step, test, test_after
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+
+REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
+MOST_EFFECTS = 3
+_EXCHANGED = 2  # effects of the sets in which each is exchanged for others
+_ELSEWHERE = 0.05  # of the length: nearer places are the refit's to find
+_WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
+_STRONG = 500.0  # nats of one-step evidence from which on one step says little: then the order of kinds is open
+
+
+@dataclass
+class Found:
+    """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
+    the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
+    over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
+    verdict and that of the best alone."""
+
+    stage: Stage
+    test: Test
+    values: np.ndarray
+    amplitudes: list
+    table: dict
+    best: Refit
+    refits: dict[frozenset, Refit] = field(default_factory=dict)
+    tied: list[Refit] = field(default_factory=list)
+    after: Test | None = None
+    constancy: float | None = None
+    unseen: float | None = None
+    field: tuple[str, float] = ("", 0.0)
+    lead: str = verdict.ABSENT
+    verdict: str = verdict.NONE
+
+    @property
+    def singles(self) -> list[Refit]:
+        """Refits of one kind, best first."""
+        return sorted((r for r in self.refits.values() if len(r.kinds) == 1), key=lambda r: -r.log_evidence)
+
+    def add(self, refits) -> None:
+        """Of each set of kinds the best refit stays."""
+        for r in refits:
+            key = frozenset(r.kinds)
+            if key not in self.refits or r.log_evidence > self.refits[key].log_evidence:
+                self.refits[key] = r
+
+    def widest(self, count: int) -> Refit | None:
+        """The best refit of ``count`` effects."""
+        own = [r for r in self.refits.values() if len(r.kinds) == count]
+        return max(own, key=lambda r: r.log_evidence, default=None)
+
+
+def search(stage: Stage, progress=lambda message: None) -> Found:
+    """Everything from the test to the verdict at one estimate of the noise."""
+    progress("test")
+    values, amplitudes, table = one_step(stage)
+    found = Found(stage, test(stage), values, amplitudes, table, stage.base, tied=[stage.base])
+    if found.test.p_value > verdict.ALARM:
+        return found
+    found.add(refit_singles(stage, found, progress))
+    found.best = found.widest(1) or stage.base
+    found.after = test_after(stage, found.best)
+    if found.after.p_value <= verdict.ALARM and (more := refit_more_singles(stage, found, progress)):
+        found.add(more)
+        found.best = found.widest(1) or stage.base
+        found.after = test_after(stage, found.best)
+    most = min(MOST_EFFECTS, (stage.bench.poses.count + 1) // 2)
+    while found.after.p_value <= verdict.ALARM and len(found.best.kinds) < most:
+        count = len(found.best.kinds) + 1
+        if count == 2 and found.widest(2) is None:  # once: the scores that propose pairs do not change
+            found.add(refit_pairs(stage, found.values, progress))
+        settled = {kinds for kinds, r in found.refits.items() if r.converged}
+        found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress, settled=settled))
+        wider = found.widest(count)
+        if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
+            break
+        needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # what is left of it where it is not needed
+        if needed is None or needed is found.best:
+            break
+        found.best, found.after = needed, test_after(stage, needed)
+    rivals = _needed(_of_one_size(stage, found))
+    candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
+    found.tied = [rivals[i] for i in verdict.ties(candidates)]
+    first = found.tied[0]
+    if first is not found.best and len(first.kinds) == len(found.best.kinds):
+        found.best, found.after = first, test_after(stage, first)
+    found.constancy, found.unseen = confirm.constancy(stage, found.best), confirm.unseen(stage, found.best)
+    fields = {f.name: float(f.gain(stage.y[:, None])[0]) for f in stage.families if f.name != POSE_LOADS}
+    found.field = max(fields.items(), key=lambda item: item[1])
+    found.lead = verdict.leading(candidates, found.field[1])
+    found.verdict = verdict.whole(found.test, found.after, candidates, found.constancy, found.field[1], found.unseen)
+    return found
+
+
+def _of_one_size(stage, found) -> list[Refit]:
+    """The refits without those near the best whose size would have to differ between the poses, when others need not."""
+    rivals = list(found.refits.values())
+    best = max(r.log_evidence for r in rivals)
+    near = [r for r in rivals if r.log_evidence > best - verdict.LEAD_NAMED]
+    unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), len(r.kinds))]
+    return [r for r in rivals if r not in unlike] if len(unlike) < len(near) else rivals
+
+
+def _needed(rivals: list[Refit]) -> list[Refit]:
+    """The refits without sets of which a part is as likely: the rest of such a set is not needed."""
+
+    def spare(r, part):
+        return set(part.kinds) < set(r.kinds) and part.log_evidence > r.log_evidence - verdict.LEAD_FAVOURED
+
+    return [r for r in rivals if not any(spare(r, part) for part in rivals)]
+
+
+def _settled(stage, found, wider, progress) -> Refit | None:
+    """The best set of as many effects after the backward check and the exchanges; None where an effect is not needed."""
+    tried: set[frozenset] = set()
+    while True:
+        for dropped in range(len(wider.kinds)):
+            rest = _without(stage, found, wider, dropped, progress)
+            if rest.log_evidence > wider.log_evidence - verdict.LEAD_FAVOURED:
+                return None
+            if len(wider.kinds) == _EXCHANGED and frozenset(rest.kinds) not in tried:
+                tried.add(frozenset(rest.kinds))
+                found.add(refit_beside(stage, rest, EXCHANGES, progress, wider))
+        best = found.widest(len(wider.kinds))
+        if best is wider:
+            return wider
+        wider = best
+
+
+def _without(stage, found, wider, dropped, progress) -> Refit:
+    """The refit of a set without one of its effects; it is kept for the ties."""
+    rest = [k for k in range(len(wider.kinds)) if k != dropped]
+    key = frozenset(wider.kinds[k] for k in rest)
+    if key not in found.refits or not found.refits[key].converged:  # one that was given up afar may do well from here
+        progress(f"refit without {wider.kinds[dropped]}")
+        components = [wider.components[k] for k in rest]
+        found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
+    return found.refits[key]
+
+
+def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
+    """Refits of the best kinds by evidence, and of the best by BIC; evidence relative to the base."""
+    n, table, statistics = len(stage.y), found.table, found.test.T
+    order = sorted(table, key=lambda k: -table[k][0])
+    top = table[order[0]][0]
+    worth = [k for k in order[:REFITS] if table[k][0] > top - _WORTH or top > _STRONG]
+    bic = {k: evidence.bic(statistics[table[k][1]], stage.groups[table[k][1]].rank, n) for k in table}
+    worth += [k for k in sorted(bic, key=lambda k: -bic[k])[:2] if k not in worth]
+    best = stage.components[table[order[0]][1]].entry
+    rivals = [k for k in table if k in dict(best.same_shapes) or best.kind in dict(entry_of(k).same_shapes)]
+    worth += [k for k in rivals if k not in worth and bic[k] > 0.5 * bic[order[0]]]
+    return [_single(stage, found, kind, progress) for kind in worth]
+
+
+def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
+    """Refits of further kinds, where the best ones leave structure and effects are so strong that one step misleads."""
+    order = sorted(found.table, key=lambda k: -found.table[k][0])
+    if found.table[order[0]][0] <= _STRONG:
+        return []
+    rest = [k for k in order if frozenset([k]) not in found.refits]
+    return [_single(stage, found, kind, progress) for kind in rest[:MORE_REFITS]]
+
+
+def _single(stage, found, kind, progress):
+    progress(f"refit with {kind}")
+    g = found.table[kind][1]
+    return _relative(stage, [stage.components[g]], [found.amplitudes[g]])
+
+
+def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
+    """Refits of the best pairs of kinds."""
+    kinds = [c.kind for c in stage.components]
+    out = []
+    for _, i, j in pairs.best_pairs(stage.groups, stage.y, values, kinds, PAIR_REFITS):
+        progress(f"refit with {kinds[i]} and {kinds[j]}")
+        X = np.column_stack([stage.groups[i].X, stage.groups[j].X])
+        a = evidence.one_step(X.T @ X, X.T @ stage.y)
+        size = [stage.components[g].entry.size(stage.bench.context) for g in (i, j)]
+        split = len(size[0])
+        out.append(_relative(stage, [stage.components[i], stage.components[j]], [a[:split] * size[0], a[split:] * size[1]]))
+    return out
+
+
+def refit_beside(
+    stage: Stage, first: Refit, count: int, progress, known: Refit | None = None, settled: frozenset | set = frozenset()
+) -> list[Refit]:
+    """Refits of one kind more beside a refit, ranked at that one: right where it is far from linear.
+
+    Kinds of ``known``, a set of which ``first`` is a part, are refitted only elsewhere along the cable; sets that are
+    ``settled`` are not refitted again.
+    """
+    numbers = Numbers(stage.bench, first.components)
+    white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.noise)
+    Q = orthonormal(white.J)
+    y = white.r - Q @ (Q.T @ white.r)
+    best: dict = {}
+    for g, group in enumerate(stage.groups):
+        X = group.X - Q @ (Q.T @ group.X)
+        A, b = X.T @ X, X.T @ y
+        value, kind = evidence.log_evidence(A, b, group.one_sided), stage.components[g].kind
+        if kind not in first.kinds and (kind not in best or value > best[kind][0]):
+            best[kind] = value, g, evidence.one_step(A, b) * stage.components[g].entry.size(stage.bench.context)
+    order = [k for k in sorted(best, key=lambda k: -best[k][0]) if _is_new(stage, stage.components[best[k][1]], known)]
+    out = []
+    for _, g, a in (best[k] for k in order[:count] if frozenset((*first.kinds, k)) not in settled):
+        progress(f"refit with {' and '.join(first.kinds)} and {stage.components[g].kind}")
+        held = [first.amplitudes(stage.bench, k) for k in range(len(first.components))]
+        out.append(_relative(stage, [*first.components, stage.components[g]], [*held, a]))
+    return out
+
+
+def _is_new(stage, component, known) -> bool:
+    """Whether a component is not one of a known set already, where it is."""
+    same = [c for c in known.components if c.kind == component.kind] if known else []
+    apart = _ELSEWHERE * stage.bench.context.length
+    return not same or abs(component.site.get("position", 0.0) - same[0].site.get("position", 0.0)) > apart
+
+
+def same_shapes(found: Refit) -> tuple[str, ...]:
+    """Kinds that shapes alone cannot tell from a refit's, under the conditions that the catalogue states."""
+    return tuple(other for c in found.components for other, _ in c.entry.same_shapes)
+
+
+def field_beside(found: Found) -> tuple[str, ...]:
+    """The field that is nearly as likely as the best kinds, in words; it may be what they are only part of."""
+    name, evidence_ = found.field
+    return (f"field of {name}",) if evidence_ > found.best.log_evidence - verdict.LEAD_FAVOURED else ()
+
+
+def outside(found: Refit) -> tuple[str, ...]:
+    """What is no kind and always gives the shapes of a single effect: an input of the study that may be in error."""
+    if len(found.components) != 1:
+        return ()
+    kinds = {e.kind for e in catalogue()}
+    return tuple(other for other, when in found.components[0].entry.same_shapes if "always" in when and other not in kinds)
+
+
+def _relative(stage, components, amplitudes, near=None):
+    """A refit with its evidence over the base's: from where one with another noise ended, from the base numbers of ``near``,
+    or from the base."""
+    before = stage.known.get(frozenset(c.kind for c in components))
+    if before is not None and np.isfinite(before.cost) and near is None:
+        found = again(stage.bench, before, stage.noise, stage.least)
+    else:
+        guess = (near or stage.base).vector
+        found = refit(stage.bench, components, stage.noise, guess, amplitudes, least=stage.least)
+    stage.least = min(stage.least, found.cost)
+    found.log_evidence -= stage.base.log_evidence
+    for c in components:  # choices between sites that are not continuous
+        discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(stage.bench.context)}
+        found.log_evidence -= np.log(len(discrete))
+    return found

@@ -1,0 +1,295 @@
+"""Signatures: what every entry of the catalogue would do to the residual, at the plain fit and without a refit.
+
+A `Component` is one kind at one site. `Bench` holds a study made ready: it turns numbers (shared, local, amplitudes,
+continuous parts of the sites) into states (`fitting.states`), solves all poses, and differentiates. At zero amplitude the
+columns of the whole catalogue share the base model's factors, so each costs one back-substitution.
+
+Units: residuals in m; columns in m per unit of their number; amplitudes as the catalogue has them.
+"""
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.compilation import lightly_compiled
+from scan2flex_jax.diagnosis.slots import empty_slots, load_of_fields
+from scan2flex_jax.effects import ordered
+from scan2flex_jax.effects.catalogue import Context, Site, catalogue, entry_of
+from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting.evaluate import one, target_of
+from scan2flex_jax.fitting.parameters import boundary_at, model_at
+from scan2flex_jax.rod.effect import overriding
+
+CONTINUOUS = ("position", "width", "slip_curvature", "offset", "reach", "tilt_1", "tilt_2")  # parts of a site that may move
+
+
+@dataclass(frozen=True)
+class Component:
+    """One kind of the catalogue at one site."""
+
+    kind: str
+    site: Site
+
+    @property
+    def entry(self):
+        """Its catalogue entry."""
+        return entry_of(self.kind)
+
+    @property
+    def moving(self) -> tuple[str, ...]:
+        """The parts of the site that are continuous."""
+        return tuple(name for name in CONTINUOUS if name in self.site)
+
+
+class Numbers:
+    """Where the numbers of a model stand in one vector: shared, local of all poses, then per component amplitudes, site."""
+
+    def __init__(self, bench, components):
+        """Counts."""
+        self.shared, self.local, self.poses = bench.layout.shared, bench.layout.local, bench.poses.count
+        self.sizes = [(len(c.entry.amplitudes), len(c.moving)) for c in components]
+        self.base = self.shared + self.local * self.poses
+        self.nearly_known = np.arange(bench.layout.unknowns, self.base)
+        self.count = self.base + sum(a + s for a, s in self.sizes)
+
+    def of_pose(self, i: int) -> np.ndarray:
+        """Which of them pose ``i`` feels."""
+        local = self.shared + i * self.local + np.arange(self.local)
+        return np.r_[np.arange(self.shared), local, np.arange(self.base, self.count)].astype(int)
+
+    def amplitudes(self, k: int) -> np.ndarray:
+        """Those that are amplitudes of component ``k``."""
+        at = self.base + sum(a + s for a, s in self.sizes[:k])
+        return np.arange(at, at + self.sizes[k][0])
+
+    def site(self, k: int) -> np.ndarray:
+        """Those that are continuous parts of the site of component ``k``."""
+        at = self.base + sum(a + s for a, s in self.sizes[:k]) + self.sizes[k][0]
+        return np.arange(at, at + self.sizes[k][1])
+
+
+class Bench:
+    """A fitted study made ready for its catalogue."""
+
+    def __init__(self, problem, minimum, poses=None):
+        """From a fit's problem and minimum; ``poses`` other than the fitted ones (for prediction)."""
+        self.problem, self.minimum, self.layout, self.template = problem, minimum, problem.layout, problem.template
+        self.elements, self.poses = problem.elements, problem.poses if poses is None else poses
+        self.start = minimum.evaluation.configuration if poses is None else self.poses.start
+        self.context = context_of(problem, minimum)
+        self.previous = _previous(problem.study, minimum, self.elements)
+        self.nulls = empty_slots(self.context)
+        self.real = [np.asarray(m) > 0 for m in self.poses.mask]
+        self.solves = 0
+
+    def shapes(self, components, vector, start=None, derivative=True):
+        """All poses solved at the numbers: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""
+        numbers, out = Numbers(self, components), []
+        start = self.start if start is None else start
+        for i in range(self.poses.count):
+            state, tangents = self._state(components, vector[numbers.of_pose(i)], i)
+            out.append(self._solve(state, tangents if derivative else None, i, one(start, i)))
+        return out
+
+    def catalogue_columns(self, vector, components, start):
+        """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.
+
+        ``start`` must be the equilibrium of ``vector``. Most kinds share its factors. A section law whose knee is scanned
+        is a slot of the state with another value in it at every site, and is solved once for each.
+        """
+        kinds, laws = self._of_catalogue(components)
+        out = []
+        for i in range(self.poses.count):
+            parts = self.catalogue_tangents(vector, components, start, i)
+            columns = [self._solve(state, tangents, i, one(start, i)).columns for state, tangents in parts]
+            out.append(np.concatenate(columns, axis=-1))
+        owner = [k for same in kinds.values() for k in same] + laws
+        return out, np.array([k for k in owner for _ in components[k].entry.amplitudes])
+
+    def catalogue_tangents(self, vector, components, start, i):
+        """States of pose ``i`` and the directions in which the components move them at zero amplitude: most kinds one state,
+        each scanned law its own."""
+        kinds, laws = self._of_catalogue(components)
+        x, here = vector[Numbers(self, ()).of_pose(i)], one(start, i)
+        of_laws = [self._law(components[k], x, i) for k in laws]
+        if not kinds:
+            return of_laws
+        parts = [self._scan(kind, [components[k] for k in same], x, i, here) for kind, same in kinds.items()]
+        return [(self._state((), x, i)[0], jax.tree.map(lambda *t: np.concatenate(t), *parts)), *of_laws]
+
+    def _of_catalogue(self, components):
+        """Which components are of each kind, and which are scanned laws."""
+        laws = [k for k, c in enumerate(components) if self._is_scanned_law(c)]
+        kinds: dict[str, list[int]] = {}
+        for k, c in enumerate(components):
+            if k not in laws:
+                kinds.setdefault(c.kind, []).append(k)
+        return kinds, laws
+
+    def _is_scanned_law(self, component):
+        slots = self.nulls.get(component.kind, ())
+        return bool(component.site) and bool(overriding(slots, "strain_energy"))
+
+    def _law(self, component, x, i):
+        count = len(component.entry.amplitudes)
+        null = np.r_[x, np.zeros(count), [float(component.site[name]) for name in component.moving]]
+        state, tangents = self._state((component,), null, i)
+        return state, jax.tree.map(lambda t: t[len(x) : len(x) + count], tangents)
+
+    def field_columns(self, vector, make, shape, start):
+        """Columns of a field that is no kind of the catalogue: ``make(values)`` gives its effect."""
+        numbers, out = Numbers(self, ()), []
+        for i in range(self.poses.count):
+            x = vector[numbers.of_pose(i)]
+            state, _ = self._state((), x, i)
+            given = (self.layout, self.elements, make, shape, self.template, one(self.poses.boundary, i), jnp.asarray(x))
+            tangents = _field(*given, self.nulls)
+            out.append(self._solve(state, jax.tree.map(np.asarray, tangents), i, one(start, i)).columns)
+        return out
+
+    def _solve(self, state, tangents, i, start):
+        self.solves += 1
+        tangents = states.no_tangents(state) if tangents is None else tangents
+        return states.evaluate(state, tangents, start, target_of(self.poses, i))
+
+    def _state(self, components, x, i):
+        kinds, sites = tuple(c.kind for c in components), tuple(_numeric(c.site) for c in components)
+        moving = tuple(c.moving for c in components)
+        given = (self.layout, self.elements, kinds, moving, self.template, one(self.poses.boundary, i), jnp.asarray(x))
+        state, tangents = _state(*given, sites, self._scene(i), self.nulls)
+        return state, jax.tree.map(np.asarray, tangents)
+
+    def _scan(self, kind, components, x, i, start):
+        sites = jax.tree.map(lambda *v: np.stack(v), *[_numeric(c.site) for c in components])
+        given = (self.layout, self.elements, kind, len(components), self.template, one(self.poses.boundary, i))
+        return jax.tree.map(np.asarray, _scan(*given, jnp.asarray(x), sites, self._scene(i), self.nulls, start))
+
+    def _scene(self, i):
+        c = self.context
+        return {"length": np.asarray(c.length), "centre": np.asarray(c.centre, float), "up": c.up, "previous": self.previous[i]}
+
+
+def all_components(context: Context, skip=()) -> list[Component]:
+    """The whole catalogue: every kind at every site."""
+    return [Component(e.kind, s) for e in catalogue() if e.kind not in skip for s in e.sites(context)]
+
+
+def context_of(problem, minimum) -> Context:
+    """Scales of the cable and of its shapes, from the plain fit."""
+    model = model_at(problem.layout, problem.template, jnp.asarray(minimum.shared))
+    cable, c = model.cable, minimum.evaluation.configuration
+    gravity = np.asarray(problem.study.gravity, float)
+    up = -gravity / max(np.linalg.norm(gravity), 1e-12)
+    largest = [np.abs(_curvature(R, problem.length)[:, :2]).max() for R in np.asarray(c.R)]
+    points = [np.asarray(p)[np.asarray(m) > 0] for p, m in zip(problem.poses.points, problem.poses.mask, strict=True)]
+    lowest = [float((p @ up).min()) for p in points]
+    radius = problem.study.cable.get("radius")
+    return Context(
+        length=float(cable.length), bending_stiffness=float(np.mean(cable.bending_stiffness)),
+        torsional_stiffness=float(cable.torsional_stiffness), gravity=gravity,
+        weight=float(cable.length_density) * float(np.linalg.norm(gravity)),
+        curvature_range=(float(min(largest)), float(max(largest))), lowest_range=(min(lowest), max(lowest)),
+        radius=None if radius is None else float(radius), axial_stiffness=float(cable.axial_stiffness),
+        centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
+    )  # fmt: skip
+
+
+def _curvature(R, length):
+    """Curvature (1/m, about d1, d2, d3) between nodes, to second order in the mesh."""
+    Q = np.einsum("nji,njk->nik", R[:-1], R[1:])
+    skew = 0.5 * np.stack([Q[:, 2, 1] - Q[:, 1, 2], Q[:, 0, 2] - Q[:, 2, 0], Q[:, 1, 0] - Q[:, 0, 1]], axis=1)
+    return skew * len(Q) / length
+
+
+def _previous(study, minimum, elements):
+    """Per fitted pose the curvature (21, 3) of the fitted pose before it; zeros in the first one."""
+    R = np.asarray(minimum.evaluation.configuration.R)
+    keep = np.round(np.linspace(0, elements - 1, 21)).astype(int)
+    found = [_curvature(r, float(study.start_value("length") or 1.0))[keep] for r in R]
+    return [np.zeros((21, 3)), *found[:-1]]
+
+
+def _numeric(site):
+    return {name: np.asarray(value, float) for name, value in site.items()}
+
+
+def _model(layout, template, x, kinds, amplitudes, sites, scene, nulls):
+    """Model and slots with components added to the template at the shared numbers."""
+    model = model_at(layout, template, x[: layout.shared])
+    scene = SimpleNamespace(**scene)
+    built = {k: entry_of(k).build(a, s, scene) for k, a, s in zip(kinds, amplitudes, sites, strict=True)}
+    added = tuple(e for effects in built.values() for e in effects)
+    slots = states.slots_of(model.effects)
+    for kind, null in nulls.items():
+        slots += states.slots_of(built[kind]) if kind in built else null
+    return replace_effects(model, added), slots
+
+
+def replace_effects(model, added):
+    """The model with effects added, in the order that the format means."""
+    return type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
+
+
+@lightly_compiled
+def _state(layout, elements, kinds, moving, template, boundary, x, sites, scene, nulls):
+    """State of one pose and its derivatives with respect to ``x`` = shared, local, then amplitudes and sites."""
+    base = layout.shared + layout.local
+
+    def state(x):
+        at, amplitudes, placed = base, [], []
+        for kind, names, site in zip(kinds, moving, sites, strict=True):
+            n = len(entry_of(kind).amplitudes)
+            amplitudes.append(x[at : at + n])
+            placed.append(site | {name: x[at + n + j] for j, name in enumerate(names)})
+            at += n + len(names)
+        model, slots = _model(layout, template, x, kinds, amplitudes, placed, scene, nulls)
+        return states.state_of(model, boundary_at(layout, boundary, x[layout.shared : base]), elements, slots)
+
+    return state(x), jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(jnp.eye(len(x)))
+
+
+@lightly_compiled
+def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nulls, start):
+    """Derivatives of the state with respect to the amplitudes of one kind at zero, at all its sites: (sites * amplitudes).
+
+    An outer field acts at first order as the dead load that it would be at the equilibrium ``start``: as such it may stand at
+    any site of one and the same state.
+    """
+    null = jnp.zeros(len(entry_of(kind).amplitudes))
+
+    def at_site(site):
+        def state(a):
+            model, slots = _model(layout, template, x, (kind,), (a,), (site,), scene, nulls)
+            return states.state_of(model, boundary_at(layout, boundary, x[layout.shared :]), elements, slots)
+
+        def load(a):
+            fields = entry_of(kind).build(a, site, cast(Any, SimpleNamespace(**scene)))
+            return load_of_fields(fields, state(null), start)
+
+        tangents = jax.vmap(lambda t: jax.jvp(state, (null,), (t,))[1])(jnp.eye(len(null)))
+        if not overriding(nulls.get(kind, ()), "node_potential"):
+            return tangents
+        loads = jax.vmap(lambda t: jax.jvp(load, (null,), (t,))[1])(jnp.eye(len(null)))
+        still = jax.tree.map(jnp.zeros_like, tangents.slots)
+        return eqx.tree_at(lambda t: (t.load, t.slots), tangents, (loads, still))
+
+    return jax.tree.map(lambda v: v.reshape(-1, *v.shape[2:]), jax.vmap(at_site, axis_size=count)(sites))
+
+
+@lightly_compiled
+def _field(layout, elements, make, shape, template, boundary, x, nulls):
+    size = int(np.prod(shape))
+    slots = tuple(s for null in nulls.values() for s in null)
+
+    def state(values):
+        model = model_at(layout, template, x[: layout.shared])
+        model = replace_effects(model, (make(values.reshape(shape)),))
+        b = boundary_at(layout, boundary, x[layout.shared :])
+        return states.state_of(model, b, elements, states.slots_of(model.effects) + slots)
+
+    return jax.vmap(lambda t: jax.jvp(state, (jnp.zeros(size),), (t,))[1])(jnp.eye(size))

@@ -1,0 +1,45 @@
+"""The slots of a state (`fitting.states`) for the whole catalogue, empty: what is compiled with them serves every kind."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.effects.catalogue import Context, catalogue
+from scan2flex_jax.fitting.states import State, slots_of
+from scan2flex_jax.rod.effect import AbstractEffect, Node, overriding
+from scan2flex_jax.rod.energy import node_weights
+from scan2flex_jax.rod.loads import DeadLoad
+from scan2flex_jax.rod.model import Configuration, Rod
+
+
+def empty_slots(context: Context) -> dict[str, tuple[AbstractEffect, ...]]:
+    """Per kind of the catalogue that needs slots: its effects at zero amplitude, in the order that trees give a dictionary."""
+    found = {}
+    for entry in catalogue():
+        slots = slots_of(entry.build(jnp.zeros(len(entry.amplitudes)), entry.sites(context)[0], context))
+        if slots:
+            found[entry.kind] = slots
+    return dict(sorted(found.items()))
+
+
+def empty_slots_of(study) -> tuple[AbstractEffect, ...]:
+    """The same for a study that is not fitted yet, in the order of a state: what the scales of the cable are plays no part."""
+    nothing = Context(1.0, 1.0, 1.0, 1.0, np.asarray(study.gravity, float), (1.0, 2.0), clamped_ends=study.clamped_ends)
+    return tuple(slot for slots in empty_slots(nothing).values() for slot in slots)
+
+
+def load_of_fields(effects, state: State, configuration: Configuration) -> DeadLoad:
+    """The dead load that outer fields of effects are at a configuration: of nodes and of their tangents d3."""
+    rod = Rod(state.section, state.load, state.boundary, ())
+
+    def energy(r, d3):
+        R = configuration.R.at[:, :, 2].set(d3)
+
+        def node(r, R, s, w):
+            seen = Node(r, R, s, w, rod.section.ds, rod.boundary)
+            return sum(field.node_potential(seen) for field in overriding(effects, "node_potential"))
+
+        return jnp.sum(jax.vmap(node)(r, R, rod.node_s, node_weights(rod)))
+
+    force, lever = jax.grad(energy, argnums=(0, 1))(configuration.r, configuration.R[:, :, 2])
+    return DeadLoad(-force, -lever)

@@ -1,1 +1,0 @@
-"""Static equilibrium: starts, solvers, the answer with its verdict, and its derivatives."""

@@ -1,0 +1,100 @@
+"""Residuals of all poses and their Jacobian: what every method of fitting asks for.
+
+Poses are solved one after the other by one compiled function: a batch would run all of them to the slowest, and compile
+anew for each number of poses. What a study asks for and knows nearly only changes the way from its numbers to the state of a
+pose (`states`), which is compiled in no time.
+
+The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
+the factors of the solve. A call that only needs residuals compiles and runs without it.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.compilation import lightly_compiled
+from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
+from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.rod.model import CableModel, Configuration
+from scan2flex_jax.statics.solve import SOLVED, Verdict
+
+
+class Evaluation(NamedTuple):
+    """Per pose: residuals (P, m, 3) in m, their Jacobian (P, m, 3, shared + local) or None, arc lengths (P, m), the
+    configurations found and their verdicts."""
+
+    residual: np.ndarray
+    jacobian: np.ndarray | None
+    s: np.ndarray
+    configuration: Configuration
+    verdict: Verdict
+
+    @property
+    def solved(self) -> bool:
+        """Whether every pose is a stable equilibrium with finite residuals."""
+        return bool(np.all(np.asarray(self.verdict.code) == SOLVED) and np.all(np.isfinite(self.residual)))
+
+
+@lightly_compiled
+def _state(layout: Layout, template: CableModel, boundary, x, slots, elements, rows):
+    """State of one pose at its numbers, and its derivatives by them, filled up with zeros to ``rows`` (0: none at all)."""
+
+    def state(x):
+        model = model_at(layout, template, x[: layout.shared])
+        own = states.slots_of(model.effects)
+        return states.state_of(model, boundary_at(layout, boundary, x[layout.shared :]), elements, (*own, *slots))
+
+    if not rows:
+        return state(x), None
+    return state(x), jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(jnp.eye(rows, len(x)))
+
+
+def observed(model: CableModel, points):
+    """Where the scanner sees points of the centre line (m)."""
+    for effect in model.effects:
+        points = effect.observe(points)
+    return points
+
+
+class Evaluator:
+    """Residuals of a study's poses; counts the equilibria that it solved."""
+
+    def __init__(
+        self, layout: Layout, template: CableModel, poses: Poses, elements: int, distance: str = "normal", slots: tuple = ()
+    ):
+        """Nothing is solved yet; ``slots`` are energy laws of no effect that the states have room for beside the model's."""
+        self.layout, self.template, self.poses = layout, template, poses
+        self.elements, self.distance, self.slots = elements, distance, slots
+        self.width = states.FEW if not slots and layout.shared + layout.local <= states.FEW else states.CHUNK
+        self.equilibria = 0
+
+    def __call__(self, shared, local=None, *, start=None, derivative=True) -> Evaluation:
+        """At ``shared`` numbers and ``local`` ones (P, local), from ``start`` (default: the measured curves)."""
+        p = self.poses
+        self.equilibria += p.count
+        local = np.zeros((p.count, self.layout.local)) if local is None else local
+        start = p.start if start is None else start
+        found = [self._pose(i, np.concatenate([shared, local[i]]), one(start, i), derivative) for i in range(p.count)]
+        r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)
+        return Evaluation(r, jacobian, s, configuration, verdict)
+
+    def _pose(self, i, x, start, derivative):
+        boundary = one(self.poses.boundary, i)
+        wanted = derivative or bool(self.slots)  # with room for more, one compiled function serves all
+        rows = -(-len(x) // self.width) * self.width if wanted else 0
+        state, tangents = _state(self.layout, self.template, boundary, x, self.slots, self.elements, rows)
+        found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
+        return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
+
+
+def target_of(poses: Poses, i: int) -> states.Target:
+    """What pose ``i`` is compared with."""
+    return states.Target(poses.points[i], poses.mask[i], poses.expected[i])
+
+
+def one(tree, i: int):
+    """Pose ``i`` of a tree whose arrays have a leading axis of poses."""
+    return jax.tree.map(lambda x: x[i], tree)

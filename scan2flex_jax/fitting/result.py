@@ -1,0 +1,173 @@
+"""What a fit returns: what an experimenter wants to read, and the same as the format's JSON object."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.study.kinds import CABLE, kind_format
+from scan2flex_jax.study.model import Study
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One unknown: value, standard error and 95 % interval in its own unit; no error where the poses determine none."""
+
+    value: float | np.ndarray
+    std: float | np.ndarray | None
+    low: float | np.ndarray | None
+    high: float | np.ndarray | None
+    identifiable: bool
+    at_bound: bool
+    unit: str
+
+    def to_json(self) -> dict:
+        """As in the study format; what is not known is left out."""
+        out = {"value": _plain(self.value), "identifiable": self.identifiable, "at_bound": self.at_bound}
+        known = {"std": self.std, "low": self.low, "high": self.high}
+        return out | {k: _plain(v) for k, v in known.items() if v is not None}
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """One pose: distances (m) between measured and modelled curve, both curves for a picture, and of a validate pose the RMS
+    distance (m) by which its own tolerances and the estimates' errors may move it."""
+
+    role: str
+    rms: float
+    worst: float
+    stable: bool
+    measured: np.ndarray = field(repr=False)
+    modelled: np.ndarray = field(repr=False)
+    s: np.ndarray = field(repr=False)
+    residual: np.ndarray = field(repr=False)
+    verdict: str = "stable equilibrium"
+    spread: float = 0.0
+
+    def to_json(self) -> dict:
+        """As in the study format; a pose that could not be solved has no distances."""
+        out = {"role": self.role, "stable": self.stable}
+        return out | {k: float(v) for k, v in (("rms", self.rms), ("max", self.worst)) if np.isfinite(v)}
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Estimates, what they rest on, and whether to believe them.
+
+    ``correlation`` is that of the numbers named by ``labels``; ``sentences`` say what the poses cannot determine, what lies
+    at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
+    poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
+    of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
+    the study says, in words (`fitting.branches`).
+    """
+
+    study: Study = field(repr=False)
+    method: str
+    distance: str
+    estimates: dict[str, Estimate]
+    labels: list[str]
+    correlation: np.ndarray
+    poses: dict[str, PoseFit]
+    noise: Noise
+    sentences: tuple[str, ...]
+    valid: bool | None
+    converged: bool
+    equilibria: int
+    seconds: float
+    cost: float
+    problem: Any = field(repr=False, default=None)
+    data: str = "curve"
+    turned: tuple[str, ...] = ()
+
+    def rms(self, role: str = "fit") -> float:
+        """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
+        squares = [p.residual.ravel() for p in self.poses.values() if p.role == role]
+        points = sum(len(p.residual) for p in self.poses.values() if p.role == role)
+        return float(np.sqrt(np.sum(np.concatenate(squares) ** 2) / points)) if points else float("nan")
+
+    @property
+    def believable(self) -> bool:
+        """Whether the fit has settled, with every pose a stable equilibrium; else its numbers are not to be used."""
+        return bool(self.converged and all(p.stable for p in self.poses.values()))
+
+    @property
+    def calibrated(self):
+        """The study with the estimates in `[cable]` and as guesses, ready to be saved or fitted again."""
+        cable, effects = dict(self.study.cable), list(self.study.effects)
+        for name, estimate in self.estimates.items():
+            kind, dot, parameter = name.partition(".")
+            if dot:
+                i = next(i for i, e in enumerate(effects) if e.kind == kind)
+                effects[i] = replace(effects[i], parameters={**effects[i].parameters, parameter: estimate.value})
+            else:
+                cable[name] = estimate.value
+        unknowns = tuple(replace(u, guess=self.estimates[u.name].value) for u in self.study.unknowns)
+        return replace(self.study, cable=cable, effects=tuple(effects), unknowns=unknowns)
+
+    def to_json(self) -> dict:
+        """The format's result object."""
+        return {
+            "format": "scan2flex-result/1",
+            "method": self.method,
+            "data": self.data,
+            "estimates": {name: e.to_json() for name, e in self.estimates.items()},
+            "correlations": {
+                "names": self.labels,
+                "matrix": np.where(np.isfinite(self.correlation), self.correlation, 0.0).tolist(),
+            },
+            "poses": {name: p.to_json() for name, p in self.poses.items()},
+            "noise": self.noise.to_json(),
+            "converged": self.converged,
+            **({} if self.valid is None else {"valid": self.valid}),
+            "messages": list(self.sentences),
+            "equilibria": self.equilibria,
+            "seconds": self.seconds,
+        }
+
+    def summary(self) -> str:
+        """The fit in plain text."""
+        to = "to point clouds" if self.data == "cloud" else "to centre curves"
+        lines = [f"{self.study.title}: {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s", ""]
+        lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
+        lines += [*_correlation_lines(self), "  pose                 role       rms mm    max mm"]
+        for name, p in self.poses.items():
+            figures = f"{1e3 * p.rms:9.3f} {1e3 * p.worst:9.3f}" if np.isfinite(p.rms) else f"  {p.verdict}"
+            lines.append(f"  {name:<20} {p.role:<9}{figures}")
+        n = self.noise
+        lines.append(
+            f"\n  residual as noise: white {1e3 * n.white:.3f} mm, correlated {1e3 * n.correlated:.3f} mm over "
+            f"{1e3 * n.correlation_length:.0f} mm (per normal)"
+        )
+        return "\n".join([*lines, *(f"  {s}" for s in self.sentences)])
+
+
+def unit_of(name: str) -> str:
+    """Unit of an unknown by its name."""
+    kind, dot, parameter = name.partition(".")
+    return (kind_format(kind).parameter(parameter) if dot else CABLE[name]).unit
+
+
+def _plain(value):
+    return float(value) if np.ndim(value) == 0 else np.asarray(value).tolist()
+
+
+def in_words(e: Estimate) -> str:
+    """A value with its interval and unit, and what has to be known of it."""
+    value = np.atleast_1d(e.value)
+    low, high = (None if x is None else np.atleast_1d(x) for x in (e.low, e.high))
+    parts = []
+    for i, v in enumerate(value):
+        span = " (no error bar)"
+        if low is not None and high is not None and np.isfinite(low[i]) and np.isfinite(high[i]):
+            span = f" [{low[i]:.5g}, {high[i]:.5g}]"
+        parts.append(f"{v:.5g}{span}")
+    tail = "" if e.identifiable else "  NOT DETERMINED"
+    return ", ".join(parts) + (f" {e.unit}" if e.unit != "-" else "") + tail + ("  AT A BOUND" if e.at_bound else "")
+
+
+def _correlation_lines(fit):
+    n = len(fit.labels)
+    pairs = [(abs(fit.correlation[i, j]), i, j) for i in range(n) for j in range(i)]
+    strong = [(c, i, j) for c, i, j in sorted(pairs, reverse=True) if np.isfinite(c) and c > 0.9]
+    return [f"  {fit.labels[j]} and {fit.labels[i]} are correlated: {fit.correlation[i, j]:+.3f}" for _, i, j in strong[:6]]

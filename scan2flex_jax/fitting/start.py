@@ -1,0 +1,85 @@
+"""A start that needs no guess: given a measured curve, the balance of moments is linear in the stiffnesses.
+
+With force ``f = f0 - w s`` (``w = k_rhoA g``) and moment ``m' = -r' x f``, an isotropic straight rod obeys
+
+    EI (t x t') + GJ tau t - m0 + (r - r0) x f0 = (int_0^s u t du) x w,
+
+linear in EI, GJ, and each pose's unknown ``m0, f0`` (paper, Eqs. 3 and 5, integrated; so no third derivative of a scan is
+needed). The twist rate ``tau`` is what the end clamp lacks of the transported frame, spread evenly. An estimate from
+differentiated data is biased, and only good enough to begin from.
+"""
+
+import numpy as np
+from scipy.interpolate import make_lsq_spline
+
+from scan2flex_jax.fitting.poses import Poses
+
+_SPANS = 12  # of the smoothing spline: a rod between clamps has a few bends
+_STATIONS = 101
+_INSIDE = 0.05  # of the length left out at each end, where a spline's curvature is poor
+
+
+def balance_start(poses: Poses, weight: np.ndarray, length: float, known: dict[str, float]) -> dict[str, float]:
+    """Bending and torsional stiffness (N m^2) that balance the measured curves best, where they are positive.
+
+    ``known`` holds those of the two that are not unknown; ``weight`` is per length (3,) in N/m, ``length`` in m.
+    """
+    own_weight = np.linalg.norm(weight) * length**3
+    fallback = 0.03 * own_weight if own_weight > 0 else 1.0
+    blocks = [_pose_equations(poses, i, length, weight) for i in range(poses.count)]
+    columns, right = _assemble(blocks)
+    names = ("bending_stiffness", "torsional_stiffness")
+    free = [k for k, n in enumerate(names) if n not in known]
+    right = right - sum(columns[:, k] * known[n] for k, n in enumerate(names) if n in known)
+    use = [k for k in free if np.linalg.norm(columns[:, k]) > 0] + list(range(2, columns.shape[1]))
+    solution = np.linalg.lstsq(columns[:, use], right, rcond=1e-10)[0]
+    found = {names[k]: solution[use.index(k)] for k in free if k in use}
+    bending = found.get("bending_stiffness", known.get("bending_stiffness", fallback))
+    bending = bending if bending > 1e-3 * fallback else fallback
+    torsion = found.get("torsional_stiffness", bending)
+    torsion = torsion if 0.02 * bending < torsion < 50 * bending else bending
+    return {"bending_stiffness": float(bending), "torsional_stiffness": float(torsion)}
+
+
+def _pose_equations(poses, i, length, weight):
+    mask = np.asarray(poses.mask[i]) > 0
+    points, s = np.asarray(poses.points[i])[mask], np.asarray(poses.expected[i])[mask]
+    keep = np.concatenate([[True], np.diff(s) > 1e-9 * length])
+    points, s = points[keep], s[keep]
+    spans = int(min(_SPANS, max(2, len(s) // 4)))
+    knots = np.quantile(s, np.linspace(0, 1, spans + 1)[1:-1])
+    knots = np.concatenate([[s[0]] * 6, knots, [s[-1]] * 6])
+    curve = make_lsq_spline(s, points, knots, k=5)
+    at = np.linspace(s[0] + _INSIDE * length, s[-1] - _INSIDE * length, _STATIONS)
+    d1, d2 = curve.derivative(1)(at), curve.derivative(2)(at)
+    speed = np.linalg.norm(d1, axis=1, keepdims=True)
+    t = d1 / speed
+    binormal = np.cross(d1, d2) / speed**3
+    # moment of the weight: int u t du, from the first station on (its constant is part of m0 and f0)
+    moment = np.concatenate(
+        [[np.zeros(3)], np.cumsum(0.5 * np.diff(at)[:, None] * (at[1:, None] * t[1:] + at[:-1, None] * t[:-1]), axis=0)]
+    )
+    r = curve(at)
+    lever = np.stack([np.cross(r - r[0], e) for e in np.eye(3)], axis=2)
+    constant = np.broadcast_to(-np.eye(3), (len(at), 3, 3))
+    shared = np.stack([binormal, _twist_rate(poses, i, length) * t], axis=2)
+    local = np.concatenate([constant, lever], axis=2)
+    rows = 3 * len(at)
+    return shared.reshape(rows, 2), local.reshape(rows, 6), np.cross(moment, weight).reshape(rows)
+
+
+def _twist_rate(poses, i, length):
+    """Twist (rad/m) of the start that follows the measured curve; zero where an end is free to turn."""
+    R = np.asarray(poses.start.R[i])
+    relative = np.einsum("nji,njk->nik", R[:-1], R[1:])
+    return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])) / length)
+
+
+def _assemble(blocks):
+    rows = sum(len(b[2]) for b in blocks)
+    columns, right, at = np.zeros((rows, 2 + 6 * len(blocks))), np.zeros(rows), 0
+    for i, (shared, local, b) in enumerate(blocks):
+        here = slice(at, at + len(b))
+        columns[here, :2], columns[here, 2 + 6 * i : 8 + 6 * i], right[here] = shared, local, b
+        at += len(b)
+    return columns, right

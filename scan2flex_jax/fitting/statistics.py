@@ -1,0 +1,132 @@
+"""What a fit knows and what it cannot know: covariance of the estimates, and combinations that the poses leave open.
+
+Residuals of a scan are correlated along the cable, so the covariance is the sandwich ``A^-1 B A^-1`` with ``A = J'J / s^2``
+plus priors and ``B = J' C J / s^4`` plus priors, ``C`` the estimated noise covariance: it is right whatever weights the fit
+used. Directions in which the scaled ``J`` has no singular value to speak of are not determined; they are named in words.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.fitting.least_squares import UNSEEN, normal_equations
+from scan2flex_jax.fitting.noise import Noise, estimate_noise
+from scan2flex_jax.fitting.parameters import Layout
+
+_OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
+_VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Covariance of the unknown numbers of ``x``; infinite variance where the poses say nothing, and why in words."""
+
+    covariance: np.ndarray
+    determined: np.ndarray
+    sentences: tuple[str, ...]
+
+
+def noise_of(evaluation, poses, layout: Layout, length: float, stated: float | None) -> Noise:
+    """Noise estimated from an evaluation's residuals (see `fitting.noise`)."""
+    curves = []
+    for i in range(poses.count):
+        real = np.asarray(poses.mask[i]) > 0
+        s, r, J = evaluation.s[i][real], evaluation.residual[i][real], evaluation.jacobian[i][real]
+        curves.append((s, r[:, :NORMALS], J[:, :NORMALS]))
+    return estimate_noise(curves, length, stated)
+
+
+def uncertainty(minimum, poses, layout: Layout, sigma: np.ndarray, noise: Noise) -> Uncertainty:
+    """Covariance and open directions at a minimum."""
+    e = minimum.evaluation
+    scaled = e.jacobian / sigma[:, None, None, None]
+    JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
+    B = _middle(e, poses, layout, sigma, noise, len(JJ))
+    scale = np.sqrt(np.diag(JJ))
+    hidden = scale <= UNSEEN * np.max(scale)
+    unseen = hidden[: layout.unknowns]
+    JJ = np.where(hidden[:, None] | hidden, 0.0, JJ)
+    scale = np.where(hidden, 1.0, scale)
+    values, vectors = np.linalg.eigh(JJ / np.outer(scale, scale))
+    closed = values > _OPEN**2 * max(values[-1], 1e-300)
+    inverse = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
+    covariance = (inverse @ B @ inverse)[: layout.unknowns, : layout.unknowns]
+    open_part = (vectors[:, ~closed] / scale[:, None])[: layout.unknowns]
+    weight = np.abs(open_part).max(axis=1, initial=0.0) > 0.05 * np.abs(open_part).max(initial=0.0)
+    lost = (weight & (open_part.size > 0)) | unseen
+    covariance[lost, :] = covariance[:, lost] = 0.0
+    covariance[lost, lost] = np.inf
+    logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
+    vague = logs & (np.sqrt(np.diag(covariance)) > _VAGUE)
+    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, vague & ~lost)
+    return Uncertainty(covariance, ~(lost | vague), tuple(sentences))
+
+
+def _middle(e, poses, layout, sigma, noise, size):
+    """``J' C J / s^4`` with the priors' unit variances."""
+    n, k = layout.shared, layout.local
+    B = np.zeros((size, size))
+    for i in range(poses.count):
+        own = np.r_[np.arange(n), n + i * k + np.arange(k)]
+        real = np.asarray(poses.mask[i]) > 0
+        J = e.jacobian[i][real] / sigma[i] ** 2
+        C = noise.covariance(e.s[i][real])
+        for normal in range(J.shape[1]):
+            B[np.ix_(own, own)] += J[:, normal].T @ C @ J[:, normal]
+    prior = np.r_[np.zeros(layout.unknowns), np.ones(size - layout.unknowns)]
+    B[np.diag_indices_from(B)] += prior
+    return B
+
+
+def _open_sentences(layout, directions, unseen):
+    labels, sentences = layout.labels, []
+    sentences += [f"{labels[i]} has no influence on these shapes: it is not determined" for i in np.flatnonzero(unseen)]
+    for raw in directions.T:
+        if np.abs(raw).max() == 0:
+            continue
+        d = raw / np.abs(raw).max()
+        involved = np.flatnonzero(np.abs(d) > 0.05)
+        if len(involved) == 1 and unseen[involved[0]]:
+            continue
+        names = [labels[i] for i in involved]
+        stiff = [m for m in names if m.split("[")[0] != "length_density"]
+        if "length_density" in names and np.ptp(np.abs(d[involved])) < 0.05 and np.ptp(np.sign(d[involved])) == 0:
+            verb = "is" if len(stiff) == 1 else "are"
+            sentences.append(f"only the ratio of {_and(stiff)} to the density {verb} determined")
+        else:
+            weights = ", ".join(f"{d[i]:+.2f} {labels[i]}" for i in involved)
+            sentences.append(f"these poses do not determine the combination {weights}")
+    return sentences
+
+
+def _vague_sentences(layout, covariance, vague):
+    """Numbers that are vague by themselves, and those that only a vague combination makes so."""
+    own = np.flatnonzero(vague)
+    variance, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
+    directions = np.zeros((len(vague), int(np.sum(variance > _VAGUE**2))))
+    directions[own] = vectors[:, variance > _VAGUE**2]
+    involved = np.abs(directions) > 0.05 * np.abs(directions).max(axis=0, initial=0.0)
+    shared = np.sum(involved, axis=0) > 1
+    alone = vague & ~np.any(involved[:, shared], axis=1)
+    sentences = _open_sentences(layout, directions[:, shared], np.zeros(len(vague), bool))
+    return sentences + [
+        f"{layout.labels[i]} is not determined: its uncertainty exceeds a factor of 2.7" for i in np.flatnonzero(alone)
+    ]
+
+
+def _and(names):
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def unseen_spread(layout, jacobian, covariance) -> float:
+    """RMS distance (m) by which a pose that was not fitted may be off within its own tolerances and the estimates' errors.
+
+    Numbers that are not determined have no part in it: what they could do has no bound.
+    """
+    J = jacobian.reshape(-1, jacobian.shape[-1])
+    unknowns, local = J[:, : layout.unknowns], J[:, layout.shared :]
+    known = np.isfinite(np.diag(covariance))
+    C = covariance[np.ix_(known, known)]
+    variance = np.sum(local**2) + np.einsum("ri,ij,rj->", unknowns[:, known], C, unknowns[:, known])
+    return float(np.sqrt(variance / len(jacobian)))

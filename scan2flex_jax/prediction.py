@@ -1,0 +1,127 @@
+"""Prediction: the shapes, section forces and clamp reactions of a study whose parameters are all known.
+
+Forces are why people want the parameters: a cable's pull on its connector, the bending moment at a clamp.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.fitting.evaluate import observed, one
+from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template
+from scan2flex_jax.fitting.poses import boundary_of, poses_of
+from scan2flex_jax.statics.solve import Verdict, equilibrium
+from scan2flex_jax.study.model import Study
+
+_FINEST = 4000  # points of a curve that is searched for places where it passes through itself
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One pose: nodes (m), sections with force (N) and moment (N m) in the scan frame, and what the supports exert.
+
+    ``touches``: arc lengths (m) of two places where the cable is in itself, which its contact would prevent and the model does
+    not know; None where there are none, or the study has no radius.
+    """
+
+    s: np.ndarray
+    points: np.ndarray
+    section_s: np.ndarray
+    force: np.ndarray
+    moment: np.ndarray
+    reaction_force: np.ndarray
+    reaction_moment: np.ndarray
+    verdict: Verdict
+    touches: tuple[float, float] | None = None
+
+    def sentence(self) -> str:
+        """The verdict in words, and whether the cable passes through itself."""
+        if self.touches is None:
+            return self.verdict.sentence()
+        a, b = self.touches
+        said = f"it passes through itself at s = {a:.3g} m and {b:.3g} m (contact with itself is not modelled)"
+        return f"{self.verdict.sentence()}; {said}"
+
+    def to_json(self) -> dict:
+        """Reactions and verdict; shapes go to CSV."""
+        out = {"stable": bool(self.verdict.solved), "verdict": self.verdict.sentence()}
+        out |= {} if self.touches is None else {"touches": list(self.touches)}
+        if not out["stable"]:
+            return out
+        ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
+        return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
+
+
+def model_of(study):
+    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
+    for unknown in study.unknowns:
+        if study.start_value(unknown.name) is None:
+            where = (study.folder / "study.toml") if study.folder else "study"
+            raise StudyError(
+                where, f"unknown.{unknown.name}", "has no value to simulate with: give a guess, or fit the study first."
+            )
+    layout = layout_of(study)
+    x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
+    return model_at(layout, template(study), x)
+
+
+def settled(pose, model, elements: int):
+    """The equilibrium of one study pose, on the branch nearest to its measured curve where it has one."""
+    start = None
+    if pose.curve is not None:
+        start = one(poses_of([pose], float(model.cable.length), elements).start, 0)
+    return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
+
+
+def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
+    """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
+    model = model_of(study)
+    radius = study.cable.get("radius")
+    return {pose.name: _one_pose(pose, model, elements, None if radius is None else float(radius)) for pose in study.poses}
+
+
+def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
+    """Arc lengths (m) of the two nearest places of a centre curve (n, 3) whose cross sections of ``radius`` (m) overlap.
+
+    Places nearer than four radii along the cable do not count: a cable bent as sharply as it can be has half a turn there.
+    """
+    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    if not s[-1] > 4.0 * radius > 0.0:
+        return None
+    fine = np.linspace(0.0, s[-1], int(min(_FINEST, max(len(s), 4.0 * s[-1] / radius))))
+    dense = np.column_stack([np.interp(fine, s, x) for x in points.T])
+    pairs = cKDTree(dense).query_pairs(2.0 * radius, output_type="ndarray")
+    pairs = pairs[np.abs(fine[pairs[:, 0]] - fine[pairs[:, 1]]) > 4.0 * radius]
+    if not len(pairs):
+        return None
+    nearest = pairs[np.argmin(np.linalg.norm(dense[pairs[:, 0]] - dense[pairs[:, 1]], axis=1))]
+    return float(fine[nearest[0]]), float(fine[nearest[1]])
+
+
+def _one_pose(pose, model, elements, radius):
+    e = settled(pose, model, elements)
+    section_s, force, moment = map(np.asarray, e.section_forces())
+    push, turn = map(np.asarray, e.reactions())
+    points = np.asarray(observed(model, e.points))
+    touches = None if radius is None or not bool(e.verdict.solved) else touching(np.asarray(e.points), radius)
+    return Prediction(np.asarray(e.s), points, section_s, force, moment, push, turn, e.verdict, touches)
+
+
+def write_csv(predictions: dict[str, Prediction], folder: Path) -> None:
+    """``NAME.csv`` with s,x,y,z and ``NAME-forces.csv`` with s and the components of force and moment."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, p in predictions.items():
+        if not bool(p.verdict.solved):
+            continue
+        _write(folder / f"{name}.csv", "s,x,y,z", np.column_stack([p.s, p.points]))
+        table = np.column_stack([p.section_s, p.force, p.moment])
+        _write(folder / f"{name}-forces.csv", "s,force_x,force_y,force_z,moment_x,moment_y,moment_z", table)
+
+
+def _write(path, header, table):
+    part = path.with_name(path.name + ".part")
+    np.savetxt(part, table, fmt="%.9g", delimiter=",", header=header, comments="")
+    part.replace(path)

@@ -1,0 +1,220 @@
+"""What a report says: gathered from a fit or an explanation, as plain numbers and texts that figures and page lay out.
+
+The texts of a study (title, names of poses) are kept as they are: whoever lays them out escapes them.
+"""
+
+import hashlib
+import platform
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from scan2flex_jax.diagnosis import Explanation, Plan, plan
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import Fit
+from scan2flex_jax.fitting.run import FIT_ELEMENTS
+from scan2flex_jax.prediction import predict
+from scan2flex_jax.study.files import read_text
+from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
+from scan2flex_jax.study.read import STUDY_FILE
+from scan2flex_jax.study.values import Where
+from scan2flex_jax.study.write import NamedFiles, render, study_tables
+
+LIBRARIES = ("scan2flex_jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "plotly")
+_MOST_TEXT = 200_000  # bytes of a study.toml that the page repeats
+
+
+@dataclass(frozen=True)
+class PoseView:
+    """One pose: ``measured`` and ``modelled`` (m), arc length ``s`` (m) and ``distance`` (m) of the measured points, sorted by
+    ``s``; residual after and before (m) where both are known, and what the tables show."""
+
+    name: str
+    role: str
+    measured: np.ndarray
+    modelled: np.ndarray | None = None
+    s: np.ndarray | None = None
+    distance: np.ndarray | None = None
+    residual: np.ndarray | None = None
+    before: np.ndarray | None = None
+    rms: float = float("nan")
+    worst: float = float("nan")
+    rms_before: float | None = None
+    left_out_before: float | None = None
+    left_out: float | None = None
+    stable: bool = False
+    clamps: tuple = ()
+
+
+@dataclass(frozen=True)
+class SectionView:
+    """Along one pose: middles of the elements ``s`` (m), tension and shear force (N), bending moment and torque (N m), and what
+    the supports exert."""
+
+    name: str
+    s: np.ndarray
+    tension: np.ndarray
+    shear: np.ndarray
+    bending: np.ndarray
+    torque: np.ndarray
+    reaction_force: np.ndarray
+    reaction_moment: np.ndarray
+
+
+@dataclass(frozen=True)
+class EstimateView:
+    """One number that was estimated, with its interval and, after an explanation, its value before."""
+
+    name: str
+    unit: str
+    value: float
+    low: float | None
+    high: float | None
+    identifiable: bool
+    at_bound: bool
+    before: float | None = None
+
+    @property
+    def digits(self) -> int:
+        """How many digits show the interval: two of its width, four to nine in all."""
+        if self.low is None or self.high is None or not (np.isfinite(self.high - self.low) and self.high > self.low):
+            return 4
+        return int(np.clip(2 + np.ceil(np.log10(max(abs(self.value), 1e-300) / (self.high - self.low))), 4, 9))
+
+
+@dataclass(frozen=True)
+class Contents:
+    """All that the page shows; ``explanation`` and ``plan`` are None where they were not asked for or not to be had."""
+
+    study: Study
+    fit: Fit | None
+    explanation: Explanation | None
+    poses: tuple[PoseView, ...]
+    estimates: tuple[EstimateView, ...]
+    sections: tuple[SectionView, ...]
+    plan: Plan | None
+    sentences: tuple[str, ...]
+    unsolved: tuple[str, ...]
+    inputs: tuple[tuple[str, str], ...]
+    versions: tuple[tuple[str, str], ...]
+    toml: str
+    elements: int
+
+
+def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=lambda message: None) -> Contents:
+    """What a report of ``subject`` says; solves its poses once more for the section forces."""
+    explanation = subject if isinstance(subject, Explanation) else None
+    fitted = subject.fit if isinstance(subject, Explanation) else subject
+    study = fitted.study if fitted else subject.study
+    poses = tuple(_pose_view(study.pose(name), p) for name, p in subject.poses.items())
+    if not poses:
+        measured = [(p, p.curve.points) for p in study.poses if p.curve is not None]
+        poses = tuple(PoseView(p.name, p.role, points, clamps=_clamps(p)) for p, points in measured)
+    progress("section forces")
+    elements = fitted.problem[0].elements if fitted and fitted.problem else FIT_ELEMENTS
+    sections, unsolved = ((), ())
+    if fitted:
+        sections, unsolved = _sections(subject.study if explanation else fitted.calibrated, subject.poses, elements)
+    ranked = None
+    if explanation and next_pose and explanation.search is not None:
+        progress("poses that could be scanned next")
+        ranked = plan(explanation)
+    said = fitted.sentences if fitted else ()
+    if explanation:
+        said = (*explanation.sentences, *(f"plain fit: {sentence}" for sentence in said))
+    return Contents(
+        study, fitted, explanation, poses, _estimates(subject, fitted), sections, ranked, said, unsolved, _inputs(study),
+        _versions(), _toml(study), elements,
+    )  # fmt: skip
+
+
+def _pose_view(pose, found) -> PoseView:
+    order = np.argsort(found.s, kind="stable")
+    known = {"before": found.residual_before[order]} if hasattr(found, "residual_before") else {}
+    known |= {k: getattr(found, k) for k in ("rms_before", "left_out", "left_out_before") if hasattr(found, k)}
+    distance = np.linalg.norm(found.residual[order], axis=1)
+    return PoseView(
+        pose.name, found.role, found.measured[order], found.modelled if found.stable else None, found.s[order],
+        distance if found.stable else np.full(len(order), np.nan), found.residual[order], rms=found.rms, worst=found.worst,
+        stable=found.stable, clamps=_clamps(pose), **known,
+    )  # fmt: skip
+
+
+def _clamps(pose):
+    """Position and tangent (None for a ball joint) of the held ends."""
+    return tuple((clamp.position, clamp.tangent) for clamp in (pose.start, pose.end) if clamp is not None)
+
+
+def _sections(study, found, elements):
+    """Section forces of the solved poses, on the branches of the fit, and the names of those that did not settle."""
+    whole = []
+    for pose in study.poses:
+        modelled = found[pose.name].modelled if pose.name in found and found[pose.name].stable else None
+        whole.append(pose if modelled is None else replace(pose, curve=MeasuredCurve(modelled)))
+    try:
+        predictions = predict(replace(study, poses=tuple(whole)), elements=elements)
+    except Scan2FlexError as error:
+        return (), (str(error),)
+    views, unsolved = [], []
+    for name, p in predictions.items():
+        if not bool(p.verdict.solved):
+            unsolved.append(f"{name}: {p.verdict.sentence()}")
+            continue
+        t = np.diff(p.points, axis=0)
+        t /= np.linalg.norm(t, axis=1, keepdims=True)
+        tension, torque = np.sum(p.force * t, axis=1), np.sum(p.moment * t, axis=1)
+        shear = np.linalg.norm(p.force - tension[:, None] * t, axis=1)
+        bending = np.linalg.norm(p.moment - torque[:, None] * t, axis=1)
+        views.append(SectionView(name, p.section_s, tension, shear, bending, torque, p.reaction_force, p.reaction_moment))
+    return tuple(views), tuple(unsolved)
+
+
+def _estimates(subject, fitted):
+    rows = []
+    for name, e in (subject.estimates if fitted else {}).items():
+        before = fitted.estimates[name].value if subject is not fitted else None
+        many = np.ndim(e.value) > 0
+        for i, value in enumerate(np.ravel(e.value)):
+            low, high, old = (None if v is None else float(np.ravel(v)[i]) for v in (e.low, e.high, before))
+            label = f"{name}[{i}]" if many else name
+            rows.append(
+                EstimateView(label, "" if e.unit == "-" else e.unit, float(value), low, high, e.identifiable, e.at_bound, old)
+            )
+    return tuple(rows)
+
+
+def _versions():
+    found = []
+    for name in LIBRARIES:
+        try:
+            found.append((name, metadata.version(name)))
+        except metadata.PackageNotFoundError:
+            continue
+    return (*found, ("Python", platform.python_version()), ("machine", f"{platform.system()} {platform.machine()}"))
+
+
+def _inputs(study):
+    """Names inside the study's folder and SHA-256 of all files that were read."""
+    if study.folder is None:
+        return ()
+    files = [study.folder / STUDY_FILE]
+    for pose in study.poses:
+        curve = None if pose.curve is None else pose.curve.path
+        files += [path for path in (curve, pose.scan, pose.guide_points_path) if path is not None]
+    found = []
+    for path in dict.fromkeys(map(Path, files)):
+        if path.is_file():
+            with path.open("rb") as stream:
+                digest = hashlib.file_digest(stream, "sha256").hexdigest()
+            found.append((relative_name(study.folder, path).as_posix(), digest))
+    return tuple(found)
+
+
+def _toml(study) -> str:
+    """The study.toml as it was read, with its comments; for a study from elsewhere, what it would be."""
+    path = None if study.folder is None else study.folder / STUDY_FILE
+    if path is not None and path.is_file():
+        return read_text(path, 10_000_000, Where(str(path)), "the file is gone.")[:_MOST_TEXT]
+    return render(study_tables(study, NamedFiles(study.folder)))[:_MOST_TEXT]

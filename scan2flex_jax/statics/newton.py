@@ -1,0 +1,159 @@
+"""A structured Newton method for the rod, as an optimistix minimiser.
+
+Each step solves the block-tridiagonal system with the geometric stiffness at *predicted* section forces (mixed
+stress-strain step, `rod.assembly`): the nearly rigid stretching then does not shorten the steps. What remains to be tamed
+is negative curvature. The Hessian's inertia comes with its factorisation; while it is not positive definite, a bending
+stiffness is lent to all sections (never to stretching, whose predicted forces must stay right) and taken back as the
+solve settles. A solve that settles for two steps where the undamped Hessian has a negative direction is on a saddle (forces
+that the start did not know, or that were predicted badly, make a Hessian indefinite for one step): it is pushed off
+along that direction, which a second right-hand side has followed by inverse iteration all along, towards the side of the
+start. There is no line search: energy along the way means little in a curved valley, and stability is judged at the end.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from scan2flex_jax.geometry.small import matvec, vecmat
+from scan2flex_jax.rod.assembly import (
+    Derivatives,
+    derivatives,
+    free_motions,
+    no_derivatives,
+    strain_increment,
+    to_nodes,
+)
+from scan2flex_jax.rod.energy import retract, supported
+from scan2flex_jax.rod.model import Rod
+from scan2flex_jax.statics import blocktridiagonal as bt
+
+_LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
+_PUSH = 0.2  # the same for a push off a saddle
+_SETTLED = 1.0e-2  # two steps below this, still indefinite, mean that a saddle attracts: after one the forces may be to blame
+_ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+_HOLD = 1.0e-13  # stiffness that holds each motion of a node, over the largest of the rod: beyond rounding, below physics
+_FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
+
+
+class NewtonState(eqx.Module):
+    """What one step leaves to the next: the derivatives where it began, predicted section forces, the softest mode, the
+    lent stiffness, and whether the last step that moved was a small one (``settling``). After the last step, which does not
+    move, ``last`` belongs to the solution."""
+
+    last: Derivatives
+    forces: Float[Array, "n 6"]
+    mode: Float[Array, "nodes 6"]
+    start: Float[Array, "nodes 3"]
+    lent: Float[Array, ""]
+    first: Bool[Array, ""]
+    was_indefinite: Bool[Array, ""]
+    settling: Bool[Array, ""]
+    size: Float[Array, ""]
+    negative: Int[Array, ""]
+    done: Bool[Array, ""]
+
+
+class MixedNewton(optx.AbstractMinimiser):
+    """Newton's method with mixed stress-strain steps; ``args`` of the minimised function must be the `Rod`.
+
+    Converged when an undamped step moved no node by more than ``atol`` (rad, or parts of the length): convergence is
+    quadratic, so what is left is of the order of its square. The step after it only looks: it must find a positive definite
+    Hessian, and leaves the derivatives at the solution in the state.
+    """
+
+    rtol: float = 0.0
+    atol: float = 1.0e-7
+    norm: Callable = optx.max_norm
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+        """Nothing is known of the forces yet."""
+        rod: Rod = args
+        empty = no_derivatives(rod)
+        wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
+        no, one = jnp.array(False), jnp.array(1.0)
+        return NewtonState(
+            empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, no, one, jnp.array(0), no
+        )
+
+    def step(self, fn, y, args, options, state, tags):
+        """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
+        rod: Rod = args
+        y = supported(rod, y)
+        looking = state.size < self.atol
+        d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, state, looking))
+        # a motion without stiffness (a rod that spins between ball joints) must not drown in rounding
+        diagonal = d.diagonal + _hold(rod, d.diagonal)
+        followed = _lent_forces(rod, d.elements, state.mode) * free_motions(rod)
+        both, negative = bt.factor_and_solve(diagonal, d.upper, jnp.stack([-d.gradient, followed], axis=-1))
+        twist, mode = both[..., 0], both[..., 1]
+        mode = mode / _size(rod, mode)
+        size = _size(rod, twist)
+        definite = (negative == 0) & jnp.isfinite(size)
+        done = looking & definite
+        small = size < _SETTLED
+        push = definite & state.was_indefinite & small & state.settling
+        home = jnp.sum(mode[:, :3] * vecmat(state.start - y.r, y.R))
+        push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
+        twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
+        twist = jnp.where(definite & ~done, twist, 0.0)
+        increment = matvec(d.elements.K, strain_increment(rod, d.elements, twist))
+        less = jnp.where(state.lent < _NONE, 0.0, state.lent / _SHRINK)
+        state = NewtonState(
+            last=d,
+            forces=jnp.where(definite, d.elements.n + increment, state.forces),
+            mode=jnp.where(jnp.isfinite(mode), mode, state.mode),
+            start=state.start,
+            lent=jnp.where(definite, less, jnp.maximum(_GROW * state.lent, _FIRST)),
+            first=state.first & ~definite,
+            was_indefinite=~definite,
+            settling=jnp.where(definite, small & ~push, state.settling),
+            size=jnp.where(definite & ~push & (state.lent == 0.0), size, 1.0),
+            negative=negative,
+            done=done,
+        )
+        return retract(y, twist), state, None
+
+    @staticmethod
+    def _forces(state, looking, n):
+        """Section forces of the geometric stiffness: a start's stretching means nothing, a solution's forces are its own."""
+        predicted = jnp.where(state.first, n.at[:, :3].set(0.0), state.forces)
+        return jnp.where(looking, n, predicted)
+
+    def terminate(self, fn, y, args, options, state, tags):
+        """Converged on a small, undamped step; a solve never fails before its last step."""
+        return state.done, optx.RESULTS.successful
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        """Nothing to add."""
+        return y, aux, {}
+
+
+def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
+    """A bending and torsional stiffness (N m^2) of the size of the softer one, or of what the weight asks for."""
+    own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
+    weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
+    return jnp.diag(jnp.array(_ROTATION)) * (own + 0.1 * weight)
+
+
+def _hold(rod, diagonal):
+    """The small stiffness that keeps a motion without any out of the rounding; alike for rad and parts of the length."""
+    unit = jnp.array([1.0, 1.0, 1.0, rod.length, rod.length, rod.length]) / rod.length
+    largest = jnp.max(jnp.abs(diagonal) / jnp.outer(unit, unit))
+    return _HOLD * largest * jnp.diag(unit**2)
+
+
+def _lent_forces(rod, elements, mode):
+    """The lent stiffness applied to a motion of the nodes: with it inverse iteration follows the motion in which the energy
+    falls fastest for the bending that it takes, and not one that merely costs little, like spinning."""
+    far = vecmat(matvec(lendable_stiffness(rod), strain_increment(rod, elements, mode)), elements.T)
+    return to_nodes(-vecmat(far, elements.A), far)
+
+
+def _size(rod, twist):
+    """Largest motion of a node: rad, or parts of the length."""
+    return jnp.maximum(jnp.max(jnp.abs(twist[:, :3])) / rod.length, jnp.max(jnp.abs(twist[:, 3:])))

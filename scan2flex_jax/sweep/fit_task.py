@@ -1,0 +1,78 @@
+"""Fits as the task of a sweep: from other guesses, with other clamps, noise or tolerances, in every lane."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting.parameters import layout_of
+from scan2flex_jax.fitting.run import FIT_ELEMENTS
+from scan2flex_jax.statics.solve import SOLVED
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.sweep.changes import guesses
+from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output
+
+_NO_INFORMATION = np.inf  # where a fit gives no error bar: NaN is left to what has failed
+
+
+def fits(
+    study: Study,
+    change: Callable | None = None,
+    method: str = "least-squares",
+    *,
+    distance: str = "normal",
+    data: str = "auto",
+    elements: int = FIT_ELEMENTS,
+) -> Calls:
+    """A task that fits ``change(study, lane)``; without ``change`` a lane gives guesses: ``guess_bending_stiffness``, ...
+
+    Outputs: each unknown in its own unit, its ``_std``, ``_low`` and ``_high`` (95 %; infinite where the fit gives no error
+    bar), ``rms`` and ``rms_validate`` (m; infinite where a validate pose could not be solved), ``cost``, ``equilibria``,
+    ``iterations``.
+    """
+    slots = layout_of(study).slots
+    if not slots:
+        raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
+    own = change or guesses
+
+    def one(lane) -> Outcome:
+        f = fit(own(study, lane), method, distance=distance, data=data, elements=elements)
+        return outcome(f)
+
+    parts: dict[str, object] = {"study": study, "change": own, "options": (method, distance, data, elements)}
+    return Calls(one, _outputs(study, slots), parts)
+
+
+def outcome(f) -> Outcome:
+    """The numbers of a `Fit` and its verdict; what it found is kept even where it did not converge."""
+    values = {}
+    for name, e in f.estimates.items():
+        bars = {"std": e.std, "low": e.low, "high": e.high}
+        values[name] = e.value
+        for bar, x in bars.items():
+            none = np.full(np.shape(e.value), -_NO_INFORMATION if bar == "low" else _NO_INFORMATION)
+            values[f"{name}_{bar}"] = none if x is None else x
+    values |= {"rms": f.rms(), "cost": f.cost, "equilibria": f.equilibria, "iterations": f.problem[1].iterations}
+    if f.study.validate_poses:
+        rms = f.rms("validate")
+        values["rms_validate"] = rms if np.isfinite(rms) else np.inf
+    code = SOLVED if f.converged else NOT_CONVERGED
+    stable = all(p.stable for p in f.poses.values() if p.role == "fit")
+    left = float(np.max(f.problem[1].evaluation.verdict.out_of_balance))
+    return Outcome(values, code, stable=stable, steps=f.equilibria, out_of_balance=left)
+
+
+def _outputs(study, slots) -> dict[str, Output]:
+    out = {}
+    for slot in slots:
+        dims = (f"{slot.name}_part",) if slot.shape else ()
+        out[slot.name] = Output(slot.unit, dims, f"estimate of {slot.name}")
+        out |= {f"{slot.name}_{bar}": Output(slot.unit, dims) for bar in ("std", "low", "high")}
+    out["rms"] = Output("m", (), "root mean square distance of the fitted poses")
+    out["cost"] = Output("-", (), "weighted squares of residuals and priors")
+    out["equilibria"] = Output("-", (), "equilibria solved")
+    out["iterations"] = Output("-")
+    if study.validate_poses:
+        out["rms_validate"] = Output("m", (), "root mean square distance of the poses that were not fitted")
+    return out

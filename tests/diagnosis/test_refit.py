@@ -1,0 +1,111 @@
+"""Refits: what no pose feels does not move, and a repeated search goes on from what the last one found."""
+
+import itertools
+from types import SimpleNamespace
+
+import jax
+import numpy as np
+import pytest
+
+from scan2flex_jax.diagnosis import ahead, evidence, refit, search, stage
+from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.diagnosis.slots import empty_slots_of
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.study import load_study
+
+from . import scenes
+
+COMPILED = "/jax/core/compile/backend_compile_duration"
+
+
+def test_a_refused_step_shows_how_the_valley_bends():
+    """Rosenbrock's valley: a long step along its floor climbs the wall, and the same step bent stays on the floor."""
+
+    def white(x):
+        r = np.array([100.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
+        return SimpleNamespace(r=r, J=np.array([[-200.0 * x[0], 100.0], [-1.0, 0.0]]))
+
+    free = np.zeros(2)
+    prior = SimpleNamespace(precision=free, weak=free, centre=free, width=free, frozen=free > 0, low=free - 9, high=free + 9)
+    numbers = SimpleNamespace(nearly_known=np.zeros(0, int), shared=0)
+    x = np.array([0.0, 0.0])
+    step = refit._Step(white(x), numbers, prior, x, 1e-9)
+    plain, bent = (white(end).r for end in (step.end, step.bent(white(step.end))))
+    assert plain @ plain > white(x).r @ white(x).r > 1e8 * (bent @ bent)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
+    """Effects of one amplitude each on a linear residual: the integral over amplitudes is known for every scale."""
+    rng = np.random.default_rng(count)
+    J, y, size = rng.standard_normal((30, count)), rng.standard_normal(30), np.full(count, 0.7)
+    P = np.diag(1.0 / size**2)
+    x = np.linalg.solve(J.T @ J + P, J.T @ y)
+    numbers = SimpleNamespace(count=count, amplitudes=lambda k: np.array([k]))
+    prior = SimpleNamespace(precision=np.diag(P))
+    found = refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(count, bool), [None] * count)
+    cost = np.sum((y - J @ x) ** 2) + x @ P @ x
+    ratios = []
+    for scales in itertools.product(evidence.SCALES, repeat=count):
+        C = np.eye(30) + J @ np.diag((np.array(scales) * size) ** 2) @ J.T
+        ratios.append(np.exp(0.5 * y @ y - 0.5 * y @ np.linalg.solve(C, y) - 0.5 * np.linalg.slogdet(C)[1]))
+    assert 0.5 * (y @ y - cost) + found + 0.5 * np.log(np.linalg.det(P)) == pytest.approx(np.log(np.mean(ratios)), abs=1e-9)
+
+
+def first_stage(study):
+    problem, minimum = fit(study, slots=empty_slots_of(study)).problem
+    bench = Bench(problem, minimum)
+    signatures, beside = stage.signatures(bench, minimum, None)
+    return signatures, stage.stage_of(signatures, beside)
+
+
+@pytest.fixture(scope="module")
+def wire():
+    """The black wire: one pose in a plane, which says nothing of GJ."""
+    return first_stage(load_study(example_path("black-wire")))[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["point_load", "uniform_load"])
+def test_a_stiffness_that_no_pose_feels_stays_at_the_plain_fit(wire, kind):
+    at = next(c.site for c in wire.components if c.kind == kind)
+    size = wire.bench.context.force / (1.0 if kind == "point_load" else wire.bench.context.length)
+    found = refit.refit(wire.bench, (Component(kind, at),), wire.noise, wire.base.vector, [np.array([0.1, 0.0, -0.1]) * size])
+    assert found.chi2 < 0.8 * wire.base.chi2
+    labels = wire.bench.layout.labels
+    GJ, EI = labels.index("torsional_stiffness"), labels.index("bending_stiffness")
+    assert abs(found.vector[GJ] - wire.base.vector[GJ]) < 0.05
+    assert np.sqrt(found.covariance[EI, EI]) < 1.0 < np.sqrt(found.covariance[GJ, GJ])
+
+
+@pytest.mark.slow
+def test_a_repeated_search_needs_fewer_equilibria_and_finds_the_same():
+    signatures, first = first_stage(scenes.study(natural_curvature=(0.0, 1.0, 0.0)))
+    bench, once = first.bench, search.search(first)
+    beside = signatures.complement(once.best.shapes, Numbers(bench, once.best.components), once.best.vector)
+    solves, found = {}, {}
+    for name, known in (("afresh", {}), ("known", once.refits)):
+        again = stage.stage_of(signatures, beside, known)
+        before = bench.solves
+        found[name] = search.search(again)
+        solves[name] = bench.solves - before
+    assert solves["known"] < 0.7 * solves["afresh"]
+    assert found["known"].best.kinds == found["afresh"].best.kinds == once.best.kinds == ("natural_curvature",)
+    assert found["known"].best.cost == pytest.approx(found["afresh"].best.cost, abs=0.1)
+
+
+@pytest.mark.slow
+def test_what_was_compiled_ahead_is_not_compiled_again():
+    study, names, listening = scenes.study(), [], True
+    ahead.compile_ahead(study).join()
+    fit(study, slots=empty_slots_of(study))  # what the fit compiled serves all that comes after it
+
+    def listen(event, seconds, **more):
+        if event == COMPILED and listening:
+            names.append(more.get("fun_name"))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    first_stage(study)
+    listening = False
+    assert not {"jit(_evaluate)", "jit(_scan)", "jit(_state)"} & set(names)

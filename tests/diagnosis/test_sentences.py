@@ -1,0 +1,44 @@
+"""What an explanation says of the conditions under which it holds."""
+
+from importlib import import_module
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.fitting.noise import Noise
+
+run = import_module("scan2flex_jax.diagnosis.run")  # the package's `explain` is the function
+
+
+def found(left, noise, radius=0.004, stated=None):
+    """A search over one pose of 20 points that the plain rod misses by ``left`` (m)."""
+    residual = np.zeros((20, 3))
+    residual[:, 0] = left
+    solved = SimpleNamespace(code=np.array(0))
+    shapes = [SimpleNamespace(residual=residual, verdict=solved, s=np.linspace(0, 1, 20))]
+    study = SimpleNamespace(fit_poses=[SimpleNamespace(noise=stated)])
+    context = SimpleNamespace(length=1.0, radius_or_guess=radius)
+    bench = SimpleNamespace(real=[np.ones(20, bool)], context=context, problem=SimpleNamespace(study=study))
+    return SimpleNamespace(stage=SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes)))
+
+
+@pytest.mark.parametrize(("left", "doubted"), [(1.5e-4, True), (2.0e-3, False)])
+def test_what_is_finer_than_scans_may_err_is_doubted(left, doubted):
+    said = run._if_fine(found(left, Noise(1e-4, 1e-5, 0.05)))
+    assert bool(said) == doubted
+    assert not doubted or "0.15 mm, 4 % of the radius" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("noise", "stated", "conditional"),
+    [
+        (Noise(1e-3, 1e-2, 0.3), None, True),
+        (Noise(1e-3, 1e-2, 0.3), 5e-3, False),  # the user has said how the scan errs
+        (Noise(1e-3, 1e-3, 0.3), None, False),
+    ],
+)
+def test_smooth_errors_as_large_as_shapes_are_a_condition(noise, stated, conditional):
+    said = run._if_noise(found(1e-2, noise, stated=stated))
+    assert bool(said) == conditional
+    assert not conditional or "14.2 mm RMS, alike over 300 mm" in said[0]

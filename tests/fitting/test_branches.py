@@ -1,0 +1,70 @@
+"""Poses whose turns are off by a full turn: found from their measured shapes, said, and no matter for the estimates."""
+
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.fitting import branches, fit
+from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.study import load_study
+
+from . import scenes
+
+NAMES = ("plane", "twist-90", "aside-45", "unseen")
+
+
+def with_turns(more):
+    """The simulated cable with a full turn more (or less) than its poses have."""
+    study = scenes.study_of(poses=NAMES)
+    return branches.with_turns(study, {p.name: p.turns + more.get(p.name, 0) for p in study.poses})
+
+
+def turns(study):
+    return {p.name: p.turns for p in study.poses}
+
+
+@pytest.fixture(scope="module")
+def right():
+    return fit(with_turns({}))
+
+
+@pytest.mark.parametrize("wrong", [{"twist-90": 1}, {"aside-45": -1}, {"unseen": 1}], ids="+".join)
+def test_a_full_turn_too_many_is_found_and_said(right, wrong):
+    f = fit(with_turns(wrong))
+    assert {n for n in NAMES if any(f"pose {n} was solved with turns =" in s for s in f.sentences)} >= set(wrong)
+    assert all(p.rms < 1.05 * right.poses[name].rms for name, p in f.poses.items())
+    for name, estimate in right.estimates.items():
+        assert f.estimates[name].value == pytest.approx(estimate.value, rel=1e-4)
+    assert f.valid == right.valid
+
+
+def test_right_turns_stay_and_nothing_is_said(right):
+    assert right.turned == ()
+    assert turns(right.calibrated) == turns(with_turns({}))
+
+
+def test_distances_are_those_of_solved_poses():
+    problem = Problem(with_turns({}))
+    found = problem.evaluator(np.log([scenes.EI, scenes.GJ]))
+    assert np.all(branches.distances(found, problem.poses.mask) < 1e-3)
+    unsolved = SimpleNamespace(residual=found.residual, verdict=SimpleNamespace(code=np.array([0, 1, 0])))
+    assert np.isinf(branches.distances(unsolved, problem.poses.mask)).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("case", "turned", "plain"),
+    [("d28", {"p1"}, (0.0010020547, 0.00147397422)), ("d27", {"p3", "p5"}, (0.119947439, 0.101332972))],
+)
+def test_poses_of_an_independent_simulator_are_put_on_their_branch(case, turned, plain):
+    """Practice studies in whose poses a turn more is a matter of convention; ``plain`` is what their makers' own rod fits."""
+    folder = Path(os.environ.get("SCAN2FLEX_DATA", "-")) / "practice" / "cases" / case
+    if not folder.is_dir():
+        pytest.skip("the practice studies are not here: name the folder above practice/ in SCAN2FLEX_DATA")
+    f = fit(load_study(folder))
+    assert len(f.turned) == len(turned)
+    assert {name for name in turned if any(f"pose {name} " in s for s in f.turned)} == turned
+    found = [f.estimates[name].value for name in ("bending_stiffness", "torsional_stiffness")]
+    assert found == pytest.approx(plain, rel=2e-3)

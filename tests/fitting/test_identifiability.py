@@ -1,0 +1,64 @@
+"""What the poses cannot determine is said in words, and gets no error bar."""
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.study import Unknown
+
+from . import scenes
+
+TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-4])
+def test_only_the_ratio_to_the_density(noise):
+    study = scenes.study_of([Unknown("length_density", guess=0.3), *scenes.BOTH])
+    curves = scenes.exact_curves(study, TRUE | {"length_density": 0.2})
+    f = fit(scenes.measured(study, curves, noise), elements=scenes.ELEMENTS)
+    assert any(
+        "only the ratio of bending_stiffness and torsional_stiffness to the density are determined" in s for s in f.sentences
+    ), f.sentences
+    assert not any(e.identifiable for e in f.estimates.values())
+    density = f.estimates["length_density"].value
+    for name, value in TRUE.items():
+        np.testing.assert_allclose(f.estimates[name].value / density, value / 0.2, rtol=2e-2)
+    assert "NOT DETERMINED" in f.summary()
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-4])
+def test_plane_pose_without_torsion_says_nothing_on_torsion(noise):
+    study = scenes.study_of(poses=("plane",))
+    f = fit(scenes.measured(study, scenes.exact_curves(study, TRUE), noise), elements=scenes.ELEMENTS)
+    assert f.estimates["bending_stiffness"].identifiable
+    bending = f.estimates["bending_stiffness"]
+    assert abs(bending.value - scenes.EI) < 4 * bending.std + 1e-4 * scenes.EI
+    assert not f.estimates["torsional_stiffness"].identifiable
+    assert any("torsional_stiffness" in s and "not determined" in s for s in f.sentences), f.sentences
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-4])
+def test_natural_curvature_in_the_plane_of_a_clamped_pose_is_invisible(noise):
+    """Its work is -EI k0 times the angle between the clamps, which is given: the shape does not know it."""
+    unknowns = [Unknown("bending_stiffness", guess=np.array([0.1, 0.1])), Unknown("natural_curvature")]
+    study = scenes.study_of(unknowns, poses=("plane",))
+    truth = {"bending_stiffness": np.array([0.1, 0.1]), "natural_curvature": np.zeros(3)}
+    f = fit(scenes.measured(study, scenes.exact_curves(study, truth), noise), elements=scenes.ELEMENTS)
+    w, x, y, z = study.poses[0].start.quaternion
+    d1 = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    across = 0 if abs(d1[1]) > 0.9 else 1  # the axis that is normal to the plane x-z
+    assert any(f"natural_curvature[{across}]" in s for s in f.sentences), f.sentences
+    assert not f.estimates["natural_curvature"].identifiable
+    assert f.estimates["natural_curvature"].std is None
+
+
+def test_what_a_plane_pose_does_not_feel_keeps_its_ratio_to_what_it_feels():
+    """Stiffer in bending alone, the rod would buckle out of its plane on the way, and the fit end where it does."""
+    soft = {"bending_stiffness": scenes.EI / 50, "torsional_stiffness": scenes.EI / 50}
+    study = scenes.guessed(scenes.study_of(poses=("plane",)), **soft)
+    found = fit(study)
+    EI, GJ = (found.estimates[name] for name in ("bending_stiffness", "torsional_stiffness"))
+    assert found.converged
+    assert EI.value == pytest.approx(scenes.EI, rel=1e-3)
+    assert GJ.value == pytest.approx(EI.value, rel=1e-6)
+    assert not GJ.identifiable

@@ -1,0 +1,50 @@
+"""Poses that were never fitted: off by no more than noise, their own tolerances and the estimates' errors, or not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting.parameters import layout_of
+from scan2flex_jax.fitting.statistics import unseen_spread
+from scan2flex_jax.study import Tolerance
+
+from . import scenes
+
+TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
+LOOSE, NOISE = Tolerance(clamp_rotation=0.02), 2e-4  # rad and m
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """Four poses whose clamps are turned within the tolerance; the last one is kept for validation."""
+    study = scenes.study_of(poses=("plane", "twist-90", "aside-45", "unseen"), tolerance=LOOSE)
+    study = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
+    local = np.zeros((4, 12))
+    local[:, [3, 4, 9, 10]] = np.random.default_rng(5).standard_normal((4, 4))
+    local[3, [3, 4, 9, 10]] = [1.0, -1.2, 0.8, 1.1]
+    measured = scenes.measured(study, scenes.exact_curves(study, TRUE, local), NOISE)
+    return replace(measured, poses=(*measured.poses[:3], replace(measured.poses[3], role="validate")))
+
+
+def test_turned_clamps_of_a_new_pose_are_no_fault_of_the_model(turned):
+    f = fit(turned)
+    pose = f.poses["unseen"]
+    assert pose.rms > 1.5 * np.sqrt(2) * NOISE
+    assert pose.spread > pose.rms / 3
+    assert f.valid is True
+    assert f"{1e3 * pose.spread:.2f} mm" in f.sentences[-1]
+
+
+def test_without_the_tolerance_they_are(turned):
+    f = fit(replace(turned, tolerance=scenes.EXACT))
+    assert f.poses["unseen"].spread < f.poses["unseen"].rms / 3
+    assert f.valid is False
+
+
+def test_spread_adds_variances_and_leaves_out_what_is_not_determined():
+    layout = layout_of(scenes.study_of(tolerance=LOOSE))
+    J = np.zeros((5, 2, layout.shared + layout.local))
+    J[:, 0, 0], J[:, 0, 1], J[:, 1, -1] = 3.0, 7.0, 4.0
+    assert unseen_spread(layout, J, np.diag([0.25, np.inf])) == pytest.approx(np.sqrt(1.5**2 + 4.0**2))

@@ -1,0 +1,230 @@
+"""Closed forms and certified values of static rods, approached at fourth order when the mesh is refined.
+
+Closed forms of inextensible rods have a floor: what shear and stretch of a rod that is only nearly rigid add. An order
+is read only where the finer error is well above it.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import Array
+from jaxtyping import Float
+from reference import bend45, elastica, helix
+from scipy.optimize import brentq
+
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import TOO_COARSE, equilibrium
+
+from . import cases
+
+RIGID = 1.0e8  # N, beside EI = 1 N m^2 and L = 1 m; under large loads in proportion, so that no strain exceeds 1e-7
+FLOOR = 3.0e-8  # three times what shear and stretch of such a rod leave (1e-8 L, measured with 80 elements)
+ORDER = 3.5
+
+
+def tip(cable, boundary=None, **loads):
+    """Tip ``(x, z, slope below x)`` on each mesh, every solve required to be a stable equilibrium."""
+    rows = []
+    for n in cases.MESHES:
+        answer = cases.solved(cases.model(cable, **loads), boundary or cases.cantilever(), n)
+        assert answer.verdict.solved, answer.verdict.sentence()
+        d3 = answer.configuration.R[-1, :, 2]
+        rows.append([*np.asarray(answer.points[-1])[[0, 2]], np.arctan2(-d3[2], d3[0])])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("load", [0.2, 0.5, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 100])
+def test_tip_loaded_cantilever(load):
+    """Mattiasson's table, from elliptic integrals (derived in `reference.elastica`)."""
+    drop, back, slope = elastica.tip_loaded_cantilever(load)
+    rigid = RIGID * max(1.0, load)
+    got = tip(Cable(1.0, 0.0, 1.0, 1.0, rigid, rigid), gravity=cases.WEIGHTLESS, force=(0.0, 0.0, -load))
+    errors = np.abs(got - [1 - back, -drop, slope])
+    assert np.all(errors[2] < 1.5e-8 * (1.0 + load))
+    orders = cases.order(np.linalg.norm(errors[:, :2], axis=1), FLOOR)
+    assert np.all(orders > ORDER)
+    assert len(orders) >= (load >= 2) + (load >= 10)  # smaller loads reach the floor with 20 elements
+
+
+@pytest.mark.parametrize("weight", [1, 2, 5, 10, 20, 50, 100])
+def test_heavy_cantilever(weight):
+    """A horizontal cantilever under its own weight q, q L^3/EI from small to large (`reference.elastica`, shooting)."""
+    drop, x, slope = elastica.heavy_cantilever(weight)
+    got = tip(Cable(1.0, weight / 9.81, 1.0, 1.0, RIGID * weight, RIGID * weight))
+    errors = np.abs(got - [x, -drop, slope])
+    assert np.all(errors[2] < 2.2e-8 * weight)
+    orders = cases.order(np.linalg.norm(errors[:, :2], axis=1), FLOOR)
+    assert np.all(orders > ORDER)
+    assert len(orders) >= (weight >= 5) + (weight >= 10)  # smaller weights reach the floor with 20 elements
+
+
+def test_small_weight_bends_by_the_linear_formula():
+    """Tip deflection q L^4/(8 EI): the 1/2 of the strain energy. The next term is of order (q L^3/EI)^2 = 1e-6."""
+    got = tip(Cable(1.0, 1e-3 / 9.81, 1.0, 1.0))
+    np.testing.assert_allclose(-got[:, 1], 1e-3 / 8, rtol=1e-4)  # 4e-5 of it is shear: 4 EI / (GA L^2) with GA = 1e5 N
+
+
+@pytest.mark.parametrize("load", [300.0, 450.0, 600.0])
+@pytest.mark.parametrize("J", [bend45.POLAR_J, bend45.SAINT_VENANT_J], ids=["J=1/6", "J=0.141"])
+def test_bend45(load, J):
+    """Bathe and Bolourchi's bend with shear and stretch (`reference.bend45`); the two torsion constants are apart by
+    0.5 % of the length, a hundred thousand times the error allowed here."""
+    exact = bend45.tip_position(load, J, bend45.GA, bend45.EA)
+    cable = Cable(bend45.LENGTH, 0.0, bend45.EI, bend45.SHEAR_MODULUS * J, bend45.GA, bend45.EA, bend45.NATURAL_CURVATURE)
+    model = cases.model(cable, cases.WEIGHTLESS, (0.0, 0.0, load))
+    answers = [cases.solved(model, cases.cantilever(bend45.START_FRAME), n) for n in cases.MESHES]
+    assert all(a.verdict.solved for a in answers)
+    errors = np.array([np.linalg.norm(np.asarray(a.points[-1]) - exact) for a in answers]) / bend45.LENGTH
+    assert errors[2] < 5e-8
+    orders = cases.order(errors, FLOOR)  # the reference's own floor is near 1e-8
+    assert np.all(orders > ORDER)
+    assert len(orders) > 0
+
+
+@pytest.mark.parametrize("turns", [0.25, 1.0, 2.0])
+def test_natural_curvature_rolls_up(turns):
+    """An end moment M bends a cantilever as natural curvature M/EI does: an arc, exact on any mesh."""
+    curvature = 2 * np.pi * turns
+    cable = Cable(1.0, 0.0, 1.0, 1.0, natural_curvature=(0.0, curvature, 0.0))
+    answer = cases.solved(cases.model(cable, cases.WEIGHTLESS), cases.cantilever(), 40)
+    assert answer.verdict.solved
+    x, across = helix.rolled_up(answer.s, 1.0, 1.0, turns)
+    # curvature about d2 = -y turns d3 = +x towards +z
+    np.testing.assert_allclose(answer.points, np.stack([x, 0 * x, across], axis=1), atol=1e-9)
+
+
+class PlaneMoment(AbstractEffect):
+    """A moment (N m) about +y on the far end, with the potential ``-M angle`` that it has in the plane x-z."""
+
+    moment: Float[Array, ""]
+    spacing: Float[Array, ""]
+
+    def node_potential(self, node):
+        last = (node.s > 0) & (node.weight < 0.75 * self.spacing)
+        angle = jnp.arctan2(-node.R[2, 2], node.R[0, 2])
+        return -jnp.where(last, self.moment * angle, 0.0)
+
+
+@pytest.mark.parametrize("turns", [0.5, 1.0])
+def test_end_moment_rolls_up(turns):
+    """Under M = 2 pi EI/L the circle closes. Sections a hundred times stiffer out of the plane keep it there."""
+    cable = Cable(1.0, 0.0, (100.0, 1.0), 100.0, RIGID, RIGID)
+    frame = np.stack([[0.0, 0, -1.0], [0.0, 1, 0], [1.0, 0, 0]], axis=1)
+    moment = PlaneMoment(jnp.array(2 * np.pi * turns), jnp.array(1 / 40))
+    model = CableModel(cable, jnp.zeros(3), (moment,))
+    answer = equilibrium(model, cases.cantilever(frame))
+    assert answer.verdict.solved, answer.verdict.sentence()
+    x, down = helix.rolled_up(answer.s, 1.0, 1.0, turns)
+    np.testing.assert_allclose(answer.points, np.stack([x, 0 * x, -down], axis=1), atol=1e-8)
+
+
+@pytest.mark.parametrize("EA", [1e4, 1e8, 1.6e9])
+def test_straight_rod_becomes_a_helix(EA):
+    """The body moment (0, EI kappa, GJ tau) on the end, as natural strains: an exact helix of two coils (cardillo).
+
+    The more slender the rod (EA L^2/EI), the more steps: 51, 157 and 237, the last beyond what a solve has by default.
+    """
+    case = helix.helix_case()
+    frame, shrink = cases.START_FRAME, case.length  # the same helix at unit length
+    strain = shrink * np.array([0.0, case.curvature, case.torsion])
+    boundary = cases.cantilever(frame)
+    model = cases.model(Cable(1.0, 0.0, 1.0, 1.0, EA, EA, strain), cases.WEIGHTLESS)
+    start = cases.generic_start(boundary, model.cable.length, model.gravity, 0, 40)
+    answer = equilibrium(model, boundary, start=start, max_steps=400)
+    assert answer.verdict.solved, answer.verdict.sentence()
+    r, R = helix.under_end_moment(
+        shrink * np.asarray(answer.s), helix.helix_moment(case, frame), case.stiffness, case.stiffness, frame
+    )
+    np.testing.assert_allclose(answer.points, r / shrink, atol=1e-8)
+    np.testing.assert_allclose(answer.configuration.R, R, atol=1e-7)
+
+
+def test_helix_between_clamps_carries_a_constant_moment():
+    """EI and GJ apart, ends clamped where the closed form ends: no force, and the moment of the closed form.
+
+    Shapes and reactions are of fourth order. The moment of a section is that of the element's mean strain: second order.
+    There is no force, so it does not matter how rigid the rod is; with 1e8 N rounding would leave forces of 1e-7 N.
+    """
+    frame, moment, EI, GJ = cases.START_FRAME, np.array([0.5, 1.5, 0.8]), 1.0, 0.6
+    end, end_frame = (x[0] for x in helix.under_end_moment([1.0], moment, EI, GJ, frame))
+    model = cases.model(Cable(1.0, 0.0, EI, GJ, 1e6, 1e6), cases.WEIGHTLESS)
+    errors = []
+    for n in cases.MESHES:
+        answer = cases.solved(model, cases.clamped(end, end_frame), n)
+        assert answer.verdict.solved
+        _, (_, f, m), (force, couple) = cases.loads_of(answer)
+        r, _ = helix.under_end_moment(answer.s, moment, EI, GJ, frame)
+        distances = np.linalg.norm(np.asarray(answer.points) - r, axis=1)
+        turned = np.abs(couple[1] - moment).max()
+        errors.append([distances.max(), np.abs(m - moment).max(), np.abs(f).max(), np.abs(force).max(), turned])
+    assert np.all(np.array(errors[2]) < [5e-9, 6e-5, 6e-7, 6e-7, 1.5e-7])
+    orders = np.log2(np.array(errors)[:-1] / errors[1:])
+    assert np.all(orders > [ORDER, 1.95, ORDER, ORDER, ORDER])
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1])
+def test_pure_torsion(turns):
+    """A straight rod twisted by phi + 2 pi turns between its clamps: M = GJ angle/L, energy GJ angle^2/(2 L)."""
+    GJ, phi = 0.6, 1.2
+    turn = cases.clamped_cases.rotations.about(cases.clamped_cases.X, phi)
+    model = cases.model(Cable(1.0, 0.0, 1.0, GJ), cases.WEIGHTLESS)
+    answer = cases.solved(model, cases.clamped((1.0, 0.0, 0.0), turn @ cases.START_FRAME), turns=turns)
+    moment, energy = helix.pure_torsion(1.0, GJ, phi + 2 * np.pi * turns)
+    assert answer.verdict.solved
+    got_energy, (_, _, m), (_, reaction) = cases.loads_of(answer)
+    np.testing.assert_allclose(got_energy, energy, rtol=1e-10)
+    np.testing.assert_allclose(m, np.tile([moment, 0, 0], (40, 1)), atol=1e-8)
+    np.testing.assert_allclose(reaction, [[-moment, 0, 0], [moment, 0, 0]], atol=1e-8)
+
+
+def test_hanging_cable_stretches_under_its_weight():
+    """Hung from a clamp, the elongation to the section s is w (L s - s^2/2)/EA; exact at the nodes."""
+    w, EA = 0.2 * 9.81, 100.0
+    down = np.stack([[1.0, 0, 0], [0.0, -1, 0], [0.0, 0, -1]], axis=1)
+    answer = cases.solved(cases.model(Cable(1.0, 0.2, 0.1, 0.25, 1e3, EA)), cases.cantilever(down))
+    s = np.asarray(answer.s)
+    np.testing.assert_allclose(answer.points[:, 2], -(s + w * (s - s**2 / 2) / EA), atol=1e-12)
+
+
+def catenary(span, length, s):
+    """``(x, z)`` of a chain between level supports: ``sinh(a)/a = L/span`` with ``a = w span/(2 H)``."""
+    a = brentq(lambda a: np.sinh(a) / a - length / span, 1e-6, 20.0)
+    c = span / (2 * a)
+    along = (s - length / 2) / c
+    return c * np.arcsinh(along) + span / 2, c * (np.hypot(1, along) - np.hypot(1, length / 2 / c))
+
+
+# 40 elements are too long for the bends at the joints of the softest, 2.5e-5
+@pytest.mark.parametrize(("EI", "elements"), [(1e-3, 40), (1e-3, 80), (4e-4, 40), (1e-4, 80)])
+def test_soft_cable_between_ball_joints_is_a_catenary(EI, elements):
+    """Ball joints bend nothing, so bending stiffness moves the chain by an amount proportional to EI/(H L^2) only.
+
+    A cable free to spin about its own axis has a motion without stiffness, which the solve leaves alone.
+    """
+    span = 0.7
+    ends = Boundary.of((jnp.zeros(3), None), (jnp.array([span, 0.0, 0.0]), None))
+    errors = []
+    for stiffness in (EI, EI / 4):
+        answer = cases.solved(cases.model(Cable(1.0, 0.2, stiffness, stiffness)), ends, elements)
+        assert answer.verdict.solved, answer.verdict.sentence()
+        x, z = catenary(span, 1.0, np.asarray(answer.s))
+        errors.append(np.abs(np.asarray(answer.points) - np.stack([x, 0 * x, z], axis=1)).max())
+        _, _, (force, moment) = cases.loads_of(answer)
+        np.testing.assert_allclose(moment, 0, atol=1e-9)
+        np.testing.assert_allclose(force.sum(0), [0, 0, 0.2 * 9.81], atol=1e-6)
+    assert errors[0] < 1.5 * EI  # m, beside a horizontal pull of 0.7 N
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_elements_longer_than_the_bends_are_refused():
+    """A limp cable between clamps: with 40 elements the forces balance on a polygon of 2.7 m for a cable of 1 m."""
+    limp = cases.model(Cable(1.0, 0.2, 1e-5, 1e-5))
+    along_x = jnp.array([0.5, 0.5, 0.5, 0.5])
+    ends = Boundary.of((jnp.zeros(3), along_x), (jnp.array([0.6, 0.0, 0.0]), along_x))
+    coarse, fine = (equilibrium(limp, ends, elements=n) for n in (40, 320))
+    assert int(coarse.verdict.code) == TOO_COARSE
+    assert fine.verdict.solved, fine.verdict.sentence()
+    assert np.linalg.norm(np.diff(np.asarray(fine.points), axis=0), axis=1).sum() == pytest.approx(1.0, abs=1e-3)
