@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.errors import StudyError
 from scan2flex_jax.fitting.evaluate import observed, one
-from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template
+from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
-from scan2flex_jax.statics.solve import Verdict, equilibrium
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
 
 _FINEST = 4000  # points of a curve that is searched for places where it passes through itself
@@ -53,19 +53,6 @@ class Prediction:
             return out
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
-
-
-def model_of(study):
-    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
-    for unknown in study.unknowns:
-        if study.start_value(unknown.name) is None:
-            where = (study.folder / "study.toml") if study.folder else "study"
-            raise StudyError(
-                where, f"unknown.{unknown.name}", "has no value to simulate with: give a guess, or fit the study first."
-            )
-    layout = layout_of(study)
-    x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
-    return model_at(layout, template(study), x)
 
 
 def settled(pose, model, elements: int):

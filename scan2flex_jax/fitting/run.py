@@ -23,7 +23,7 @@ from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fitting.start import balance_start
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import noise_of, uncertainty, unseen_spread
-from scan2flex_jax.statics.solve import SENTENCES
+from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.model import Study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
