@@ -22,7 +22,7 @@ except ImportError:
 
 
 _Function = TypeVar("_Function", bound=Callable)
-_OURS: list[Any] = []  # what was compiled here
+_OURS: list[Any] = []  # the jitted functions of the package
 _MAPPED, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _FULL = 0.5  # of the memory mappings that Linux grants a process: what is left is ample for one diagnosis
 
@@ -80,16 +80,19 @@ def lightly_compiled(function: _Function) -> _Function:
 
 
 def make_room(full: float = _FULL) -> bool:
-    """Forget all compiled functions of the process when they hold more than ``full`` of the memory mappings that it may have.
+    """Forget what the package has compiled when the process holds more than ``full`` of the memory mappings it may have.
 
-    Each compiled function holds some; beyond Linux's limit the next one crashes the process, after some sixty studies that
-    are explained one after the other. Whether they were forgotten; elsewhere than on Linux nothing is known, and nothing done.
+    Each compiled function holds some; beyond Linux's limit the next one crashes the process, after some sixty studies that are
+    explained one after the other. Functions that others compiled stay. Whether anything was forgotten; elsewhere than on Linux
+    nothing is known, and nothing done.
     """
     try:
         with _MAPPED.open("rb") as maps:
             room = sum(1 for _ in maps) < full * int(_LIMIT.read_text())
     except (OSError, ValueError):
         return False
-    if not room:
-        jax.clear_caches()
-    return not room
+    if room:
+        return False
+    for function in _OURS:
+        function._cached.clear_cache()  # equinox has no public way; `jax.clear_caches` would clear the caller's functions too
+    return True

@@ -50,7 +50,7 @@ class Equilibrium(eqx.Module):
     @property
     def energy(self) -> Float[Array, ""]:
         """Potential energy (J)."""
-        return potential_energy(self.configuration, self.rod)
+        return _energy(self.configuration, self.rod)
 
     @property
     def observed(self) -> Float[Array, "nodes 3"]:
@@ -60,26 +60,39 @@ class Equilibrium(eqx.Module):
             points = effect.observe(points)
         return points
 
-    def section_forces(self):
+    def section_forces(self) -> tuple[Float[Array, " n"], Float[Array, "n 3"], Float[Array, "n 3"]]:
         """``(s, f, m)``: middles of the elements (m), force (N) and moment (N m) on the section there, in the scan frame.
 
         They act on the part before the section and are exerted by the part after it (paper, Eq. 3).
         """
-        r, R = self.configuration
-        n = section_forces(self.rod, self.configuration)
+        return self.rod.section.s, *_section_forces(self.rod, self.configuration)
 
-        def half(R0, r0, r1, R1):
-            x = lie.se3_log(vecmat(r1 - r0, R0), matmul(R0.T, R1))
-            return matmul(R0, lie.so3_exp(0.5 * x[3:]))
+    def reactions(self) -> tuple[Float[Array, "2 3"], Float[Array, "2 3"]]:
+        """``(force, moment)``, N and N m, scan frame: what the supports exert on start and end."""
+        return _reactions(self.rod, self.configuration)
 
-        middle = jax.vmap(half)(R[:-1], r[:-1], r[1:], R[1:])
-        return self.rod.section.s, *(matvec(middle, part) for part in (n[:, :3], n[:, 3:]))
 
-    def reactions(self):
-        """``(force, moment)`` of shape (2, 3), N and N m, scan frame: what the supports exert on start and end."""
-        R = self.configuration.R[jnp.array([0, -1])]
-        g = out_of_balance(self.rod, self.configuration)[jnp.array([0, -1])]
-        return matvec(R, g[:, :3]), matvec(R, g[:, 3:])
+_energy = compiled(potential_energy)
+
+
+@compiled
+def _section_forces(rod, configuration):
+    r, R = configuration
+    n = section_forces(rod, configuration)
+
+    def half(R0, r0, r1, R1):
+        x = lie.se3_log(vecmat(r1 - r0, R0), matmul(R0.T, R1))
+        return matmul(R0, lie.so3_exp(0.5 * x[3:]))
+
+    middle = jax.vmap(half)(R[:-1], r[:-1], r[1:], R[1:])
+    return matvec(middle, n[:, :3]), matvec(middle, n[:, 3:])
+
+
+@compiled
+def _reactions(rod, configuration):
+    ends = jnp.array([0, -1])
+    R, g = configuration.R[ends], out_of_balance(rod, configuration)[ends]
+    return matvec(R, g[:, :3]), matvec(R, g[:, 3:])
 
 
 def solve_rod(

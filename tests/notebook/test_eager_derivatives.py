@@ -12,6 +12,7 @@ import pytest
 from . import rods
 
 X = jnp.zeros(6)
+LANES = jnp.stack([X, X + 0.05])
 value = jax.jit(rods.loss)
 
 
@@ -44,26 +45,30 @@ WAYS = {
     "jitted grad": lambda f: jax.jit(jax.grad(f))(X),
     "checkpoint": lambda f: jax.grad(jax.checkpoint(f))(X),
 }
+COMPILE_ALL_AGAIN = ("grad of a jitted function", "checkpoint")
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [pytest.param(w, marks=[pytest.mark.slow] * (w in COMPILE_ALL_AGAIN)) for w in WAYS])
 def test_every_way_gives_the_differences(way, slope):
     close(WAYS[way](rods.loss), slope)
 
 
-def test_vmap_of_grad_and_grad_of_vmap(slope):
-    lanes = jnp.stack([X, X + 0.05])
-    each = jax.vmap(jax.grad(rods.loss))(lanes)
+def test_vmap_of_grad(slope):
+    each = jax.vmap(jax.grad(rods.loss))(LANES)
     close(each[0], slope)
-    together = jax.grad(lambda lanes: jnp.sum(jax.vmap(rods.loss)(lanes)))(lanes)
-    np.testing.assert_allclose(together, each, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
     assert np.abs(each[1] - each[0]).max() > 1e-3 * np.abs(slope).max()
 
 
+@pytest.mark.slow
+def test_grad_of_vmap(slope):
+    each = jax.jit(jax.vmap(jax.grad(rods.loss)))(LANES)
+    together = jax.grad(lambda lanes: jnp.sum(jax.vmap(rods.loss)(lanes)))(LANES)
+    np.testing.assert_allclose(together, each, rtol=1e-9, atol=1e-9 * np.abs(slope).max())
+
+
 def test_a_vmapped_equilibrium_is_the_single_one():
-    lanes = jnp.stack([X, X + 0.05])
-    batch = jax.vmap(rods.height)(lanes)
-    single = [rods.height(x) for x in lanes]
+    batch = jax.vmap(rods.height)(LANES)
+    single = [rods.height(x) for x in LANES]
     np.testing.assert_allclose(batch, single, rtol=1e-9)
 
 
