@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.files import write_atomic, write_json_atomic
+from scan2flex_jax.study.files import write_atomic
+from scan2flex_jax.study.outputs import write_json_atomic
 from scan2flex_jax.sweep.labelled import filled, xarray
 from scan2flex_jax.sweep.task import VERDICT, Batch, Output
 
