@@ -131,6 +131,8 @@ def write_atomic(path: Path, data: bytes | Path) -> None:
         _write_through(path, data.read_bytes() if isinstance(data, Path) else data)
         return
     path = path.resolve()
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, "it is write-protected", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name.encode()[:100].decode(errors='ignore')}.{secrets.token_hex(4)}.tmp")
     try:
