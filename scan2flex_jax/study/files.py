@@ -209,6 +209,7 @@ def _sync_folder(folder: Path) -> None:
 
 def writing_error(path: Path, error: Exception) -> Scan2FlexError:
     """One sentence for a file that the system would not take."""
+    path = Path(one_line(str(path), 300))
     if getattr(error, "errno", None) == errno.ENXIO:
         return StudyError(path, None, f"nobody read this pipe for {PATIENCE:g} s: start its reader first.")
     return StudyError(path, None, f"the file cannot be written ({_reason(error)}): check the folder and the disk.")
