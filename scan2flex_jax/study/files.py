@@ -53,15 +53,19 @@ def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | 
 
 def _read(path: Path, limit: int, where: Where, rows: Limit | None) -> bytearray:
     """The bytes of a file: its size is looked at first, and counted again, since a file may grow."""
+    advice = "give a smaller one." if rows is None else rows.advice
+    too_large = where.fail(f"the file is larger than {limit // 1_000_000} MB: {advice}")
     data, lines = bytearray(), 0
     with path.open("rb") as stream:
-        while os.fstat(stream.fileno()).st_size <= limit and len(data) <= limit and (block := stream.read(_BLOCK)):
+        if os.fstat(stream.fileno()).st_size > limit:
+            raise too_large
+        while block := stream.read(_BLOCK):
             data += block
+            if len(data) > limit:
+                raise too_large
             lines += sum(map(block.count, _BREAKS)) - block.count(b"\r\n")
             if rows is not None and lines > rows.points + 1:  # a header
                 raise where.fail(rows.sentence(f"more than {rows.points} lines"))
-        if len(data) > limit or os.fstat(stream.fileno()).st_size > limit:
-            raise where.fail(f"the file is larger than {limit // 1_000_000} MB: give a smaller one.")
     return data
 
 

@@ -13,6 +13,7 @@ VARIABLE = "SCAN2FLEX_MAX_POINTS"
 SCAN_POINTS, CURVE_POINTS = 5_000_000, 1_000_000
 BYTES_OF_A_POINT = 100
 """A line of text with position, normal and colour; binary formats take a quarter of it."""
+_HEADER = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,18 @@ class Limit:
 
     @property
     def bytes(self) -> int:
-        """Bytes that so many points can fill, unpacked."""
-        return BYTES_OF_A_POINT * self.points
+        """Bytes that so many points can fill, unpacked, with a header."""
+        return BYTES_OF_A_POINT * self.points + _HEADER
+
+    @property
+    def advice(self) -> str:
+        """What to do about a file that is larger."""
+        return f"thin it out, or set {VARIABLE} to more points."
 
     def sentence(self, found: str) -> str:
         """What is said of a file that is larger: ``found`` is what it holds, as in "9000000 points"."""
         most = f"{self.points} points ({self.bytes // 1_000_000} MB)"
-        return f"it holds {found}, and at most {most} are read: thin it out, or set {VARIABLE} to more points."
+        return f"it holds {found}, and at most {most} are read: {self.advice}"
 
 
 def scan_limit() -> Limit:

@@ -13,7 +13,7 @@ import logging
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def load_geometry(path: Path) -> Any:
         raise unreadable(path, fault) from fault
 
 
-def _unpacked(path: Path, stream: BinaryIO, limit: Limit) -> tuple[str, BinaryIO]:
+def _unpacked(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, io.BufferedIOBase]:
     """The kind of a scan, and its bytes as a stream."""
     ending = path.suffix.lower()
     if ending == ".zip":
@@ -59,7 +59,7 @@ def _unpacked(path: Path, stream: BinaryIO, limit: Limit) -> tuple[str, BinaryIO
     return kind, data
 
 
-def _only_scan(path: Path, stream: BinaryIO, limit: Limit) -> tuple[str, Any]:
+def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, Any]:
     """The one scan in an archive: its name, and a stream of it."""
     try:
         archive = zipfile.ZipFile(stream)
@@ -72,7 +72,7 @@ def _only_scan(path: Path, stream: BinaryIO, limit: Limit) -> tuple[str, Any]:
         raise unreadable(path, fault) from fault
 
 
-def _counted(path: Path, stream: Any, limit: Limit) -> BinaryIO:
+def _counted(path: Path, stream: Any, limit: Limit) -> io.BufferedIOBase:
     """What a packed stream unpacks to, as long as that is no more than the limit."""
     data = io.BytesIO()
     try:
@@ -106,7 +106,7 @@ def _check(path: Path, found: Survey, limit: Limit) -> None:
         raise StudyError(path, None, f"it ends before its {found.faces} faces do: it was cut short; {_ADVICE}")
 
 
-def _read(path: Path, kind: str, data: BinaryIO) -> Any:
+def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
     if kind == "xyz":
@@ -122,9 +122,9 @@ def _read(path: Path, kind: str, data: BinaryIO) -> Any:
         log.setLevel(level)
 
 
-def _table(data: BinaryIO) -> np.ndarray:
+def _table(data: io.BufferedIOBase) -> np.ndarray:
     """The first three columns of a text, apart by blanks or commas (trimesh's reader takes ten times the memory)."""
-    text = io.TextIOWrapper(data, "utf-8-sig", errors="replace")
+    text = io.TextIOWrapper(data, "utf-8-sig", errors="replace")  # type: ignore[type-var]  # any stream of bytes does
     first = next(line for line in text if line.strip() and not line.lstrip().startswith("#"))
     text.seek(0)
     mark = "," if "," in first else None

@@ -4,12 +4,12 @@ A survey takes a block of memory, whatever the file says. `points` are those tha
 its header promises (the same, where the format has no header).
 """
 
+import io
 import itertools
 import json
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import BinaryIO
 
 from scan2flex_jax.study.limits import Limit
 
@@ -35,14 +35,14 @@ class Survey:
     unit: str = "points"
 
 
-def survey(kind: str, stream: BinaryIO, limit: Limit) -> Survey:
+def survey(kind: str, stream: io.BufferedIOBase, limit: Limit) -> Survey:
     """What a file of a kind among `KINDS` holds; counting stops where the limit is passed."""
     size = stream.seek(0, 2)
     stream.seek(0)
     return KINDS[kind](stream, size, limit)
 
 
-def _lines(stream: BinaryIO) -> Iterator[bytes]:
+def _lines(stream: io.BufferedIOBase) -> Iterator[bytes]:
     """Lines that are not blank; of endless ones, pieces."""
     return (line for line in iter(lambda: stream.readline(_LONGEST_LINE), b"") if not line.isspace())
 
@@ -52,12 +52,12 @@ def _count(lines: Iterator[bytes], most: int) -> int:
     return sum(1 for _ in itertools.islice(lines, most + 1))
 
 
-def _xyz(stream: BinaryIO, size: int, limit: Limit) -> Survey:
+def _xyz(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     rows = _count((line for line in _lines(stream) if not line.lstrip().startswith(b"#")), limit.points)
     return Survey(rows, rows)
 
 
-def _obj(stream: BinaryIO, size: int, limit: Limit) -> Survey:
+def _obj(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     points = faces = 0
     for line in _lines(stream):
         points += line[:2] in (b"v ", b"v\t")
@@ -67,7 +67,7 @@ def _obj(stream: BinaryIO, size: int, limit: Limit) -> Survey:
     return Survey(points, points, faces)
 
 
-def _off(stream: BinaryIO, size: int, limit: Limit) -> Survey:
+def _off(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     words: list[bytes] = []
     lines = (text for line in _lines(stream) if (text := line.split(b"#")[0].strip()))
     for line in itertools.islice(lines, 3):
@@ -82,7 +82,7 @@ def _off(stream: BinaryIO, size: int, limit: Limit) -> Survey:
     return Survey(min(declared, rows), declared, faces, cut=rows < declared + faces)
 
 
-def _stl(stream: BinaryIO, size: int, limit: Limit) -> Survey:
+def _stl(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     head = stream.read(_HEADER)
     if head.lstrip()[:5].lower() == b"solid" and (b"facet" in head or size < _STL_HEAD):
         stream.seek(0)
@@ -95,7 +95,7 @@ def _stl(stream: BinaryIO, size: int, limit: Limit) -> Survey:
     return Survey(min(there, declared), declared, declared, unit="triangles")
 
 
-def _glb(stream: BinaryIO, size: int, limit: Limit) -> Survey:
+def _glb(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     head = stream.read(20)
     if len(head) < 20 or head[:4] != b"glTF" or struct.unpack("<I", head[12:16])[0] > min(size, limit.bytes // 10):
         return Survey(fault="it is no binary glTF")
@@ -114,7 +114,7 @@ def _glb(stream: BinaryIO, size: int, limit: Limit) -> Survey:
     return Survey(points, points, max(counts, default=0) // 3)
 
 
-def _ply(stream: BinaryIO, size: int, limit: Limit) -> Survey:
+def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     found = _ply_header(stream)
     if isinstance(found, str):
         return Survey(fault=found)
@@ -133,7 +133,7 @@ def _ply(stream: BinaryIO, size: int, limit: Limit) -> Survey:
     return Survey(max(points, 0), declared, faces, cut)
 
 
-def _ply_header(stream: BinaryIO) -> tuple[bool, list[tuple[str, int, int]]] | str:
+def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]] | str:
     """Whether a PLY is text, and the name, count and least bytes of its elements, in turn; or why there is no telling."""
     elements: list[tuple[str, int, int]] = []
     ascii_text = None
@@ -157,7 +157,7 @@ def _ply_header(stream: BinaryIO) -> tuple[bool, list[tuple[str, int, int]]] | s
     return "its header has no end"
 
 
-KINDS: dict[str, Callable[[BinaryIO, int, Limit], Survey]] = {
+KINDS: dict[str, Callable[[io.BufferedIOBase, int, Limit], Survey]] = {
     "ply": _ply, "xyz": _xyz, "obj": _obj, "stl": _stl, "off": _off, "glb": _glb,
 }  # fmt: skip
 """The kinds of scans that are read: those whose size can be told before."""
