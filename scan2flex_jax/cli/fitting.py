@@ -116,13 +116,14 @@ def demo(
     from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
 
     prepare_jax()
-    from scan2flex_jax.diagnosis.ahead import compile_ahead  # noqa: PLC0415
+    from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis.slots import empty_slots_of  # noqa: PLC0415
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     out.mkdir(parents=True, exist_ok=True)
     cable, wire = (load_study(example_path(name)) for name in ("simulated-cable", "black-wire"))
-    compile_ahead(wire)  # beside the fits: half of the time is compilation, on the second core
+    ahead = AheadCompiler()
+    ahead.start(wire)  # beside the fits: half of the time is compilation, on the second core
     plot = drawing()
     for name, loaded in (("simulated-cable", cable), ("black-wire", wire)):
         with progress(f"fitting {name}") as tell:
@@ -131,7 +132,7 @@ def demo(
         plot.save(plot.overview(result), out / f"{name}.png")
         write_json_atomic(out / f"{name}.json", result.to_json())
         typer.echo(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
-    result = explained(wire, 40)
+    result = explained(wire, 40, ahead)
     if result.fit is not None:
         draw_explanation(result, out)
         typer.echo(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")

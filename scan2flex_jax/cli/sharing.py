@@ -30,21 +30,22 @@ def report(
 
     loaded = load_study(study)
     prepare_jax()
+    from scan2flex_jax.diagnosis import AheadCompiler, Explanation, explain  # noqa: PLC0415
+    from scan2flex_jax.fitting import Fit, fit  # noqa: PLC0415
     from scan2flex_jax.reporting import require_libraries, save_report  # noqa: PLC0415
 
     require_libraries()
-    if no_explain:
-        from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
-    else:
-        from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
-
+    result: Fit | Explanation
     with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}") as tell:
-        result = run(loaded, elements=elements, progress=tell)
+        if no_explain:
+            result = fit(loaded, elements=elements, progress=tell)
+        else:
+            result = explain(loaded, elements=elements, progress=tell, ahead=AheadCompiler())
         save_report(result, out, progress=tell)
     typer.echo(f"written: {out}")
     if json:
         write_json_atomic(json, result.to_json())
-    fitted = result if no_explain else result.fit
+    fitted = result.fit if isinstance(result, Explanation) else result
     if fitted is None or not all(pose.stable for pose in fitted.poses.values()):
         raise typer.Exit(NOT_TO_BELIEVE)
 

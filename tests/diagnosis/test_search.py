@@ -12,7 +12,10 @@ search = import_module("scan2flex_jax.diagnosis.search")
 
 def refit(log_evidence, *kinds):
     components, nothing = tuple(Component(kind, {}) for kind in kinds), np.zeros(0)
-    return Refit(components, nothing, [], 0.0, 0.0, log_evidence, nothing, True)
+    return Refit(
+        components=components, vector=nothing, shapes=[], cost=0.0, chi2=0.0, log_marginal=0.0, covariance=nothing,
+        converged=True, log_evidence=log_evidence,
+    )  # fmt: skip
 
 
 def test_a_set_with_an_effect_too_many_gives_way_to_the_rest():
