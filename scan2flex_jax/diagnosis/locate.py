@@ -31,7 +31,7 @@ class Field:
 LOAD = "load"
 
 
-def common(stage, name: str) -> Field:
+def common_field(stage, name: str) -> Field:
     """The field of `families.DESCRIBED` that is the same in all poses: loads in the scan frame, curvatures in material axes."""
     return _field(stage, name, slice(None))
 

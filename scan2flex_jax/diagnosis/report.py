@@ -138,7 +138,7 @@ def declared(study, estimates_after, chosen):
 
 def description(found) -> Ranked:
     """The field that describes what no effect explains: curvature or load, whichever is likelier. Not physics."""
-    fields = {name: locate.common(found.stage, name) for name in DESCRIBED}
+    fields = {name: locate.common_field(found.stage, name) for name in DESCRIBED}
     likeliest = max(fields, key=lambda name: fields[name].gain)
     f, d = fields[likeliest], DESCRIBED[likeliest]
     std = {d.parameter: f.std}

@@ -168,7 +168,7 @@ def _explanation(base, found, warnings, began):
         sentences=(*_sentences(found, chosen, description), *_confirmed(poses, chosen), *fitted.turned, *warnings),
         gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
         seconds=time.perf_counter() - began,
-        load=locate.common(found.stage, locate.LOAD),
+        load=locate.common_field(found.stage, locate.LOAD),
         pose_loads=tuple(locate.pose_loads(found.stage)),
         description=description,
         search=found,

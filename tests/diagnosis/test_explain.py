@@ -73,6 +73,7 @@ def test_nothing_is_missing_where_nothing_is_missing():
     found = explain(study("t001"), elements=ELEMENTS, mesh=False)
     assert found.verdict == "no missing effect"
     assert found.chosen == ()
+    assert found.search.best.log_evidence == 0.0  # the plain rod, over itself
     assert found.rms() == pytest.approx(np.sqrt(2) * found.noise.total, rel=0.1)
 
 
