@@ -1,5 +1,6 @@
 """Rules of the search that need no rod."""
 
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.sensitivity import Component
+from scan2flex_jax.effects.catalogue import entry_of
 from tests.effects import scene
 
 search = import_module("scan2flex_jax.diagnosis.search")
@@ -32,6 +34,7 @@ def test_a_set_with_an_effect_too_many_gives_way_to_the_rest():
 def test_log_evidence_is_over_the_base_and_pays_for_the_choice_of_a_site(kind, candidates):
     """Places that a refit moves are paid for by their range; of the ends of a cable one of three sets was chosen."""
     base = refit(0.0, log_marginal=-1000.0)
-    found = refit(np.nan, kind, log_marginal=-975.0)
+    component = Component(kind, entry_of(kind).sites(scene.CONTEXT)[0])
+    found = replace(refit(np.nan, log_marginal=-975.0), components=(component,))
     assert found.over(base, scene.CONTEXT).log_evidence == pytest.approx(25.0 - np.log(candidates))
     assert base.over(base, scene.CONTEXT).log_evidence == 0.0
