@@ -141,8 +141,9 @@ def description(found) -> Ranked:
     fields = {name: locate.common_field(found.stage, name) for name in DESCRIBED}
     likeliest = max(fields, key=lambda name: fields[name].gain)
     f, d = fields[likeliest], DESCRIBED[likeliest]
-    std = {d.parameter: f.std}
-    return Ranked(d.effect.kind, {d.parameter: f.mean}, f.gain, found.test.p_value, "description", std=std)
+    return Ranked(
+        d.effect.kind, {d.parameter: f.mean}, f.gain, found.test.p_value, "description", std={d.parameter: f.std}
+    )  # fmt: skip
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ class Ranked:
     tied_with: tuple[str, ...] = ()
     rms_fit: float | None = None
     rms_validate: float | None = None
-    std: dict[str, np.ndarray] = field(default_factory=dict)
+    std: dict[str, float | np.ndarray] = field(default_factory=dict)
 
     def to_json(self) -> dict:
         """As in the study format; ``log_evidence`` is over the plain rod, in nats."""
@@ -99,7 +99,7 @@ class Explanation:
     families: dict[str, float] = field(default_factory=dict)
     settle: tuple[str, ...] = ()
     sentences: tuple[str, ...] = ()
-    gates: dict[str, float] = field(default_factory=dict)
+    gates: dict[str, int | float] = field(default_factory=dict)
     seconds: float = 0.0
     load: Field | None = field(repr=False, default=None)
     pose_loads: tuple[Field, ...] = field(repr=False, default=())

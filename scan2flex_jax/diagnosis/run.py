@@ -80,7 +80,7 @@ class _Base:
     fit: Fit
     signatures: stage.Signatures
     stage: stage.Stage
-    gates: dict[str, float]
+    gates: dict[str, int | float]
     coarse: list[str]
 
 
