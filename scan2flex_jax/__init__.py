@@ -13,15 +13,23 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.diagnosis import plan as plan
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
+    from scan2flex_jax.fitting import ResidualFunction as ResidualFunction
+    from scan2flex_jax.fitting import boundary_of as boundary_of
     from scan2flex_jax.fitting import fit as fit
+    from scan2flex_jax.fitting import model_of as model_of
+    from scan2flex_jax.fitting import residual_function as residual_function
     from scan2flex_jax.prediction import predict as predict
     from scan2flex_jax.reporting import report as report
     from scan2flex_jax.rod.boundary import Boundary as Boundary
     from scan2flex_jax.rod.cable import Cable as Cable
     from scan2flex_jax.rod.model import CableModel as CableModel
+    from scan2flex_jax.statics import AbstractRodSolver as AbstractRodSolver
     from scan2flex_jax.statics import Equilibrium as Equilibrium
     from scan2flex_jax.statics import MixedNewton as MixedNewton
+    from scan2flex_jax.statics import ScaledMinimiser as ScaledMinimiser
+    from scan2flex_jax.statics import Settled as Settled
     from scan2flex_jax.statics import equilibrium as equilibrium
+    from scan2flex_jax.statics import solve_rod as solve_rod
     from scan2flex_jax.study import load_study as load_study
     from scan2flex_jax.study import save_study as save_study
 
@@ -30,12 +38,20 @@ _HOMES = {
     "Cable": "rod.cable",
     "CableModel": "rod.model",
     "Equilibrium": "statics",
+    "AbstractRodSolver": "statics",
     "MixedNewton": "statics",
+    "ScaledMinimiser": "statics",
+    "Settled": "statics",
+    "solve_rod": "statics",
     "Scan2FlexError": "errors",
     "StudyError": "errors",
     "equilibrium": "statics",
     "explain": "diagnosis",
+    "ResidualFunction": "fitting",
+    "boundary_of": "fitting",
     "fit": "fitting",
+    "model_of": "fitting",
+    "residual_function": "fitting",
     "load_study": "study",
     "plan": "diagnosis",
     "plot": "",

@@ -7,7 +7,7 @@ XLA's CPU fusion emitters spend 1.4 times the compile time on graphs of many sma
 from collections.abc import Callable
 from functools import cache, wraps
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ except ImportError:
 
 
 _Function = TypeVar("_Function", bound=Callable)
+_OURS: list[Any] = []  # the jitted functions of the package
 _MAPPED, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
 _FULL = 0.5  # of the memory mappings that Linux grants a process: what is left is ample for one diagnosis
 
@@ -39,50 +40,59 @@ def _options() -> dict:
     return _OPTIONS
 
 
-def _compiled_with(more: dict) -> Callable[[_Function], _Function]:
-    def decorate(function: _Function) -> _Function:
-        jitted: dict[bool, Callable] = {}
+def _compiled_with(function: _Function, more: dict, in_parts: bool = False) -> _Function:
+    jitted: dict[bool, Callable] = {}
 
-        @wraps(function)
-        def call(*args, **kwargs):
-            outside = _outside()
-            if not outside and isinstance(jnp.zeros(()), jax.core.Tracer):  # inside jit every operation is traced
-                return function(*args, **kwargs)
-            if outside not in jitted:  # an eager transformation (`jax.grad`) takes no compiler options
-                options = {"compiler_options": _options() | more} if outside else {}
-                jitted[outside] = eqx.filter_jit(function, **options)  # type: ignore[call-overload]  # jax.jit's, not declared
-            return jitted[outside](*args, **kwargs)
+    @wraps(function)
+    def call(*args, **kwargs):
+        top = _outside()
+        if not top and (in_parts or isinstance(jnp.zeros(()), jax.core.Tracer)):  # inside jit every operation is traced
+            return function(*args, **kwargs)
+        if top not in jitted:  # an eager transformation (`jax.grad`) takes no compiler options
+            options = {"compiler_options": _options() | more} if top else {}
+            jitted[top] = eqx.filter_jit(function, **options)  # type: ignore[call-overload]  # jax.jit's, not declared
+            _OURS.append(jitted[top])
+        return jitted[top](*args, **kwargs)
 
-        return cast(_Function, call)
-
-    return decorate
+    return cast(_Function, call)
 
 
 def compiled(function: _Function) -> _Function:
     """`equinox.filter_jit` with the package's compiler options, chosen at the first call.
 
-    Inside another compilation the function is part of that one; inside an eager `jax.grad`, `jax.vmap` and the like, whose
-    parts cannot have options of their own, it is compiled without them.
+    Inside another compilation the function is part of that one; inside an eager `jax.grad`, `jax.vmap` and the like, which take
+    no options, it is compiled without them.
     """
-    return _compiled_with({})(function)
+    return _compiled_with(function, {})
+
+
+def composed(function: _Function) -> _Function:
+    """The same for a function of compiled parts: an eager transformation meets the parts.
+
+    So `jax.grad` of an equilibrium runs the solve that is compiled already, and compiles the rule of its derivative alone.
+    """
+    return _compiled_with(function, {}, in_parts=True)
 
 
 def lightly_compiled(function: _Function) -> _Function:
-    """The same for functions that run in no time and only cost their compilation: without optimisation."""
-    return _compiled_with({"xla_backend_optimization_level": 0})(function)
+    """`compiled` for functions that run in no time and only cost their compilation: without optimisation."""
+    return _compiled_with(function, {"xla_backend_optimization_level": 0})
 
 
 def make_room(full: float = _FULL) -> bool:
-    """Forget all compiled functions of the process when they hold more than ``full`` of the memory mappings that it may have.
+    """Forget what the package has compiled when the process holds more than ``full`` of the memory mappings it may have.
 
-    Each compiled function holds some; beyond Linux's limit the next one crashes the process, after some sixty studies that
-    are explained one after the other. Whether they were forgotten; elsewhere than on Linux nothing is known, and nothing done.
+    Each compiled function holds some; beyond Linux's limit the next one crashes the process, after some sixty studies that are
+    explained one after the other. Functions that others compiled stay. Whether anything was forgotten; elsewhere than on Linux
+    nothing is known, and nothing done.
     """
     try:
         with _MAPPED.open("rb") as maps:
             room = sum(1 for _ in maps) < full * int(_LIMIT.read_text())
     except (OSError, ValueError):
         return False
-    if not room:
-        jax.clear_caches()
-    return not room
+    if room:
+        return False
+    for function in _OURS:
+        function._cached.clear_cache()  # equinox has no public way; `jax.clear_caches` would clear the caller's functions too
+    return True

@@ -6,6 +6,7 @@ with plotly.
 """
 
 import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.files import write_atomic
+from scan2flex_jax.study.names import drawn
+from scan2flex_jax.study.outputs import write_file
 
 if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
     import xarray
@@ -40,18 +42,13 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
         ax.plot(flat[:, 0], flat[:, 1], ls="", marker="o", ms=3, color=_MEASURED, label="measured" if i == 0 else None)
         if p.stable:
             flat = p.modelled @ axes.T
-            ax.plot(flat[:, 0], flat[:, 1], color=colour, lw=1.5, label=_plain("modelled" if pose is not None else name))
+            ax.plot(flat[:, 0], flat[:, 1], color=colour, lw=1.5, label=drawn("modelled" if pose is not None else name))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     if pose is not None:
-        ax.set_title(_plain(f"{pose} ({p.role}): {1e3 * p.rms:.2f} mm RMS"), fontsize=10)
+        ax.set_title(drawn(f"{pose} ({p.role}): {1e3 * p.rms:.2f} mm RMS"), fontsize=10)
     ax.legend(frameon=False, fontsize=8)
     return ax
-
-
-def _plain(text: str) -> str:
-    """Text of a study, which matplotlib must not take for formulas, nor for a label to hide."""
-    return (" " if text.startswith("_") else "") + text.replace("$", r"\$")
 
 
 def errors(fit: "Fit | Explanation", ax: Axes | None = None) -> Axes:
@@ -61,7 +58,7 @@ def errors(fit: "Fit | Explanation", ax: Axes | None = None) -> Axes:
         if np.isfinite(p.rms):
             order = np.argsort(p.s)
             distance = 1e3 * np.linalg.norm(p.residual, axis=1)
-            ax.plot(p.s[order], distance[order], "-" if p.role == "fit" else "--", lw=1.2, label=_plain(f"{name} ({p.role})"))
+            ax.plot(p.s[order], distance[order], "-" if p.role == "fit" else "--", lw=1.2, label=drawn(f"{name} ({p.role})"))
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, None))
     ax.legend(frameon=False, fontsize=8)
     return ax
@@ -77,19 +74,22 @@ def overview(fit: "Fit | Explanation") -> Figure:
     for i, name in enumerate(names):
         shapes(fit, name, figure.add_subplot(grid[i // columns, i % columns]))
     errors(fit, figure.add_subplot(grid[rows - 1, :]))
-    figure.suptitle(_plain(fit.study.title), wrap=True, fontsize=11)
+    figure.suptitle(drawn(fit.study.title), wrap=True, fontsize=11)
     return figure
 
 
-def save(figure: Figure, file: str | Path, dpi: float = 150) -> None:
-    """Write a figure to a file of the format that its name says, in one step: a reader sees the old or the new, whole."""
+def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Path, bytes], object] = write_file) -> None:
+    """Write a figure to a file of the format that its name says, in one step: a reader sees the old or the new, whole.
+
+    A study's own files are refused. ``write(path, bytes)`` puts the picture there.
+    """
     path, picture = Path(file), io.BytesIO()
     kinds = figure.canvas.get_supported_filetypes()
     kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:
         raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
     figure.savefig(picture, format=kind, dpi=dpi)
-    write_atomic(path if path.suffix else path.with_suffix(".png"), picture.getvalue())
+    write(path if path.suffix else path.with_suffix(".png"), picture.getvalue())
 
 
 def _plane(points, gravity):
@@ -124,7 +124,7 @@ def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | Non
         ax.plot(s, 1e3 * p.residual_before[order, k], style, color=_MEASURED, lw=1.2, label="before" if k == 0 else None)
         ax.plot(s, 1e3 * p.residual[order, k], style, color=_MODELLED, lw=1.2, label="after" if k == 0 else None)
     ax.set(xlabel="arc length s (m)", ylabel="residual (mm)")
-    ax.set_title(_plain(f"{pose} ({p.role}): {1e3 * p.rms_before:.2f} to {1e3 * p.rms:.2f} mm"), fontsize=10)
+    ax.set_title(drawn(f"{pose} ({p.role}): {1e3 * p.rms_before:.2f} to {1e3 * p.rms:.2f} mm"), fontsize=10)
     ax.legend(frameon=False, fontsize=8)
     return ax
 
@@ -133,7 +133,7 @@ def _residuals(explanation, ax):
     """Distances of all poses along s (mm): thin before, thick after."""
     for i, (name, p) in enumerate(explanation.poses.items()):
         order, colour = np.argsort(p.s), f"C{i % 10}"
-        for values, width, label in ((p.residual_before, 0.7, None), (p.residual, 1.6, _plain(f"{name} ({p.role})"))):
+        for values, width, label in ((p.residual_before, 0.7, None), (p.residual, 1.6, drawn(f"{name} ({p.role})"))):
             distance = 1e3 * np.linalg.norm(values[order], axis=1)
             ax.plot(p.s[order], distance, "-" if p.role == "fit" else "--", lw=width, color=colour, label=label)
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm), thin before, thick after", ylim=(0, None))
@@ -184,7 +184,7 @@ def explained(explanation: "Explanation") -> Figure:
     load(explanation, figure.add_subplot(grid[0, columns - 1]))
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))
-    figure.suptitle(_plain(f"{explanation.study.title}: {explanation.verdict}"), wrap=True, fontsize=11)
+    figure.suptitle(drawn(f"{explanation.study.title}: {explanation.verdict}"), wrap=True, fontsize=11)
     return figure
 
 

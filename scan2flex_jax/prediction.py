@@ -3,19 +3,24 @@
 Forces are why people want the parameters: a cable's pull on its connector, the bending moment at a clamp.
 """
 
+import io
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.errors import StudyError
 from scan2flex_jax.fitting.evaluate import observed, one
-from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template
+from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
-from scan2flex_jax.statics.solve import Verdict, equilibrium
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.names import file_stems
+from scan2flex_jax.study.outputs import write_file
 
+_ENDINGS = (".csv", "-forces.csv")
 _FINEST = 4000  # points of a curve that is searched for places where it passes through itself
 
 
@@ -53,19 +58,6 @@ class Prediction:
             return out
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
-
-
-def model_of(study):
-    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
-    for unknown in study.unknowns:
-        if study.start_value(unknown.name) is None:
-            where = (study.folder / "study.toml") if study.folder else "study"
-            raise StudyError(
-                where, f"unknown.{unknown.name}", "has no value to simulate with: give a guess, or fit the study first."
-            )
-    layout = layout_of(study)
-    x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
-    return model_at(layout, template(study), x)
 
 
 def settled(pose, model, elements: int):
@@ -110,18 +102,32 @@ def _one_pose(pose, model, elements, radius):
     return Prediction(np.asarray(e.s), points, section_s, force, moment, push, turn, e.verdict, touches)
 
 
-def write_csv(predictions: dict[str, Prediction], folder: Path) -> None:
-    """``NAME.csv`` with s,x,y,z and ``NAME-forces.csv`` with s and the components of force and moment."""
-    folder.mkdir(parents=True, exist_ok=True)
+def csv_files(names: Iterable[str], folder: Path) -> dict[str, tuple[Path, Path]]:
+    """The files of each pose in ``folder``: its shape, and its forces. Names that are no file names are changed."""
+    stems = file_stems(names, _ENDINGS)
+    return {name: (folder / f"{stem}{_ENDINGS[0]}", folder / f"{stem}{_ENDINGS[1]}") for name, stem in stems.items()}
+
+
+def write_csv(
+    predictions: dict[str, Prediction], folder: str | Path, write: Callable[[Path, bytes], None] = write_file
+) -> dict[str, tuple[Path, Path]]:
+    """``NAME.csv`` with s,x,y,z (m) and ``NAME-forces.csv`` with s (m), force (N) and moment (N m) of every solved pose.
+
+    Returns the files of each pose, whose names are those of the poses where these can be file names. ``write(path, bytes)``
+    puts a file there; left out, a study's own files are refused with a `StudyError`.
+    """
+    files = csv_files(predictions, Path(folder))
     for name, p in predictions.items():
         if not bool(p.verdict.solved):
             continue
-        _write(folder / f"{name}.csv", "s,x,y,z", np.column_stack([p.s, p.points]))
+        shape, forces = files[name]
+        write(shape, _csv("s,x,y,z", np.column_stack([p.s, p.points])))
         table = np.column_stack([p.section_s, p.force, p.moment])
-        _write(folder / f"{name}-forces.csv", "s,force_x,force_y,force_z,moment_x,moment_y,moment_z", table)
+        write(forces, _csv("s,force_x,force_y,force_z,moment_x,moment_y,moment_z", table))
+    return files
 
 
-def _write(path, header, table):
-    part = path.with_name(path.name + ".part")
-    np.savetxt(part, table, fmt="%.9g", delimiter=",", header=header, comments="")
-    part.replace(path)
+def _csv(header: str, table: np.ndarray) -> bytes:
+    text = io.StringIO()
+    np.savetxt(text, table, fmt="%.9g", delimiter=",", header=header, comments="")
+    return text.getvalue().encode("ascii")

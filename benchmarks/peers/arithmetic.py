@@ -22,7 +22,6 @@ from benchmarks.peers.problems import PROBLEMS
 from benchmarks.peers.solvers.ours import rod as rod_of
 from scan2flex_jax.compilation import _options
 from scan2flex_jax.rod.assembly import derivatives
-from scan2flex_jax.rod.energy import potential_energy
 from scan2flex_jax.rod.model import discretise
 from scan2flex_jax.statics import blocktridiagonal as bt
 from scan2flex_jax.statics.newton import MixedNewton
@@ -137,11 +136,10 @@ def parts(problem="twisted") -> dict:
     d = derivatives(rod, found.configuration)
     sides = jnp.stack([d.gradient, d.gradient], axis=-1)
     newton = MixedNewton()
-    shape = jax.ShapeDtypeStruct((), jnp.float64)
-    state = newton.init(potential_energy, start, rod, {}, shape, None, frozenset())
+    state = newton.begin(rod, start)
 
     def step(y, state):
-        return newton.step(potential_energy, y, rod, {}, state, frozenset())[:2]
+        return newton.step(rod, y, state)
 
     table = {
         "assembly": _part(lambda c: derivatives(rod, c)[:3], found.configuration),

@@ -13,7 +13,7 @@ from benchmarks.sensitivity.bench import save
 from scan2flex_jax import plot
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.statics.solve import SENTENCES
+from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.sweep import Axis, Calls, Outcome, Output, fits, grid
 
 ALONE = "guess alone"  # least squares with no other start beside the guess

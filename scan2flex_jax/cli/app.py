@@ -1,14 +1,15 @@
 """The program ``scan2flex``: its commands in the order in which a user meets them, and its entry point."""
 
+import io
 import os
 import sys
 import threading
 
 import typer
 
-from scan2flex_jax.cli import explaining, fitting, measuring, sharing
+from scan2flex_jax.cli import explaining, extracting, fitting, measuring, sharing
 from scan2flex_jax.cli.options import BAD_INPUT, EXIT_CODES
-from scan2flex_jax.cli.setup import ERRORS
+from scan2flex_jax.cli.terminal import close_output, complain
 from scan2flex_jax.errors import Scan2FlexError
 
 _HELP = """Find the stiffness of a cable from its measured shapes.
@@ -26,7 +27,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 for _command in (
-    measuring.new, measuring.pose, measuring.curve, measuring.check, measuring.extract,
+    measuring.new, measuring.pose, measuring.curve, measuring.check, extracting.extract,
     fitting.fit, explaining.explain, explaining.plan,
     sharing.report, fitting.simulate, sharing.export, fitting.demo,
 ):  # fmt: skip
@@ -47,13 +48,15 @@ def main() -> None:
 
 
 def _run() -> None:
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # names that the terminal's encoding does not know
     try:
         app()
     except Scan2FlexError as error:
-        ERRORS.print(f"scan2flex: {error}", markup=False, soft_wrap=True)
+        complain(str(error))
         sys.exit(BAD_INPUT)
-    except OSError as error:
-        if error.filename is None:
-            raise
-        ERRORS.print(f"scan2flex: {error.filename}: {error.strerror}", markup=False, soft_wrap=True)
+    except OSError as error:  # a full disk has no name
+        reason = error.strerror or str(error)
+        complain(reason if error.filename is None else f"{error.filename}: {reason}")
+        close_output()
         sys.exit(BAD_INPUT)

@@ -8,13 +8,16 @@ import typer
 from scan2flex_jax.cli.options import (
     NOT_TO_BELIEVE,
     Elements,
+    Force,
     JsonFile,
     StudyFolder,
     draw_explanation,
     explained,
+    explanation_pictures,
     folder_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
+from scan2flex_jax.cli.terminal import say
 
 
 def explain(
@@ -27,42 +30,49 @@ def explain(
         Path | None, typer.Option(help="Save the study with the effect declared to this folder.", callback=folder_to_write)
     ] = None,
     elements: Elements = 40,
+    force: Force = False,
 ) -> None:
     """Find which physics the model lacks, with the error before and after.
 
     Example: scan2flex explain my-cable --json result.json --figures pictures
     """
-    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(json, *(explanation_pictures(figures) if figures else ()))
     prepare_jax()
     result = explained(loaded, elements)
     if json:
-        write_json_atomic(json, result.to_json())
+        outputs.write_json(json, result.to_json())
     if figures and result.fit is not None:
-        draw_explanation(result, figures)
+        draw_explanation(result, figures, outputs.write)
     if save:
         save_study(result.study, save)
     if result.fit is None:
         raise typer.Exit(NOT_TO_BELIEVE)
 
 
-def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40) -> None:
+def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40, force: Force = False) -> None:
     """Rank poses that could be scanned next by what they would settle.
 
     The clamps of the first poses are varied: twisted, rolled, nearer, aside. Poses of your own: `scan2flex_jax.plan` in Python.
 
     Example: scan2flex plan my-cable --json next.json
     """
-    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(json)
     prepare_jax()
     from scan2flex_jax.diagnosis import plan as rank  # noqa: PLC0415
 
     result = explained(loaded, elements)
     with progress("solving poses that could be scanned"):
         ranked = rank(result)
-    typer.echo("\n" + ranked.summary())
+    say("\n" + ranked.summary())
     if json:
-        write_json_atomic(json, ranked.to_json())
+        outputs.write_json(json, ranked.to_json())

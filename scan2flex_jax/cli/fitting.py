@@ -1,5 +1,6 @@
 """Commands that estimate and predict: fit, simulate, demo."""
 
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -8,16 +9,19 @@ import typer
 from scan2flex_jax.cli.options import (
     NOT_TO_BELIEVE,
     Elements,
+    Force,
     JsonFile,
     StudyFolder,
     choices,
     draw_explanation,
     drawing,
     explained,
+    explanation_pictures,
     folder_to_write,
     picture_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
+from scan2flex_jax.cli.terminal import say
 
 _METHODS, _DATA, _DISTANCES = (
     ("least-squares", "bfgs", "nelder-mead"),
@@ -49,27 +53,31 @@ def fit(
         Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.", callback=picture_to_write)
     ] = None,
     elements: Elements = 40,
+    force: Force = False,
 ) -> None:
     """Estimate the unknowns of a study from its shapes.
 
     Example: scan2flex fit my-cable --json result.json --figure fit.png --save calibrated
     """
-    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(json, figure)
     prepare_jax()
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     with progress(f"fitting {loaded.title}") as tell:
         result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
-    typer.echo(result.summary())
+    say(result.summary())
     if json:
-        write_json_atomic(json, result.to_json())
+        outputs.write_json(json, result.to_json())
     if save:
         save_study(result.calibrated, save)
     if figure:
         plot = drawing()
-        plot.save(plot.overview(result), figure)
+        plot.save(plot.overview(result), figure, write=outputs.write)
     if not result.believable:
         raise typer.Exit(NOT_TO_BELIEVE)
 
@@ -79,6 +87,7 @@ def simulate(
     out: Annotated[Path, typer.Option(help="Folder for the CSV files.", callback=folder_to_write)] = Path("simulated"),
     json: JsonFile = None,
     elements: Elements = 40,
+    force: Force = False,
 ) -> None:
     """Predict shapes, section forces and moments, and clamp reactions of all poses, as CSV.
 
@@ -86,19 +95,22 @@ def simulate(
 
     Example: scan2flex simulate calibrated --out predicted
     """
-    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
+    outputs = Outputs(loaded, source=study, force=force)
     prepare_jax()
-    from scan2flex_jax.prediction import predict, write_csv  # noqa: PLC0415
+    from scan2flex_jax.prediction import csv_files, predict, write_csv  # noqa: PLC0415
 
+    outputs.claim(*chain(*csv_files((pose.name for pose in loaded.poses), out).values()), json)
     with progress(f"simulating {loaded.title}"):
         predictions = predict(loaded, elements=elements)
-        write_csv(predictions, out)
+        files = write_csv(predictions, out, outputs.write)
     for name, p in predictions.items():
-        typer.echo(f"{name}: {p.sentence()}, {int(p.verdict.steps)} steps -> {out / name}.csv")
+        say(f"{name}: {p.sentence()}, {int(p.verdict.steps)} steps -> {files[name][0]}")
     if json:
-        write_json_atomic(json, {n: p.to_json() for n, p in predictions.items()})
+        outputs.write_json(json, {n: p.to_json() for n, p in predictions.items()})
     if not all(bool(p.verdict.solved) for p in predictions.values()):
         raise typer.Exit(NOT_TO_BELIEVE)
 
@@ -107,33 +119,37 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the pictures and results.", callback=folder_to_write)] = Path(
         "scan2flex-demo"
     ),
+    force: Force = False,
 ) -> None:
     """Fit two studies that come with the package, and find what the rod lacks for the real wire.
 
     Example: scan2flex demo --out pictures
     """
     from scan2flex_jax.examples import example_path  # noqa: PLC0415
-    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
+    names, outputs = ("simulated-cable", "black-wire"), Outputs(force=force)
+    results = [out / f"{name}.{kind}" for name in (*names, "explanation") for kind in ("png", "json")]
+    outputs.claim(*dict.fromkeys((*results, *explanation_pictures(out))))
     prepare_jax()
     from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis.slots import empty_slots_of  # noqa: PLC0415
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
-    out.mkdir(parents=True, exist_ok=True)
-    cable, wire = (load_study(example_path(name)) for name in ("simulated-cable", "black-wire"))
+    cable, wire = (load_study(example_path(name)) for name in names)
     ahead = AheadCompiler()
     ahead.start(wire)  # beside the fits: half of the time is compilation, on the second core
     plot = drawing()
-    for name, loaded in (("simulated-cable", cable), ("black-wire", wire)):
+    for name, loaded in zip(names, (cable, wire), strict=True):
         with progress(f"fitting {name}") as tell:
             result = run(loaded, progress=tell, slots=empty_slots_of(loaded))  # compiled for the search too
-        typer.echo(result.summary())
-        plot.save(plot.overview(result), out / f"{name}.png")
-        write_json_atomic(out / f"{name}.json", result.to_json())
-        typer.echo(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
+        say(result.summary())
+        plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
+        outputs.write_json(out / f"{name}.json", result.to_json())
+        say(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
     result = explained(wire, 40, ahead)
     if result.fit is not None:
-        draw_explanation(result, out)
-        typer.echo(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")
-    write_json_atomic(out / "explanation.json", result.to_json())
+        draw_explanation(result, out, outputs.write)
+        say(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")
+    outputs.write_json(out / "explanation.json", result.to_json())

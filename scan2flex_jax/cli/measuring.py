@@ -1,4 +1,4 @@
-"""Commands that come before a fit: new, pose, curve, check, extract."""
+"""Commands that come before a fit: new, pose, curve, check."""
 
 import shlex
 from pathlib import Path
@@ -7,18 +7,16 @@ from typing import Annotated
 import typer
 
 from scan2flex_jax.cli.options import (
-    NOT_TO_BELIEVE,
+    Force,
     JsonFile,
     StudyFolder,
     asked_or_refused,
     choices,
-    drawing,
-    extracted,
     file_to_write,
     folder_to_write,
     interactive,
 )
-from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
 
 _UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
@@ -77,7 +75,7 @@ def new(
     from scan2flex_jax.study import describe, load_study, save_study  # noqa: PLC0415
 
     poses = measured_files(folder, () if clamps is None else (clamps,))
-    typer.echo(f"{len(poses)} poses: {', '.join(pose.name for pose in poses)}")
+    say(f"{len(poses)} poses: {', '.join(pose.name for pose in poses)}")
     long = _quantity(length, "length", "the length of the cable between its clamps", "--length")
     if mass is not None and density is not None:
         raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
@@ -106,8 +104,8 @@ def new(
     )  # fmt: skip
     toml = save_study(study, out or folder)
     for note in notes:
-        typer.echo(f"  {note}")
-    typer.echo(
+        say(f"  {note}")
+    say(
         f"\n{describe(load_study(toml))}\nwritten: {toml}; look it through, then: scan2flex fit {shlex.quote(str(toml.parent))}"
     )
 
@@ -184,6 +182,7 @@ def pose(
     radians: Radians = False,
     tangent: Tangent = "z",
     json: JsonFile = None,
+    force: Force = False,
 ) -> None:
     """Turn 4x4 matrices and Euler angles into the position and quaternion of a study.
 
@@ -194,8 +193,10 @@ def pose(
     import numpy as np  # noqa: PLC0415
 
     from scan2flex_jax.convert import clamp_of_angles, clamp_of_matrix, clamp_toml, read_frames  # noqa: PLC0415
-    from scan2flex_jax.study import write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
+    outputs = Outputs(source=file, force=force)
+    outputs.claim(json)
     if sum(given is not None for given in (file, matrix, position)) != 1:
         raise Scan2FlexError("give one of a file, --matrix, and --position with --angles.")
     unit = units or "m"
@@ -211,9 +212,9 @@ def pose(
         where = _numbers(position, 3, "position"), _numbers(angles, 3, "angles")
         found = {"": clamp_of_angles(*where, convention, units=unit, degrees=not radians, tangent=tangent)}
     for name, clamp in found.items():
-        typer.echo(f"{name} = {clamp_toml(clamp)}" if name else clamp_toml(clamp))
+        say(f"{name} = {clamp_toml(clamp)}" if name else clamp_toml(clamp))
     if json:
-        write_json_atomic(json, {name: {"position": c.position, "quaternion": c.quaternion} for name, c in found.items()})
+        outputs.write_json(json, {name: {"position": c.position, "quaternion": c.quaternion} for name, c in found.items()})
 
 
 def curve(
@@ -225,6 +226,7 @@ def curve(
     units: Units = None,
     columns: Columns = None,
     json: JsonFile = None,
+    force: Force = False,
 ) -> None:
     """Turn a centre curve of another tool into the CSV of a study: separators, decimal commas, columns and units.
 
@@ -232,37 +234,43 @@ def curve(
     """
     from scan2flex_jax.convert import read_foreign_curve  # noqa: PLC0415
     from scan2flex_jax.study.curves import arc_length  # noqa: PLC0415
-    from scan2flex_jax.study.files import write_atomic, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
     from scan2flex_jax.study.write import csv_text  # noqa: PLC0415
 
+    outputs = Outputs(source=file, force=force)
+    outputs.claim(out, json)
     found = read_foreign_curve(file, units=units, columns=columns)
     long = arc_length(found.curve.points)
     for note in (*found.notes, f"{long:.4f} m long"):
-        typer.echo(note)
+        say(note)
     if out:
-        write_atomic(out, csv_text(found.curve).encode("ascii"))
+        outputs.write(out, csv_text(found.curve).encode("ascii"))
     if json:
-        write_json_atomic(json, {"points": len(found.curve.points), "arc_length": long, "notes": list(found.notes)})
+        outputs.write_json(json, {"points": len(found.curve.points), "arc_length": long, "notes": list(found.notes)})
 
 
-def check(study: StudyFolder, json: JsonFile = None) -> None:
+def check(study: StudyFolder, json: JsonFile = None, force: Force = False) -> None:
     """Read a study; say what it holds and what is wrong with it.
 
     Example: scan2flex check my-cable
     """
-    from scan2flex_jax.study import describe, load_study, study_warnings, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import describe, load_study, study_warnings  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
     from scan2flex_jax.study.scans import scan_facts  # noqa: PLC0415
 
     loaded = load_study(study)
-    typer.echo(describe(loaded))
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(json)
+    say(describe(loaded))
     scans = {pose.name: scan_facts(pose.scan) for pose in loaded.poses if pose.scan is not None}
     for name, (count, size) in scans.items():
-        typer.echo(f"{name}: a scan of {count} points, {_extents(loaded, size)}")
+        say(f"{name}: a scan of {count} points, {_extents(loaded, size)}")
     if json:
         holds = {n: {"points": count, "size": size} for n, (count, size) in scans.items()}
         poses = {p.name: {"role": p.role, "curve": p.curve is not None, "scan": holds.get(p.name)} for p in loaded.poses}
         names = list(loaded.unknown_names)
-        write_json_atomic(json, {"title": loaded.title, "unknown": names, "poses": poses, "warnings": study_warnings(loaded)})
+        said = {"title": loaded.title, "unknown": names, "poses": poses, "warnings": study_warnings(loaded)}
+        outputs.write_json(json, said)
 
 
 def _extents(study, size):
@@ -273,43 +281,3 @@ def _extents(study, size):
     unit = None if length is None else looks_like(float(max(size)) / float(length))
     box = f"{' x '.join(f'{x:.3g}' for x in size)} m"
     return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres"
-
-
-def extract(
-    study: StudyFolder,
-    save: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the study with its curves; default: the study itself.", callback=folder_to_write),
-    ] = None,
-    figures: Annotated[Path | None, typer.Option(help="Folder for a picture per pose.", callback=folder_to_write)] = None,
-    json: JsonFile = None,
-) -> None:
-    """Find the centre curves of scanned poses and write them into the study.
-
-    Ends with exit code 3 when something speaks against one of the curves; the sentence says what.
-
-    Example: scan2flex extract my-cable --figures pictures
-    """
-    from scan2flex_jax.study import load_study, save_study, write_json_atomic  # noqa: PLC0415
-
-    loaded = load_study(study)
-    prepare_jax()
-    found, curves = extracted(loaded)
-    save_study(found, save or study)
-    for name, one in curves.items():
-        typer.echo(f"{name}: {one.arc_length[-1]:.4f} m of centre curve" + "".join(f"; {w}" for w in one.warnings))
-        if figures:
-            drawing()
-            from scan2flex_jax.scan import save_picture  # noqa: PLC0415
-
-            figures.mkdir(parents=True, exist_ok=True)
-            save_picture(one, figures / f"{name}.png", name)
-    if json:
-        write_json_atomic(json, {n: _curve_to_json(c) for n, c in curves.items()})
-    if not all(c.sure for c in curves.values()):
-        raise typer.Exit(NOT_TO_BELIEVE)
-
-
-def _curve_to_json(curve):
-    numbers = {"arc_length": float(curve.arc_length[-1]), "noise": float(curve.noise), "sure": curve.sure}
-    return numbers | {"warnings": list(curve.warnings), "gaps": [list(gap) for gap in curve.gaps]}

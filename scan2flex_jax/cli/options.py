@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from scan2flex_jax.cli.setup import progress
+from scan2flex_jax.cli.terminal import printable, say
 from scan2flex_jax.errors import Scan2FlexError
 
 BAD_INPUT, NOT_TO_BELIEVE = 2, 3
@@ -23,14 +24,26 @@ def file_to_write(path: Path | None) -> Path | None:
     if path is not None:
         if path.is_dir():
             raise Scan2FlexError(f"{path} is a folder: name a file in it.")
-        folder_to_write(path.parent)
+        folder_to_write(path.parent if not _stream(path) else None)
     return path
+
+
+def _stream(path: Path) -> bool:
+    """Whether a path is a device or a pipe, which may be written although its folder may not."""
+    from scan2flex_jax.study.files import is_stream, writing_error  # noqa: PLC0415
+
+    try:
+        return is_stream(path)
+    except NotADirectoryError:
+        return False  # refused with its folder
+    except (OSError, ValueError) as error:
+        raise writing_error(path, error) from error
 
 
 def folder_to_write(path: Path | None) -> Path | None:
     """The folder that an option names; it need not be there, but somebody must be able to make it."""
     if path is not None:
-        there = next(p for p in (path, *path.absolute().parents) if p.exists())
+        there = next(p for p in (path, *path.absolute().parents) if p.exists() or p.is_symlink())
         if not there.is_dir():
             raise Scan2FlexError(f"{there} is no folder: name another place for {path.name}.")
         if not os.access(there, os.W_OK | os.X_OK):
@@ -47,6 +60,9 @@ def picture_to_write(path: Path | None) -> Path | None:
 
 StudyFolder = Annotated[Path, typer.Argument(help="Folder of a study, with its study.toml.")]
 JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the result here, as JSON.", callback=file_to_write)]
+Force = Annotated[
+    bool, typer.Option("--force", help="Replace files that scan2flex did not write; files of a study are never replaced.")
+]
 Elements = Annotated[int, typer.Option(min=8, max=5000, help="Elements of the rod.")]
 
 
@@ -67,7 +83,7 @@ def explained(study, elements: int, ahead=None):
 
     with progress(f"explaining {study.title}") as tell:
         result = run(study, elements=elements, progress=tell, ahead=ahead or AheadCompiler())
-    typer.echo(result.summary())
+    say(result.summary())
     return result
 
 
@@ -89,11 +105,16 @@ def drawing():
     return plot
 
 
-def draw_explanation(result, folder: Path) -> None:
-    """Pictures of the evidence, the residuals and the shapes."""
+def explanation_pictures(folder: Path) -> tuple[Path, Path]:
+    """The files that `draw_explanation` writes."""
+    return folder / "explanation.png", folder / "shapes.png"
+
+
+def draw_explanation(result, folder: Path, write) -> None:
+    """Pictures of the evidence, the residuals and the shapes, put there by ``write(path, bytes)``."""
     plot = drawing()
-    plot.save(plot.explained(result), folder / "explanation.png")
-    plot.save(plot.overview(result), folder / "shapes.png")
+    for figure, file in zip((plot.explained(result), plot.overview(result)), explanation_pictures(folder), strict=True):
+        plot.save(figure, file, write=write)
 
 
 def asked_or_refused(question: str, option: str, check, default: str | None = None):
@@ -101,8 +122,8 @@ def asked_or_refused(question: str, option: str, check, default: str | None = No
     if not interactive():
         raise Scan2FlexError(f"{question} is not known: give {option}.")
     while True:
-        answer = typer.prompt(question[0].upper() + question[1:], default=default, show_default=bool(default))
+        answer = typer.prompt(printable(question[0].upper() + question[1:]), default=default, show_default=bool(default))
         try:
             return check(answer)
         except Scan2FlexError as error:
-            typer.echo(f"  {error}", err=True)
+            say(f"  {error}", err=True)

@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, JsonFile, StudyFolder, choices, file_to_write
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, StudyFolder, choices, file_to_write
 from scan2flex_jax.cli.setup import prepare_jax, progress
+from scan2flex_jax.cli.terminal import say
 
 _TO = ("mujoco", "pyelastica", "json")
 
@@ -19,6 +20,7 @@ def report(
     ] = False,
     json: JsonFile = None,
     elements: Elements = 40,
+    force: Force = False,
 ) -> None:
     """Write one self-contained page: poses in 3D, errors, estimates, what the model lacks, forces, what to scan next.
 
@@ -26,13 +28,17 @@ def report(
 
     Example: scan2flex report my-cable -o report.html
     """
-    from scan2flex_jax.study import load_study, write_json_atomic  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(out, json)
     prepare_jax()
     from scan2flex_jax.diagnosis import AheadCompiler, Explanation, explain  # noqa: PLC0415
     from scan2flex_jax.fitting import Fit, fit  # noqa: PLC0415
-    from scan2flex_jax.reporting import require_libraries, save_report  # noqa: PLC0415
+    from scan2flex_jax.reporting import report as page  # noqa: PLC0415
+    from scan2flex_jax.reporting import require_libraries  # noqa: PLC0415
 
     require_libraries()
     result: Fit | Explanation
@@ -41,10 +47,10 @@ def report(
             result = fit(loaded, elements=elements, progress=tell)
         else:
             result = explain(loaded, elements=elements, progress=tell, ahead=AheadCompiler())
-        save_report(result, out, progress=tell)
-    typer.echo(f"written: {out}")
+        outputs.write(out, page(result, progress=tell).encode("utf-8"))
+    say(f"written: {out}")
     if json:
-        write_json_atomic(json, result.to_json())
+        outputs.write_json(json, result.to_json())
     fitted = result.fit if isinstance(result, Explanation) else result
     if fitted is None or not all(pose.stable for pose in fitted.poses.values()):
         raise typer.Exit(NOT_TO_BELIEVE)
@@ -56,6 +62,7 @@ def export(
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
     pose: Annotated[str | None, typer.Option(help="The pose in which the cable hangs; left out, the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
+    force: Force = False,
 ) -> None:
     """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, or plain JSON.
 
@@ -64,13 +71,15 @@ def export(
     Example: scan2flex export calibrated --to mujoco -o cable.xml --pose sag
     """
     from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(out)
     prepare_jax()
     from scan2flex_jax.export import export as run  # noqa: PLC0415
 
     with progress(f"solving {loaded.title}"):
         text = run(loaded, to, pose=pose, elements=elements)
-    write_atomic(out, text.encode("utf-8"))
-    typer.echo(f"written: {out}")
+    outputs.write(out, text.encode("utf-8"))
+    say(f"written: {out}")

@@ -14,10 +14,10 @@ import numpy as np
 from scan2flex_jax.convert.units import LENGTHS, length_unit
 from scan2flex_jax.study.curves import checked_curve, checked_points
 from scan2flex_jax.study.files import read_text
+from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.values import Where, one_line, shown
 
-_LIMIT = 50_000_000  # bytes: a million points, and their numbers in memory
 _DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))  # separator, decimal mark
 _SAMPLE = 300  # lines that tell the dialect
 _PREAMBLE = 60  # lines that may stand before the first point
@@ -57,7 +57,8 @@ def read_foreign_points(path: Path, *, units: str | None = None) -> Annotated[np
 
 def _read(path, units, columns, where):
     """Points (m), arc length (m) or None, and what was found in the file."""
-    text = read_text(path, _LIMIT, where, "the file is not there: name one.")
+    rows = curve_limit()
+    text = read_text(path, rows.bytes, where, "the file is not there: name one.", rows)
     lines = [line for line in (raw.strip() for raw in text.splitlines()) if line]
     mark, decimal, first = _dialect(lines, where)
     table = _table(lines[first:], mark, decimal, where)

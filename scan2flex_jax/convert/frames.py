@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.files import TOML_LIMIT, read_text
+from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import Clamp
 from scan2flex_jax.study.values import LARGEST, Where, one_line
 
@@ -102,7 +103,7 @@ def read_frames(
     neither (a ball joint). Names are "POSE start" and "POSE end". Raises `Scan2FlexError`, naming file and line.
     """
     where = Where(one_line(str(path), 300))
-    text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.")
+    text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.", curve_limit())
     lines = [(i + 1, line.split("#")[0].strip()) for i, line in enumerate(text.splitlines())]
     lines = [(i, line) for i, line in lines if line]
     if not lines:

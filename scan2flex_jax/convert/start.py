@@ -17,6 +17,7 @@ from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
 from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.files import backup, write_atomic
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.scans import load_geometry
@@ -178,9 +179,9 @@ def _scan(folder, path, units):
         raise StudyError(
             path, None, f"it cannot be read as a scan ({' '.join(str(fault).split())[:120]}): check it."
         ) from fault
-    from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
-
-    write_atomic(target, data)
+    if not (target.exists() and target.read_bytes() == data):
+        backup(target)
+        write_atomic(target, data)
     return target, [f"a copy in metres is {target.parent.name}/{target.name}"]
 
 

@@ -273,8 +273,8 @@ def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nu
         if not overriding(nulls.get(kind, ()), "node_potential"):
             return tangents
         loads = jax.vmap(lambda t: jax.jvp(load, (null,), (t,))[1])(jnp.eye(len(null)))
-        still = jax.tree.map(jnp.zeros_like, tangents.slots)
-        return eqx.tree_at(lambda t: (t.load, t.slots), tangents, (loads, still))
+        still = jax.tree.map(jnp.zeros_like, tangents.rod.effects)
+        return eqx.tree_at(lambda t: (t.rod.load, t.rod.effects), tangents, (loads, still))
 
     return jax.tree.map(lambda v: v.reshape(-1, *v.shape[2:]), jax.vmap(at_site, axis_size=count)(sites))
 

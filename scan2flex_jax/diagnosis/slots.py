@@ -9,7 +9,7 @@ from scan2flex_jax.fitting.states import State, slots_of
 from scan2flex_jax.rod.effect import AbstractEffect, Node, overriding
 from scan2flex_jax.rod.energy import node_weights
 from scan2flex_jax.rod.loads import DeadLoad
-from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.rod.model import Configuration
 
 
 def empty_slots(context: Context) -> dict[str, tuple[AbstractEffect, ...]]:
@@ -30,7 +30,7 @@ def empty_slots_of(study) -> tuple[AbstractEffect, ...]:
 
 def load_of_fields(effects, state: State, configuration: Configuration) -> DeadLoad:
     """The dead load that outer fields of effects are at a configuration: of nodes and of their tangents d3."""
-    rod = Rod(state.section, state.load, state.boundary, ())
+    rod = state.rod
 
     def energy(r, d3):
         R = configuration.R.at[:, :, 2].set(d3)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.prediction import model_of, settled
+from scan2flex_jax.fitting.parameters import model_of
+from scan2flex_jax.prediction import settled
 from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.loads import distributed_load
 from scan2flex_jax.statics.solve import Equilibrium

@@ -1,6 +1,19 @@
 """From measured centre curves to material parameters, with their uncertainty and a verdict on their validity."""
 
+from scan2flex_jax.fitting.parameters import model_of
+from scan2flex_jax.fitting.poses import boundary_of
+from scan2flex_jax.fitting.residuals import ResidualFunction, residual_function
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit
 from scan2flex_jax.fitting.run import METHODS, fit
 
-__all__ = ["METHODS", "Estimate", "Fit", "PoseFit", "fit"]
+__all__ = [
+    "METHODS",
+    "Estimate",
+    "Fit",
+    "PoseFit",
+    "ResidualFunction",
+    "boundary_of",
+    "fit",
+    "model_of",
+    "residual_function",
+]

@@ -14,7 +14,7 @@ from scan2flex_jax.fitting.parameters import model_at
 from scan2flex_jax.fitting.problem import Problem, unsettled
 from scan2flex_jax.fitting.result import PoseFit
 from scan2flex_jax.geometry import curves
-from scan2flex_jax.statics.solve import SENTENCES
+from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study import MeasuredCurve
 
 COARSE = 0.25  # of the radius: noise of a point beyond which its distance to the axis is no longer a fair measure

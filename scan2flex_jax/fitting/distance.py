@@ -63,6 +63,35 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
     return jax.vmap(one)(points, expected)
 
 
+def closest_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
+    """``(residual (m, 3), s (m,))``: measured minus modelled (m) at the closest point, which moves along while differentiating.
+
+    With the normals and the tangent held, so that the squared length of each residual has exact first and second derivatives;
+    those of `normal_residuals` leave out terms of the size of residual times curvature (Gauss-Newton).
+    """
+    fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
+    axes_at = _held_axes(fixed_r, fixed_d3, fixed_ds)
+    length = fixed_ds * (r.shape[0] - 1)
+
+    def one(point, expected):
+        s = jax.lax.stop_gradient(closest_arc_length(fixed_r, fixed_d3, fixed_ds, point, expected))
+
+        def off(u):  # at u elements from the start
+            return point - observe(curve_at(r, d3, ds, u * ds)[0])
+
+        def slope(u):  # of half the squared distance; zero at the closest point
+            d, change = jax.jvp(off, (u,), (jnp.ones(()),))
+            return d @ change
+
+        u = s / fixed_ds
+        at, curvature = jax.lax.stop_gradient(jax.jvp(slope, (u,), (jnp.ones(()),)))
+        inside = (s > 0.0) & (s < length) & (curvature > 0.0)
+        u = u - jnp.where(inside, (slope(u) - at) / jnp.where(inside, curvature, 1.0), 0.0)  # implicit function theorem
+        return axes_at(s) @ off(u), s
+
+    return jax.vmap(one)(points, expected)
+
+
 def hausdorff_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
     """Like `normal_residuals`, zero but at the point that is farthest off: its length is the Hausdorff distance (m) from the
     measured curve to the model (directed, since a measured curve may stop short of the clamps). Not smooth."""

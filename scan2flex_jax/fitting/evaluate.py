@@ -19,7 +19,7 @@ from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fitting.poses import Poses
 from scan2flex_jax.rod.model import CableModel, Configuration
-from scan2flex_jax.statics.solve import SOLVED, Verdict
+from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
 
 class Evaluation(NamedTuple):

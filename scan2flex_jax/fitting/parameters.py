@@ -20,6 +20,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
+from scan2flex_jax.study.model import Study
 
 # Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
 DEFAULT_RANGE = {
@@ -163,6 +164,19 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
         tilt = lie.so3_exp(layout.gravity_tolerance * (x[at] * across[0] + x[at + 1] * across[1]))
         model = eqx.tree_at(lambda m: m.gravity, model, tilt @ g)
     return model
+
+
+def model_of(study: Study) -> CableModel:
+    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
+    for unknown in study.unknowns:
+        if study.start_value(unknown.name) is None:
+            where = (study.folder / "study.toml") if study.folder else "study"
+            raise StudyError(
+                where, f"unknown.{unknown.name}", "has no value to simulate with: give a guess, or fit the study first."
+            )
+    layout = layout_of(study)
+    x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
+    return model_at(layout, template(study), x)
 
 
 def _put(model, name, value, end):

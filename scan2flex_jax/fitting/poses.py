@@ -15,6 +15,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.starts import complete_curve, curve_start
+from scan2flex_jax.study.model import StudyPose
 
 MOST_POINTS = 256  # of a curve that enter a fit: more say nothing new about a smooth curve whose noise is correlated
 
@@ -35,8 +36,8 @@ class Poses(eqx.Module):
         return len(self.turns)
 
 
-def boundary_of(pose) -> Boundary:
-    """Supports of a study's pose."""
+def boundary_of(pose: StudyPose) -> Boundary:
+    """The supports of a study's pose, as `equilibrium` takes them."""
     start = (pose.start.position, pose.start.quaternion)
     return Boundary.of(start, None if pose.end is None else (pose.end.position, pose.end.quaternion))
 

@@ -17,7 +17,7 @@ from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.start import balance_start
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.statics.solve import SENTENCES, SOLVED
+from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
 
 FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests

@@ -21,7 +21,7 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import noise_of, uncertainty, unseen_spread
 from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.statics.solve import SENTENCES, SOLVED
+from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")

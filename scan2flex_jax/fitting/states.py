@@ -1,4 +1,4 @@
-"""One structure for every study and effect: what a model does to the rod of one pose, apart from how the rod is solved.
+"""The discretised pose: one structure for every study and effect, whatever the parametrisation.
 
 A *state* is the discrete rod of one pose with slots for its energy laws and outer fields, and the affine map by which the
 scanner sees points. Parameters and effects on clamps, sections and loads only change arrays of the state. So one compiled
@@ -22,17 +22,17 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.compilation import compiled
-from scan2flex_jax.fitting.distance import hausdorff_residuals, integrated_residuals, normal_residuals
+from scan2flex_jax.fitting.distance import closest_residuals, hausdorff_residuals, integrated_residuals, normal_residuals
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.effect import AbstractEffect, Section, overriding
-from scan2flex_jax.rod.loads import DeadLoad
-from scan2flex_jax.rod.model import CableModel, Configuration, discretise
-from scan2flex_jax.statics.solve import Verdict, equilibrium
+from scan2flex_jax.rod.effect import AbstractEffect, overriding
+from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
+from scan2flex_jax.statics.solve import solve_rod
+from scan2flex_jax.statics.verdict import Verdict
 
 FEW, CHUNK = 6, 24  # tangents that one call pushes through: most fits need few, a refit a dozen, the catalogue some 250
 DISTANCES: dict[str, Callable] = {
     "normal": normal_residuals,
+    "closest": closest_residuals,
     "integrated": integrated_residuals,
     "hausdorff": hausdorff_residuals,
 }
@@ -40,33 +40,10 @@ _ENERGY_HOOKS = ("strain_energy", "node_potential")
 
 
 class State(eqx.Module):
-    """What the balance of one pose depends on: sections, loads, supports, energy laws in slots, and the scanner's view."""
+    """A discretised pose: the rod, whose effects are the energy laws in slots, and the scanner's view."""
 
-    section: Section
-    load: DeadLoad
-    boundary: Boundary
-    slots: tuple[AbstractEffect, ...]
+    rod: Rod
     view: Float[Array, "3 4"]
-
-
-class Given(AbstractEffect):
-    """Sections, loads and supports that are already worked out, in place of those of a cable."""
-
-    sections: Section
-    load: DeadLoad
-    boundary: Boundary
-
-    def clamps(self, boundary: Boundary) -> Boundary:
-        """The supports."""
-        return self.boundary
-
-    def section(self, section: Section, length: Float[Array, ""]) -> Section:
-        """The sections."""
-        return self.sections
-
-    def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
-        """The loads."""
-        return self.load
 
 
 class Shape(NamedTuple):
@@ -95,7 +72,7 @@ def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> Sta
 
     origin = seen(jnp.zeros((1, 3)))[0]
     view = jnp.concatenate([(seen(jnp.eye(3)) - origin).T, origin[:, None]], axis=1)
-    return State(rod.section, rod.load, rod.boundary, slots, view)
+    return State(Rod(rod.section, rod.load, rod.boundary, slots), view)
 
 
 class Target(NamedTuple):
@@ -106,16 +83,17 @@ class Target(NamedTuple):
     expected: Float[Array | np.ndarray, " m"]
 
 
-def _shape(state, start, target, distance):
-    section = state.section
-    n = section.s.shape[0]
-    one = jnp.ones(())
-    cable = Cable(section.ds * n, one, one, one)
-    model = CableModel(cable, jnp.zeros(3), (Given(section, state.load, state.boundary), *state.slots))
-    e = equilibrium(model, state.boundary, start=start, elements=n)
+def shape(state: State, start: Configuration, target: Target, distance: str):
+    """Residual (m, 3) of a pose solved from ``start``, then ``(arc lengths (m), configuration, verdict)``; traceable."""
+    e = solve_rod(state.rod, start)
     view, points = state.view, target.points
     r, s = DISTANCES[distance](
-        e.points, e.configuration.R[:, :, 2], section.ds, points, target.expected, lambda p: p @ view[:, :3].T + view[:, 3]
+        e.points,
+        e.configuration.R[:, :, 2],
+        state.rod.section.ds,
+        points,
+        target.expected,
+        lambda p: p @ view[:, :3].T + view[:, 3],
     )
     return r * target.mask[:, None], (s, jax.lax.stop_gradient(e.configuration), e.verdict)
 
@@ -123,9 +101,9 @@ def _shape(state, start, target, distance):
 @compiled
 def _evaluate(state, start, target, distance, tangents):
     if tangents is None:
-        r, rest = _shape(state, start, target, distance)
+        r, rest = shape(state, start, target, distance)
         return r, None, rest
-    r, push, rest = jax.linearize(lambda x: _shape(x, start, target, distance), state, has_aux=True)
+    r, push, rest = jax.linearize(lambda x: shape(x, start, target, distance), state, has_aux=True)
     return r, jax.vmap(push)(tangents), rest
 
 

@@ -18,8 +18,8 @@ from scan2flex_jax.fitting import Fit, fit
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.reporting import figures
 from scan2flex_jax.reporting.contents import Contents, contents_of
-from scan2flex_jax.study.files import write_atomic
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.outputs import keep_measured, measured_files, write_file
 
 _FEW = 1  # poses up to which a choice between them is of no use
 
@@ -61,9 +61,10 @@ def report(
 
 
 def save_report(subject: Study | Fit | Explanation, file: str | Path, **options: Any) -> Path:
-    """Write `report` (same options) to a file, in one step."""
-    path = Path(file)
-    write_atomic(path, report(subject, **options).encode("utf-8"))
+    """Write `report` (same options) to a file, in one step; a study's own files are refused."""
+    path, study = Path(file), subject if isinstance(subject, Study) else subject.study
+    keep_measured(path, measured_files(study))  # before minutes are spent
+    write_file(path, report(subject, **options).encode("utf-8"), measured_files(study))
     return path
 
 

@@ -27,7 +27,7 @@ from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces, element_stiffness
-from scan2flex_jax.rod.energy import E3, node_potential, node_weights, retract, strains, supported
+from scan2flex_jax.rod.energy import E3, node_potential, node_weights, strains, supported
 from scan2flex_jax.rod.model import Configuration, Rod
 
 
@@ -43,11 +43,16 @@ class Elements(NamedTuple):
 
 
 class Derivatives(NamedTuple):
-    """Gradient (N, N m) and Hessian blocks: ``diagonal[i]`` of node i, ``upper[i]`` between nodes i and i+1."""
+    """Gradient (N, N m) and Hessian blocks: ``diagonal[i]`` of node i, ``upper[i]`` between nodes i and i+1.
+
+    Held motions are taken out of these; ``ends`` keeps the blocks ``(diagonal, upper)`` of the first and of the last node and
+    element with them.
+    """
 
     gradient: Float[Array, "nodes 6"]
     diagonal: Float[Array, "nodes 6 6"]
     upper: Float[Array, "nodes-1 6 6"]
+    ends: Float[Array, "2 2 6 6"]
     elements: Elements
 
 
@@ -59,7 +64,7 @@ def no_derivatives(rod: Rod) -> Derivatives:
         return jnp.zeros(shape, rod.section.ds.dtype)
 
     elements = Elements(zeros(n, 6), zeros(n, 6), zeros(n, 6, 6), zeros(n, 6, 6), zeros(n, 6, 6))
-    return Derivatives(zeros(n + 1, 6), zeros(n + 1, 6, 6), zeros(n, 6, 6), elements)
+    return Derivatives(zeros(n + 1, 6), zeros(n + 1, 6, 6), zeros(n, 6, 6), zeros(2, 2, 6, 6), elements)
 
 
 def section_forces(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
@@ -75,7 +80,12 @@ def free_motions(rod: Rod) -> Float[Array, "nodes 6"]:
 
 def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6"]:
     """Gradient of the energy in body twists of all nodes, supports included: there it is the reaction (N, N m)."""
-    c = supported(rod, configuration)
+    return node_forces(rod, supported(rod, configuration))
+
+
+def node_forces(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6"]:
+    """`out_of_balance` of a configuration whose ends are at the supports."""
+    c = configuration
     n = section_forces(rod, c)
     r, R = c
 
@@ -110,10 +120,10 @@ def derivatives(
     upper = -(near + 0.5 * matmul(At, bracket))
     gradient = to_nodes(-matvec(At, p), p) + _outer_gradient(rod, c)
     diagonal = diagonal + _outer_hessian(rod, c)
-    free = free_motions(rod)
+    free, ends = free_motions(rod), jnp.stack([jnp.stack([diagonal[i], upper[i]]) for i in (0, -1)])
     diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
     upper = upper * free[:-1, :, None] * free[1:, None, :]
-    return Derivatives(gradient * free, diagonal, upper, Elements(x, n, K, T, A))
+    return Derivatives(gradient * free, diagonal, upper, ends, Elements(x, n, K, T, A))
 
 
 def strain_increment(rod: Rod, elements: Elements, twist: Float[Array, "nodes 6"]) -> Float[Array, "n 6"]:
@@ -179,15 +189,3 @@ def _outer_field(rod, c):
         return potential(Node(r + matvec(R, dr), matmul(R, dR), s, w, rod.section.ds, rod.boundary))
 
     return energy, (jnp.zeros((rod.elements + 1, 6)), (c.r, c.R, rod.node_s, node_weights(rod)))
-
-
-def newton_correction(rod: Rod, configuration: Configuration, solve) -> Configuration:
-    """The configuration moved by ``-H^-1`` times its out-of-balance force, ``solve`` applying ``H^-1``.
-
-    At an equilibrium it moves nothing, but its derivative with respect to everything in ``rod`` (parameters, effects,
-    supports) is that of the equilibrium, by the implicit function theorem: ``dx = -H^-1 dF``. `configuration` and `solve`
-    must not carry derivatives of their own.
-    """
-    start = supported(rod, configuration)
-    force = out_of_balance(rod, configuration) * free_motions(rod)
-    return retract(start, -solve(force))

@@ -11,6 +11,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.errors import Scan2FlexError
+
+_ORTHONORMAL = 1.0e-3  # of the entries of R R' - 1: what four written digits leave
 CLAMP, BALL, FREE = (1.0,) * 6, (1.0,) * 3 + (0.0,) * 3, (0.0,) * 6
 
 
@@ -50,7 +53,24 @@ class Boundary(eqx.Module):
 def _support(pair):
     if pair is None:
         return np.zeros(3), np.eye(3), FREE
-    position, rotation = (x if x is None or isinstance(x, jax.Array) else np.asarray(x, float) for x in pair)
+    position, rotation = pair
+    position = position if isinstance(position, jax.Array) else np.asarray(position, float)
+    if position.shape != (3,):
+        raise Scan2FlexError(f"Boundary: a position has shape {position.shape}: give three numbers in m.")
     if rotation is None:
         return position, np.eye(3), BALL
+    rotation = rotation if isinstance(rotation, jax.Array) else np.asarray(rotation, float)
+    if rotation.shape not in ((4,), (3, 3)):
+        got = f"Boundary: a rotation has shape {rotation.shape}"
+        raise Scan2FlexError(f"{got}: give a quaternion [w, x, y, z], a 3x3 matrix with columns d1, d2, d3, or None.")
+    if not isinstance(rotation, jax.core.Tracer):
+        _check_rotation(np.asarray(rotation))
     return position, rotation_of_quaternion(rotation) if rotation.shape == (4,) else rotation, CLAMP
+
+
+def _check_rotation(rotation):
+    if rotation.shape == (4,):
+        if not 0.0 < np.linalg.norm(rotation) < np.inf:
+            raise Scan2FlexError(f"Boundary: the quaternion {rotation.tolist()} is no rotation: give [w, x, y, z].")
+    elif not (np.allclose(rotation @ rotation.T, np.eye(3), atol=_ORTHONORMAL) and np.linalg.det(rotation) > 0.0):
+        raise Scan2FlexError("Boundary: a 3x3 matrix is no rotation: its columns d1, d2, d3 must be unit and right-handed.")

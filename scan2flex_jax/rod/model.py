@@ -6,16 +6,20 @@ rigid motions; with the element's law (`element_law`) positions are of fourth or
 Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.cable import Cable, Quantity
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
@@ -28,12 +32,34 @@ class Configuration(NamedTuple):
     R: Float[Array, "nodes 3 3"]
 
 
+def _effects(effects):
+    """The effects as a tuple, every number in them an array: a parameter given as a float is one like the others."""
+    if isinstance(effects, AbstractEffect):
+        effects = (effects,)
+    return jax.tree.map(lambda x: jnp.asarray(x, float) if _is_number(x) else x, tuple(effects))
+
+
+def _is_number(x):
+    return isinstance(x, int | float | np.ndarray) and not isinstance(x, bool)
+
+
 class CableModel(eqx.Module):
-    """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses."""
+    """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses.
+
+    ``gravity`` may be a list; ``effects`` one effect or several, whose parameters may be plain numbers.
+    """
 
     cable: Cable
     gravity: Float[Array, "3"]
-    effects: tuple[AbstractEffect, ...] = ()
+    effects: tuple[AbstractEffect, ...]
+
+    def __init__(self, cable: Cable, gravity: Quantity, effects: AbstractEffect | Iterable[AbstractEffect] = ()) -> None:
+        """Numbers of any kind become arrays (converters of fields are unknown to mypy)."""
+        self.cable, self.gravity, self.effects = cable, jnp.asarray(gravity, float), _effects(effects)
+
+    def __check_init__(self):
+        if self.gravity.shape != (3,):
+            raise Scan2FlexError(f"CableModel: gravity has shape {self.gravity.shape}: give three numbers in m/s^2.")
 
 
 class Rod(eqx.Module):

@@ -20,6 +20,9 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.centre_curve import CentreCurve
 from scan2flex_jax.scan.extraction import extract
+from scan2flex_jax.study.files import read_text
+from scan2flex_jax.study.limits import curve_limit
+from scan2flex_jax.study.values import Where
 
 
 @dataclass(frozen=True)
@@ -32,11 +35,13 @@ class Intrinsics:
 
 def read_picks(path: str | Path) -> Float[np.ndarray, "n 3"]:
     """Rows of ``u, v, depth in mm`` without a header, in order along the cable."""
+    limit = curve_limit()
+    text = read_text(Path(path), limit.bytes, Where(str(path)), "the file is not there: name one.", limit)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of an empty table, which is refused below
-            picks = np.loadtxt(path, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as fault:
+            picks = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
+    except ValueError as fault:
         raise Scan2FlexError(f"{path} is no table of u, v, depth in mm: {' '.join(str(fault).split())[:100]}") from fault
     if picks.shape[1] != 3 or not np.isfinite(picks).all() or not (picks[:, 2] > 0).all():
         raise Scan2FlexError(f"{path} must hold three finite columns u, v, depth in mm with positive depth")

@@ -3,12 +3,17 @@
 Units in the picture: m for space, mm for residuals and standard deviations.
 """
 
+import io
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.centre_curve import CentreCurve
+from scan2flex_jax.study.names import drawn
+from scan2flex_jax.study.outputs import write_file
 
 _STAGES = (("coarse", "tab:orange", "--"), ("snakes", "tab:green", "-."))
 
@@ -29,7 +34,7 @@ def plot_extraction(curve: CentreCurve, title: str = "") -> Any:
     if "guide points" in curve.stages:
         space.plot(*curve.stages["guide points"].T, "o", ms=4.0, color="tab:red", label="guide points")
     space.plot(*curve.points.T, "-", color="tab:blue", lw=1.8, label="centre curve")
-    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=title)
+    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=drawn(title))
     space.set_aspect("equal")
     space.locator_params(nbins=4)  # a short side has no room for more
     space.legend(loc="upper left", fontsize="small")
@@ -54,12 +59,20 @@ def _along(figure, curve: CentreCurve) -> None:
         for low, high in curve.gaps:
             axes.axvspan(low, high, color="0.85")
     if curve.warnings:
-        figure.supxlabel("\n".join(curve.warnings), fontsize="x-small")
+        figure.supxlabel("\n".join(map(drawn, curve.warnings)), fontsize="x-small")
 
 
-def save_picture(curve: CentreCurve, path: str | Path, title: str = "") -> Path:
-    """Write the picture of an extraction (PNG, PDF or SVG, by the name's ending)."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    plot_extraction(curve, title).savefig(path, dpi=130)
+def save_picture(
+    curve: CentreCurve, path: str | Path, title: str = "", write: Callable[[Path, bytes], None] = write_file
+) -> Path:
+    """Write the picture of an extraction (PNG, PDF or SVG, by the name's ending) in one step; a study's own files are refused.
+
+    ``write(path, bytes)`` puts it there.
+    """
+    path, picture = Path(path), io.BytesIO()
+    figure, kind = plot_extraction(curve, title), path.suffix.lstrip(".").lower() or "png"
+    if kind not in figure.canvas.get_supported_filetypes():
+        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
+    figure.savefig(picture, format=kind, dpi=130)
+    write(path, picture.getvalue())
     return path

@@ -1,4 +1,4 @@
-"""A structured Newton method for the rod, as an optimistix minimiser.
+"""A structured Newton method for the rod.
 
 Each step solves the block-tridiagonal system with the geometric stiffness at *predicted* section forces (mixed
 stress-strain step, `rod.assembly`): the nearly rigid stretching then does not shorten the steps. What remains to be tamed
@@ -10,12 +10,11 @@ along that direction, which a second right-hand side has followed by inverse ite
 start. There is no line search: energy along the way means little in a curved valley, and stability is judged at the end.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
@@ -29,9 +28,11 @@ from scan2flex_jax.rod.assembly import (
     to_nodes,
 )
 from scan2flex_jax.rod.energy import retract, supported
-from scan2flex_jax.rod.model import Rod
+from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics import blocktridiagonal as bt
+from scan2flex_jax.statics.solver import AbstractRodSolver, Settled
 
+MAX_STEPS = 200
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
 _PUSH = 0.2  # the same for a push off a saddle
 _SETTLED = 1.0e-2  # two steps below this, still indefinite, mean that a saddle attracts: after one the forces may be to blame
@@ -42,8 +43,8 @@ _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness
 
 class NewtonState(eqx.Module):
     """What one step leaves to the next: the derivatives where it began, predicted section forces, the softest mode, the
-    lent stiffness, and whether the last step that moved was a small one (``settling``). After the last step, which does not
-    move, ``last`` belongs to the solution."""
+    lent stiffness, whether the last step that moved was a small one (``settling``), and whether all is ``finite``. After the
+    last step, which does not move, ``last`` belongs to the solution."""
 
     last: Derivatives
     forces: Float[Array, "n 6"]
@@ -56,33 +57,45 @@ class NewtonState(eqx.Module):
     size: Float[Array, ""]
     negative: Int[Array, ""]
     done: Bool[Array, ""]
+    finite: Bool[Array, ""]
 
 
-class MixedNewton(optx.AbstractMinimiser):
-    """Newton's method with mixed stress-strain steps; ``args`` of the minimised function must be the `Rod`.
+class MixedNewton(AbstractRodSolver):
+    """Newton's method with mixed stress-strain steps.
 
     Converged when an undamped step moved no node by more than ``atol`` (rad, or parts of the length): convergence is
     quadratic, so what is left is of the order of its square. The step after it only looks: it must find a positive definite
     Hessian, and leaves the derivatives at the solution in the state.
     """
 
-    rtol: float = 0.0
     atol: float = 1.0e-7
-    norm: Callable = optx.max_norm
 
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        """Nothing is known of the forces yet."""
-        rod: Rod = args
+    def settle(self, rod: Rod, start: Configuration, max_steps: int | None = None) -> Settled:
+        """See `AbstractRodSolver.settle`; ``max_steps`` is `MAX_STEPS` unless given."""
+        most = MAX_STEPS if max_steps is None else max_steps
+
+        def unsettled(carry):
+            _, state, steps = carry
+            return ~state.done & (steps < most) & state.finite
+
+        def advance(carry):
+            y, state, steps = carry
+            return *self.step(rod, y, state), steps + 1
+
+        y, state, steps = jax.lax.while_loop(unsettled, advance, (start, self.begin(rod, start), jnp.array(0)))
+        return Settled(supported(rod, y), state.last, state.negative, steps, ~state.done & state.finite)
+
+    def begin(self, rod: Rod, start: Configuration) -> NewtonState:
+        """The state before the first step: nothing is known of the forces yet."""
         empty = no_derivatives(rod)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
         return NewtonState(
-            empty, empty.elements.n, wave * free_motions(rod), y.r, 0.0 * one, ~no, no, no, one, jnp.array(0), no
+            empty, empty.elements.n, wave * free_motions(rod), start.r, 0.0 * one, ~no, no, no, one, jnp.array(0), no, ~no
         )
 
-    def step(self, fn, y, args, options, state, tags):
+    def step(self, rod: Rod, y: Configuration, state: NewtonState) -> tuple[Configuration, NewtonState]:
         """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
-        rod: Rod = args
         y = supported(rod, y)
         looking = state.size < self.atol
         d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, state, looking))
@@ -101,6 +114,7 @@ class MixedNewton(optx.AbstractMinimiser):
         push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
         twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
         twist = jnp.where(definite & ~done, twist, 0.0)
+        moved = retract(y, twist)
         increment = matvec(d.elements.K, strain_increment(rod, d.elements, twist))
         less = jnp.where(state.lent < _NONE, 0.0, state.lent / _SHRINK)
         state = NewtonState(
@@ -115,22 +129,15 @@ class MixedNewton(optx.AbstractMinimiser):
             size=jnp.where(definite & ~push & (state.lent == 0.0), size, 1.0),
             negative=negative,
             done=done,
+            finite=jnp.all(jnp.isfinite(moved.r)) & jnp.all(jnp.isfinite(moved.R)),
         )
-        return retract(y, twist), state, None
+        return moved, state
 
     @staticmethod
     def _forces(state, looking, n):
         """Section forces of the geometric stiffness: a start's stretching means nothing, a solution's forces are its own."""
         predicted = jnp.where(state.first, n.at[:, :3].set(0.0), state.forces)
         return jnp.where(looking, n, predicted)
-
-    def terminate(self, fn, y, args, options, state, tags):
-        """Converged on a small, undamped step; a solve never fails before its last step."""
-        return state.done, optx.RESULTS.successful
-
-    def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        """Nothing to add."""
-        return y, aux, {}
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:

@@ -4,7 +4,6 @@
 """
 
 from scan2flex_jax.study.check import PoseFacts, describe, pose_facts, study_warnings
-from scan2flex_jax.study.files import write_json_atomic
 from scan2flex_jax.study.kinds import (
     CABLE,
     DESCRIPTIVE_KINDS,
@@ -24,6 +23,7 @@ from scan2flex_jax.study.model import (
     Tolerance,
     Unknown,
 )
+from scan2flex_jax.study.outputs import write_json_atomic
 from scan2flex_jax.study.read import load_study
 from scan2flex_jax.study.write import save_study
 

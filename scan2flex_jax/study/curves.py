@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
+from scan2flex_jax.study.limits import CURVE_POINTS, curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.values import LARGEST, Where, shown
 
@@ -67,7 +68,8 @@ def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Whe
 
 def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:
     """Column names and numbers of a CSV whose header is one of `headers`."""
-    content = read_text(path, CSV_LIMIT, where, "the file is not there: put it into the study's folder.")
+    missing, rows = "the file is not there: put it into the study's folder.", curve_limit()
+    content = read_text(path, CSV_LIMIT * rows.points // CURVE_POINTS, where, missing, rows)
     first, *lines = content.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     names = [name.strip() for name in first.split(",")] if len(first) < 200 else []
     if ",".join(names) not in headers:

@@ -2,30 +2,39 @@
 
 Reading refuses what is no regular file, what is too large, and every path that leads out of the study's folder.
 Writing goes to a new file in the same directory, is flushed to the disk, and takes the place of the old file in one
-step; what the old file said is kept in a backup.
+step; what the old file said is kept in a backup. Devices, pipes and the program's own streams are written to as they are.
+Which files may be written is decided in `outputs`.
 """
 
 import contextlib
-import json
+import errno
 import os
 import secrets
 import shutil
+import stat
+import sys
+import time
 from pathlib import Path, PureWindowsPath
-from typing import Any
-
-import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.study.limits import Limit
 from scan2flex_jax.study.values import Where, one_line, shown
 
 TOML_LIMIT = 10_000_000
 """Bytes of a study.toml; a thousand poses take well below one million."""
 CSV_LIMIT = 200_000_000
 """Bytes of a CSV; a curve of a million points takes about 50 million."""
+PATIENCE = 10.0
+"""Seconds that a pipe is waited for which nobody reads yet."""
+_BLOCK = 1 << 20
+_BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(), "\u2028".encode(), "\u2029".encode())
 
 
-def read_text(path: Path, limit: int, where: Where, missing: str) -> str:
-    """The text of a UTF-8 file of at most `limit` bytes; `missing` says what to do when it is not there."""
+def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None) -> str:
+    """The text of a UTF-8 file of at most `limit` bytes; `missing` says what to do when it is not there.
+
+    Of a table, `rows` limits the lines, which are counted as they come.
+    """
     try:
         if path.is_dir():
             raise where.fail(f"{one_line(str(path))} is a folder: name a file.")
@@ -33,16 +42,31 @@ def read_text(path: Path, limit: int, where: Where, missing: str) -> str:
             raise where.fail(missing)
         if not path.is_file():
             raise where.fail(f"{one_line(str(path))} is no regular file: name one.")
-        with path.open("rb") as stream:
-            data = stream.read(limit + 1)
+        data = _read(path, limit, where, rows)
     except (OSError, ValueError) as error:
         raise where.fail(f"{one_line(str(path))} cannot be read ({_reason(error)}): check it.") from error
-    if len(data) > limit:
-        raise where.fail(f"the file is larger than {limit // 1_000_000} MB: give a smaller one.")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise where.fail(f"byte {error.start} is no UTF-8 text: save the file as plain text in UTF-8.") from error
+
+
+def _read(path: Path, limit: int, where: Where, rows: Limit | None) -> bytearray:
+    """The bytes of a file: its size is looked at first, and counted again, since a file may grow."""
+    advice = "give a smaller one." if rows is None else rows.advice
+    too_large = where.fail(f"the file is larger than {limit // 1_000_000} MB: {advice}")
+    data, lines = bytearray(), 0
+    with path.open("rb") as stream:
+        if os.fstat(stream.fileno()).st_size > limit:
+            raise too_large
+        while block := stream.read(_BLOCK):
+            data += block
+            if len(data) > limit:
+                raise too_large
+            lines += sum(map(block.count, _BREAKS)) - block.count(b"\r\n")
+            if rows is not None and lines > rows.points + 1:  # a header
+                raise where.fail(rows.sentence(f"more than {rows.points} lines"))
+    return data
 
 
 def _reason(error: Exception) -> str:
@@ -87,21 +111,34 @@ def backup(path: Path) -> Path | None:
     while True:
         copy = path.with_name(f"{path.name}.bak" + (f".{number}" if number else ""))
         try:
-            with copy.open("xb") as target, path.open("rb") as source:
-                shutil.copyfileobj(source, target)
-                target.flush()
-                os.fsync(target.fileno())
+            target = copy.open("xb")
         except FileExistsError:
             number += 1
             continue
+        try:
+            with target, path.open("rb") as source:
+                shutil.copyfileobj(source, target)
+                target.flush()
+                os.fsync(target.fileno())
+        except BaseException:
+            copy.unlink(missing_ok=True)  # half a backup would be taken for a whole one
+            raise
         return copy
 
 
 def write_atomic(path: Path, data: bytes | Path) -> None:
-    """Make `path` hold `data`, or a copy of the file `data`, in one step: a reader sees the old or the new, whole."""
+    """Make `path` hold `data`, or a copy of the file `data`, in one step: a reader sees the old or the new, whole.
+
+    What is no regular file (a device, a pipe) is written to as it is; raises `OSError`, `ValueError` or `RuntimeError`.
+    """
+    if is_stream(path):
+        _write_through(path, data.read_bytes() if isinstance(data, Path) else data)
+        return
     path = path.resolve()
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, "it is write-protected", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(4)}.tmp")
+    temporary = path.with_name(f".{path.name.encode()[:100].decode(errors='ignore')}.{secrets.token_hex(4)}.tmp")
     try:
         with temporary.open("xb") as target:
             if isinstance(data, Path):
@@ -120,6 +157,50 @@ def write_atomic(path: Path, data: bytes | Path) -> None:
     _sync_folder(path.parent)
 
 
+def is_stream(path: Path) -> bool:
+    """Whether a path leads to a device, a pipe, or a stream of this process, which no new file may replace."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        return False
+    return not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)) or _own_stream(found) is not None
+
+
+def _own_stream(found: os.stat_result) -> int | None:
+    """The descriptor of standard output or error, where this is it: /dev/stdout may stand for a regular file."""
+    for handle in (1, 2):
+        with contextlib.suppress(OSError):
+            if os.path.samestat(found, os.fstat(handle)):
+                return handle
+    return None
+
+
+def _write_through(path: Path, data: bytes) -> None:
+    """Write to a device or a pipe; a pipe that nobody reads is waited for, but not for ever."""
+    own = _own_stream(path.stat())
+    if own is not None:
+        sys.stdout.flush()
+        handle = os.dup(own)
+    else:
+        handle = _opened(path)
+    with open(handle, "wb") as stream:
+        stream.write(data)
+
+
+def _opened(path: Path) -> int:
+    until = time.monotonic() + PATIENCE
+    while True:
+        try:
+            handle = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+        except OSError as error:
+            if error.errno != errno.ENXIO or time.monotonic() > until:
+                raise
+            time.sleep(0.05)
+            continue
+        os.set_blocking(handle, True)
+        return handle
+
+
 def _sync_folder(folder: Path) -> None:
     """Put the new name on the disk too, where the system lets a folder be opened."""
     with contextlib.suppress(OSError):
@@ -130,39 +211,9 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def write_json_atomic(path: str | Path, obj: Any) -> None:
-    """Write `obj` as JSON in one step; numpy numbers and arrays become lists, NaN and infinity are refused."""
-    try:
-        text = json.dumps(obj, indent=2, allow_nan=False, ensure_ascii=False, default=_plain)
-    except (ValueError, TypeError, RecursionError) as error:
-        what = _non_finite(obj) or one_line(str(error))
-        raise StudyError(path, None, f"the result cannot be written as JSON ({what}): leave that entry out.") from error
-    try:
-        write_atomic(Path(path), (text + "\n").encode("utf-8"))
-    except (OSError, ValueError) as error:
-        raise StudyError(path, None, f"the file cannot be written ({_reason(error)}): choose another place.") from error
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"a {type(value).__name__} has no place in JSON")
-
-
-def _non_finite(obj: Any, key: str = "") -> str | None:
-    """Where the first NaN or infinity stands, as in estimates.length.std."""
-    if isinstance(obj, dict):
-        found = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
-    elif isinstance(obj, list | tuple | np.ndarray) and np.ndim(obj) > 0:
-        found = (_non_finite(entry, f"{key}[{i}]") for i, entry in enumerate(obj))
-    else:
-        bad = isinstance(obj, float | np.floating) and not np.isfinite(obj)
-        return f"{key or 'it'} is {obj}" if bad else None
-    return next((entry for entry in found if entry), None)
-
-
 def writing_error(path: Path, error: Exception) -> Scan2FlexError:
     """One sentence for a file that the system would not take."""
+    path = Path(one_line(str(path), 300))
+    if getattr(error, "errno", None) == errno.ENXIO:
+        return StudyError(path, None, f"nobody read this pipe for {PATIENCE:g} s: start its reader first.")
     return StudyError(path, None, f"the file cannot be written ({_reason(error)}): check the folder and the disk.")

@@ -1,45 +1,142 @@
-"""Files of scans and meshes as trimesh reads them: the bytes of the one file, and nothing that the file points to.
+"""Files of scans and meshes: looked at first, then read by trimesh.
 
-Given a path, trimesh follows what a file names (materials of an OBJ, buffers of a glTF), out of the study's folder too, and
-writes its own faults to the screen. Given bytes it can do neither.
+What a file says of its size is compared with what is there before anything is read (`survey`), so that a file that is too
+large, cut short or empty is refused in one sentence and costs no memory. A packed file (.gz, or a .zip of one scan) is unpacked
+here, and counted while it is: what an archive says of itself may be wrong. trimesh gets the bytes of the one file: given
+a path, it follows what a file names (materials of an OBJ), out of the study's folder too, and writes its own faults to the
+screen.
 """
 
+import gzip
 import io
 import logging
+import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.limits import Limit, scan_limit
+from scan2flex_jax.study.survey import KINDS, Survey, survey
 
-SCAN_LIMIT = 2_000_000_000
-"""Bytes of a scan; ten million points take about 200 million."""
+PACKED = (".gz", ".zip")
+_BLOCK = 1 << 20
+_ADVICE = "export it again, as PLY or XYZ."
+_NAMES = ", ".join(f".{kind}" for kind in KINDS)
 
 
 def load_geometry(path: Path) -> Any:
-    """The trimesh object in a file; raises `StudyError` for one that is not there, too large or of no known kind."""
+    """The trimesh object in a file; raises `StudyError` for one that is not there, too large, cut short or empty."""
+    limit = scan_limit()
+    try:
+        if not path.is_file():
+            raise StudyError(path, None, "the scan is not there: put it back, or correct its name.")
+        with path.open("rb") as stream:
+            kind, data = _unpacked(path, stream, limit)
+            _check(path, survey(kind, data, limit), limit)
+            data.seek(0)
+            return _read(path, kind, data)
+    except (OSError, ValueError) as fault:
+        raise unreadable(path, fault) from fault
+
+
+def _unpacked(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, io.BufferedIOBase]:
+    """The kind of a scan, and its bytes as a stream."""
+    ending = path.suffix.lower()
+    if ending == ".zip":
+        name, stream = _only_scan(path, stream, limit)
+        data = _counted(path, stream, limit)
+    elif ending == ".gz":
+        name, data = path.stem, _counted(path, gzip.GzipFile(fileobj=stream), limit)
+    else:
+        name, data = path.name, stream
+        _check_bytes(path, path.stat().st_size, limit)
+    kind = Path(name).suffix.lower().removeprefix(".")
+    if kind not in KINDS:
+        raise StudyError(path, None, f"it is none of the kinds of scans that are read ({_NAMES}): {_ADVICE}")
+    return kind, data
+
+
+def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, Any]:
+    """The one scan in an archive: its name, and a stream of it."""
+    try:
+        archive = zipfile.ZipFile(stream)
+        found = [m for m in archive.infolist() if Path(m.filename).suffix.lower().removeprefix(".") in KINDS]
+        if len(found) != 1:
+            raise StudyError(path, None, f"the archive holds {len(found)} scans ({_NAMES}): pack one.")
+        _check_bytes(path, found[0].file_size, limit)
+        return found[0].filename, archive.open(found[0])
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OverflowError) as fault:  # damaged, unknown, encrypted
+        raise unreadable(path, fault) from fault
+
+
+def _counted(path: Path, stream: Any, limit: Limit) -> io.BufferedIOBase:
+    """What a packed stream unpacks to, as long as that is no more than the limit."""
+    data = io.BytesIO()
+    try:
+        while block := stream.read(_BLOCK):
+            data.write(block)
+            _check_bytes(path, data.tell(), limit)
+    except (EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError) as fault:
+        raise unreadable(path, fault) from fault
+    data.seek(0)
+    return data
+
+
+def _check_bytes(path: Path, size: int, limit: Limit) -> None:
+    if size > limit.bytes:
+        raise StudyError(path, None, limit.sentence(f"{size // 1_000_000} MB or more"))
+
+
+def _check(path: Path, found: Survey, limit: Limit) -> None:
+    """Refuse what is too large, empty, or less than its own header says."""
+    if found.fault:
+        raise StudyError(path, None, f"it cannot be read as a point cloud ({found.fault}): {_ADVICE}")
+    if max(found.points, found.declared, found.faces) > limit.points:
+        most = max(found.points, found.declared)
+        raise StudyError(path, None, limit.sentence(f"{most} {found.unit}" if most > limit.points else f"{found.faces} faces"))
+    if found.points < found.declared:
+        said = f"its header says {found.declared} {found.unit}, and there are {found.points}"
+        raise StudyError(path, None, f"{said}: it was cut short; {_ADVICE}")
+    if found.points == 0:
+        raise StudyError(path, None, f"the scan holds no points: {_ADVICE}")
+    if found.cut:
+        raise StudyError(path, None, f"it ends before its {found.faces} faces do: it was cut short; {_ADVICE}")
+
+
+def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
-    if not path.is_file():
-        raise StudyError(path, None, "the scan is not there: put it back, or correct its name.")
-    if path.stat().st_size > SCAN_LIMIT:
-        raise StudyError(path, None, f"the scan is larger than {SCAN_LIMIT // 1_000_000} MB: thin it out.")
+    if kind == "xyz":
+        return trimesh.PointCloud(_table(data))
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
     try:
-        return trimesh.load(io.BytesIO(path.read_bytes()), file_type=path.suffix.removeprefix(".").lower())
+        return trimesh.load(io.BytesIO(data.read()), file_type=kind)
     except Exception as fault:  # each of trimesh's readers fails in its own way
         raise unreadable(path, fault) from fault
     finally:
         log.setLevel(level)
 
 
+def _table(data: io.BufferedIOBase) -> np.ndarray:
+    """The first three columns of a text, apart by blanks or commas (trimesh's reader takes ten times the memory)."""
+    text = io.TextIOWrapper(data, "utf-8-sig", errors="replace")  # type: ignore[type-var]  # any stream of bytes does
+    first = next(line for line in text if line.strip() and not line.lstrip().startswith("#"))
+    text.seek(0)
+    mark = "," if "," in first else None
+    points = np.loadtxt(text, dtype=np.float64, delimiter=mark, usecols=(0, 1, 2), ndmin=2)
+    text.detach()
+    return points
+
+
 def unreadable(path: Path, fault: Exception) -> StudyError:
-    """One sentence for what trimesh made of a broken file."""
+    """One sentence for what a reader made of a broken file."""
     reason = " ".join(f"{type(fault).__name__} {fault}".split())[:140]
-    return StudyError(path, None, f"it cannot be read as a point cloud ({reason}): export it again, as PLY or XYZ.")
+    return StudyError(path, None, f"it cannot be read as a point cloud ({reason}): {_ADVICE}")
 
 
 def scan_facts(path: Path) -> tuple[int, np.ndarray]:
@@ -52,4 +149,6 @@ def scan_facts(path: Path) -> tuple[int, np.ndarray]:
     except (ValueError, IndexError, TypeError) as fault:
         raise unreadable(path, fault) from fault
     points = points[np.all(np.isfinite(points), axis=1)]
-    return len(points), np.ptp(points, axis=0) if len(points) else np.zeros(3)
+    if not len(points):
+        raise StudyError(path, None, f"the scan holds no points: {_ADVICE}")
+    return len(points), np.ptp(points, axis=0)

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import CableModel, Configuration
-from scan2flex_jax.statics.solve import DEFAULT_ELEMENTS, MAX_STEPS, Equilibrium, equilibrium
+from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
+from scan2flex_jax.statics.solve import Equilibrium, equilibrium
 from scan2flex_jax.sweep.task import Output, Traced
 
 
@@ -48,7 +49,7 @@ def equilibria(
     quantities: tuple[str, ...] | dict[str, Quantity] = ("points",),
     *,
     elements: int = DEFAULT_ELEMENTS,
-    max_steps: int = MAX_STEPS,
+    max_steps: int | None = None,
 ) -> Traced:
     """A task that solves ``scene(lane)``, a `Scene` or ``(model, boundary)``, and keeps ``quantities`` of what it finds.
 

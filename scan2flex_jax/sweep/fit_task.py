@@ -8,7 +8,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
-from scan2flex_jax.statics.solve import SOLVED
+from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.sweep.changes import guesses
 from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output

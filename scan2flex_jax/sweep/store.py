@@ -5,25 +5,33 @@
     chunk-00017.nc     the lanes of one chunk that is done
     sweep.nc           the whole, once every chunk is there
 
-The files are netCDF 3, which xarray reads and writes without a further library. A process that is killed leaves whole chunks
-only, and at most a file of its own whose name begins with a dot, which nobody reads.
+The files are netCDF 3, which xarray reads and writes without a further library. Each one but `sweep.nc`, which is for others,
+ends with the SHA-256 of what stands before, and the definition holds its own: a store whose bytes have changed is not read. A
+chunk that is damaged counts as not done. A process that is killed leaves whole chunks only, and at most a file of its own
+whose name begins with a dot, which nobody reads.
 """
 
 import contextlib
+import hashlib
+import io
 import json
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.files import write_atomic, write_json_atomic
+from scan2flex_jax.study.files import write_atomic
+from scan2flex_jax.study.outputs import write_json_atomic
 from scan2flex_jax.sweep.labelled import filled, xarray
 from scan2flex_jax.sweep.task import VERDICT, Batch, Output
 
-FORMAT = "scan2flex-sweep/1"
-_AGAIN = "remove it, and the sweep does its lanes again"
+FORMAT = "scan2flex-sweep/2"
+_EARLIER = "scan2flex-sweep/1"
+_MARK = b"\nsha256:"  # between a file and its checksum
+_AGAIN = "run the sweep again, which computes its lanes anew"
 _ANEW = "choose another folder, or remove this one and begin again"
 _CHUNK = re.compile(r"chunk-(\d+)\.nc")
 
@@ -69,15 +77,27 @@ class Memory:
 class Store(Memory):
     """Chunks in a folder that several processes and hosts may share."""
 
-    def __init__(self, folder: Path, definition: dict, bare, order: np.ndarray):
-        """The folder's own sweep, as `create` or `open_store` found it."""
+    def __init__(self, folder: Path, definition: dict, bare, order: np.ndarray, *, going_on: bool = False):
+        """The folder's own sweep, as `create` or `open_sweep` found it; one that is `going_on` mends what is damaged."""
         super().__init__(definition, bare, order)
-        self.folder, self.definition = folder, definition
+        self.folder, self.definition, self.going_on = folder, definition, going_on
+        self._whole: set[int] = set()
+        self._damaged: set[int] = set()
 
     def done(self) -> set[int]:
-        """Chunks that are there."""
+        """Chunks that are there. Where the sweep goes on, a damaged one is said, and counts as not done."""
         found = (_CHUNK.fullmatch(path.name) for path in self.folder.iterdir())
-        return {int(m[1]) for m in found if m}
+        there = {int(m[1]) for m in found if m}
+        if not self.going_on:
+            return there
+        for k in there - self._whole - self._damaged:
+            try:
+                _checked(self._path(k))
+                self._whole.add(k)
+            except (OSError, Scan2FlexError) as error:
+                warnings.warn(f"{error}; its lanes are computed anew", stacklevel=2)
+                self._damaged.add(k)
+        return there - self._damaged
 
     def put(self, k: int, batch: Batch) -> None:
         """Write a chunk, in one step."""
@@ -88,6 +108,7 @@ class Store(Memory):
             parts[name] = (("lane", *own), x)
         chunk = xr.Dataset(parts, {"lane": self.lanes(k).astype(np.int32)}, {"of": self.definition["fingerprint"]})
         _write(self._path(k), chunk)
+        self._damaged.discard(k)
 
     def get(self, k: int) -> Batch:
         """Read a chunk."""
@@ -95,7 +116,7 @@ class Store(Memory):
             return self._batch(k)
 
     def _batch(self, k: int) -> Batch:
-        chunk = xarray().load_dataset(self._path(k), engine="scipy")
+        chunk = _load(self._path(k))
         if chunk.attrs.get("of") != self.definition["fingerprint"] or not np.array_equal(chunk["lane"], self.lanes(k)):
             raise Scan2FlexError(f"{self._path(k)} belongs to another sweep: remove it, or choose another folder")
         arrays = {str(name): x.values for name, x in chunk.data_vars.items()}
@@ -107,7 +128,7 @@ class Store(Memory):
         """Write the whole, if it is not there yet."""
         path = self.folder / "sweep.nc"
         if not path.exists():
-            _write(path, found)
+            _write(path, found, check=False)
 
     def _path(self, k):
         return self.folder / f"chunk-{k:05d}.nc"
@@ -119,7 +140,7 @@ def create(folder: Path, definition: dict, bare, order: np.ndarray) -> Store:
     if (folder / "definition.json").exists():
         with _told(folder / "definition.json", _ANEW):
             _same(folder, _definition(folder), definition)
-        return Store(folder, definition, bare, order)
+        return Store(folder, definition, bare, order, going_on=True)
     if folder.exists() and not folder.is_dir():
         raise Scan2FlexError(f"{folder} is a file: a sweep is kept in a folder")
     there = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
@@ -127,8 +148,8 @@ def create(folder: Path, definition: dict, bare, order: np.ndarray) -> Store:
     if strangers:
         raise Scan2FlexError(f"{folder} holds {strangers[0]} and no sweep: choose an empty folder")
     _write(folder / "lanes.nc", bare.assign(order=("lane", order.astype(np.int32))))
-    write_json_atomic(folder / "definition.json", definition)
-    return Store(folder, definition, bare, order)
+    write_json_atomic(folder / "definition.json", {**definition, "sha256": _digest_of(definition)})
+    return Store(folder, definition, bare, order, going_on=True)
 
 
 def open_sweep(folder: str | Path) -> Any:
@@ -136,7 +157,7 @@ def open_sweep(folder: str | Path) -> Any:
     folder = Path(folder).resolve()
     definition = _definition(folder)
     with _told(folder / "lanes.nc", _ANEW):
-        bare = xarray().load_dataset(folder / "lanes.nc", engine="scipy")
+        bare = _load(folder / "lanes.nc")
         order = np.asarray(bare["order"].values, int)
     with _told(folder, _ANEW):
         return Store(folder, definition, bare.drop_vars("order"), order).dataset()
@@ -145,12 +166,23 @@ def open_sweep(folder: str | Path) -> Any:
 def _definition(folder):
     path = folder / "definition.json"
     try:
-        definition = json.loads(path.read_text())
+        definition = json.loads(path.read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise Scan2FlexError(f"{path}: cannot be read as the definition of a sweep ({error})") from error
-    if not isinstance(definition, dict) or definition.get("format") != FORMAT:
+    found = definition.pop("format", None) if isinstance(definition, dict) else None
+    if found == _EARLIER:
+        raise Scan2FlexError(f"{path}: an earlier version wrote this sweep, without checksums: read its sweep.nc, or {_ANEW}")
+    if found != FORMAT:
         raise Scan2FlexError(f"{path}: format is not {FORMAT!r}: this is no sweep of this version of the package")
+    digest = definition.pop("sha256", None)
+    definition = {"format": FORMAT, **definition}
+    if digest != _digest_of(definition):
+        raise Scan2FlexError(f"{path}: it is damaged (its checksum differs): {_ANEW}")
     return definition
+
+
+def _digest_of(definition: dict) -> str:
+    return hashlib.sha256(json.dumps(definition, sort_keys=True).encode()).hexdigest()
 
 
 def _same(folder, there, wanted):
@@ -168,11 +200,29 @@ def _same(folder, there, wanted):
         raise Scan2FlexError(f"{folder} holds another sweep: choose another folder")
 
 
-def _write(path, dataset):
+def _write(path, dataset, check=True):
+    data = bytes(dataset.to_netcdf(engine="scipy"))
+    ending = _MARK + hashlib.sha256(data).hexdigest().encode() if check else b""
     try:
-        write_atomic(path, bytes(dataset.to_netcdf(engine="scipy")))
+        write_atomic(path, data + ending)
     except OSError as error:
         raise Scan2FlexError(f"{path}: cannot be written ({error.strerror}): check the folder and the disk") from error
+
+
+def _checked(path) -> bytes:
+    """The netCDF in a file, as it was written."""
+    data, mark, digest = path.read_bytes().rpartition(_MARK)
+    if not mark or digest.decode("ascii", errors="replace") != hashlib.sha256(data).hexdigest():
+        raise Scan2FlexError(f"{path}: it is damaged (its checksum differs)")
+    return data
+
+
+def _load(path):
+    try:
+        data = _checked(path)
+    except Scan2FlexError as error:
+        raise Scan2FlexError(f"{error}: {_AGAIN if _CHUNK.fullmatch(path.name) else _ANEW}") from error
+    return xarray().load_dataset(io.BytesIO(data), engine="scipy")
 
 
 @contextlib.contextmanager

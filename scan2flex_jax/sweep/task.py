@@ -17,8 +17,8 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.statics.solve import NON_FINITE, SOLVED
-from scan2flex_jax.statics.solve import SENTENCES as OF_EQUILIBRIA
+from scan2flex_jax.statics.verdict import NON_FINITE, SOLVED
+from scan2flex_jax.statics.verdict import SENTENCES as OF_EQUILIBRIA
 
 NOT_RUN, NOT_CONVERGED, REFUSED, FAULT = -1, 20, 21, 22
 SENTENCES = OF_EQUILIBRIA | {

@@ -82,6 +82,17 @@ def test_scans_in_millimetres_are_scaled(tmp_path):
     assert load_study(tmp_path) == study
 
 
+def test_a_file_in_the_place_of_the_copy_in_metres_is_kept_beside(tmp_path):
+    np.savetxt(tmp_path / "sag.xyz", np.random.default_rng(0).uniform(-1, 1, (50, 3)))
+    (tmp_path / "scans").mkdir()
+    (tmp_path / "scans" / "sag.ply").write_bytes(b"mine")
+    held = {"sag start": Clamp(np.zeros(3))}
+    for _ in range(2):
+        new_study(tmp_path, measured_files(tmp_path), clamps=held, units="mm", radius=0.004, **KNOWN)
+    assert (tmp_path / "scans" / "sag.ply.bak").read_bytes() == b"mine"
+    assert {path.name for path in (tmp_path / "scans").iterdir()} == {"sag.ply", "sag.ply.bak"}
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

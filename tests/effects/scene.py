@@ -15,8 +15,9 @@ from scan2flex_jax.effects.catalogue import Context, catalogue
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
-from scan2flex_jax.statics.solve import SOLVED, UNBALANCED, equilibrium
+from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.starts import curve_start
+from scan2flex_jax.statics.verdict import SOLVED, UNBALANCED
 
 ELEMENTS = 16
 UNOPTIMISED = {"xla_backend_optimization_level": 0}

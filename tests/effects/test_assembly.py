@@ -11,7 +11,7 @@ import pytest
 from scan2flex_jax.rod.assembly import derivatives
 from scan2flex_jax.rod.energy import potential_energy, retract
 from scan2flex_jax.rod.model import CableModel, Configuration, discretise
-from scan2flex_jax.statics.reference import dense
+from scan2flex_jax.statics.scaled import dense
 
 from . import scene
 

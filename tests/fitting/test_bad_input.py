@@ -10,7 +10,7 @@ from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.statics.solve import SOLVED, UNBALANCED
+from scan2flex_jax.statics.verdict import SOLVED, UNBALANCED
 from scan2flex_jax.study import Unknown
 
 from . import scenes

@@ -16,7 +16,6 @@ import scan2flex_jax
 
 ROOT = Path(scan2flex_jax.__file__).parents[1]
 SCRIPT = """
-import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax import Boundary, Cable, CableModel, StudyError, equilibrium, explain, fit, load_study, plan, plot, predict
@@ -24,7 +23,7 @@ from scan2flex_jax import report, save_study
 
 cable = Cable(length=0.9, length_density=0.05, bending_stiffness=[0.02, 0.03], torsional_stiffness=np.float64(0.015))
 held = Boundary.of((np.zeros(3), np.eye(3)), (np.array([0.5, 0.0, 0.0]), None))
-solved = equilibrium(CableModel(cable, jnp.array([0.0, 0.0, -9.81])), held)
+solved = equilibrium(CableModel(cable, [0.0, 0.0, -9.81]), held)
 reveal_type(solved)
 reveal_type(solved.points)
 reveal_type(solved.verdict.sentence())

@@ -11,7 +11,7 @@ import pytest
 from scan2flex_jax.rod.assembly import derivatives, free_motions, out_of_balance, strain_increment
 from scan2flex_jax.rod.boundary import BALL, CLAMP, FREE
 from scan2flex_jax.rod.energy import potential_energy, retract, strains
-from scan2flex_jax.statics.reference import dense
+from scan2flex_jax.statics.scaled import dense
 
 from .scenes import ELEMENTS, Hardening, Spring, random_rod
 

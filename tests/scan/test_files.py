@@ -10,6 +10,8 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import extract, load_cloud, shapes, tube_mesh
 from scan2flex_jax.scan.cloud import MESH_SAMPLES, normals_at
 from scan2flex_jax.scan.coarse import axis_votes
+from scan2flex_jax.study.scans import scan_facts
+from tests.outputs import scenes
 from tests.scan.truth import ends, errors
 
 LENGTH, RADIUS = 1.0, 0.012
@@ -120,3 +122,77 @@ def test_a_face_of_points_that_are_not_there_is_refused(tmp_path, capfd):
     with pytest.raises(Scan2FlexError, match=r"scan\.off"):
         load_cloud(scan)
     assert capfd.readouterr() == ("", "")
+
+
+def _ply(declared, rows, form="ascii"):
+    head = f"ply\nformat {form} 1.0\nelement vertex {declared}\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    body = "0 0 0\n" * rows if form == "ascii" else "\0" * 12 * rows
+    return (head + body).encode("ascii")
+
+
+def _mesh(kind, **options):
+    data = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type=kind, **options)
+    return data if isinstance(data, bytes) else data.encode()
+
+
+SHORT = {
+    "text.ply": (_ply(100, 60), "header says 100 points, and there are 60"),
+    "bytes.ply": (_ply(100, 60, "binary_little_endian"), "header says 100 points, and there are 60"),
+    "cut.ply": (_ply(100, 100, "binary_big_endian")[:-1], "header says 100 points, and there are 99"),
+    "faces.ply": (_mesh("ply")[:-150], "ends before its 12 faces"),
+    "textfaces.ply": (_mesh("ply", encoding="ascii").rsplit(b"\n", 4)[0], "ends before its 12 faces"),
+    "bytes.stl": (_mesh("stl")[:-120], "header says 12 triangles, and there are 9"),
+    "cut.off": (b"OFF\n100 0 0\n" + b"0 0 0\n" * 60, "header says 100 points, and there are 60"),
+    "cut.glb": (_mesh("glb")[:-60], "cut short"),
+    "none.ply": (_ply(0, 0), "holds no points"),
+    "none-bytes.ply": (_ply(0, 0, "binary_little_endian"), "holds no points"),
+    "none.xyz": (b"# x y z\n\n", "holds no points"),
+    "none.obj": (b"# empty\nvn 0 0 1\n", "holds no points"),
+    "none.stl": (b"solid x\nendsolid x\n", "holds no points"),
+    "none-bytes.stl": (b"\0" * 84, "holds no points"),
+    "none.off": (b"OFF\n0 0 0\n", "holds no points"),
+}
+
+
+@pytest.mark.parametrize("name", SHORT)
+def test_what_is_empty_or_cut_short_is_said_by_every_reader(tmp_path, name):
+    """`check` asks for facts, `extract` and `fit` for points: the sentence is one."""
+    data, words = SHORT[name]
+    (tmp_path / name).write_bytes(data)
+    said = set()
+    for read in (load_cloud, scan_facts):
+        with pytest.raises(Scan2FlexError, match=words) as refusal:
+            read(tmp_path / name)
+        said.add(str(refusal.value))
+    assert len(said) == 1 and "\n" not in said.pop()
+
+
+def test_a_scan_without_finite_points_has_none(tmp_path):
+    (tmp_path / "a.xyz").write_text("nan 0 0\n0 inf 0\n")
+    with pytest.raises(Scan2FlexError, match="holds no points"):
+        scan_facts(tmp_path / "a.xyz")
+
+
+@pytest.mark.parametrize("command", ["check", "extract", "fit"])
+def test_commands_say_so_in_one_sentence(tmp_path, command):
+    study = scenes.write_study(tmp_path / "study", measured="scan")
+    with (study / "study.toml").open("a") as toml:
+        toml.write("\n[unknown.bending_stiffness]\n")
+    text = (study / "study.toml").read_text()
+    (study / "study.toml").write_text(text.replace("pose-0.xyz", "pose-0.ply"))
+    (study / "pose-0.ply").write_bytes(_ply(100, 60))
+    found = scenes.run(command, study)
+    assert isinstance(found.exception, Scan2FlexError)
+    assert "pose-0.ply" in str(found.exception)
+    said = "its header says 100 points, and there are 60: it was cut short; export it again, as PLY or XYZ."
+    assert str(found.exception).endswith(said)
+
+
+TABLES = ["0, 1, 2\n3, 4, 5\n", "0,1,2\n3,4,5", "# x y z\n0 1 2 255 0 0\n\n3 4 5 0 0 255\n", "\ufeff0 1 2\r\n3 4 5\r\n"]
+
+
+@pytest.mark.parametrize("text", TABLES)
+def test_tables_of_points_as_others_write_them(tmp_path, text):
+    (tmp_path / "a.xyz").write_text(text, "utf-8")
+    np.testing.assert_array_equal(load_cloud(tmp_path / "a.xyz").points, np.arange(6.0).reshape(2, 3))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.statics import blocktridiagonal as bt
-from scan2flex_jax.statics.reference import dense
+from scan2flex_jax.statics.scaled import dense
 
 N = 9
 both = jax.jit(bt.factor_and_solve)

@@ -12,8 +12,9 @@ import pytest
 from reference import clamped_cases, rotations, write_values
 
 from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.statics.solve import SOLVED, equilibrium
+from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.starts import curve_start
+from scan2flex_jax.statics.verdict import SOLVED
 
 from . import cases
 

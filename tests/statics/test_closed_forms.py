@@ -16,7 +16,8 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.model import CableModel
-from scan2flex_jax.statics.solve import TOO_COARSE, equilibrium
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import TOO_COARSE
 
 from . import cases
 

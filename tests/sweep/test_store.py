@@ -145,10 +145,61 @@ def test_damaged_and_foreign_chunks(tmp_path):
     task, lanes = scenes.squares()
     sweep(task, lanes, store=tmp_path / "s", chunk=20)
     chunk = tmp_path / "s" / "chunk-00001.nc"
-    chunk.write_bytes(chunk.read_bytes()[:100])
-    refused(tmp_path / "s", task, lanes, "remove it", chunk=20)
     chunk.write_bytes((tmp_path / "s" / "chunk-00000.nc").read_bytes())
     refused(tmp_path / "s", task, lanes, "belongs to another sweep", chunk=20)
+
+
+def _flipped(data):
+    """Sixty copies, each with one bit turned, spread over the whole file."""
+    for place in np.linspace(0, 8 * len(data) - 1, 60).astype(int):
+        copy = bytearray(data)
+        copy[place // 8] ^= 1 << (place % 8)
+        yield bytes(copy)
+
+
+def _with_nan(data):
+    return data.replace(np.array(2.0, ">f8").tobytes(), np.array(np.nan, ">f8").tobytes())
+
+
+@pytest.mark.parametrize("name", ["definition.json", "lanes.nc", "chunk-00001.nc"])
+def test_no_byte_of_a_store_changes_in_silence(tmp_path, name):
+    store = tmp_path / "s"
+    sweep(*scenes.squares(), store=store, chunk=20)
+    whole = (store / name).read_bytes()
+    changed = [*_flipped(whole), 2 * whole, b"", whole[: len(whole) // 2]]
+    for data in [*changed, *([_with_nan(whole)] if name == "lanes.nc" else [])]:
+        assert data != whole
+        (store / name).write_bytes(data)
+        with pytest.raises(Scan2FlexError, match=name) as error:
+            open_sweep(store)
+        assert "\n" not in str(error.value)
+    (store / name).write_bytes(whole)
+    same(open_sweep(store), sweep(*scenes.squares(), chunk=20))
+
+
+@pytest.mark.parametrize("damage", [lambda data: data[:100], lambda data: b"", lambda data: 2 * data, _with_nan])
+def test_a_damaged_chunk_is_said_and_computed_anew(tmp_path, damage):
+    store, note = tmp_path / "s", tmp_path / "note"
+    whole = sweep(*scenes.squares(), store=store, chunk=4)
+    chunk = store / "chunk-00000.nc"
+    chunk.write_bytes(damage(chunk.read_bytes()))
+    with pytest.warns(UserWarning, match=r"chunk-00000\.nc: it is damaged .* computed anew"):
+        same(sweep(*scenes.squares(note), store=store, chunk=4), whole)
+    assert len(note.read_text().split()) == 4  # its lanes, and no others
+    same(open_sweep(store), whole)
+
+
+def test_text_where_numbers_belong_and_stores_of_earlier_versions(tmp_path):
+    sweep(*scenes.squares(), store=tmp_path / "s")
+    file = tmp_path / "s" / "definition.json"
+    definition = file.read_text()
+    for old, new, said in (('"chunk": 8', '"chunk": "eight"', "damaged"), ("sweep/2", "sweep/1", r"read its sweep\.nc")):
+        assert old in definition
+        file.write_text(definition.replace(old, new))
+        with pytest.raises(Scan2FlexError, match=said) as error:
+            open_sweep(tmp_path / "s")
+        assert "\n" not in str(error.value)
+        refused(tmp_path / "s", *scenes.squares(), said)
 
 
 FACTOR = 2.0

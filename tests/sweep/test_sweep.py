@@ -9,7 +9,8 @@ import xarray as xr
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import fit
-from scan2flex_jax.statics.solve import SOLVED, equilibrium
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.sweep import (
     Axis,
     Calls,

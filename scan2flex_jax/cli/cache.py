@@ -1,0 +1,102 @@
+"""The cache of compiled functions: where it lies, and entries that are whole.
+
+It lies in ``$SCAN2FLEX_CACHE``, by default ``scan2flex`` under the user's cache folder; ``SCAN2FLEX_CACHE=off`` does
+without. It holds nothing but compiled functions and may be deleted at any time. They are machine code: a folder of another
+user (the administrator apart) is not used. Without a folder of one's own, it lies in the folder for temporary files.
+
+JAX compiles a function anew when its entry is damaged, warns, and keeps the damaged entry. Here every entry begins with its
+SHA-256, is put there in one step, and is thrown away when it is not what was written.
+"""
+
+import contextlib
+import hashlib
+import os
+import stat
+import tempfile
+from pathlib import Path
+
+from scan2flex_jax.cli.terminal import complain
+
+_DIGEST = hashlib.sha256().digest_size
+
+
+class Entries:
+    """Entries by key, as `jax._src.compilation_cache_interface.CacheInterface` has them."""
+
+    def __init__(self, folder: Path):
+        """`folder` need not be there."""
+        self._path = folder
+
+    def get(self, key: str) -> bytes | None:
+        """What was put under a key; None where nothing is, or not the whole of it."""
+        file = self._file(key)
+        with contextlib.suppress(OSError):
+            data = file.read_bytes()
+            if hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]:
+                return data[_DIGEST:]
+            file.unlink()
+        return None
+
+    def put(self, key: str, value: bytes) -> None:
+        """Keep a value, in one step; a folder that takes nothing (read-only, full) costs no result."""
+        from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
+
+        with contextlib.suppress(OSError):
+            write_atomic(self._file(key), hashlib.sha256(value).digest() + value)
+
+    def _file(self, key: str) -> Path:
+        return self._path / f"{key}-checked"
+
+
+def cache_folder() -> Path | None:
+    """The folder of the cache, made where it was not there; None where there is none. Says so where it is not the usual."""
+    given = os.environ.get("SCAN2FLEX_CACHE")
+    if given == "off":
+        return None
+    try:
+        folder = Path(given) if given else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scan2flex"
+        return _own(folder)
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: no home
+        why = f"{getattr(error, 'filename', None) or ''}: {getattr(error, 'strerror', None) or error}".removeprefix(": ")
+    try:
+        folder = _own(Path(tempfile.gettempdir()) / f"scan2flex-cache-{_user()}")
+    except (OSError, ValueError):
+        complain(f"compiled functions are not kept ({why}): name a folder in SCAN2FLEX_CACHE.")
+        return None
+    complain(f"compiled functions are kept in {folder} ({why}): name another folder in SCAN2FLEX_CACHE.")
+    return folder
+
+
+def _user() -> int:
+    return os.geteuid() if hasattr(os, "geteuid") else 0
+
+
+def _own(folder: Path) -> Path:
+    """A folder that is there, and belongs to this user or the administrator; raises `OSError`."""
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    found = folder.stat()
+    writable_by_all = stat.S_IMODE(found.st_mode) & stat.S_IWOTH
+    if hasattr(os, "geteuid") and (found.st_uid not in (0, _user()) or writable_by_all):
+        whose = "everybody may write there" if writable_by_all else "it belongs to another user"
+        raise PermissionError(1, whose, str(folder))
+    if not os.access(folder, os.R_OK | os.X_OK):
+        raise PermissionError(13, "it cannot be read", str(folder))
+    return folder
+
+
+def _entries(path: str) -> tuple[Entries, str]:
+    return Entries(Path(path)), path
+
+
+def keep_compiled(folder: Path) -> None:
+    """Let JAX keep compiled functions in a folder, through `Entries`; versions that have no place for them do it themselves."""
+    import jax  # noqa: PLC0415
+
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    with contextlib.suppress(ImportError):
+        from jax._src import compilation_cache as own  # noqa: PLC0415  (no public way to exchange the storage)
+
+        if hasattr(own, "get_file_cache"):
+            own.get_file_cache = _entries  # type: ignore[assignment]  # an Entries does what it asks for

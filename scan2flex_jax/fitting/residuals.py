@@ -1,0 +1,131 @@
+"""A study as one traced function, from the numbers that a fit moves to residuals: for solvers, samplers and own losses.
+
+    function, start = residual_function(load_study("my-cable"))
+    optimistix.least_squares(lambda x, _: function(x), optimistix.LevenbergMarquardt(1e-8, 1e-8), start)
+    jax.hessian(lambda x: 0.5 * jnp.sum(function(x) ** 2))(start)
+
+The function is pure: every call solves all poses from their measured curves. It can be differentiated to any order, compiled
+and vmapped over ``x``.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
+
+from scan2flex_jax.compilation import compiled
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, template, values_of
+from scan2flex_jax.fitting.poses import Poses, poses_of
+from scan2flex_jax.fitting.start import balance_start
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.verdict import Verdict
+from scan2flex_jax.study.model import Study
+
+DISTANCES = ("closest", "integrated")
+
+
+class ResidualFunction(eqx.Module):
+    """Residuals of a study's poses as a function of a vector ``x``; made by `residual_function`.
+
+    ``x`` holds the unknowns, positive ones by their logarithm, and where a noise is given the nearly known numbers in units of
+    their tolerance: of the length, of gravity, then of each pose's clamps.
+    """
+
+    layout: Layout = eqx.field(static=True)
+    template: CableModel
+    poses: Poses
+    real: Int[np.ndarray, " k"]
+    noise: Float[Array, ""] | None
+    elements: int = eqx.field(static=True)
+    distance: str = eqx.field(static=True)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """A name for each entry of ``x``."""
+        logs = [slot.log for slot in self.layout.slots for _ in range(slot.size)]
+        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, logs, strict=True)]
+        shared = [f"prior[{i}]" for i in range(self.layout.shared - self.layout.unknowns)]
+        own = [f"prior[pose {p}, {i}]" for p in range(self.poses.count) for i in range(self.layout.local)]
+        return (*named, *shared, *own)
+
+    def values(self, x: Float[Array | np.ndarray, " n"]) -> dict[str, np.ndarray]:
+        """The unknowns in their own units, by name."""
+        return values_of(self.layout, np.asarray(x))
+
+    def verdicts(self, x: Float[Array, " n"]) -> Verdict:
+        """How well each pose was solved (leading axis: poses)."""
+        return self._solved(x)[1]
+
+    def __call__(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
+        """Measured minus modelled: three components of every point of every pose, in m, or over the noise and followed by the
+        priors. Infinite for a pose that has no stable equilibrium, so that a line search or a sampler turns it down."""
+        residual, verdict = self._solved(x)
+        solved = verdict.solved[:, None, None]
+        flat = jnp.where(solved, residual, jnp.inf).ravel()[self.real]
+        if self.noise is None:
+            return flat
+        return jnp.concatenate([flat / self.noise, x[self.layout.unknowns :]])
+
+    def _solved(self, x):
+        if jnp.shape(x) != (len(self.labels),):
+            raise Scan2FlexError(f"x has shape {jnp.shape(x)}: give {len(self.labels)} numbers ({', '.join(self.labels[:6])}).")
+        return _residuals(self, jnp.asarray(x, float))
+
+
+@compiled
+def _residuals(function: ResidualFunction, x):
+    layout = function.layout
+    model = model_at(layout, function.template, x[: layout.shared])
+    laws = states.slots_of(model.effects)
+    own = x[layout.shared :].reshape(function.poses.count, layout.local)
+
+    def one(pose):
+        poses, z = pose
+        state = states.state_of(model, boundary_at(layout, poses.boundary, z), function.elements, laws)
+        target = states.Target(poses.points, poses.mask, poses.expected)
+        residual, (_, _, verdict) = states.shape(state, poses.start, target, function.distance)
+        return residual, verdict
+
+    return jax.lax.map(one, (jax.tree.map(jnp.asarray, function.poses), own))
+
+
+def residual_function(
+    study: Study, *, noise: float | None = None, elements: int = 40, distance: str = "closest"
+) -> tuple[ResidualFunction, Float[Array, " n"]]:
+    """``(function, start)``: the residuals of the ``fit`` poses of ``study`` as a pure JAX function, and where a fit begins.
+
+    ``noise`` (m, one coordinate) divides the residuals and brings in the study's tolerances as standard normal priors: half the
+    sum of squares is then the negative logarithm of a posterior density with white noise. Without it residuals are in m and
+    what is known nearly is taken as exact. ``distance``: "closest" (to the closest point of the modelled curve; its square has
+    exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve. Raises
+    `Scan2FlexError`.
+    """
+    if distance not in DISTANCES:
+        raise Scan2FlexError(f"distance is {distance!r}: give one of {', '.join(DISTANCES)}.")
+    if noise is not None and not 0.0 < noise < np.inf:
+        raise Scan2FlexError(f"noise is {noise!r}: give a positive number in m, or None.")
+    layout = layout_of(study)
+    if noise is None:
+        layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0)
+    if not layout.slots:
+        raise Scan2FlexError("the study declares no unknown: declare what is to be estimated.")
+    length = float(study.cable.get("length", study.start_value("length") or 1.0))
+    poses = poses_of(study.fit_poses, length, elements)
+    real = np.flatnonzero(np.repeat(np.asarray(poses.mask).ravel() > 0, 3))
+    spread = None if noise is None else jnp.asarray(noise, float)
+    function = ResidualFunction(layout, template(study), poses, real, spread, elements, distance)
+    unknown = start_vector(study, layout, balance_start_of(study, poses, length))
+    rest = len(function.labels) - layout.unknowns
+    return function, jnp.concatenate([jnp.asarray(unknown), jnp.zeros(rest)])
+
+
+def balance_start_of(study: Study, poses: Poses, length: float) -> dict[str, float]:
+    """Stiffnesses (N m^2) that balance a study's measured curves (`fitting.start`), at the study's density."""
+    stiff = ("bending_stiffness", "torsional_stiffness")
+    known = {n: float(np.mean(value)) for n in stiff if (value := study.known(n)) is not None}
+    density = study.start_value("length_density") or study.cable.get("length_density") or 1.0
+    return balance_start(poses, float(density) * np.asarray(study.gravity), length, known)

@@ -1,0 +1,23 @@
+"""The forces that a solve leaves on the nodes, over those that the rod carries."""
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.rod.assembly import Derivatives
+from scan2flex_jax.rod.model import Rod
+
+DEFAULT_ELEMENTS = 40
+BALANCE = 1.0e-6  # `imbalance` of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
+_ROUNDING = 1.0e-8  # force, over the axial stiffness, that positions rounded to 1e-16 leave at a tolerance of BALANCE
+
+
+def imbalance(rod: Rod, derivatives: Derivatives) -> Float[Array, ""]:
+    """Largest force and moment left on a node, over the largest force and moment that the rod carries (-)."""
+    d = derivatives
+    softest = jnp.min(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:])
+    n, left = jnp.abs(d.elements.n), jnp.abs(d.gradient)
+    moment = jnp.max(n[:, 3:]) + 1e-3 * softest / rod.length
+    stiffest = jnp.max(rod.section.stiffness[:, 2, 2]) * jnp.maximum(1.0, rod.elements / DEFAULT_ELEMENTS)
+    force = _ROUNDING * stiffest + jnp.max(n[:, :3]) + jnp.max(jnp.abs(rod.load.force)) + moment / rod.length
+    return jnp.maximum(jnp.max(left[:, :3]) / force, jnp.max(left[:, 3:]) / (moment + force * rod.length))

@@ -1,0 +1,68 @@
+"""How well a rod was solved: from the forces left, the inertia of the Hessian and the mesh, whatever the solver says."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from scan2flex_jax.rod.model import Rod
+from scan2flex_jax.statics.balance import BALANCE, imbalance
+from scan2flex_jax.statics.solver import Settled
+
+TURN = 2.0  # rad between neighbouring nodes beyond which the mesh cannot tell one way round from the other
+SKEW = 0.5  # slope of an element's chord beyond what shear does: elements longer than the bends, and 1e-2 L off at 0.8
+
+SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
+SENTENCES = {
+    SOLVED: "stable equilibrium",
+    MAX_STEPS_REACHED: "no equilibrium found within the allowed steps",
+    NON_FINITE: "the solve met values that are not finite",
+    UNSTABLE: "the equilibrium found is unstable",
+    UNBALANCED: "the forces do not balance",
+    TOO_COARSE: f"an element turns by more than {TURN} rad or is longer than the bends: more elements are needed",
+}
+
+
+class Verdict(eqx.Module):
+    """How well a rod was solved.
+
+    ``code`` is one of the module's codes (0 solved); ``out_of_balance`` the largest force and moment left on a node, over
+    the largest that the rod carries (-); ``negative`` the number of directions in which the energy falls; ``steps`` the
+    solver's steps.
+    """
+
+    code: Int[Array, ""]
+    out_of_balance: Float[Array, ""]
+    negative: Int[Array, ""]
+    steps: Int[Array, ""]
+
+    @property
+    def solved(self) -> Bool[Array, ""]:
+        """Whether this is a stable equilibrium."""
+        return self.code == SOLVED
+
+    @property
+    def stable(self) -> Bool[Array, ""]:
+        """Whether the Hessian has no negative direction."""
+        return self.negative == 0
+
+    def sentence(self) -> str:
+        """The verdict in words (of one rod, not of a batch)."""
+        return SENTENCES[int(self.code)]
+
+
+def judge(rod: Rod, found: Settled) -> Verdict:
+    """The verdict on what a solver found."""
+    d, c = found.derivatives, found.configuration
+    left = imbalance(rod, d)
+    turn = jnp.max(jnp.linalg.norm(d.elements.x[:, 3:], axis=1))
+    shear = d.elements.x[:, :2] / rod.section.ds - rod.section.natural[:, :2]
+    rigidity = jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, :2]
+    skew = jnp.max(jnp.abs(shear - d.elements.n[:, :2] / rigidity))
+    finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
+    code = jnp.select(  # on the way any element may be skew
+        [~finite, turn > TURN, found.exhausted, skew > SKEW, found.negative > 0, ~(left < BALANCE)],
+        [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, TOO_COARSE, UNSTABLE, UNBALANCED],
+        SOLVED,
+    )
+    return Verdict(code, left, found.negative, found.steps)

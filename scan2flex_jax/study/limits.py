@@ -1,0 +1,57 @@
+"""How large a measured file may be: points, and the bytes that so many points can fill.
+
+The limits keep a broken or hostile file from filling the memory; what is refused is never read whole. Whoever has more points
+sets ``SCAN2FLEX_MAX_POINTS``, which holds for scans and for curves.
+"""
+
+import os
+from dataclasses import dataclass
+
+from scan2flex_jax.errors import Scan2FlexError
+
+VARIABLE = "SCAN2FLEX_MAX_POINTS"
+SCAN_POINTS, CURVE_POINTS = 5_000_000, 1_000_000
+BYTES_OF_A_POINT = 100
+"""A line of text with position, normal and colour; binary formats take a quarter of it."""
+_HEADER = 1_000_000
+
+
+@dataclass(frozen=True)
+class Limit:
+    """At most so many points."""
+
+    points: int
+
+    @property
+    def bytes(self) -> int:
+        """Bytes that so many points can fill, unpacked, with a header."""
+        return BYTES_OF_A_POINT * self.points + _HEADER
+
+    @property
+    def advice(self) -> str:
+        """What to do about a file that is larger."""
+        return f"thin it out, or set {VARIABLE} to more points."
+
+    def sentence(self, found: str) -> str:
+        """What is said of a file that is larger: ``found`` is what it holds, as in "9000000 points"."""
+        most = f"{self.points} points ({self.bytes // 1_000_000} MB)"
+        return f"it holds {found}, and at most {most} are read: {self.advice}"
+
+
+def scan_limit() -> Limit:
+    """The limit of a scan."""
+    return _limit(SCAN_POINTS)
+
+
+def curve_limit() -> Limit:
+    """The limit of a curve, and of every other table."""
+    return _limit(CURVE_POINTS)
+
+
+def _limit(default: int) -> Limit:
+    given = os.environ.get(VARIABLE, "").strip()
+    if not given:
+        return Limit(default)
+    if not (given.isascii() and given.isdecimal() and 0 < int(given[:16]) < 10**12):
+        raise Scan2FlexError(f"{VARIABLE} is {given[:40]!r}: set it to a whole number of points, as in {2 * SCAN_POINTS}.")
+    return Limit(int(given))

@@ -1,0 +1,225 @@
+"""Where results go: which files may be written over, and by whom.
+
+A measured file is never written over: no `study.toml`, and no file that the study names which lies in a folder above, however
+the path leads there. That holds for everybody (`write_file`, `write_json_atomic`). A command writes more files than its
+user names, and writes them again at every run; `Outputs` therefore replaces only what the program wrote itself, unless it is
+told to. A folder of results keeps a list of them, ``.scan2flex-written``: one line of JSON for each file, with its name and
+SHA-256. A file that was changed since is the user's.
+"""
+
+import contextlib
+import hashlib
+import json
+import os
+import tomllib
+import unicodedata
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.files import TOML_LIMIT, is_stream, write_atomic, writing_error
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.values import one_line
+
+LIST = ".scan2flex-written"
+STUDY_FILE = "study.toml"
+_LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: a process killed in between wrote one of them
+_LONGEST_LINE = 20_000  # of a TOML that is looked through
+_FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links
+
+
+class Outputs:
+    """The files that one command writes."""
+
+    def __init__(self, study: Study | None = None, *, source: Path | None = None, force: bool = False):
+        """`study` was read from `source`; `force` replaces files that the program did not write (measured ones never)."""
+        self.force = force
+        self.measured = [] if study is None else measured_files(study)
+        self.measured += [] if source is None else [source]
+
+    def claim(self, *paths: Path | None) -> None:
+        """Refuse, before anything is computed, files that must not be written; None is an output that nobody asked for."""
+        wanted = [path for path in paths if path is not None]
+        for i, path in enumerate(wanted):
+            self._claim(path, wanted[:i])
+
+    def _claim(self, path: Path, others: Iterable[Path] = ()) -> None:
+        try:
+            if is_stream(path):
+                return
+            if any(_same(path, other) for other in others):
+                raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
+            keep_measured(path, self.measured)
+            if self.force or not path.exists() or path.stat().st_size == 0 or _written_here(path):
+                return
+        except _FAULTS as error:
+            raise writing_error(path, error) from error
+        said = "it is there already, and scan2flex did not write it (or it was changed since)"
+        raise StudyError(one_line(str(path), 300), None, f"{said}: name another file, or replace it with --force.")
+
+    def write(self, path: Path, data: bytes) -> None:
+        """Make `path` hold `data`, in one step; raises `StudyError`."""
+        self._claim(path)
+        try:
+            if not is_stream(path):
+                path.resolve().parent.mkdir(parents=True, exist_ok=True)
+                _note(path.resolve(), data)
+            write_atomic(path, data)
+        except _FAULTS as error:
+            raise writing_error(path, error) from error
+
+    def write_json(self, path: Path, obj: Any) -> None:
+        """Write `obj` as JSON, as `write_json_atomic` does."""
+        self.write(path, json_bytes(path, obj))
+
+
+def write_file(path: Path, data: bytes, measured: Iterable[Path] = ()) -> None:
+    """Make `path` hold `data`, in one step, unless it is a study's own file; raises `StudyError` or `OSError`."""
+    try:
+        keep_measured(path, measured)
+        write_atomic(path, data)
+    except (ValueError, RuntimeError) as error:  # a null byte, a loop of links
+        raise writing_error(path, error) from error
+
+
+def write_json_atomic(path: str | Path, obj: Any) -> None:
+    """Write `obj` as JSON in one step; numpy numbers and arrays become lists, NaN and infinity are refused.
+
+    Raises `StudyError`, for a study's own file too.
+    """
+    data = json_bytes(path, obj)
+    try:
+        write_file(Path(path), data)
+    except OSError as error:
+        raise writing_error(Path(path), error) from error
+
+
+def measured_files(study: Study) -> list[Path]:
+    """The files that a study was read from."""
+    files = [] if study.folder is None else [study.folder / STUDY_FILE]
+    for pose in study.poses:
+        files += [pose.curve.path] if pose.curve is not None and pose.curve.path is not None else []
+        files += [path for path in (pose.scan, pose.guide_points_path) if path is not None]
+    return [Path(path) for path in files]
+
+
+def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:
+    """Refuse one of the files `measured`, and one that belongs to a study in a folder above it."""
+    if any(_same(path, other) for other in measured):
+        raise _refused(path, "it is what this command reads")
+    try:
+        folders = path.resolve().parents
+    except (ValueError, RuntimeError) as error:  # a null byte, a loop of links
+        raise writing_error(path, error) from error
+    for folder in folders:
+        toml = folder / STUDY_FILE
+        with contextlib.suppress(OSError):
+            if toml.is_file() and any(_same(path, other) for other in (toml, *_named(toml))):
+                raise _refused(path, f"it belongs to the study in {one_line(str(toml.parent), 200)}")
+
+
+def _refused(path: Path, why: str) -> StudyError:
+    said = f"{why}, and no result replaces what was measured"
+    return StudyError(one_line(str(path), 300), None, f"{said}: name another file.")
+
+
+def _named(toml: Path) -> Iterable[Path]:
+    """Whatever the poses of a study.toml may name, be the rest of it right or wrong."""
+    with toml.open("rb") as stream:
+        text = stream.read(TOML_LIMIT).decode("utf-8", errors="replace")
+    try:
+        tree = tomllib.loads(text) if max(map(len, text.splitlines()), default=0) < _LONGEST_LINE else {}
+    except (ValueError, RecursionError):
+        tree = {}
+    poses = tree.get("pose")
+    for pose in poses if isinstance(poses, list) else ():
+        for name in pose.values() if isinstance(pose, dict) else ():
+            if isinstance(name, str) and "\0" not in name:
+                yield toml.parent / name
+
+
+def _same(path: Path, other: Path) -> bool:
+    """Whether two paths are one file, here (links of both kinds) or on a system that knows no case."""
+    with contextlib.suppress(OSError, ValueError):
+        if os.path.samefile(path, other):
+            return True
+    return _folded(path) == _folded(other)
+
+
+def _folded(path: Path) -> str:
+    try:
+        path = path.resolve()
+    except _FAULTS:
+        path = path.absolute()
+    return unicodedata.normalize("NFC", str(path)).casefold()
+
+
+def _written_here(path: Path) -> bool:
+    """Whether the program wrote this file, and nobody has changed it since."""
+    path = path.resolve()
+    with contextlib.suppress(OSError), path.open("rb") as stream:
+        found = _entry(path.name, hashlib.file_digest(stream, "sha256").hexdigest())
+        return found in (path.parent / LIST).read_text("utf-8", errors="replace").splitlines()
+    return False
+
+
+def _entry(name: str, digest: str) -> str:
+    return json.dumps({"sha256": digest, "file": name})
+
+
+def _note(path: Path, data: bytes) -> None:
+    """Put a file on the list before it is there: a process killed in between leaves a file that is known.
+
+    A list that cannot be written costs no result: the file is then taken for the user's.
+    """
+    line, listed = _entry(path.name, hashlib.sha256(data).hexdigest()), path.parent / LIST
+    with contextlib.suppress(OSError):
+        lines = listed.read_text("utf-8", errors="replace").splitlines() if listed.exists() else []
+        if line in lines:
+            return
+        if sum(map(len, lines)) > _LONG_LIST:
+            write_atomic(listed, "".join(f"{old}\n" for old in _latest(lines)).encode())
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
+        with open(os.open(listed, flags, 0o666), "ab") as stream:
+            stream.write(f"{line}\n".encode())
+
+
+def _latest(lines: list[str]) -> list[str]:
+    """The last two lines of each file."""
+    kept: dict[str, list[str]] = {}
+    for line in lines:
+        name = line.partition('"file": ')[2]
+        kept[name] = [*kept.pop(name, [])[-1:], line]
+    return [line for pair in kept.values() for line in pair]
+
+
+def json_bytes(path: str | Path, obj: Any) -> bytes:
+    """`obj` as the text of a JSON file; `path` is named where it holds what JSON cannot."""
+    try:
+        return (json.dumps(obj, indent=2, allow_nan=False, ensure_ascii=False, default=_plain) + "\n").encode("utf-8")
+    except (ValueError, TypeError, RecursionError) as error:
+        what = _non_finite(obj) or one_line(str(error))
+        raise StudyError(path, None, f"the result cannot be written as JSON ({what}): leave that entry out.") from error
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"a {type(value).__name__} has no place in JSON")
+
+
+def _non_finite(obj: Any, key: str = "") -> str | None:
+    """Where the first NaN or infinity stands, as in estimates.length.std."""
+    if isinstance(obj, dict):
+        found = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
+    elif isinstance(obj, list | tuple | np.ndarray) and np.ndim(obj) > 0:
+        found = (_non_finite(entry, f"{key}[{i}]") for i, entry in enumerate(obj))
+    else:
+        bad = isinstance(obj, float | np.floating) and not np.isfinite(obj)
+        return f"{key or 'it'} is {obj}" if bad else None
+    return next((entry for entry in found if entry), None)

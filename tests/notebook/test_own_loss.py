@@ -1,0 +1,140 @@
+"""A study as a traced function: a fit by optimistix, a loss of one's own, exact gradients and Hessians of it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+from scan2flex_jax import Scan2FlexError, boundary_of, equilibrium, fit, load_study, model_of, residual_function
+from scan2flex_jax.examples import example_path
+
+ELEMENTS = 12
+
+
+@pytest.fixture(scope="module")
+def study():
+    return load_study(example_path("simulated-cable"))
+
+
+@pytest.fixture(scope="module")
+def ready(study):
+    return residual_function(study, elements=ELEMENTS)
+
+
+def test_least_squares_of_optimistix_finds_what_fit_finds(study, ready):
+    function, start = ready
+    found = optx.least_squares(lambda x, _: function(x), optx.LevenbergMarquardt(1e-10, 1e-10), start, max_steps=40)
+    own = function.values(found.value)
+    ours = fit(study, elements=ELEMENTS).estimates
+    for name, value in own.items():
+        np.testing.assert_allclose(value, ours[name].value, rtol=1e-5)
+    assert np.all(function.verdicts(found.value).solved)
+
+
+def test_residuals_are_those_of_the_fit(study, ready):
+    """At the fit's estimates, each point's distance is the fit's."""
+    function, _ = ready
+    result = fit(study, elements=ELEMENTS)
+    x = jnp.log(jnp.array([float(result.estimates[name].value) for name in function.values(np.zeros(2))]))
+    distances = jnp.linalg.norm(function(x).reshape(-1, 3), axis=1)
+    expected = np.concatenate([np.linalg.norm(p.residual, axis=1) for p in result.poses.values() if p.role == "fit"])
+    np.testing.assert_allclose(distances, expected, atol=1e-7)
+
+
+def test_labels_name_every_number(study, ready):
+    function, start = ready
+    assert function.labels == ("log bending_stiffness", "log torsional_stiffness")
+    assert start.shape == (2,)
+    values = function.values(start)
+    assert set(values) == {"bending_stiffness", "torsional_stiffness"}
+    assert values["bending_stiffness"] == pytest.approx(np.exp(start[0]))
+
+
+def cost(function):
+    return lambda x: 0.5 * jnp.sum(function(x) ** 2)
+
+
+def test_gradient_and_hessian_of_the_cost_away_from_its_minimum(ready):
+    """Where residuals are large: there a closest point that is held would make the Hessian wrong."""
+    function, start = ready
+    x = start + jnp.array([0.3, -0.2])
+    f = jax.jit(cost(function))
+    gradient, hessian = jax.jit(jax.grad(f)), jax.jit(jax.hessian(f))
+    h = 1e-3
+    slope = [(f(x + h * e) - f(x - h * e)) / (2 * h) for e in np.eye(2)]
+    curvature = np.array([(gradient(x + h * e) - gradient(x - h * e)) / (2 * h) for e in np.eye(2)])
+    np.testing.assert_allclose(gradient(x), slope, atol=1e-5 * np.abs(slope).max())
+    np.testing.assert_allclose(hessian(x), curvature, atol=1e-5 * np.abs(curvature).max())
+
+
+def test_a_loss_of_ones_own_eagerly(ready):
+    """A robust loss, differentiated as typed."""
+    function, start = ready
+
+    def huber(x):
+        d = jnp.linalg.norm(function(x).reshape(-1, 3) + 1e-9, axis=1) / 1e-3
+        return jnp.sum(jnp.where(d < 1.0, 0.5 * d**2, d - 0.5))
+
+    slope, h = jax.grad(huber)(start), 1e-4
+    e = jnp.array([1.0, 0.0])
+    assert slope[0] == pytest.approx(float((huber(start + h * e) - huber(start - h * e)) / (2 * h)), rel=1e-4)
+
+
+def test_a_noise_brings_in_the_priors(study):
+    from dataclasses import replace
+
+    near = replace(study, tolerance=replace(study.tolerance, length=1e-3, gravity=0.01, clamp_rotation=0.01))
+    plain, start = residual_function(near, elements=ELEMENTS)
+    scaled, more = residual_function(near, noise=2e-3, elements=ELEMENTS)
+    count = len(near.fit_poses)
+    assert len(more) == len(start) + 3 + 12 * count == len(scaled.labels)
+    points = plain(start)
+    both = scaled(more.at[len(start)].set(0.0))
+    np.testing.assert_allclose(both[: len(points)], points / 2e-3, rtol=1e-9)
+    moved = scaled(more.at[len(start)].set(1.5))
+    np.testing.assert_allclose(moved[len(points) :], np.eye(len(more) - len(start))[0] * 1.5)
+    assert np.abs(moved[: len(points)] - both[: len(points)]).max() > 0.01
+
+
+def test_fits_can_be_vmapped_over_guesses(ready):
+    function, start = ready
+    guesses = start + jnp.array([[0.0, 0.0], [0.5, -0.5], [-0.5, 0.3]])
+
+    def run(x):
+        solver = optx.LevenbergMarquardt(1e-8, 1e-8)
+        return optx.least_squares(lambda x, _: function(x), solver, x, max_steps=30, throw=False).value
+
+    found = jax.jit(jax.vmap(run))(guesses)
+    np.testing.assert_allclose(found, np.broadcast_to(found[0], found.shape), atol=1e-5)
+
+
+def test_a_pose_that_has_no_equilibrium_is_turned_down(ready):
+    function, start = ready
+    limp = start - 20.0
+    assert not np.all(function.verdicts(limp).solved)
+    assert np.isinf(cost(function)(limp))
+
+
+def test_model_and_supports_of_a_study(study):
+    model, boundary = model_of(study), boundary_of(study.poses[0])
+    e = equilibrium(model, boundary, turns=study.poses[0].turns)
+    assert e.verdict.solved
+    assert float(model.cable.length) == study.cable["length"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"distance": "nearest"}, "distance is 'nearest': give one of closest, integrated"),
+        ({"noise": -1.0}, "noise is -1.0: give a positive number in m"),
+    ],
+)
+def test_wrong_options_are_one_sentence(study, options, sentence):
+    with pytest.raises(Scan2FlexError, match=sentence):
+        residual_function(study, **options)
+
+
+def test_a_vector_of_another_length_is_one_sentence(ready):
+    with pytest.raises(Scan2FlexError, match=r"x has shape \(3,\): give 2 numbers"):
+        ready[0](jnp.zeros(3))

@@ -1,0 +1,133 @@
+"""A solver of one's own, and those of optimistix, solve rods; each with its own tolerances and steps."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+
+from scan2flex_jax import AbstractRodSolver, MixedNewton, ScaledMinimiser, Scan2FlexError, Settled, equilibrium, solve_rod
+from scan2flex_jax.rod.assembly import derivatives
+from scan2flex_jax.rod.energy import retract, supported
+from scan2flex_jax.rod.model import discretise
+from scan2flex_jax.statics import blocktridiagonal as bt
+from scan2flex_jax.statics.verdict import MAX_STEPS_REACHED, SOLVED, UNBALANCED
+
+from . import rods
+
+MODEL, BOUNDARY = rods.scene(rods.HERE)
+
+
+def solved(**options):
+    return equilibrium(MODEL, BOUNDARY, elements=rods.ELEMENTS, **options)
+
+
+@pytest.fixture(scope="module")
+def newton():
+    found = solved()
+    assert found.verdict.solved
+    return found
+
+
+class PlainNewton(AbstractRodSolver):
+    """Newton without any safeguard, from a start that is near enough."""
+
+    atol: float = 1e-9
+
+    def settle(self, rod, start, max_steps):
+        def advance(carry):
+            c, _, steps = carry
+            d = derivatives(rod, c)
+            twist, _ = bt.factor_and_solve(d.diagonal, d.upper, -d.gradient[..., None])
+            return retract(c, twist[..., 0]), jnp.max(jnp.abs(twist)), steps + 1
+
+        most = 30 if max_steps is None else max_steps
+        begin = (supported(rod, start), jnp.array(1.0), jnp.array(0))
+        c, size, steps = jax.lax.while_loop(lambda x: (x[1] > self.atol) & (x[2] < most), advance, begin)
+        d = derivatives(rod, c)
+        return Settled(c, d, bt.factor(d.diagonal, d.upper).negative, steps, size > self.atol)
+
+
+def test_an_own_solver_is_used_and_differentiated(newton):
+    near = newton.configuration._replace(r=newton.points + 1e-4 * jnp.sin(jnp.arange(rods.ELEMENTS + 1.0))[:, None])
+    found = solved(start=near, solver=PlainNewton())
+    assert found.verdict.solved
+    assert int(found.verdict.steps) < 10
+    np.testing.assert_allclose(found.points, newton.points, atol=1e-9)
+
+    def height(x, solver):
+        return rods.found(x, start=newton.configuration, solver=solver).points[6, 2]
+
+    own, default = (jax.grad(height)(jnp.zeros(6), solver) for solver in (PlainNewton(), None))
+    np.testing.assert_allclose(own, default, atol=1e-9)
+
+
+def test_an_own_solver_that_stops_is_told_by_the_verdict(newton):
+    found = solved(solver=PlainNewton(), max_steps=1)
+    assert int(found.verdict.code) != SOLVED
+
+
+@pytest.mark.parametrize(
+    "minimiser",
+    [optx.BFGS(1e-8, 1e-8), optx.DFP(1e-8, 1e-8), optx.LBFGS(1e-8, 1e-8), ScaledMinimiser(optx.BFGS(1e-8, 1e-8))],
+    ids=["BFGS", "DFP", "LBFGS", "wrapped"],
+)
+def test_minimisers_of_optimistix_find_the_same_rod(newton, minimiser):
+    found = solved(start=newton.configuration._replace(r=newton.points * 1.001), solver=minimiser)
+    assert found.verdict.solved, found.verdict.sentence()
+    np.testing.assert_allclose(found.points, newton.points, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "minimiser", [optx.GradientDescent(1e-3, 1e-8, 1e-8), optx.NelderMead(1e-8, 1e-8)], ids=["descent", "simplex"]
+)
+def test_a_minimiser_that_is_too_slow_is_told_by_the_verdict(minimiser):
+    found = solved(solver=minimiser, max_steps=40)
+    assert int(found.verdict.code) in (MAX_STEPS_REACHED, UNBALANCED)
+    assert int(found.verdict.steps) <= 40
+
+
+def test_the_tolerance_of_a_minimiser_counts():
+    loose, tight = (solved(solver=optx.BFGS(tolerance, tolerance)) for tolerance in (1e-1, 1e-8))
+    assert int(loose.verdict.steps) < int(tight.verdict.steps)
+    assert float(loose.verdict.out_of_balance) > 10 * float(tight.verdict.out_of_balance)
+    assert tight.verdict.solved
+
+
+def test_the_steps_of_a_minimiser_are_limited():
+    found = solved(solver=optx.BFGS(1e-8, 1e-8), max_steps=20)
+    assert int(found.verdict.steps) <= 20
+    assert int(found.verdict.code) == MAX_STEPS_REACHED
+
+
+def test_the_tolerance_of_newton_counts(newton):
+    loose = solved(solver=MixedNewton(atol=1e-2))
+    assert int(loose.verdict.steps) < int(newton.verdict.steps)
+    assert int(solved(max_steps=2).verdict.steps) == 2
+
+
+def test_what_is_no_solver_is_one_sentence():
+    with pytest.raises(Scan2FlexError, match="solver is LevenbergMarquardt: give None, an AbstractRodSolver"):
+        solved(solver=optx.LevenbergMarquardt(1e-8, 1e-8))
+    with pytest.raises(Scan2FlexError, match="solver is str"):
+        solved(solver="bfgs")
+
+
+def test_throw_raises_one_sentence():
+    with pytest.raises(Scan2FlexError, match="the rod was not solved: no equilibrium found within the allowed steps"):
+        solved(max_steps=2, throw=True)
+    assert solved(throw=True).verdict.solved
+
+
+def test_throw_raises_inside_a_compiled_function():
+    run = eqx.filter_jit(lambda n: solved(max_steps=n, throw=True).points)
+    with pytest.raises(Exception, match="the rod was not solved: no equilibrium found within the allowed steps"):
+        run(2)
+
+
+def test_a_rod_is_solved_without_its_model(newton):
+    rod = discretise(MODEL, BOUNDARY, rods.ELEMENTS)
+    np.testing.assert_allclose(solve_rod(rod).points, newton.points, atol=1e-9)
+    softer = eqx.tree_at(lambda r: r.section.stiffness, rod, 0.9 * rod.section.stiffness)
+    assert solve_rod(softer).points[6, 2] < newton.points[6, 2]
