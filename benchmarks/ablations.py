@@ -26,12 +26,12 @@ COARSE = 8  # elements of the two variants on a coarse mesh, with and without th
 
 
 def _module(name):
-    return import_module(f"scan2flex_jax.{name}")  # some modules share their name with a function of the package
+    return import_module(f"scan2flex_jax.{name}")
 
 
 def white_noise() -> None:
     """Residuals are taken to be independent from point to point."""
-    residual, Noise = _module("explain.residual"), _module("fit.noise").Noise
+    residual, Noise = _module("diagnosis.residual"), _module("fitting.noise").Noise
     small = 1e-4  # of the white part: what is left of the correlated one
 
     def only_white(negative, size, length):
@@ -50,7 +50,7 @@ def white_noise() -> None:
 
 def no_sizes() -> None:
     """BIC in place of the evidence: what size an effect may plausibly have plays no part."""
-    evidence, pairs, search = (_module(f"explain.{name}") for name in ("evidence", "pairs", "search"))
+    evidence, pairs, search = (_module(f"diagnosis.{name}") for name in ("evidence", "pairs", "search"))
     points = {}
 
     def log_evidence(A, b, one_sided=()):
@@ -74,14 +74,14 @@ def no_sizes() -> None:
 
 def no_ties() -> None:
     """The first kind is named whatever its lead."""
-    verdict = _module("explain.verdict")
+    verdict = _module("diagnosis.verdict")
     verdict.ties = lambda candidates: [max(range(len(candidates)), key=lambda i: candidates[i].log_evidence)]
     verdict.leading = lambda candidates, field=0.0: verdict.NAMED
 
 
 def no_pairs() -> None:
     """One effect at most."""
-    _module("explain.search").MOST_EFFECTS = 1
+    _module("diagnosis.search").MOST_EFFECTS = 1
 
 
 VARIANTS: dict[str, tuple[Callable[[], None], dict]] = {

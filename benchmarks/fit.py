@@ -20,7 +20,7 @@ from benchmarks.record import conclude, record, timed
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import METHODS, fit
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 
 GUESSES = [(EI, GJ) for EI in paper.guesses(5) for GJ in paper.guesses(5)]
 LONGEST = 3600.0  # seconds for the guesses of one method

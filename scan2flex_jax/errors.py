@@ -1,8 +1,26 @@
 """What the package raises: every message is one sentence that says what was got and what to do."""
 
+from collections.abc import Mapping
+
 
 class Scan2FlexError(Exception):
     """Base of all errors that the package raises on purpose; its message is one sentence for the user."""
+
+
+class NotSettledError(Scan2FlexError):
+    """Poses for which no stable equilibrium was found: the sentence, what to do, and the `reasons` by the poses' names."""
+
+    def __init__(self, sentence: str, advice: str, reasons: Mapping[str, str]):
+        """Keep the parts; `reasons` are the verdicts of the solves, in words."""
+        self.sentence = sentence
+        self.advice = advice
+        self.reasons = dict(reasons)
+        super().__init__(sentence, advice, self.reasons)
+
+    def __str__(self) -> str:
+        """Sentence (POSE: reason; ...): what to do."""
+        why = "; ".join(f"{name}: {reason}" for name, reason in self.reasons.items())
+        return f"{self.sentence}{f' ({why})' if why else ''}: {self.advice}"
 
 
 class StudyError(Scan2FlexError):

@@ -6,20 +6,30 @@ with plotly.
 """
 
 import io
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.names import drawn
 from scan2flex_jax.study.outputs import write_file
 
+if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
+    import xarray
+
+    from scan2flex_jax.diagnosis import Explanation
+    from scan2flex_jax.fitting import Fit
+
 _MEASURED, _MODELLED = "#888888", "#c1272d"
 
 
-def shapes(fit, pose: str | None = None, ax=None):
+def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
     """Measured and modelled centre curves of one pose, or of all, in the plane that shows them best (m)."""
     ax = plt.subplots()[1] if ax is None else ax
     names = list(fit.poses) if pose is None else [pose]
@@ -41,7 +51,7 @@ def shapes(fit, pose: str | None = None, ax=None):
     return ax
 
 
-def errors(fit, ax=None):
+def errors(fit: "Fit | Explanation", ax: Axes | None = None) -> Axes:
     """Distance between measured and modelled curve along the cable, per pose (the paper's Fig. 4)."""
     ax = plt.subplots()[1] if ax is None else ax
     for name, p in fit.poses.items():
@@ -54,7 +64,7 @@ def errors(fit, ax=None):
     return ax
 
 
-def overview(fit):
+def overview(fit: "Fit | Explanation") -> Figure:
     """A figure with every pose and the errors along the cable."""
     names = list(fit.poses)
     columns = min(3, len(names))
@@ -68,18 +78,18 @@ def overview(fit):
     return figure
 
 
-def save(figure, file, dpi=150, write=write_file) -> None:
+def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Path, bytes], object] = write_file) -> None:
     """Write a figure to a file of the format that its name says, in one step: a reader sees the old or the new, whole.
 
     A study's own files are refused. ``write(path, bytes)`` puts the picture there.
     """
-    file, picture = Path(file), io.BytesIO()
+    path, picture = Path(file), io.BytesIO()
     kinds = figure.canvas.get_supported_filetypes()
-    kind = file.suffix.lstrip(".").lower() or "png"
+    kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:
-        raise Scan2FlexError(f"{file.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
+        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
     figure.savefig(picture, format=kind, dpi=dpi)
-    write(file if file.suffix else file.with_suffix(".png"), picture.getvalue())
+    write(path if path.suffix else path.with_suffix(".png"), picture.getvalue())
 
 
 def _plane(points, gravity):
@@ -95,7 +105,7 @@ def _plane(points, gravity):
     return np.stack([across, up]), ("across (m)", "up (m)")
 
 
-def residual(explanation, pose: str | None = None, ax=None):
+def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
     """What is left along s (mm), before and after: of one pose both normal components over the 95 % band of the noise, of all
     poses (no ``pose``) the distances."""
     ax = plt.subplots()[1] if ax is None else ax
@@ -131,7 +141,7 @@ def _residuals(explanation, ax):
     return ax
 
 
-def evidence(explanation, ax=None, most: int = 10):
+def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10) -> Axes:
     """Log evidence of the likeliest kinds over the plain rod (nats), coloured by verdict."""
     ax = plt.subplots()[1] if ax is None else ax
     rows = explanation.ranking[:most][::-1]
@@ -147,10 +157,12 @@ def evidence(explanation, ax=None, most: int = 10):
     return ax
 
 
-def load(explanation, ax=None):
+def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
     """The equivalent load (N/m, scan frame) that all poses share, with its 95 % band: where something acts, not what."""
     ax = plt.subplots()[1] if ax is None else ax
     f = explanation.load
+    if f is None:
+        raise Scan2FlexError("nothing was solved: there is no load to draw")
     for k, (name, colour) in enumerate(zip("xyz", ("#c1272d", "#2d7d46", "#2b5c9e"), strict=True)):
         mean, band = f.mean[:, k], 1.96 * f.std[:, k]
         ax.plot(f.s, mean, color=colour, lw=1.5, label=name)
@@ -161,7 +173,7 @@ def load(explanation, ax=None):
     return ax
 
 
-def explained(explanation):
+def explained(explanation: "Explanation") -> Figure:
     """A figure with the evidence, the equivalent load, and every pose's residual before and after."""
     names = list(explanation.poses)
     columns = min(3, max(2, len(names)))
@@ -176,7 +188,7 @@ def explained(explanation):
     return figure
 
 
-def basins(sweep, ax=None, most: int = 5, within: float = 0.01):
+def basins(sweep: "xarray.Dataset", ax: Axes | None = None, most: int = 5, within: float = 0.01) -> Axes:
     """Where the fits of a sweep over two guesses ended: one colour for each end (estimates alike ``within`` that share),
     by its cost, at most ``most`` of them; crosses where a fit failed, nothing where none was run yet."""
     ax = plt.subplots()[1] if ax is None else ax

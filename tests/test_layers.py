@@ -22,11 +22,11 @@ ALLOWED["fitting"] = {*ALLOWED, "examples"}
 ALLOWED["sweep"] = {*ALLOWED["fitting"], "fitting"}
 ALLOWED["diagnosis"] = {*ALLOWED["fitting"], "fitting"}
 ALLOWED["prediction"] = ALLOWED["diagnosis"]
-ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction"}
+ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction", "diagnosis"}
 ALLOWED["convert"] = {"study", "errors"}
 ALLOWED["export"] = {*ALLOWED["prediction"], "prediction"}
 ALLOWED["reporting"] = {*ALLOWED["prediction"], "diagnosis", "prediction"}
-ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "diagnosis", "convert", "export", "reporting"}
+ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "convert", "export", "reporting"}
 NO_JAX = ("study", "convert", "errors")
 
 

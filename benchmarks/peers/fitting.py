@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks import paper
 from scan2flex_jax.fitting.evaluate import Evaluator
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt, nelder_mead
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 
 GUESSES = [(1.0, 1.0), (0.01, 0.01), (100.0, 100.0), (0.01, 100.0), (100.0, 0.01)]  # N m^2: middle and corners of the paper's
 _STEP = 1e-6  # of a logarithm, for the differences: about the root of what rounding leaves of a shape

@@ -17,7 +17,7 @@ from scan2flex_jax.compilation import compiled
 from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.sweep import Axis, Output, Quantity, equilibria, grid, sweep
 
 LANES, TIMED = 16, 8  # each way: steps of 256 lanes, seconds of 64

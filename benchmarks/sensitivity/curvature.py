@@ -20,7 +20,7 @@ from benchmarks import paper
 from benchmarks.sensitivity.bench import run as was_run
 from benchmarks.sensitivity.bench import save
 from scan2flex_jax.effects import register_effect
-from scan2flex_jax.fitting.run import FIT_ELEMENTS, Problem
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study import EffectDeclaration, MeasuredCurve, Unknown
 from scan2flex_jax.study.kinds import KindFormat, ParameterFormat, register_kind

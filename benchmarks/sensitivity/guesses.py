@@ -12,7 +12,7 @@ from benchmarks.sensitivity.bench import run as was_run
 from benchmarks.sensitivity.bench import save
 from scan2flex_jax import plot
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.sweep import Axis, Calls, Outcome, Output, fits, grid
 

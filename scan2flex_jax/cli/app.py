@@ -41,7 +41,8 @@ def main() -> None:
     except SystemExit as end:
         if not any(t is not threading.main_thread() and not t.daemon for t in threading.enumerate()):
             raise
-        for stream in (sys.stdout, sys.stderr):  # the answer is there: nobody waits for what is still being compiled
+        # the answer, or the refusal, is there: nobody waits for what is still being compiled ahead, which cannot be stopped
+        for stream in (sys.stdout, sys.stderr):
             stream.flush()
         os._exit(end.code if isinstance(end.code, int) else int(end.code is not None))
 

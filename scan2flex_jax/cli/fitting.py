@@ -133,12 +133,13 @@ def demo(
     results = [out / f"{name}.{kind}" for name in (*names, "explanation") for kind in ("png", "json")]
     outputs.claim(*dict.fromkeys((*results, *explanation_pictures(out))))
     prepare_jax()
-    from scan2flex_jax.diagnosis.ahead import compile_ahead  # noqa: PLC0415
+    from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis.slots import empty_slots_of  # noqa: PLC0415
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     cable, wire = (load_study(example_path(name)) for name in names)
-    compile_ahead(wire)  # beside the fits: half of the time is compilation, on the second core
+    ahead = AheadCompiler()
+    ahead.start(wire)  # beside the fits: half of the time is compilation, on the second core
     plot = drawing()
     for name, loaded in zip(names, (cable, wire), strict=True):
         with progress(f"fitting {name}") as tell:
@@ -147,7 +148,7 @@ def demo(
         plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
         outputs.write_json(out / f"{name}.json", result.to_json())
         say(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
-    result = explained(wire, 40)
+    result = explained(wire, 40, ahead)
     if result.fit is not None:
         draw_explanation(result, out, outputs.write)
         say(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")

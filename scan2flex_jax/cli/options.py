@@ -76,12 +76,13 @@ def interactive() -> bool:
     return sys.stdin.isatty()
 
 
-def explained(study, elements: int):
-    """The explanation of a study; its summary is printed."""
+def explained(study, elements: int, ahead=None):
+    """The explanation of a study; its summary is printed. ``ahead`` (an `AheadCompiler`) may have begun to compile."""
+    from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
 
     with progress(f"explaining {study.title}") as tell:
-        result = run(study, elements=elements, progress=tell)
+        result = run(study, elements=elements, progress=tell, ahead=ahead or AheadCompiler())
     say(result.summary())
     return result
 

@@ -35,22 +35,23 @@ def report(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(out, json)
     prepare_jax()
+    from scan2flex_jax.diagnosis import AheadCompiler, Explanation, explain  # noqa: PLC0415
+    from scan2flex_jax.fitting import Fit, fit  # noqa: PLC0415
     from scan2flex_jax.reporting import report as page  # noqa: PLC0415
     from scan2flex_jax.reporting import require_libraries  # noqa: PLC0415
 
     require_libraries()
-    if no_explain:
-        from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
-    else:
-        from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
-
+    result: Fit | Explanation
     with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}") as tell:
-        result = run(loaded, elements=elements, progress=tell)
+        if no_explain:
+            result = fit(loaded, elements=elements, progress=tell)
+        else:
+            result = explain(loaded, elements=elements, progress=tell, ahead=AheadCompiler())
         outputs.write(out, page(result, progress=tell).encode("utf-8"))
     say(f"written: {out}")
     if json:
         outputs.write_json(json, result.to_json())
-    fitted = result if no_explain else result.fit
+    fitted = result.fit if isinstance(result, Explanation) else result
     if fitted is None or not all(pose.stable for pose in fitted.poses.values()):
         raise typer.Exit(NOT_TO_BELIEVE)
 

@@ -1,7 +1,8 @@
 """Which physics the model lacks: the residual of a fit, the effect that explains it, and the error before and after."""
 
-from scan2flex_jax.diagnosis.planning import Plan, plan
+from scan2flex_jax.diagnosis.ahead import AheadCompiler
+from scan2flex_jax.diagnosis.planning import Candidate, Plan, plan
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.run import explain
 
-__all__ = ["Explanation", "Plan", "PoseChange", "Ranked", "explain", "plan"]
+__all__ = ["AheadCompiler", "Candidate", "Explanation", "Plan", "PoseChange", "Ranked", "explain", "plan"]

@@ -12,7 +12,8 @@ Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), eq
 import numpy as np
 from scipy import stats
 
-from scan2flex_jax.diagnosis.refit import Prior, Refit
+from scan2flex_jax.diagnosis.prior import Prior
+from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.fitting.distance import NORMALS

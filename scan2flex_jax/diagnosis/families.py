@@ -10,9 +10,11 @@ Reference: Girolami et al., "The statistical finite element method" (2021).
 """
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
+from scan2flex_jax.effects.catalogue import Varied
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile
 from scan2flex_jax.effects.distributed_load import DistributedLoad
 
@@ -26,6 +28,22 @@ WORDS = {
     POSE_LOADS: "loads that differ from pose to pose",
     "stiffness": "a stiffness that varies along the cable",
     "mass": "a mass per length that varies along the cable",
+}
+
+
+@dataclass(frozen=True)
+class Described:
+    """A ghost field that may describe what no effect explains: as the ``parameter`` (``unit``) of an effect that cannot be
+    declared, at `POINTS` places, three components each."""
+
+    effect: type[CurvatureProfile] | type[DistributedLoad]
+    parameter: str
+    unit: str
+
+
+DESCRIBED = {
+    "curvature": Described(CurvatureProfile, "curvature", "1/m"),
+    "load": Described(DistributedLoad, "force", "N/m"),
 }
 
 
@@ -68,24 +86,19 @@ def smooth_root(points: int, per_point: int) -> np.ndarray:
 
 def ghost_columns(bench, vector, start) -> dict:
     """Columns (m, 3, K) per pose of the fields of curvature and of load."""
-    shape = (POINTS, 3)
-    return {
-        "curvature": bench.field_columns(vector, CurvatureProfile, shape, start),
-        "load": bench.field_columns(vector, DistributedLoad, shape, start),
-    }
+    return {name: bench.field_columns(vector, d.effect, (POINTS, 3), start) for name, d in DESCRIBED.items()}
 
 
 def families(white, fields, columns, owner, components, base) -> list[Family]:
-    """All ghost fields, from their columns and those of the catalogue's spans."""
+    """All ghost fields, from their columns and those of the catalogue's narrowest spans (sites that have a width)."""
     root = smooth_root(POINTS, 3)
     curvature, load = white.stack(fields["curvature"]), white.stack(fields["load"])
     per_pose = np.concatenate([load * _only(rows, len(load)) for rows in white.rows], axis=1)
     out = [family_of("curvature", curvature, base, root), family_of("load", load, base, root)]
     out.append(family_of(POSE_LOADS, per_pose, base, np.kron(np.eye(len(white.rows)), root)))
-    for name, kind in (("stiffness", "stiffness_profile"), ("mass", "density_profile")):
-        own = [k for k, c in enumerate(components) if c.kind == kind]
-        narrow = min(float(components[k].site["width"]) for k in own)
-        keep = np.isin(owner, [k for k in own if np.isclose(float(components[k].site["width"]), narrow)])
+    for name in get_args(Varied):
+        widths = {k: float(c.site["width"]) for k, c in enumerate(components) if c.entry.varies == name and "width" in c.site}
+        keep = np.isin(owner, [k for k, width in widths.items() if np.isclose(width, min(widths.values()))])
         out.append(family_of(name, columns[:, keep], base, smooth_root(int(keep.sum()), 1)))
     return out
 

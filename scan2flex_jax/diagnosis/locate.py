@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.diagnosis.families import POINTS, best_amplitude, smooth_root
+from scan2flex_jax.diagnosis.families import DESCRIBED, POINTS, best_amplitude, smooth_root
 
 
 @dataclass(frozen=True)
@@ -28,22 +28,21 @@ class Field:
         return {"s": self.s.tolist(), "mean": self.mean.tolist(), "std": self.std.tolist(), "unit": self.unit}
 
 
-def common_load(stage) -> Field:
-    """The load (N/m) that is the same in all poses."""
-    return _field(stage, stage.fields["load"], slice(None), "N/m")
+LOAD = "load"
 
 
-def common_curvature(stage) -> Field:
-    """The natural curvature (1/m, material axes) that is the same in all poses."""
-    return _field(stage, stage.fields["curvature"], slice(None), "1/m")
+def common_field(stage, name: str) -> Field:
+    """The field of `families.DESCRIBED` that is the same in all poses: loads in the scan frame, curvatures in material axes."""
+    return _field(stage, name, slice(None))
 
 
 def pose_loads(stage) -> list[Field]:
     """The load (N/m) of each pose by itself."""
-    return [_field(stage, stage.fields["load"], rows, "N/m") for rows in stage.white.rows]
+    return [_field(stage, LOAD, rows) for rows in stage.white.rows]
 
 
-def _field(stage, columns, rows, unit):
+def _field(stage, name, rows):
+    columns = stage.fields[name]
     S = np.zeros((len(stage.y), columns[0].shape[-1]))
     S[rows] = -stage.white.stack(columns)[rows]
     root = smooth_root(POINTS, 3)
@@ -56,4 +55,4 @@ def _field(stage, columns, rows, unit):
     spread = root @ (np.eye(len(root)) - (Vt.T * (t / (1 + t))) @ Vt) @ root.T
     std = a * np.sqrt(np.maximum(np.diag(spread), 0.0))
     s = np.linspace(0.0, stage.bench.context.length, POINTS)
-    return Field(s, mean.reshape(POINTS, 3), std.reshape(POINTS, 3), float(gain), unit)
+    return Field(s, mean.reshape(POINTS, 3), std.reshape(POINTS, 3), float(gain), DESCRIBED[name].unit)

@@ -22,7 +22,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import model_at
 from scan2flex_jax.fitting.poses import Poses, boundary_of, poses_of
 from scan2flex_jax.statics.solve import equilibrium
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, StudyPose
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 POINTS = 48  # of the curve that a scan of a candidate is taken to give
 
@@ -41,7 +41,7 @@ class Candidate:
     parameters: float
     settles: dict[tuple[str, str], float]
     lead_now: dict[tuple[str, str], float]
-    pose: object = None
+    pose: StudyPose
     note: str = ""
 
     @property
@@ -106,7 +106,7 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     return Plan(tuple(sorted(out, key=lambda c: (bool(c.note), -c.worth))), tuple(c.kind for c, _ in rivals))
 
 
-def variations(study) -> list[tuple[str, object]]:
+def variations(study: Study) -> list[tuple[str, StudyPose]]:
     """``(words, pose)``: what can be done with the clamps at hand, from each of the first fitted poses."""
     out = []
     for pose in study.fit_poses[:3]:
@@ -170,7 +170,7 @@ def _judge(stage, words, pose, rivals, columns, leads, now):
     try:
         bench, white = _scanned(stage, pose)
     except Scan2FlexError as error:
-        return Candidate(pose.name, words, 0.0, {}, leads, pose, str(error))
+        return Candidate(pose.name, words, 0.0, {}, leads, pose, note=str(error))
     J, rows = _together(stage.white, white, stage.bench)
     both = {k: np.concatenate([S, -white.stack(_columns(bench, stage, c))[rows]]) for (c, _), (k, S) in
             zip(rivals, columns.items(), strict=True)}  # fmt: skip

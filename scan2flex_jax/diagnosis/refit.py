@@ -3,12 +3,12 @@
 Levenberg-Marquardt on the whitened residual with priors: nearly known numbers and amplitudes are standard normal in units of
 their tolerance and size, continuous parts of a site are flat over the range that was scanned. Evidence is Laplace's,
 
-    log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites), relative to the base model's,
+    log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites),
 
-and a flat range R counts as a normal of standard deviation ``R/sqrt(12)``. Each effect's size is known to a factor of three
-(`evidence.SCALES`): its evidence is the mean over those. The logarithms of the base numbers have a weak
-normal prior about the plain fit, in every model alike: a number that the poses do not feel stays where it was, and adds
-nothing to the evidence. Symbols as in `sensitivity` and `residual`.
+and what is compared is its excess over the base model's, the log evidence in nats. A flat range R counts as a normal of
+standard deviation ``R/sqrt(12)``. Each effect's size is known to a factor of three (`evidence.SCALES`): its evidence is the
+mean over those. Priors are in `prior`: a base number that no pose feels stays where it was, and adds nothing to the evidence.
+Symbols as in `sensitivity` and `residual`.
 """
 
 from dataclasses import dataclass, replace
@@ -17,90 +17,57 @@ from itertools import product
 import numpy as np
 
 from scan2flex_jax.diagnosis.evidence import SCALES, averaged
+from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.residual import whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.effects.catalogue import Context
 from scan2flex_jax.fitting.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
-_REACH = np.array([0.03, 1.0])  # of the length: from the cable to where a string is anchored
 _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
 _TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
 _PATIENCE = 3  # steps in a row that promise too little
-_WEAK = 3.0  # standard deviation of the logarithm of a base number about the plain fit's: a factor of 20
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
-_TILT = 0.2  # of a plane from the level: no table is further off
-_EDGE = 0.01  # of the length: no place closer to a clamp
-_CONTACT_STAGES = (20.0, 400.0, 1e4)  # stiffness of a plane in units of its size: contact is hard, and met step by step
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Refit:
-    """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance."""
+    """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance.
+
+    ``log_evidence`` (nats): over the base model, the plain rod with the same noise; 0 for the base itself, NaN until a refit
+    was compared with its base (`over`). ``log_marginal``: the logarithm of the marginal likelihood, up to a constant that
+    all models with one noise share, so that only differences mean anything.
+    """
 
     components: tuple[Component, ...]
     vector: np.ndarray
     shapes: list
     cost: float
     chi2: float
-    log_evidence: float
+    log_marginal: float
     covariance: np.ndarray
     converged: bool
+    log_evidence: float
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Kinds of its components."""
         return tuple(c.kind for c in self.components)
 
+    def over(self, base: "Refit", context: Context) -> "Refit":
+        """The same with its log evidence over the ``base``. A place or a law that was one of several candidates has paid for
+        the choice between them; parts that a refit moves are paid for by their ranges."""
+        evidence = self.log_marginal - base.log_marginal
+        for c in self.components:
+            discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(context)}
+            evidence -= np.log(len(discrete))
+        return replace(self, log_evidence=float(evidence))
+
     def amplitudes(self, bench: Bench, k: int) -> np.ndarray:
         """Amplitudes of component ``k``."""
         return self.vector[Numbers(bench, self.components).amplitudes(k)]
-
-
-class Prior:
-    """Precision (0 = flat) of every number, its bounds, and the weak precision of base numbers about their ``centre``."""
-
-    def __init__(self, bench: Bench, components):
-        """From tolerances, sizes and ranges."""
-        n = Numbers(bench, components)
-        self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
-        self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
-        self.precision[n.nearly_known] = 1.0
-        self.low[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.low]
-        self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
-        self.frozen = np.zeros(n.count, bool)
-        self.weak, self.centre = np.zeros(n.count), np.zeros(n.count)
-        logs = [slot.log for slot in bench.layout.slots for _ in range(slot.size)]
-        self.weak[: bench.layout.unknowns] = np.where(logs, 1.0 / _WEAK**2, 0.0)
-        self.centre[: bench.layout.shared] = bench.minimum.shared
-        for k, c in enumerate(components):
-            at = n.amplitudes(k)
-            size = c.entry.size(bench.context)
-            self.precision[at] = 1.0 / size**2
-            self.low[at], self.high[at] = c.entry.bounds(bench.context)
-            if c.kind == "support_plane":
-                self.frozen[at] = True
-                self.precision[at] = 0.0
-            if "ends" in c.site:
-                self.frozen[at] |= np.repeat(np.asarray(c.site["ends"]) == 0, len(at) // 2)
-            self._sites(bench, c, n.site(k))
-
-    def _sites(self, bench, c, at):
-        scanned = c.entry.sites(bench.context)
-        for i, name in zip(at, c.moving, strict=True):
-            values = np.array([s[name] for s in scanned if name in s], float)
-            low, high = (values.min(), values.max()) if len(values) else _REACH * bench.context.length
-            if name == "position":
-                low, high = _EDGE * bench.context.length, (1 - _EDGE) * bench.context.length
-            if name.startswith("tilt"):
-                low, high = -_TILT, _TILT
-            if name == "width":
-                low, high = 0.5 * low, 1.5 * high
-            if name == "slip_curvature":
-                low = 0.2 * low
-            self.low[i], self.high[i] = low, high
-            self.width[i] = 12.0 / max(high - low, 1e-12) ** 2
 
 
 def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST, least: float = np.inf) -> Refit:
@@ -114,7 +81,7 @@ def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = 
     for other, begin, base in _other_starts(bench, found):
         least = min(least, found.cost)
         ends.append(_refit(bench, other, noise, base, begin, configurations(found.shapes), 2 * most, least))
-    return max(ends, key=lambda f: f.log_evidence)
+    return max(ends, key=lambda f: f.log_marginal)
 
 
 def again(bench: Bench, before: Refit, noise, least: float = np.inf) -> Refit:
@@ -147,17 +114,16 @@ def _refit(bench, components, noise, guess, amplitudes, start, most, least):
     vector[: n.base] = guess[: n.base]
     for k, (c, a) in enumerate(zip(components, amplitudes, strict=True)):
         vector[n.amplitudes(k)] = a
-        vector[n.site(k)] = [float(c.site[name]) for name in c.moving]
-        if c.kind == "support_plane":  # nothing lies below a hard plane
-            vector[n.site(k)[c.moving.index("offset")]] = noise.total
-    stages = _CONTACT_STAGES if "support_plane" in [c.kind for c in components] else (None,)
-    for stage in stages:
+        site = c.entry.start_site(c.site, noise.total)
+        vector[n.site(k)] = [float(site[name]) for name in c.moving]
+    steps = max([1, *(len(c.entry.continuation) for c in components)])
+    for step in range(steps):
         for k, c in enumerate(components):
-            if c.kind == "support_plane":
-                vector[n.amplitudes(k)] = np.minimum(stage * c.entry.size(bench.context), c.entry.bounds(bench.context)[1])
+            if c.entry.continuation:
+                vector[n.amplitudes(k)] = c.entry.continued(step, bench.context)
         vector = np.clip(vector, prior.low, prior.high)
         for law in _tempered(noise):
-            near = least if law is noise and stage == stages[-1] else np.inf  # costs of another law do not compare
+            near = least if law is noise and step == steps - 1 else np.inf  # costs of another law do not compare
             found = _descend(bench, components, n, prior, law, vector, start, most, near)
             vector, start = found.vector, configurations(found.shapes)
     return found
@@ -282,7 +248,10 @@ def _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
         correlation, scale = _scaled(A[inside])  # intervals are the data's, not the weak prior's
         covariance[inside] = np.linalg.inv(correlation) / np.outer(scale, scale)
         chi2 = float(white.r @ white.r)
-    return Refit(tuple(final), vector, shapes, cost, chi2, float(evidence), covariance, converged)
+    return Refit(
+        components=tuple(final), vector=vector, shapes=shapes, cost=cost, chi2=chi2, log_marginal=float(evidence),
+        covariance=covariance, converged=converged, log_evidence=np.nan if components else 0.0,
+    )  # fmt: skip
 
 
 def _over_scales(n, prior, A, vector, free, components):

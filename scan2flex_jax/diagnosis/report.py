@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.diagnosis import locate
+from scan2flex_jax.diagnosis.families import DESCRIBED
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.result import PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Numbers
@@ -71,7 +72,7 @@ def _rescaled(bench, found):
 
 
 def _estimate(slot, centre, spread, layout):
-    value = values_of(replace(layout, slots=(replace(slot, at=0),)), centre)[slot.name]
+    values = values_of(replace(layout, slots=(replace(slot, at=0),)), centre)[slot.name]
     low, high, std = centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
     bound = bool(np.any((centre <= np.array(slot.low) + 1e-9) | (centre >= np.array(slot.high) - 1e-9)))
     known = bool(np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _VAGUE)))
@@ -79,7 +80,8 @@ def _estimate(slot, centre, spread, layout):
         low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(centre) * spread
     parts = [np.reshape(v, slot.shape) if slot.shape else float(v[0]) for v in (std, low, high)]
     std, low, high = parts if known else (None, None, None)
-    return Estimate(value if slot.shape else float(value), std, low, high, known, bound, unit_of(slot.name))
+    value = values if slot.shape else float(values)
+    return Estimate(value, std, low, high, identifiable=known, at_bound=bound, unit=unit_of(slot.name))
 
 
 def residuals(bench, shapes):
@@ -113,8 +115,11 @@ def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, Po
         was, now = (float(np.sqrt(np.mean(d**2))) for d in size)
         points = np.asarray(bench.poses.points[i])[bench.real[i]]
         modelled = np.asarray(after[i].configuration.r)
-        known = () if unseen is None else tuple(float(v) for v in unseen[i])
-        out[pose.name] = PoseChange(pose.role, was, now, float(np.max(size[1])), ok1, s, r0, r1, points, modelled, *known)
+        known = (None, None) if unseen is None else tuple(float(v) for v in unseen[i])
+        out[pose.name] = PoseChange(
+            role=pose.role, rms_before=was, rms=now, worst=float(np.max(size[1])), stable=ok1, s=s, residual_before=r0,
+            residual=r1, measured=points, modelled=modelled, left_out_before=known[0], left_out=known[1],
+        )  # fmt: skip
     return out
 
 
@@ -133,10 +138,12 @@ def declared(study, estimates_after, chosen):
 
 def description(found) -> Ranked:
     """The field that describes what no effect explains: curvature or load, whichever is likelier. Not physics."""
-    fields = {"curvature_profile": locate.common_curvature(found.stage), "distributed_load": locate.common_load(found.stage)}
-    kind = max(fields, key=lambda k: fields[k].gain)
-    f, name = fields[kind], {"curvature_profile": "curvature", "distributed_load": "force"}[kind]
-    return Ranked(kind, {name: f.mean}, f.gain, found.test.p_value, "description", std={name: f.std})
+    fields = {name: locate.common_field(found.stage, name) for name in DESCRIBED}
+    likeliest = max(fields, key=lambda name: fields[name].gain)
+    f, d = fields[likeliest], DESCRIBED[likeliest]
+    return Ranked(
+        d.effect.kind, {d.parameter: f.mean}, f.gain, found.test.p_value, "description", std={d.parameter: f.std}
+    )  # fmt: skip
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.diagnosis.locate import Field
+from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.noise import Noise
@@ -16,20 +17,24 @@ from scan2flex_jax.study.model import Study
 
 @dataclass(frozen=True)
 class Ranked:
-    """One kind: evidence over the base (nats), what it would be, and its verdict; RMS in m where it was refitted."""
+    """One kind: what it would be, its evidence and its verdict; RMS in m where it was refitted.
+
+    ``log_evidence`` (nats): by how much the logarithm of the marginal likelihood with this kind exceeds that of the plain rod
+    with the same noise, zero for nothing gained; of an effect chosen with others, that of all of them together.
+    """
 
     kind: str
-    parameters: dict
+    parameters: dict[str, float | np.ndarray]
     log_evidence: float
     p_value: float
     verdict: str
     tied_with: tuple[str, ...] = ()
     rms_fit: float | None = None
     rms_validate: float | None = None
-    std: dict = field(default_factory=dict)
+    std: dict[str, float | np.ndarray] = field(default_factory=dict)
 
     def to_json(self) -> dict:
-        """As in the study format."""
+        """As in the study format; ``log_evidence`` is over the plain rod, in nats."""
         out = {"kind": self.kind, "parameters": _plain(self.parameters), "log_evidence": float(self.log_evidence)}
         out |= {"p_value": float(self.p_value)}
         out |= {k: float(v) for k in ("rms_fit", "rms_validate") if (v := getattr(self, k)) is not None and np.isfinite(v)}
@@ -38,7 +43,7 @@ class Ranked:
         return out | {"verdict": self.verdict, "tied_with": list(self.tied_with)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PoseChange:
     """One pose before and after: RMS distance (m), the largest after, and the residual along s for a picture.
 
@@ -66,7 +71,7 @@ class PoseChange:
         return {"role": self.role, "stable": self.stable} | figures
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Explanation:
     """What physics the model lacks, with the evidence, the refitted model, and the error before and after.
 
@@ -75,13 +80,17 @@ class Explanation:
     words what was found, ``settle`` what measurement would decide a tie. ``load`` is the equivalent load field (N/m) that all
     poses share and ``pose_loads`` that of each fitted pose: where something acts, not what. ``description`` stands in for an
     effect where none explains the shapes: a field that describes and is not physics. ``study`` has the effects declared.
+    ``search`` is all that the search did, from which `plan` goes on.
+
+    Every log evidence is in nats over the plain rod with the same noise, that of families too. ``fit``, ``noise`` and what
+    rests on them are None or empty where the poses could not be solved (verdict "not in equilibrium").
     """
 
     study: Study = field(repr=False)
-    fit: Fit | None = field(repr=False)
     verdict: str
-    p_value: float
-    noise: Noise | None
+    fit: Fit | None = field(repr=False, default=None)
+    p_value: float = 1.0
+    noise: Noise | None = None
     ranking: tuple[Ranked, ...] = ()
     chosen: tuple[Ranked, ...] = ()
     p_after: float | None = None
@@ -90,12 +99,12 @@ class Explanation:
     families: dict[str, float] = field(default_factory=dict)
     settle: tuple[str, ...] = ()
     sentences: tuple[str, ...] = ()
-    gates: dict = field(default_factory=dict)
+    gates: dict[str, int | float] = field(default_factory=dict)
     seconds: float = 0.0
     load: Field | None = field(repr=False, default=None)
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
-    search: Any = field(repr=False, default=None)
+    search: Found | None = field(repr=False, default=None)
 
     @property
     def significant(self) -> bool:
@@ -124,7 +133,7 @@ class Explanation:
         return {n: (np.asarray(e.value) - np.asarray(self.fit.estimates[n].value)) / e.std for n, e in known.items()}
 
     def to_json(self) -> dict:
-        """The format's result object."""
+        """The format's result object; its log evidences are over the plain rod, in nats."""
         out = {"format": "scan2flex-result/1", "verdict": self.verdict}
         if self.noise is None or self.fit is None or self.load is None:
             return out | {"settle": list(self.settle), "messages": list(self.sentences), "seconds": self.seconds}

@@ -2,22 +2,25 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
+from scan2flex_jax.compilation import make_room
 from scan2flex_jax.diagnosis import confirm, gates, locate, report, search, stage, verdict
-from scan2flex_jax.diagnosis.ahead import compile_ahead
+from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.evidence import one_step
 from scan2flex_jax.diagnosis.families import WORDS
-from scan2flex_jax.diagnosis.result import Explanation, Ranked
+from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Bench
 from scan2flex_jax.diagnosis.slots import empty_slots_of
-from scan2flex_jax.effects.catalogue import catalogue, entry_of
-from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.fitting import Fit
 from scan2flex_jax.fitting import fit as plain_fit
-from scan2flex_jax.fitting.run import FIT_ELEMENTS
+from scan2flex_jax.fitting.least_squares import Progress, silent
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS
+from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.study.model import MeasuredCurve, Study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
@@ -25,7 +28,7 @@ _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@on_one_blas_thread
 def explain(
     study: Study,
     *,
@@ -33,53 +36,86 @@ def explain(
     progress: Callable[[str], None] | None = None,
     seed: int = 0,
     mesh: bool = True,
+    ahead: AheadCompiler | None = None,
 ) -> Explanation:
     """What physics the plain rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
 
     ``progress`` is called with a line of text now and then; ``seed`` draws the noise of the test; ``mesh`` False leaves out
-    the gate that refines the mesh. Poses that cannot be solved give the verdict "not in equilibrium", never an exception.
+    the gate that refines the mesh. ``ahead`` compiles the search in a thread beside the plain fit; without it no thread is
+    started. Poses that cannot be solved give the verdict "not in equilibrium", never an exception.
     """
-    began, say = time.perf_counter(), progress or (lambda message: None)
-    names, scanned = [p.name for p in study.fit_poses], any(pose.curve is None for pose in study.fit_poses)
-    study = _on_axes(study, elements, say)
-    while True:
-        say("plain fit")
-        compiling = compile_ahead(study, elements, mesh=mesh)
-        try:
-            fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
-        except Scan2FlexError as fault:
-            if "settle" not in str(fault):
-                raise
-            seconds = time.perf_counter() - began
-            return Explanation(study, None, verdict.UNSOLVED, 1.0, None, sentences=(str(fault),), seconds=seconds)
-        compiling.join()
-        problem, minimum = fitted.problem
-        study = problem.study  # with the turns that the shapes tell
-        bench = Bench(problem, minimum)
-        say("signatures of the catalogue")
-        signatures, beside = stage.signatures(bench, minimum, _stated(study), seed)
-        first = stage.stage_of(signatures, beside)
-        error = gates.mesh_error(problem, minimum) if mesh else np.zeros(0)
-        coarse = gates.too_coarse(error, first.noise.total, names) if mesh else []
-        if not coarse or elements >= gates.MOST_ELEMENTS:
-            break
-        elements *= 2
-        say(f"again with {elements} elements")
-    found = search.search(first, say)
+    began, say = time.perf_counter(), progress or silent
+    scanned = any(pose.curve is None for pose in study.fit_poses)
+    if ahead is None:  # a process that compiles ahead explains one study
+        make_room()
+    try:
+        study = _on_axes(study, elements, say)
+        base = _base(study, elements, say, seed, mesh, ahead)
+    except NotSettledError as fault:
+        seconds = time.perf_counter() - began
+        return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
+    found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
-        sharper = stage.sharpened(signatures, found) if found.verdict != verdict.NONE else None
+        sharper = stage.sharpened(base.signatures, found) if found.verdict != verdict.NONE else None
         if sharper is None:
             break
         say("again with less noise")
         found = search.search(sharper, say)
-    if coarse and found.verdict != verdict.NONE:
+    if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
-    checks = {"elements": elements} | ({"mesh_error": float(np.max(error))} if mesh else {})
-    warnings = (f"the mesh error reaches the noise in {', '.join(coarse)}: nothing is concluded",) if coarse else ()
+    warnings: tuple[str, ...] = ()
+    if base.coarse:
+        warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
         warnings += _if_fine(found)
     say("before and after")
-    return _explanation(study, fitted, found, checks, warnings, began)
+    return _explanation(base, found, warnings, began)
+
+
+@dataclass(frozen=True)
+class _Base:
+    """The plain fit and all that the search rests on; ``gates``: what was checked of it, ``coarse``: poses (with their mesh
+    errors, in words) whose mesh is too coarse still."""
+
+    fit: Fit
+    signatures: stage.Signatures
+    stage: stage.Stage
+    gates: dict[str, int | float]
+    coarse: list[str]
+
+
+def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None) -> _Base:
+    """The plain fit on a mesh that is fine enough, or as fine as it gets; raises `NotSettledError`."""
+    names = [pose.name for pose in study.fit_poses]
+    while True:
+        say("plain fit")
+        if ahead is not None:
+            ahead.start(study, elements, mesh=mesh)
+        fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
+        if ahead is not None:
+            _wait(ahead, study, elements, mesh, say)
+        study = fitted.problem.study  # with the turns that the shapes tell
+        bench = Bench(fitted.problem, fitted.minimum)
+        say("signatures of the catalogue")
+        signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed)
+        first = stage.stage_of(signatures, beside)
+        if not mesh:
+            return _Base(fitted, signatures, first, {"elements": elements}, [])
+        error = gates.mesh_error(fitted.problem, fitted.minimum)
+        coarse = gates.too_coarse(error, first.noise.total, names)
+        if not coarse or elements >= gates.MOST_ELEMENTS:
+            return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
+        elements *= 2
+        say(f"again with {elements} elements")
+
+
+def _wait(ahead: AheadCompiler, study: Study, elements: int, mesh: bool, say: Progress) -> None:
+    """Wait for what is compiled ahead. A fault of it is told, and goes no further: the search meets it where it counts."""
+    say("compiling the search")
+    try:
+        ahead.wait(study, elements, mesh=mesh)
+    except Exception as fault:
+        say(f"nothing was compiled ahead: {type(fault).__name__}: {fault}")
 
 
 def _on_axes(study, elements, say):
@@ -104,39 +140,60 @@ def _stated(study) -> float | None:
     return float(np.sqrt(np.mean(np.square(stated)))) if stated else None
 
 
-def _explanation(study, fitted, found, checks, warnings, began):
-    bench, base = found.stage.bench, found.stage.base
-    other = None
+def _explanation(base, found, warnings, began):
+    bench, plain, fitted = found.stage.bench, found.stage.base, base.fit
+    study, other = fitted.problem.study, None
     if study.validate_poses:
-        other = Bench(bench.problem, fitted.problem[1], bench.problem.held_out)
-    chosen_refit = found.best if found.verdict in (verdict.EXPLAINED, verdict.TIE) else base
-    unseen = [confirm.left_out(found.stage, r) for r in (base, chosen_refit)]
-    poses = report.pose_changes(study.fit_poses, bench, base.shapes, chosen_refit.shapes, np.transpose(unseen))
-    if other:
-        before, after = report.predicted(other, base), report.predicted(other, chosen_refit)
-        poses |= report.pose_changes(study.validate_poses, other, before, after)
+        other = Bench(bench.problem, fitted.minimum, bench.problem.held_out)
+    refitted = found.best if found.verdict in (verdict.EXPLAINED, verdict.TIE) else plain
     ranking = _ranking(found, other)
-    kinds = [c.kind for c in chosen_refit.components]
-    chosen = tuple(next(r for r in ranking if r.kind == kind) for kind in kinds)
-    if len(kinds) > 1:
-        chosen = tuple(
-            report.ranked(bench, chosen_refit, k, log_evidence=chosen_refit.log_evidence, p_value=r.p_value, verdict=r.verdict,
-                          tied_with=r.tied_with) for k, r in enumerate(chosen)
-        )  # fmt: skip
-    tied = found.tied if kinds else [base]
-    estimates = report.estimates(bench, tied, chosen_refit)
-    tie_kinds = {k for r in tied for k in r.kinds}
-    constancy = found.constancy if kinds else None
+    chosen, tied = _chosen(bench, refitted, ranking), found.tied if refitted.kinds else [plain]
+    estimates = report.estimates(bench, tied, refitted)
+    poses = _poses(study, found.stage, other, refitted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
-    sentences = (*_sentences(found, chosen, description), *_confirmed(poses, kinds), *fitted.turned, *warnings)
-    ordered = {p.name: poses[p.name] for p in study.poses if p.name in poses}
+    constancy = found.constancy if refitted.kinds else None
     return Explanation(
-        report.declared(study, estimates, chosen) if kinds else fitted.calibrated, fitted, found.verdict, found.test.p_value,
-        found.stage.noise, ranking, chosen, found.after.p_value if found.after else None, estimates, ordered,
-        found.test.family_gain, report.settle_sentences(tie_kinds) if found.verdict == verdict.TIE else (), sentences,
-        checks | ({} if constancy is None else {"constancy": constancy}), time.perf_counter() - began,
-        locate.common_load(found.stage), tuple(locate.pose_loads(found.stage)), description, found,
+        study=report.declared(study, estimates, chosen) if chosen else fitted.calibrated,
+        fit=fitted,
+        verdict=found.verdict,
+        p_value=found.test.p_value,
+        p_after=found.after.p_value if found.after else None,
+        noise=found.stage.noise,
+        ranking=ranking,
+        chosen=chosen,
+        estimates=estimates,
+        poses=poses,
+        families=found.test.family_gain,
+        settle=report.settle_sentences({k for r in tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
+        sentences=(*_sentences(found, chosen, description), *_confirmed(poses, chosen), *fitted.turned, *warnings),
+        gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
+        seconds=time.perf_counter() - began,
+        load=locate.common_field(found.stage, locate.LOAD),
+        pose_loads=tuple(locate.pose_loads(found.stage)),
+        description=description,
+        search=found,
+    )
+
+
+def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
+    """The effects of the refitted model as they were ranked; several with the parameters and the evidence of all together."""
+    chosen = tuple(next(r for r in ranking if r.kind == kind) for kind in refitted.kinds)
+    if len(chosen) < 2:
+        return chosen
+    return tuple(
+        report.ranked(bench, refitted, k, log_evidence=refitted.log_evidence, p_value=r.p_value, verdict=r.verdict,
+                      tied_with=r.tied_with) for k, r in enumerate(chosen)
     )  # fmt: skip
+
+
+def _poses(study, stage, other, refitted) -> dict[str, PoseChange]:
+    """Every pose before and after, in the order of the study; ``other``: the bench of the ``validate`` poses, or None."""
+    unseen = np.transpose([confirm.left_out(stage, r) for r in (stage.base, refitted)])
+    poses = report.pose_changes(study.fit_poses, stage.bench, stage.base.shapes, refitted.shapes, unseen)
+    if other:
+        before, after = report.predicted(other, stage.base), report.predicted(other, refitted)
+        poses |= report.pose_changes(study.validate_poses, other, before, after)
+    return {p.name: poses[p.name] for p in study.poses if p.name in poses}
 
 
 def _ranking(found, other):
@@ -227,10 +284,10 @@ def _not_enough(found):
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
 
 
-def _confirmed(poses, kinds):
+def _confirmed(poses, chosen):
     """What poses that had no part in it say of the effect."""
     own = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
-    if not kinds or not own:
+    if not chosen or not own:
         return ()
     better = sum(p.left_out < p.left_out_before for p in own)
     return (f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without",)
@@ -238,9 +295,7 @@ def _confirmed(poses, kinds):
 
 def _never_told(chosen):
     """What is no kind of the catalogue and gives the same shapes all the same."""
-    out = []
-    for r in chosen:
-        for other, when in entry_of(r.kind).same_shapes:
-            if "always" in when and other not in {e.kind for e in catalogue()}:
-                out.append(f"shapes alone never tell {r.kind} from an error of the {other.replace('_', ' ')}: {when}")
-    return tuple(out)
+    same = [(r.kind, same) for r in chosen for same in search.errors_of_the_study(entry_of(r.kind))]
+    return tuple(
+        f"shapes alone never tell {kind} from an error of the {s.other.replace('_', ' ')}: {s.words}" for kind, s in same
+    )

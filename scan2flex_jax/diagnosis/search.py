@@ -18,7 +18,7 @@ from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.score import Test
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import Stage, one_step, test, test_after
-from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes, catalogue, entry_of
 
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
 MOST_EFFECTS = 3
@@ -97,7 +97,7 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
             break
         found.best, found.after = needed, test_after(stage, needed)
     rivals = _needed(_of_one_size(stage, found))
-    candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r)) for r in rivals]
+    candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r), pieces(r)) for r in rivals]
     found.tied = [rivals[i] for i in verdict.ties(candidates)]
     first = found.tied[0]
     if first is not found.best and len(first.kinds) == len(found.best.kinds):
@@ -165,9 +165,14 @@ def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
     bic = {k: evidence.bic(statistics[table[k][1]], stage.groups[table[k][1]].rank, n) for k in table}
     worth += [k for k in sorted(bic, key=lambda k: -bic[k])[:2] if k not in worth]
     best = stage.components[table[order[0]][1]].entry
-    rivals = [k for k in table if k in dict(best.same_shapes) or best.kind in dict(entry_of(k).same_shapes)]
+    rivals = [k for k in table if _alike(best, entry_of(k)) or _alike(entry_of(k), best)]
     worth += [k for k in rivals if k not in worth and bic[k] > 0.5 * bic[order[0]]]
     return [_single(stage, found, kind, progress) for kind in worth]
+
+
+def _alike(a: CatalogueEntry, b: CatalogueEntry) -> bool:
+    """Whether ``a`` is declared to give the shapes of ``b`` under some condition."""
+    return any(same.other == b.kind for same in a.same_shapes)
 
 
 def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
@@ -236,7 +241,13 @@ def _is_new(stage, component, known) -> bool:
 
 def same_shapes(found: Refit) -> tuple[str, ...]:
     """Kinds that shapes alone cannot tell from a refit's, under the conditions that the catalogue states."""
-    return tuple(other for c in found.components for other, _ in c.entry.same_shapes)
+    return tuple(same.other for c in found.components for same in c.entry.same_shapes)
+
+
+def pieces(found: Refit) -> bool:
+    """Whether the effects of a refit all make one property vary along the cable."""
+    varied = {c.entry.varies for c in found.components}
+    return len(found.components) > 1 and len(varied) == 1 and None not in varied
 
 
 def field_beside(found: Found) -> tuple[str, ...]:
@@ -249,8 +260,13 @@ def outside(found: Refit) -> tuple[str, ...]:
     """What is no kind and always gives the shapes of a single effect: an input of the study that may be in error."""
     if len(found.components) != 1:
         return ()
+    return tuple(same.other for same in errors_of_the_study(found.components[0].entry))
+
+
+def errors_of_the_study(entry: CatalogueEntry) -> list[SameShapes]:
+    """What is no kind and always gives the shapes of an entry."""
     kinds = {e.kind for e in catalogue()}
-    return tuple(other for other, when in found.components[0].entry.same_shapes if "always" in when and other not in kinds)
+    return [same for same in entry.same_shapes if same.always and same.other not in kinds]
 
 
 def _relative(stage, components, amplitudes, near=None):
@@ -263,8 +279,4 @@ def _relative(stage, components, amplitudes, near=None):
         guess = (near or stage.base).vector
         found = refit(stage.bench, components, stage.noise, guess, amplitudes, least=stage.least)
     stage.least = min(stage.least, found.cost)
-    found.log_evidence -= stage.base.log_evidence
-    for c in components:  # choices between sites that are not continuous
-        discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(stage.bench.context)}
-        found.log_evidence -= np.log(len(discrete))
-    return found
+    return found.over(stage.base, stage.bench.context)

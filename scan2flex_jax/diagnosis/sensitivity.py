@@ -19,13 +19,11 @@ import numpy as np
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.diagnosis.slots import empty_slots, load_of_fields
 from scan2flex_jax.effects import ordered
-from scan2flex_jax.effects.catalogue import Context, Site, catalogue, entry_of
+from scan2flex_jax.effects.catalogue import CatalogueEntry, Context, Site, catalogue, entry_of
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.rod.effect import overriding
-
-CONTINUOUS = ("position", "width", "slip_curvature", "offset", "reach", "tilt_1", "tilt_2")  # parts of a site that may move
 
 
 @dataclass(frozen=True)
@@ -36,14 +34,14 @@ class Component:
     site: Site
 
     @property
-    def entry(self):
+    def entry(self) -> CatalogueEntry:
         """Its catalogue entry."""
         return entry_of(self.kind)
 
     @property
     def moving(self) -> tuple[str, ...]:
         """The parts of the site that are continuous."""
-        return tuple(name for name in CONTINUOUS if name in self.site)
+        return tuple(name for name in self.entry.moving if name in self.site)
 
 
 class Numbers:

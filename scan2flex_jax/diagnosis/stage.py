@@ -6,7 +6,7 @@ import numpy as np
 
 from scan2flex_jax.diagnosis import evidence, families, score
 from scan2flex_jax.diagnosis.refit import Refit, refit
-from scan2flex_jax.diagnosis.residual import Complement, noise_like, orthonormal, signature_basis, whiten
+from scan2flex_jax.diagnosis.residual import Complement, Whitened, noise_like, orthonormal, signature_basis, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers, all_components
 from scan2flex_jax.fitting.noise import Noise
 
@@ -26,14 +26,14 @@ class Stage:
     noise: Noise
     base: Refit
     components: list[Component]
-    groups: list
-    families: list
-    fields: dict
-    white: object
+    groups: list[score.Group]
+    families: list[families.Family]
+    fields: dict[str, list[np.ndarray]]
+    white: Whitened
     draws: np.ndarray
     y: np.ndarray
     Q: np.ndarray
-    known: dict
+    known: dict[frozenset[str], Refit]
     least: float = np.inf
 
 
@@ -44,13 +44,13 @@ class Signatures:
     bench: Bench
     vector: np.ndarray
     components: list[Component]
-    columns: list
+    columns: list[np.ndarray]
     owner: np.ndarray
-    fields: dict
-    parts: list
+    fields: dict[str, list[np.ndarray]]
+    parts: list[np.ndarray]
     stated: float | None
     seed: int
-    repeats: tuple
+    repeats: tuple[list[int], ...]
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of some model, beside its own columns and all signatures."""

@@ -18,22 +18,20 @@ WORSE = 2.0  # times the plain rod's error in poses left out in turn: what predi
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
-_VARIES = {
-    "point_mass": "mass", "density_profile": "mass", "density_taper": "mass",
-    "stiffness_profile": "stiffness", "stiffness_taper": "stiffness",
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A set of kinds, its evidence, its misfit, the kinds that shapes alone can never tell from it, and what is no kind (the
-    gravity of the study, its density) and gives the same shapes ``outside`` the catalogue."""
+    """A set of kinds, its evidence, its misfit, the kinds that shapes alone can never tell from it, what is no kind (the
+    gravity of the study, its density) and gives the same shapes ``outside`` the catalogue, and whether the kinds are
+    ``pieces`` of one field: several that all make one property vary along the cable."""
 
     kinds: tuple[str, ...]
     log_evidence: float
     chi2: float = 0.0
     same_shapes: tuple[str, ...] = ()
     outside: tuple[str, ...] = ()
+    pieces: bool = False
 
 
 def varies(constancy: float | None, effects: int) -> bool:
@@ -81,10 +79,8 @@ def whole(test, after, candidates, constancy: float | None = None, field: float 
     if test.p_value > ALARM:
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
-    pieces = {_VARIES.get(kind) for kind in best.kinds}
-    of_a_field = len(best.kinds) > 1 and len(pieces) == 1 and None not in pieces
     fails = varies(constancy, len(best.kinds)) or (unseen is not None and unseen > WORSE)
-    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= ALARM or of_a_field or fails:
+    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= ALARM or best.pieces or fails:
         return UNEXPLAINED
     return EXPLAINED if leading(candidates, field) != TIED else TIE
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from scan2flex_jax.effects._loads import XYZ
 from scan2flex_jax.effects._materials import _plain
-from scan2flex_jax.effects.catalogue import CatalogueEntry
+from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.clamp_offset import ClampOffset
 from scan2flex_jax.effects.clamp_rotation import ClampRotation
 from scan2flex_jax.effects.elastic_clamp import ElasticClamp
@@ -28,6 +28,11 @@ def _which(c):
     sites = [_held(c) * np.array(mask) for mask in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))]
     kept = {tuple(mask): {"ends": mask} for mask in sites if mask.any()}
     return tuple(kept.values())
+
+
+def _unyielding(per_end):
+    """Which amplitudes do nothing, ``per_end`` of them each: those of the ends that a site leaves out."""
+    return lambda site: np.repeat(np.asarray(site["ends"]) == 0, per_end)
 
 
 def _rows(a, site, c):
@@ -50,6 +55,7 @@ def _vectors(name, cls):
         "to_parameters": lambda a, site, c: {name: _rows(a, site, c)},
         "from_parameters": back,
         "sites": _which,
+        "inactive_of": _unyielding(3),
     }
 
 
@@ -73,11 +79,11 @@ ENTRIES = (
         build=lambda a, site, c: (ElasticClamp(compliance=a * jnp.asarray(site["ends"])),),
         to_parameters=_stiffness,
         from_parameters=_compliance,
-        sites=_which, one_sided=(True, True),
+        sites=_which, inactive_of=_unyielding(1), one_sided=(True, True),
         signature="the cable leaves a clamp at an angle that grows with the moment there",
         settle="scan the edges of the clamps along with the cable, and measure the free length",
-        same_shapes=(("length_error", "when the position of the clamp's edge and the free length are not known"),
-                     ("stiffness_profile", "a softer span at the clamp, always")),
+        same_shapes=(SameShapes("length_error", "when the position of the clamp's edge and the free length are not known"),
+                     SameShapes("stiffness_profile", "a softer span at the clamp", always=True)),
     ),
     CatalogueEntry(
         "clamp_rotation", "clamps", tuple(f"{end} about {d}" for end in ENDS for d in ("d1", "d2", "d3")),
@@ -85,7 +91,7 @@ ENTRIES = (
         **_vectors("rotation", ClampRotation), bounds_of=lambda c: (np.full(6, -0.8), np.full(6, 0.8)),
         signature="the misfit is largest next to a clamp, turns with the clamp and is alike in all poses",
         settle="scan the clamps and their roll marks along with the cable",
-        same_shapes=(("natural_curvature", "a roll of one end and natural twist, always"),),
+        same_shapes=(SameShapes("natural_curvature", "a roll of one end and natural twist", always=True),),
     ),
     CatalogueEntry(
         "clamp_offset", "clamps", tuple(f"{end} along {d}" for end in ENDS for d in ("d1", "d2", "d3")),
@@ -93,8 +99,8 @@ ENTRIES = (
         **_vectors("offset", ClampOffset),
         signature="the misfit is a shift next to a clamp that turns with the clamp",
         settle="scan the edges of the clamps along with the cable",
-        same_shapes=(("length_error", "a shift along the tangent of a clamp whose neighbourhood is straight"),
-                     ("scan_offset", "the same shift of both clamps, when no pose turns them")),
+        same_shapes=(SameShapes("length_error", "a shift along the tangent of a clamp whose neighbourhood is straight"),
+                     SameShapes("scan_offset", "the same shift of both clamps, when no pose turns them")),
     ),
     CatalogueEntry(
         "length_error", "clamps", ("log length",),
@@ -105,7 +111,7 @@ ENTRIES = (
         bounds_of=lambda c: (np.full(1, -0.3), np.full(1, 0.3)),
         signature="all poses sag too much or too little",
         settle="measure the length between the clamps",
-        same_shapes=(("elastic_clamp", "when the position of the clamp's edge is not known"),),
+        same_shapes=(SameShapes("elastic_clamp", "when the position of the clamp's edge is not known"),),
     ),
     CatalogueEntry(
         "scan_scale", "observation", ("log factor",),
@@ -123,6 +129,6 @@ ENTRIES = (
         **_plain("offset", ScanOffset, 3),
         signature="all points of all poses are shifted alike, at the clamps too",
         settle="scan the clamps along with the cable",
-        same_shapes=(("clamp_offset", "the same shift of both clamps, when no pose turns them"),),
+        same_shapes=(SameShapes("clamp_offset", "the same shift of both clamps, when no pose turns them"),),
     ),
 )  # fmt: skip

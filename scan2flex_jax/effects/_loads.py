@@ -5,7 +5,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from scan2flex_jax.effects._materials import _plain
-from scan2flex_jax.effects.catalogue import CatalogueEntry, positions
+from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes, along_cable, positions
 from scan2flex_jax.effects.elastic_support import ElasticSupport
 from scan2flex_jax.effects.increments import AnchoredSpring
 from scan2flex_jax.effects.point_load import PointLoad
@@ -22,9 +22,15 @@ def _places(c):
 
 def _levels(c):
     """Heights of soft supports, from the lowest measured point to a little above the highest of the lowest ones."""
+    least, largest = _level_range(c)
+    return tuple({"offset": h} for h in np.linspace(least, largest, 13))
+
+
+def _level_range(c):
+    """Least and largest height (m) of a soft support."""
     low, high = c.lowest_range
     margin = 0.02 * c.length
-    return tuple({"offset": h} for h in np.linspace(low - 0.25 * margin, max(high, low) + 2.0 * margin, 13))
+    return low - 0.25 * margin, max(high, low) + 2.0 * margin
 
 
 def _ground(c):
@@ -38,10 +44,11 @@ def _ground(c):
     planes += planes[:1] * (_PLANES - len(planes))
     return tuple(
         {"offset": part * c.length, "tilt_1": a, "tilt_2": b, "place": place, "axes": axes}
-        for a, b, place in planes for part in (-0.002, 0.0, 0.002, 0.005)
+        for a, b, place in planes for part in _LIFTS
     )  # fmt: skip
 
 
+_LIFTS, _TILT = (-0.002, 0.0, 0.002, 0.005), 0.2  # of the length, above a plane; tilt from the level: no table is further off
 _PLANES, _LEAN, _TOUCHING, _OTHER = 4, 0.12, 0.002, 0.01  # count; tilt; of the length; tilt that makes another plane
 
 
@@ -68,6 +75,10 @@ def _facets(c, axes):
     return out[: _PLANES - 1]
 
 
+def _tilts(c):
+    return -_TILT, _TILT
+
+
 def _plane(site, up):
     """Unit normal, and the offset (m) of a plane at a site."""
     lean = up + site["tilt_1"] * site["axes"][0] + site["tilt_2"] * site["axes"][1]
@@ -92,6 +103,7 @@ def _plane_of(p, c):
     return {"offset": 0.0, "tilt_1": tilt[0], "tilt_2": tilt[1], "place": place, "axes": axes}
 
 
+_REACH = (0.03, 1.0)  # of the length: from the cable to where a string is anchored
 _SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: of the size, and of the logarithm of the stiffness in units of the size
 
 
@@ -166,10 +178,10 @@ ENTRIES = (
         build=lambda a, site, c: (PointMass(site["position"], a[0]),),
         to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},
         from_parameters=lambda p, c: (np.array([float(p["mass"])]), {"position": float(p["position"])}),
-        sites=_places, one_sided=(True,),
+        sites=_places, moving={"position": along_cable}, one_sided=(True,), varies="mass",
         signature="the cable sags towards one place of it, always along gravity",
         settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
-        same_shapes=(("density_profile", "a span that is short beside the sag"),),
+        same_shapes=(SameShapes("density_profile", "a span that is short beside the sag"),),
     ),
     CatalogueEntry(
         "point_load", "energy", XYZ,
@@ -177,10 +189,10 @@ ENTRIES = (
         build=lambda a, site, c: (PointLoad(site["position"], a),),
         to_parameters=lambda a, site, c: {"position": float(site["position"]), "force": np.asarray(a)},
         from_parameters=lambda p, c: (np.asarray(p["force"], float), {"position": float(p["position"])}),
-        sites=_places,
+        sites=_places, moving={"position": along_cable},
         signature="the cable is drawn at one place of it, in the same direction of space in all poses",
         settle="look at the named place, or turn the whole setting about the vertical",
-        same_shapes=(("point_mass", "a force straight down, always"),),
+        same_shapes=(SameShapes("point_mass", "a force straight down", always=True),),
     ),
     CatalogueEntry(
         "uniform_load", "energy", XYZ,
@@ -188,8 +200,8 @@ ENTRIES = (
         **_plain("force", UniformLoad, 3),
         signature="all poses lean to the same side of space",
         settle="check gravity with a plumb line in the scan frame, and scan once without draught",
-        same_shapes=(("gravity", "a tilt of the scan frame, always"),
-                     ("length_density", "the part along gravity, as a scale of all stiffnesses")),
+        same_shapes=(SameShapes("gravity", "a tilt of the scan frame", always=True),
+                     SameShapes("length_density", "the part along gravity, as a scale of all stiffnesses")),
     ),
     CatalogueEntry(
         "tether", "energy", ("stiffness", "pull x", "pull y", "pull z"),
@@ -198,9 +210,10 @@ ENTRIES = (
         to_parameters=_tether_parameters,
         from_parameters=_tether_of,
         sites=_places, one_sided=(True, False, False, False), other_starts=_strings,
+        moving={"position": along_cable, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
         signature="the cable is drawn at one place of it towards one point of space, from whichever side",
         settle="look for a string at the named place",
-        same_shapes=(("point_load", "an anchor far away beside the motion of the place between poses"),),
+        same_shapes=(SameShapes("point_load", "an anchor far away beside the motion of the place between poses"),),
     ),
     CatalogueEntry(
         "support_plane", "energy", ("contact stiffness",),
@@ -209,9 +222,12 @@ ENTRIES = (
         to_parameters=lambda a, site, c: _plane_parameters(site, c),
         from_parameters=lambda p, c: (np.array([CONTACT]), _plane_of(p, c)),
         sites=_ground, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),
+        moving={"offset": lambda c: (_LIFTS[0] * c.length, _LIFTS[-1] * c.length), "tilt_1": _tilts, "tilt_2": _tilts},
+        start_site=lambda site, noise: {**site, "offset": noise},  # nothing lies below a hard plane but for the noise
+        continuation=(20.0, 400.0, 1.0e4),
         signature="low poses are flat below one level, poses above it are untouched",
         settle="scan the table along with the cable",
-        same_shapes=(("elastic_support", "when every pose lies below the level"),),
+        same_shapes=(SameShapes("elastic_support", "when every pose lies below the level"),),
     ),
     CatalogueEntry(
         "elastic_support", "energy", ("stiffness",),
@@ -221,7 +237,7 @@ ENTRIES = (
             "normal": np.asarray(c.up), "offset": float(site["offset"]), "stiffness": float(np.asarray(a)[0]),
         },
         from_parameters=lambda p, c: (np.array([float(p["stiffness"])]), {"offset": float(p["offset"])}),
-        sites=_levels, one_sided=(True,),
+        sites=_levels, moving={"offset": _level_range}, one_sided=(True,),
         signature="all poses are drawn to one level, from above and from below",
         settle="look for what the cable lies in",
     ),

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.effects.bend_twist_coupling import BendTwistCoupling
-from scan2flex_jax.effects.catalogue import CatalogueEntry, positions
+from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes, along_cable, positions
 from scan2flex_jax.effects.density_profile import DensityProfile
 from scan2flex_jax.effects.density_taper import DensityTaper
 from scan2flex_jax.effects.increments import AxialCompliance, BendingSplit
@@ -34,11 +34,13 @@ def _plain(name, cls, *shape):
 
 
 _WIDTHS = (0.08, 0.18, 0.35)  # of the length: of the spans to scan
+_BENDS = (0.02, 0.12)  # of the length: of the set bends to scan
+_SLIPS = np.geomspace(0.1, 2.0, 7)  # of the largest curvature: where slipping begins, to scan
 _LOOSE = 0.5  # part of the bending stiffness that slipping takes away
 _STRONG = 0.5  # of a logarithm: spans that differ less are told from each other by their signatures
 
 
-def _span(cls, carried):
+def _span(cls, varies, carried):
     """The same for a span whose amplitude is the logarithm of its factor; ``carried(factor)``: what it has more per length."""
 
     def other_widths(a, site, c, places):
@@ -55,6 +57,8 @@ def _span(cls, carried):
         return out
 
     return {
+        "varies": varies,
+        "moving": {"position": along_cable, "width": lambda c: (0.5 * (_WIDTHS[0] * c.length), 1.5 * (_WIDTHS[-1] * c.length))},
         "other_starts": other_widths,
         "amplitudes": ("log factor",),
         "build": lambda a, site, context: (cls(site["position"], site["width"], jnp.exp(a[0])),),
@@ -74,9 +78,14 @@ def _floats(site):
     return {name: float(x) for name, x in site.items()}
 
 
+def _most_bent(c):
+    """The largest curvature (1/m) of the shapes; a little one where they are straight."""
+    return max(c.curvature_range[1], 0.1 / c.length)
+
+
 def _loose_wires(a, site, c, places):
     """From a bending law that softens much to one of stiff cores that slip early, as stiff where the cable is bent most."""
-    most = max(c.curvature_range[1], 0.1 / c.length)
+    most = _most_bent(c)
 
     def secant(lost, slip):
         return 1.0 - lost + lost * min(slip / most, 1.0)
@@ -101,9 +110,9 @@ ENTRIES = (
         signature="a bow out of the plane of the pose, alike all along, that turns over when both clamps are rolled",
         settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",
         same_shapes=(
-            ("clamp_rotation", "the part about d3 (natural twist) and a roll of one clamp, always"),
-            ("kink", "the part about d3 (natural twist) and a twist at one place, always"),
-            ("bend_twist_coupling", "in fewer than four poses, or in poses that lie in one plane"),
+            SameShapes("clamp_rotation", "the part about d3 (natural twist) and a roll of one clamp", always=True),
+            SameShapes("kink", "the part about d3 (natural twist) and a twist at one place", always=True),
+            SameShapes("bend_twist_coupling", "in fewer than four poses, or in poses that lie in one plane"),
         ),
     ),
     CatalogueEntry(
@@ -116,11 +125,12 @@ ENTRIES = (
         from_parameters=lambda p, c: (
             np.asarray(p["angle"], float), {"position": float(p["position"]), "width": float(p["width"])},
         ),
-        sites=lambda c: tuple({"position": s, "width": w * c.length} for w in (0.02, 0.12) for s in positions(c)),
+        sites=lambda c: tuple({"position": s, "width": w * c.length} for w in _BENDS for s in positions(c)),
+        moving={"position": along_cable, "width": lambda c: (0.5 * (_BENDS[0] * c.length), 1.5 * (_BENDS[-1] * c.length))},
         bounds_of=lambda c: (np.full(3, -3.0), np.full(3, 3.0)),
         signature="a corner at the same place of the cable in all poses that turns with the cable",
         settle="look at the named place, or scan with both clamps rolled by 180 degrees",
-        same_shapes=(("clamp_rotation", "a kink at a clamp"),),
+        same_shapes=(SameShapes("clamp_rotation", "a kink at a clamp"),),
     ),
     CatalogueEntry(
         "anisotropic_bending", "energy", ("log ratio cos 2 angle", "log ratio sin 2 angle"),
@@ -141,7 +151,7 @@ ENTRIES = (
         **_plain("coupling", BendTwistCoupling, 2), bounds_of=lambda c: (np.full(2, -0.7), np.full(2, 0.7)),
         signature="bending turns the cable out of its plane, the more the stronger it is bent",
         settle="scan one pose with both clamps rolled by 180 degrees, and one almost straight with a free end",
-        same_shapes=(("natural_curvature", "in fewer than four poses of like curvature"),),
+        same_shapes=(SameShapes("natural_curvature", "in fewer than four poses of like curvature"),),
     ),
     CatalogueEntry(
         "nonlinear_bending", "energy", ("1 - ratio",),
@@ -153,39 +163,39 @@ ENTRIES = (
         from_parameters=lambda p, c: (
             np.array([1.0 - float(p["ratio"])]), {"slip_curvature": float(p["slip_curvature"])},
         ),
-        sites=lambda c: tuple(
-            {"slip_curvature": k} for k in np.geomspace(0.1, 2.0, 7) * max(c.curvature_range[1], 0.1 / c.length)
-        ),
+        sites=lambda c: tuple({"slip_curvature": k} for k in _SLIPS * _most_bent(c)),
+        moving={"slip_curvature": lambda c: (0.2 * (_SLIPS[0] * _most_bent(c)), _SLIPS[-1] * _most_bent(c))},
         one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), other_starts=_loose_wires,
         signature="strongly bent poses look softer than gently bent ones; the misfit sits where the cable is bent most",
         settle="scan poses whose largest curvature is well below and well above the slip curvature",
-        same_shapes=(("bending_stiffness", "a slip curvature far above or far below all curvatures"),),
+        same_shapes=(SameShapes("bending_stiffness", "a slip curvature far above or far below all curvatures"),),
     ),
     CatalogueEntry(
         "stiffness_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, a worn place: 0.6 to 1.6
-        **_span(StiffnessProfile, lambda factor: 1.0 / factor - 1.0),  # compliances add
+        **_span(StiffnessProfile, "stiffness", lambda factor: 1.0 / factor - 1.0),  # compliances add
         signature="one span bends less (or more) than it should in every pose",
         settle="look and feel at the named span, or bring it to where the cable is bent most",
-        same_shapes=(("elastic_clamp", "a span at a clamp"), ("length_error", "a stiff span that begins at a clamp")),
+        same_shapes=(SameShapes("elastic_clamp", "a span at a clamp"),
+                     SameShapes("length_error", "a stiff span that begins at a clamp")),
     ),
     CatalogueEntry(
         "density_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, or water in a hose
-        **_span(DensityProfile, lambda factor: factor - 1.0),
+        **_span(DensityProfile, "mass", lambda factor: factor - 1.0),
         signature="one span sags as if it were heavier (or lighter), always along gravity",
         settle="weigh or look at the named span",
-        same_shapes=(("point_mass", "a span that is short beside the sag"),),
+        same_shapes=(SameShapes("point_mass", "a span that is short beside the sag"),),
     ),
     CatalogueEntry(
         "stiffness_taper", "energy", ("taper",),
         lambda c: np.array([0.2]),  # ends that differ in stiffness by half
-        **_plain("taper", StiffnessTaper), bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+        **_plain("taper", StiffnessTaper), varies="stiffness", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
         signature="one half of the cable bends more than the other, whichever way round it hangs",
         settle="swap the two ends of the cable in one pose",
     ),
     CatalogueEntry(
         "density_taper", "energy", ("taper",),
         lambda c: np.array([0.15]),  # ends that differ in weight by a third
-        **_plain("taper", DensityTaper), bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+        **_plain("taper", DensityTaper), varies="mass", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
         signature="the lowest point lies towards one end of the cable, whichever way round it hangs",
         settle="find the cable's centre of mass on an edge",
     ),
@@ -200,7 +210,7 @@ ENTRIES = (
         one_sided=(True,),
         signature="tight poses are longer than slack ones",
         settle="scan one pose with the clamps pulled apart until the cable is nearly straight",
-        same_shapes=(("length_error", "when the tension is alike in all poses"),),
+        same_shapes=(SameShapes("length_error", "when the tension is alike in all poses"),),
     ),
     CatalogueEntry(
         "tension_twist_coupling", "energy", ("lever",),
@@ -208,7 +218,7 @@ ENTRIES = (
         **_plain("lever", TensionTwistCoupling),
         signature="tight poses are twisted, slack ones are not",
         settle="hang the cable with a weight at its free end and watch the end turn",
-        same_shapes=(("clamp_rotation", "when the tension is alike in all poses, for a roll"),),
+        same_shapes=(SameShapes("clamp_rotation", "when the tension is alike in all poses, for a roll"),),
     ),
     CatalogueEntry(
         "tension_stiffening", "energy", ("gain",),

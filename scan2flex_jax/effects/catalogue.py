@@ -8,9 +8,9 @@ the cable in `Context`: it makes the evidence of different kinds comparable, so 
 in `_materials`, `_loads` and `_ends`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jax import Array
@@ -21,6 +21,9 @@ from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS, KindFormat, Place, register_kind
 
 Site = dict[str, Any]
+Varied = Literal["stiffness", "mass"]  # properties of the cable that may vary along it
+Range = Callable[["Context"], tuple[float, float]]  # least and largest value
+_EDGE = 0.01  # of the length: no place closer to a clamp
 
 
 @dataclass(frozen=True)
@@ -78,16 +81,39 @@ class Context:
 
 
 @dataclass(frozen=True)
+class SameShapes:
+    """What gives the same shapes as a kind: the ``other`` kind, or an input of the study (``gravity``) that may be in error;
+    ``when``: the condition, or the part of the effect for which it holds ``always``, in every pose."""
+
+    other: str
+    when: str
+    always: bool = False
+
+    @property
+    def words(self) -> str:
+        """The condition in words."""
+        return f"{self.when}, always" if self.always else self.when
+
+
+@dataclass(frozen=True)
 class CatalogueEntry:
     """One kind, ready to be scanned for.
 
     ``build(amplitude, site, context)`` makes the effects, ``sites(context)`` lists where to look (one empty site when
-    there is no choice), ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their least
-    and largest values, ``one_sided`` which of them cannot be negative. ``to_parameters`` and ``from_parameters``
-    change to the format's parameters and back; ``rescaled`` says by which factor a parameter of the cable itself
-    changes in that exchange. ``other_starts(amplitude, site, context, places)`` lists more starts for a refit that ended
-    there, with the cable at ``places`` (m, one per pose) at its position: amplitude, site, and factors on parameters of the
-    cable. ``same_shapes``: kinds that shapes alone cannot tell from it, each with the condition.
+    there is no choice; a part ``position`` is an arc length, a part ``width`` the length of a span, both in m),
+    ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their least and largest values,
+    ``one_sided`` which of them cannot be negative. ``to_parameters`` and ``from_parameters`` change to the format's
+    parameters and back; ``rescaled`` says by which factor a parameter of the cable itself changes in that exchange.
+
+    For refits: ``moving`` names the parts of a site that are continuous, each with its range; ``start_site(site, noise)`` is
+    where they begin, given the standard deviation (m) of the measured points; ``inactive_of(site)`` says which amplitudes do
+    nothing there. With a ``continuation`` the amplitudes are not estimated but set to these multiples of their sizes, one
+    after the other: a stiff law (contact) is met softly first. ``other_starts(amplitude, site, context, places)`` lists more
+    starts for a refit that ended there, with the cable at ``places`` (m, one per pose) at its position: amplitude, site, and
+    factors on parameters of the cable.
+
+    For verdicts: ``same_shapes`` are what shapes alone cannot tell from it; ``varies`` is the property of the cable that it
+    makes vary along s: several effects of one property are pieces of a field, which describes it and names nothing.
     ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
     """
 
@@ -103,7 +129,12 @@ class CatalogueEntry:
     sites: Callable[[Context], tuple[Site, ...]] = lambda context: ({},)
     one_sided: tuple[bool, ...] = ()
     bounds_of: Callable[[Context], tuple[np.ndarray, np.ndarray]] | None = None
-    same_shapes: tuple[tuple[str, str], ...] = ()
+    moving: Mapping[str, Range] = field(default_factory=dict)
+    start_site: Callable[[Site, float], Site] = lambda site, noise: site
+    inactive_of: Callable[[Site], np.ndarray] | None = None
+    continuation: tuple[float, ...] = ()
+    same_shapes: tuple[SameShapes, ...] = ()
+    varies: Varied | None = None
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = lambda amplitude, site, context: {}
     other_starts: Callable[[Any, Site, Context, Any], list] = lambda amplitude, site, context, places: []
 
@@ -122,6 +153,16 @@ class CatalogueEntry:
             return self.bounds_of(context)
         most = 20.0 * self.size(context)
         return np.where(self.one_sided, 0.0, -most), most
+
+    def inactive(self, site: Site) -> np.ndarray:
+        """Which amplitudes do nothing at a site."""
+        none = np.zeros(len(self.amplitudes), bool)
+        return none if self.inactive_of is None else np.asarray(self.inactive_of(site), bool)
+
+    def continued(self, step: int, context: Context) -> np.ndarray:
+        """Amplitudes of one step of the ``continuation``, of the last one beyond it; no bound is passed."""
+        factor = self.continuation[min(step, len(self.continuation) - 1)]
+        return np.minimum(factor * self.size(context), self.bounds(context)[1])
 
 
 _ADDED: dict[str, CatalogueEntry] = {}
@@ -154,3 +195,8 @@ def entry_of(kind: str) -> CatalogueEntry:
 def positions(context: Context, count: int = 19) -> np.ndarray:
     """Places (m) along the cable to scan, without the clamps themselves."""
     return context.length * np.linspace(0.05, 0.95, count)
+
+
+def along_cable(context: Context) -> tuple[float, float]:
+    """The range of a place (m) that moves along the cable, without the clamps themselves."""
+    return _EDGE * context.length, (1 - _EDGE) * context.length

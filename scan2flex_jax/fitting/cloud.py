@@ -34,9 +34,10 @@ from scipy.spatial import cKDTree
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.fitting.distance import closest_arc_length, curve_at
 from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator, observed, one
-from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt, silent
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
@@ -135,7 +136,7 @@ def offsets_from(r, d3, ds, points, expected, margin, observe):
 class CloudEvaluator(Evaluator):
     """Weighted distances of the points of a study's scans; the last row of a pose is the prior of its offset."""
 
-    def __init__(self, problem, scans: Poses, radius: float, eyes):
+    def __init__(self, problem: Problem, scans: Poses, radius: float, eyes):
         """``eyes``: per pose the viewpoints (v, 3) in m, or None. Weights come from `weigh`."""
         super().__init__(problem.layout, problem.template, scans, problem.elements, "tube")
         self.radius, self.eyes, self.length = radius, eyes, problem.length
@@ -346,12 +347,16 @@ def _roughness(count):
     return second.T @ second
 
 
-def descend(problem, evaluator: CloudEvaluator, shared, local, start, inflation: float = 1.0):
-    """Levenberg-Marquardt under weights that are renewed until they settle; ``inflation`` of the points' deviations."""
+def descend(
+    problem: Problem, evaluator: CloudEvaluator, begun: Minimum, start, inflation: float = 1.0, progress: Progress = silent
+) -> Minimum:
+    """Levenberg-Marquardt from the numbers of ``begun``, under weights that are renewed until they settle; ``start``:
+    configurations; ``inflation`` of the points' deviations."""
+    shared, local = begun.shared, begun.local
     raw = evaluator.look(shared, local, start=start).raw
     for _ in range(_ROUNDS):
         evaluator.weights = weigh(raw, evaluator)
-        goal = replace(problem.goal(inflation * evaluator.weights.sigma), evaluator=evaluator)
+        goal = replace(problem.goal(inflation * evaluator.weights.sigma, progress), evaluator=evaluator)
         minimum = levenberg_marquardt(goal, shared, local, start)
         if not np.isfinite(minimum.cost):
             return minimum

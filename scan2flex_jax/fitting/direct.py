@@ -5,11 +5,13 @@ from dataclasses import replace
 import jax
 import numpy as np
 
-from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting import cloud, cloud_noise
 from scan2flex_jax.fitting.distance import curve_at
 from scan2flex_jax.fitting.evaluate import observed
+from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.parameters import model_at
+from scan2flex_jax.fitting.problem import Problem, unsettled
 from scan2flex_jax.fitting.result import PoseFit
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.statics.verdict import SENTENCES
@@ -74,12 +76,12 @@ def _clouds(study, progress):
 class Direct:
     """The direct fit of one study: the problem of its curves, which gives the start, and the scans."""
 
-    def __init__(self, problem, scans):
+    def __init__(self, problem: Problem, scans, progress: Progress = silent):
         """Nothing is solved yet."""
-        self.problem, self.scans = problem, scans
+        self.problem, self.scans, self.progress = problem, scans, progress
         self.radius = float(problem.study.cable["radius"])
         self.evaluator = self._evaluator(problem.study.fit_poses, problem.poses)
-        self.others = None
+        self.others: cloud.CloudEvaluator | None = None
 
     def _evaluator(self, study_poses, poses):
         near = [self.scans[p.name] for p in study_poses]
@@ -93,14 +95,17 @@ class Direct:
         others = 0 if self.others is None else self.others.equilibria
         return self.problem.evaluator.equilibria + self.evaluator.equilibria + others
 
-    def fit(self, minimum):
+    def fit(self, minimum: Minimum):
         """``(minimum, noise, uncertainty)`` from the minimum of the curves; with priors a second descent weighs them."""
         layout, length = self.problem.layout, self.problem.length
         start, factor = minimum.evaluation.configuration, 1.0
         for again in (False, True):
-            minimum = cloud.descend(self.problem, self.evaluator, minimum.shared, minimum.local, start, factor)
+            minimum = cloud.descend(self.problem, self.evaluator, minimum, start, factor, self.progress)
             if not np.isfinite(minimum.cost):
-                raise Scan2FlexError("no pose settled on the way of the direct fit: fit the curves (data 'curve') and look")
+                reasons = unsettled(self.problem.study.fit_poses, minimum.evaluation)
+                raise NotSettledError(
+                    "no pose settled on the way of the direct fit", "fit the curves (data 'curve') and look", reasons
+                )
             found = cloud_noise.stations(self.evaluator, minimum.evaluation, length)
             self.field = cloud_noise.estimate_field(found, layout.shared, length)
             spread = cloud.OFFSET * self.radius
@@ -111,15 +116,15 @@ class Direct:
         known = cloud_noise.cloud_uncertainty(minimum, layout, parts, factor)
         return minimum, self.field.noise, known
 
-    def pose_fits(self, minimum) -> dict[str, PoseFit]:
+    def pose_fits(self, minimum: Minimum) -> dict[str, PoseFit]:
         """Distances of the cable's axis, as the cloud shows it, from the modelled one, at stations along every pose."""
         study, out = self.problem.study, {}
         groups = [(study.fit_poses, self.evaluator, minimum.evaluation)]
         if study.validate_poses:
-            self.others = self._evaluator(study.validate_poses, self.problem.held_out)
-            self.others.weights = cloud.weigh(self.others.look(minimum.shared).raw, self.others)
-            e = self.others(minimum.shared, derivative=False)
-            groups.append((study.validate_poses, self.others, e))
+            others = self.others = self._evaluator(study.validate_poses, self.problem.held_out)
+            others.weights = cloud.weigh(others.look(minimum.shared).raw, others)
+            e = others(minimum.shared, derivative=False)
+            groups.append((study.validate_poses, others, e))
         model = model_at(self.problem.layout, self.problem.template, minimum.shared)
         for study_poses, evaluator, e in groups:
             found = cloud_noise.stations(evaluator, e, self.problem.length)

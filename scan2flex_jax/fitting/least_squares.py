@@ -30,6 +30,13 @@ _GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
 
+Progress = Callable[[str], None]
+
+
+def silent(message: str) -> None:
+    """The progress of a call that tells nobody."""
+
+
 @dataclass
 class Minimum:
     """Where a method ended: shared and local numbers, the evaluation there, its cost, and why it stopped."""
@@ -54,7 +61,7 @@ class Goal:
     sigma: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    progress: Callable[[str], None] = lambda message: None
+    progress: Progress = silent
     weak: np.ndarray | float = 0.0
     beat: float = np.inf
 

@@ -1,11 +1,12 @@
 """What a fit returns: what an experimenter wants to read, and the same as the format's JSON object."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
+from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study.kinds import CABLE, kind_format
 from scan2flex_jax.study.model import Study
 
@@ -51,7 +52,7 @@ class PoseFit:
         return out | {k: float(v) for k, v in (("rms", self.rms), ("max", self.worst)) if np.isfinite(v)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Fit:
     """Estimates, what they rest on, and whether to believe them.
 
@@ -59,10 +60,13 @@ class Fit:
     at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
     poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
     of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
-    the study says, in words (`fitting.branches`).
+    the study says, in words (`fitting.branches`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of
+    residuals and priors.
     """
 
     study: Study = field(repr=False)
+    problem: Problem = field(repr=False)
+    minimum: Minimum = field(repr=False)
     method: str
     distance: str
     estimates: dict[str, Estimate]
@@ -76,8 +80,7 @@ class Fit:
     equilibria: int
     seconds: float
     cost: float
-    problem: Any = field(repr=False, default=None)
-    data: str = "curve"
+    data: str
     turned: tuple[str, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
@@ -92,7 +95,7 @@ class Fit:
         return bool(self.converged and all(p.stable for p in self.poses.values()))
 
     @property
-    def calibrated(self):
+    def calibrated(self) -> Study:
         """The study with the estimates in `[cable]` and as guesses, ready to be saved or fitted again."""
         cable, effects = dict(self.study.cable), list(self.study.effects)
         for name, estimate in self.estimates.items():

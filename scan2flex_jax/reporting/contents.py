@@ -14,7 +14,7 @@ import numpy as np
 from scan2flex_jax.diagnosis import Explanation, Plan, plan
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import Fit
-from scan2flex_jax.fitting.run import FIT_ELEMENTS
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
@@ -113,7 +113,7 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
         measured = [(p, p.curve.points) for p in study.poses if p.curve is not None]
         poses = tuple(PoseView(p.name, p.role, points, clamps=_clamps(p)) for p, points in measured)
     progress("section forces")
-    elements = fitted.problem[0].elements if fitted and fitted.problem else FIT_ELEMENTS
+    elements = fitted.problem.elements if fitted else FIT_ELEMENTS
     sections, unsolved = ((), ())
     if fitted:
         sections, unsolved = _sections(subject.study if explanation else fitted.calibrated, subject.poses, elements)

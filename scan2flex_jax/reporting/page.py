@@ -15,7 +15,7 @@ import numpy as np
 from scan2flex_jax.diagnosis import Explanation, explain
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import Fit, fit
-from scan2flex_jax.fitting.run import FIT_ELEMENTS
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.reporting import figures
 from scan2flex_jax.reporting.contents import Contents, contents_of
 from scan2flex_jax.study.model import Study

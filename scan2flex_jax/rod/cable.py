@@ -5,19 +5,20 @@ Symbols: strains in material axes, ``Gamma = R^T r' - e3`` (shear about d1, d2, 
 ``Gamma_0, Omega_0``; stiffness ``K_Gamma = diag(GA1, GA2, EA)`` (N) and ``K_Omega = diag(EI1, EI2, GJ)`` (N m^2).
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError
 
 NEARLY_RIGID = 1.0e5  # N: shear and axial stiffness of a cable seen to be nearly inextensible (paper, Section 5.1)
 
-
-def _as(shape):
-    return lambda x: jnp.broadcast_to(jnp.asarray(x, float), shape)
+Quantity = ArrayLike | Sequence[float]  # what stands for an array: a number, a list, an array of numpy or jax
 
 
 class Cable(eqx.Module):
@@ -28,17 +29,42 @@ class Cable(eqx.Module):
     stands for both axes.
     """
 
-    length: Float[Array, ""] = eqx.field(converter=_as(()))
-    length_density: Float[Array, ""] = eqx.field(converter=_as(()))
-    bending_stiffness: Float[Array, "2"] = eqx.field(converter=_as((2,)))
-    torsional_stiffness: Float[Array, ""] = eqx.field(converter=_as(()))
-    shear_stiffness: Float[Array, "2"] = eqx.field(converter=_as((2,)), default=NEARLY_RIGID)
-    axial_stiffness: Float[Array, ""] = eqx.field(converter=_as(()), default=NEARLY_RIGID)
-    natural_curvature: Float[Array, "3"] = eqx.field(converter=_as((3,)), default=0.0)
-    natural_stretch: Float[Array, "3"] = eqx.field(converter=_as((3,)), default=0.0)
+    length: Float[Array, ""]
+    length_density: Float[Array, ""]
+    bending_stiffness: Float[Array, "2"]
+    torsional_stiffness: Float[Array, ""]
+    shear_stiffness: Float[Array, "2"]
+    axial_stiffness: Float[Array, ""]
+    natural_curvature: Float[Array, "3"]
+    natural_stretch: Float[Array, "3"]
+
+    def __init__(
+        self,
+        length: Quantity,
+        length_density: Quantity,
+        bending_stiffness: Quantity,
+        torsional_stiffness: Quantity,
+        shear_stiffness: Quantity = NEARLY_RIGID,
+        axial_stiffness: Quantity = NEARLY_RIGID,
+        natural_curvature: Quantity = 0.0,
+        natural_stretch: Quantity = 0.0,
+    ) -> None:
+        """Numbers, lists or arrays, broadcast to the shapes of the fields (converters of fields are unknown to mypy)."""
+        self.length = _array(length, ())
+        self.length_density = _array(length_density, ())
+        self.bending_stiffness = _array(bending_stiffness, (2,))
+        self.torsional_stiffness = _array(torsional_stiffness, ())
+        self.shear_stiffness = _array(shear_stiffness, (2,))
+        self.axial_stiffness = _array(axial_stiffness, ())
+        self.natural_curvature = _array(natural_curvature, (3,))
+        self.natural_stretch = _array(natural_stretch, (3,))
 
     def __check_init__(self):
         require_float64()
+
+
+def _array(value: Quantity, shape: tuple[int, ...]) -> Array:
+    return jnp.broadcast_to(jnp.asarray(value, float), shape)
 
 
 def require_float64() -> None:

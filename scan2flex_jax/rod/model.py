@@ -6,6 +6,7 @@ rigid motions; with the element's law (`element_law`) positions are of fourth or
 Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.cable import Cable, Quantity
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
@@ -29,10 +30,6 @@ class Configuration(NamedTuple):
 
     r: Float[Array, "nodes 3"]
     R: Float[Array, "nodes 3 3"]
-
-
-def _vector(x):
-    return jnp.asarray(x, float)
 
 
 def _effects(effects):
@@ -53,8 +50,12 @@ class CableModel(eqx.Module):
     """
 
     cable: Cable
-    gravity: Float[Array, "3"] = eqx.field(converter=_vector)
-    effects: tuple[AbstractEffect, ...] = eqx.field(converter=_effects, default=())
+    gravity: Float[Array, "3"]
+    effects: tuple[AbstractEffect, ...]
+
+    def __init__(self, cable: Cable, gravity: Quantity, effects: AbstractEffect | Iterable[AbstractEffect] = ()) -> None:
+        """Numbers of any kind become arrays (converters of fields are unknown to mypy)."""
+        self.cable, self.gravity, self.effects = cable, jnp.asarray(gravity, float), _effects(effects)
 
     def __check_init__(self):
         if self.gravity.shape != (3,):

@@ -7,7 +7,7 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.parameters import layout_of
-from scan2flex_jax.fitting.run import FIT_ELEMENTS
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.sweep.changes import guesses
@@ -53,13 +53,13 @@ def outcome(f) -> Outcome:
         for bar, x in bars.items():
             none = np.full(np.shape(e.value), -_NO_INFORMATION if bar == "low" else _NO_INFORMATION)
             values[f"{name}_{bar}"] = none if x is None else x
-    values |= {"rms": f.rms(), "cost": f.cost, "equilibria": f.equilibria, "iterations": f.problem[1].iterations}
+    values |= {"rms": f.rms(), "cost": f.cost, "equilibria": f.equilibria, "iterations": f.minimum.iterations}
     if f.study.validate_poses:
         rms = f.rms("validate")
         values["rms_validate"] = rms if np.isfinite(rms) else np.inf
     code = SOLVED if f.converged else NOT_CONVERGED
     stable = all(p.stable for p in f.poses.values() if p.role == "fit")
-    left = float(np.max(f.problem[1].evaluation.verdict.out_of_balance))
+    left = float(np.max(f.minimum.evaluation.verdict.out_of_balance))
     return Outcome(values, code, stable=stable, steps=f.equilibria, out_of_balance=left)
 
 

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import ahead, evidence, refit, search, stage
+from scan2flex_jax.diagnosis import AheadCompiler, evidence, refit, search, stage
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.diagnosis.slots import empty_slots_of
 from scan2flex_jax.examples import example_path
@@ -54,9 +54,8 @@ def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
 
 
 def first_stage(study):
-    problem, minimum = fit(study, slots=empty_slots_of(study)).problem
-    bench = Bench(problem, minimum)
-    signatures, beside = stage.signatures(bench, minimum, None)
+    fitted = fit(study, slots=empty_slots_of(study))
+    signatures, beside = stage.signatures(Bench(fitted.problem, fitted.minimum), fitted.minimum, None)
     return signatures, stage.stage_of(signatures, beside)
 
 
@@ -98,7 +97,9 @@ def test_a_repeated_search_needs_fewer_equilibria_and_finds_the_same():
 @pytest.mark.slow
 def test_what_was_compiled_ahead_is_not_compiled_again():
     study, names, listening = scenes.study(), [], True
-    ahead.compile_ahead(study).join()
+    ahead = AheadCompiler()
+    ahead.start(study)
+    ahead.wait(study)
     fit(study, slots=empty_slots_of(study))  # what the fit compiled serves all that comes after it
 
     def listen(event, seconds, **more):

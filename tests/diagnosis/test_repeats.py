@@ -16,7 +16,8 @@ pytestmark = pytest.mark.slow
 
 
 def noise_of(study):
-    problem, minimum = fit(study, elements=40).problem
+    fitted = fit(study, elements=40)
+    problem, minimum = fitted.problem, fitted.minimum
     return stage.signatures(Bench(problem, minimum), minimum, None)[1].estimate
 
 

@@ -1,18 +1,25 @@
 """Rules of the search that need no rod."""
 
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
+import pytest
 
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.sensitivity import Component
+from scan2flex_jax.effects.catalogue import entry_of
+from tests.effects import scene
 
 search = import_module("scan2flex_jax.diagnosis.search")
 
 
-def refit(log_evidence, *kinds):
+def refit(log_evidence, *kinds, log_marginal=0.0):
     components, nothing = tuple(Component(kind, {}) for kind in kinds), np.zeros(0)
-    return Refit(components, nothing, [], 0.0, 0.0, log_evidence, nothing, True)
+    return Refit(
+        components=components, vector=nothing, shapes=[], cost=0.0, chi2=0.0, log_marginal=log_marginal, covariance=nothing,
+        converged=True, log_evidence=log_evidence,
+    )  # fmt: skip
 
 
 def test_a_set_with_an_effect_too_many_gives_way_to_the_rest():
@@ -21,3 +28,13 @@ def test_a_set_with_an_effect_too_many_gives_way_to_the_rest():
     assert search._needed([alone, more, other]) == [alone, other]
     assert search._needed([other, more]) == [other, more]  # nine nats: of this part it is needed
     assert search._needed([alone, pair]) == [alone, pair]
+
+
+@pytest.mark.parametrize(("kind", "candidates"), [("tether", 1), ("elastic_clamp", 3)])
+def test_log_evidence_is_over_the_base_and_pays_for_the_choice_of_a_site(kind, candidates):
+    """Places that a refit moves are paid for by their range; of the ends of a cable one of three sets was chosen."""
+    base = refit(0.0, log_marginal=-1000.0)
+    component = Component(kind, entry_of(kind).sites(scene.CONTEXT)[0])
+    found = replace(refit(np.nan, log_marginal=-975.0), components=(component,))
+    assert found.over(base, scene.CONTEXT).log_evidence == pytest.approx(25.0 - np.log(candidates))
+    assert base.over(base, scene.CONTEXT).log_evidence == 0.0

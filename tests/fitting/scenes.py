@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from scan2flex_jax.examples import example_path
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, load_study
 
 ELEMENTS = 40

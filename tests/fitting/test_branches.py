@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting import branches, fit
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import load_study
 
 from . import scenes

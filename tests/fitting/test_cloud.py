@@ -13,7 +13,7 @@ from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import cloud, fit
 from scan2flex_jax.fitting.direct import Direct, measured_by
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.scan import scanner
 from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Unknown
 from tests.reference import rotations

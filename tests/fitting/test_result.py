@@ -8,7 +8,7 @@ import pytest
 
 from scan2flex_jax.fitting import METHODS, fit
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit
+from scan2flex_jax.fitting.result import Estimate, PoseFit
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study, save_study
 
 from . import scenes
@@ -101,12 +101,11 @@ def test_calibrated_study_at_a_bound(low, high, tmp_path):
     assert load_study(tmp_path).start_value("bending_stiffness") == f.estimates["bending_stiffness"].value
 
 
-def test_calibrated_effect():
+def test_calibrated_effect(real):
     """An estimate of an effect's parameter goes into that effect."""
     mass = EffectDeclaration("point_mass", {"position": 0.4})
     study = scenes.study_of([Unknown("point_mass.mass")], effects=[mass])
     e = Estimate(0.03, 0.001, 0.028, 0.032, True, False, "kg")
-    rest = ([], np.zeros((0, 0)), {}, Noise(1.0, 1.0, 1.0), (), None, True, 1, 1.0, 0.0)
-    f = Fit(study, "bfgs", "normal", {"point_mass.mass": e}, *rest)
+    f = replace(real, study=study, estimates={"point_mass.mass": e})
     assert f.calibrated.effects[0].parameters == {"position": 0.4, "mass": 0.03}
     assert f.calibrated.unknowns[0].guess == 0.03

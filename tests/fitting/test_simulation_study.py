@@ -9,7 +9,7 @@ import pytest
 
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
-from scan2flex_jax.fitting.run import Problem
+from scan2flex_jax.fitting.problem import Problem
 
 from . import scenes
 

@@ -11,12 +11,7 @@ EVIL = '</script><script>alert("x")</script> & <b>$\\alpha$</b>'  # a title, and
 
 def explained(fitted, verdict="tied"):
     """An explanation as `explain` makes them, of made-up evidence."""
-    poses = {
-        name: PoseChange(
-            p.role, 2 * p.rms, p.rms, p.worst, True, p.s, 2 * p.residual, p.residual, p.measured, p.modelled, 3e-6, 2e-6
-        )
-        for name, p in fitted.poses.items()
-    }
+    poses = {name: changed(p) for name, p in fitted.poses.items()}
     parameters = {"position": 0.42, "angle": np.array([0.1, 0.0, 0.0]), "width": 0.02}
     ranking = (
         Ranked("kink", parameters, 21.5, 0.0025, "tied", ("natural_curvature",)),
@@ -26,6 +21,15 @@ def explained(fitted, verdict="tied"):
     s = np.linspace(0, 1, 9)
     field = Field(s, np.ones((9, 3)), np.full((9, 3), 0.1), 3.0, "N/m")
     return Explanation(
-        fitted.calibrated, fitted, verdict, 0.0025, Noise(1e-6, 1e-6, 0.05), ranking, ranking[:1], 0.4, fitted.estimates, poses,
-        settle=("kink: look at the cable",), sentences=("something is missing (p = 0.003)",), load=field,
+        study=fitted.calibrated, fit=fitted, verdict=verdict, p_value=0.0025, p_after=0.4, noise=Noise(1e-6, 1e-6, 0.05),
+        ranking=ranking, chosen=ranking[:1], estimates=fitted.estimates, poses=poses, settle=("kink: look at the cable",),
+        sentences=("something is missing (p = 0.003)",), load=field,
+    )  # fmt: skip
+
+
+def changed(p):
+    """A fitted pose that was twice as far off before."""
+    return PoseChange(
+        role=p.role, rms_before=2 * p.rms, rms=p.rms, worst=p.worst, stable=True, s=p.s, residual_before=2 * p.residual,
+        residual=p.residual, measured=p.measured, modelled=p.modelled, left_out_before=3e-6, left_out=2e-6,
     )  # fmt: skip

@@ -161,7 +161,7 @@ def test_evidence_is_not_shown_where_nothing_is_concluded(fitted):
 
 
 def test_a_study_that_could_not_be_solved_is_shown_as_measured(fitted):
-    bare = Explanation(fitted.study, None, "not in equilibrium", 1.0, None, sentences=("no values let every pose settle",))
+    bare = Explanation(study=fitted.study, verdict="not in equilibrium", sentences=("no values let every pose settle",))
     shown = Page(report(bare))
     assert set(shown.figures()) == {"shapes"}
     assert "not in equilibrium" in shown.words()

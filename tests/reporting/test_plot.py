@@ -55,7 +55,7 @@ def test_an_unknown_pose_is_one_sentence(fitted):
     for draw, subject in ((plot.shapes, fitted), (plot.residual, explained(fitted))):
         with pytest.raises(Scan2FlexError, match="no pose is called 'sag'"):
             draw(subject, "sag")
-    bare = Explanation(fitted.study, None, "not in equilibrium", 1.0, None)
+    bare = Explanation(study=fitted.study, verdict="not in equilibrium")
     with pytest.raises(Scan2FlexError, match="no residual"):
         plot.residual(bare)
 

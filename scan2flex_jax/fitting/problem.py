@@ -1,0 +1,174 @@
+"""One study made ready for a fit: its parameters, model and poses as arrays, and its least-squares problem with its minima.
+
+A `Fit` keeps its `Problem`, so that the search for missing physics and the planning of poses go on from where the fit ended.
+Nothing in it refers to the caller: a `Problem` can be pickled, and sent to another process.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator
+from scan2flex_jax.fitting.least_squares import Goal, Minimum, Progress, bfgs, levenberg_marquardt, nelder_mead, silent
+from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
+from scan2flex_jax.fitting.poses import Poses, poses_of
+from scan2flex_jax.fitting.start import balance_start
+from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
+from scan2flex_jax.study.model import Study, StudyPose
+
+FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
+_STIFF = ("bending_stiffness", "torsional_stiffness")
+_CREDIBLE = 0.01  # of the length: RMS of a minimum beyond which another start is tried too
+_WEAK = 3.0  # standard deviation of a logarithm about where a fit begins: a factor of 20
+_LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
+
+
+class Problem:
+    """One study made ready for a fit.
+
+    ``layout`` maps the parameter vector to the model that begins as ``template``; ``poses`` are the ``fit`` poses and
+    ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is the scale of the residuals;
+    ``evaluator`` gives residuals and their Jacobian, and counts the equilibria that it solved. ``slots``: energy laws of
+    effects that may be added later, at zero amplitude.
+    """
+
+    def __init__(
+        self, study: Study, elements: int = FIT_ELEMENTS, distance: str = "normal", slots: tuple[AbstractEffect, ...] = ()
+    ):
+        """Arrays of the poses; nothing is solved yet."""
+        self.study, self.elements, self.slots = study, elements, slots
+        self.layout, self.template = layout_of(study), template(study)
+        guess = study.start_value("length") or 1.0
+        self.length = float(study.cable.get("length", guess))
+        self.poses = poses_of(study.fit_poses, self.length, elements)
+        self.held_out = _held_out(study, self.length, elements)
+        self.evaluator = self.evaluator_of(self.poses, distance)
+
+    def evaluator_of(self, poses: Poses, distance: str = "normal") -> Evaluator:
+        """An evaluator of other poses, that has counted nothing yet."""
+        return Evaluator(self.layout, self.template, poses, self.elements, distance, self.slots)
+
+    def with_study(self, study: Study) -> "Problem":
+        """The same of another study with the same unknowns; equilibria are counted on."""
+        other = Problem(study, self.elements, self.evaluator.distance, self.slots)
+        other.evaluator.equilibria = self.evaluator.equilibria
+        return other
+
+    def hold_out(self, study: Study) -> None:
+        """Take over a study that differs in its ``validate`` poses only."""
+        self.study, self.held_out = study, _held_out(study, self.length, self.elements)
+
+    def predicted(self, minimum: Minimum) -> Evaluation:
+        """The evaluation of the ``validate`` poses, which had no part in the minimum."""
+        if self.held_out is None:
+            raise Scan2FlexError("the study has no pose with role 'validate': there is nothing to predict")
+        return self.evaluator_of(self.held_out, self.evaluator.distance)(minimum.shared)
+
+    def scale(self, noise: Noise) -> np.ndarray:
+        """Standard deviation (m) that weighs each pose: the stated one, else the estimated one."""
+        return np.array([noise.total if pose.noise is None else pose.noise for pose in self.study.fit_poses])
+
+    def goal(self, sigma: np.ndarray, progress: Progress = silent) -> Goal:
+        """What is minimised, with residuals in units of ``sigma`` (m) per pose."""
+        prior = self.layout.shared - self.layout.unknowns
+        low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
+        high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
+        return Goal(self.evaluator, sigma, low, high, progress, np.where(self._logs(), _WEAK**-2, 0.0))
+
+    def starts(self) -> list[np.ndarray]:
+        """Start vectors of the unknowns: the user's guess where given, and the package's own."""
+        known = {name: float(np.mean(value)) for name in _STIFF if (value := self.study.known(name)) is not None}
+        values = {**self.study.cable, **{u.name: self.study.start_value(u.name) for u in self.study.unknowns}}
+        density = float(values.get("length_density") or 1.0)
+        own = balance_start(self.poses, density * np.asarray(self.study.gravity), self.length, known)
+        guessed = start_vector(self.study, self.layout, own)
+        free = start_vector(_without_guesses(self.study), self.layout, own)
+        return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
+
+    def minimise(self, method: str, progress: Progress = silent, beat: float = np.inf) -> Minimum:
+        """The minimum from the start that fits better, and from the other one too where that leaves doubt.
+
+        The slower methods use the first start only. Numbers with priors do not move yet. Of use is only a minimum below
+        ``beat``: what stays far above it is not followed to its end. Raises `NotSettledError` where no pose can be solved.
+        """
+        sigma = np.full(self.poses.count, 1e-3 * self.length)
+        stated = [p.noise for p in self.study.fit_poses]
+        if all(stated):
+            sigma = np.array(stated, float)
+        goal = replace(self.goal(sigma, progress), beat=beat)
+        prior = np.zeros(self.layout.shared - self.layout.unknowns)
+        if method != "least-squares":
+            run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
+            return self._finite(run(goal, np.r_[self.starts()[0], prior]))
+        local = np.zeros((self.poses.count, self.layout.local))
+        begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in self.starts())]
+        begun.sort(key=lambda start: goal.cost(start[1], start[0], local))
+        found = []
+        for x, evaluation in begun:
+            found.append(self._descend(goal, x, evaluation))
+            if self._beyond_doubt(found[-1], goal):
+                break
+        return self._finite(min(found, key=lambda m: m.cost))
+
+    def _beyond_doubt(self, minimum, goal):
+        """Whether a minimum needs no second start: converged, at no bound, and the shapes are those that were measured."""
+        inside = np.all((minimum.shared > goal.low) & (minimum.shared < goal.high))
+        own = np.asarray(self.poses.mask).sum()
+        rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
+        return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
+
+    def _logs(self) -> np.ndarray:
+        """Which of the shared numbers are logarithms."""
+        known = [False] * (self.layout.shared - self.layout.unknowns)
+        return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
+
+    def _descend(self, goal, x, evaluation):
+        """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
+        logs = self._logs()
+        for factor in _LADDER:
+            start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
+            minimum = levenberg_marquardt(goal, start, known=evaluation if factor == 1.0 else None)
+            if np.isfinite(minimum.cost):
+                return minimum
+        return minimum
+
+    def seen_by_normals(self, minimum: Minimum) -> Minimum:
+        """The minimum of another distance with all its residuals, for the statistics and the poses."""
+        old = self.evaluator
+        self.evaluator = self.evaluator_of(self.poses)
+        self.evaluator.equilibria = old.equilibria
+        start = minimum.evaluation.configuration
+        return replace(minimum, evaluation=self.evaluator(minimum.shared, minimum.local, start=start))
+
+    def with_priors(self, minimum: Minimum, noise: Noise, progress: Progress = silent) -> Minimum:
+        """The fit again, with the nearly known numbers free under their priors."""
+        return self._finite(levenberg_marquardt(self.goal(self.scale(noise), progress), minimum.shared, minimum.local))
+
+    def _finite(self, minimum):
+        if np.isfinite(minimum.cost):
+            return minimum
+        raise NotSettledError(
+            "no values in the range let every pose settle",
+            "check clamps, length and turns of these poses",
+            unsettled(self.study.fit_poses, minimum.evaluation),
+        )
+
+
+def unsettled(study_poses: Sequence[StudyPose], evaluation: Evaluation) -> dict[str, str]:
+    """Why poses are in no stable equilibrium, in words, by their names."""
+    codes = zip(study_poses, np.asarray(evaluation.verdict.code), strict=True)
+    return {pose.name: SENTENCES[int(code)] for pose, code in codes if code != SOLVED}
+
+
+def _held_out(study, length, elements) -> Poses | None:
+    return poses_of(study.validate_poses, length, elements) if study.validate_poses else None
+
+
+def _without_guesses(study):
+    cable = {k: v for k, v in study.cable.items() if k not in _STIFF or k not in study.unknown_names}
+    unknowns = tuple(replace(u, guess=None) if u.name in _STIFF else u for u in study.unknowns)
+    return replace(study, cable=cable, unknowns=unknowns)
