@@ -22,10 +22,24 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.statics import Equilibrium as Equilibrium
     from scan2flex_jax.statics import MixedNewton as MixedNewton
     from scan2flex_jax.statics import equilibrium as equilibrium
+    from scan2flex_jax.study import Clamp as Clamp
+    from scan2flex_jax.study import EffectDeclaration as EffectDeclaration
+    from scan2flex_jax.study import MeasuredCurve as MeasuredCurve
+    from scan2flex_jax.study import Study as Study
+    from scan2flex_jax.study import StudyPose as StudyPose
+    from scan2flex_jax.study import Tolerance as Tolerance
+    from scan2flex_jax.study import Unknown as Unknown
     from scan2flex_jax.study import load_study as load_study
     from scan2flex_jax.study import save_study as save_study
 
 _HOMES = {
+    "Unknown": "study",
+    "Tolerance": "study",
+    "StudyPose": "study",
+    "Study": "study",
+    "MeasuredCurve": "study",
+    "EffectDeclaration": "study",
+    "Clamp": "study",
     "Boundary": "rod.boundary",
     "Cable": "rod.cable",
     "CableModel": "rod.model",

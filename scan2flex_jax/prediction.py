@@ -15,6 +15,7 @@ from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, 
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.statics.solve import Verdict, equilibrium
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.sense import check_study
 
 _FINEST = 4000  # points of a curve that is searched for places where it passes through itself
 
@@ -57,6 +58,7 @@ class Prediction:
 
 def model_of(study):
     """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
+    check_study(study, "predict")
     for unknown in study.unknowns:
         if study.start_value(unknown.name) is None:
             where = (study.folder / "study.toml") if study.folder else "study"

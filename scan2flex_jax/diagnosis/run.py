@@ -19,6 +19,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import fit as plain_fit
 from scan2flex_jax.fitting.run import FIT_ELEMENTS
 from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.sense import check_study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
@@ -39,6 +40,7 @@ def explain(
     ``progress`` is called with a line of text now and then; ``seed`` draws the noise of the test; ``mesh`` False leaves out
     the gate that refines the mesh. Poses that cannot be solved give the verdict "not in equilibrium", never an exception.
     """
+    check_study(study)
     began, say = time.perf_counter(), progress or (lambda message: None)
     names, scanned = [p.name for p in study.fit_poses], any(pose.curve is None for pose in study.fit_poses)
     study = _on_axes(study, elements, say)

@@ -25,6 +25,7 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import noise_of, uncertainty, unseen_spread
 from scan2flex_jax.statics.solve import SENTENCES
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.sense import check_study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
 DATA = ("auto", "curve", "cloud")
@@ -276,6 +277,7 @@ class Problem:
 
 
 def _check(study, method, distance, data="curve"):
+    check_study(study)
     if data not in DATA:
         raise Scan2FlexError(f"data {data!r} is not known: use one of {', '.join(DATA)}")
     if method not in METHODS:
@@ -286,8 +288,6 @@ def _check(study, method, distance, data="curve"):
         raise Scan2FlexError("the Hausdorff distance has no least squares: use method bfgs or nelder-mead with it")
     if not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
-    if not study.fit_poses:
-        raise Scan2FlexError("the study has no pose with role 'fit': there is nothing to fit to")
 
 
 def _held_out(study, length, elements):

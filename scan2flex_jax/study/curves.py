@@ -9,12 +9,11 @@ from typing import Annotated
 
 import numpy as np
 
+from scan2flex_jax.study import values as v
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.model import MeasuredCurve
-from scan2flex_jax.study.values import LARGEST, Where, shown
+from scan2flex_jax.study.values import Where, shown
 
-FEWEST_POINTS = 4
-"""A space curve with curvature and twist takes four points."""
 BLOCKS = 64
 """Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points a block."""
 
@@ -36,33 +35,14 @@ def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
 def checked_curve(
     points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"] | None, path: Path | None, where: Where
 ) -> MeasuredCurve:
-    """A measured curve whose points are finite and apart, and whose arc length grows."""
-    points = checked_points(points, FEWEST_POINTS, where)
-    if s is not None:
-        if not np.all(np.isfinite(s)) or np.any(np.abs(s) > LARGEST):
-            raise where.at("s").fail("an arc length is not finite: give a number in metres on every line.")
-        back = np.flatnonzero(np.diff(s) <= 0)
-        if len(back):
-            i = int(back[0])
-            raise where.at("s").fail(
-                f"s does not grow from point {i + 1} ({s[i]:g} m) to point {i + 2} ({s[i + 1]:g} m): "
-                "order the points from start to end."
-            )
-    return MeasuredCurve(points, s, path)
+    """The measured curve of a file, whose faults name the file and the column."""
+    with where.placed({"points": None, "arc_length": "s"}):
+        return MeasuredCurve(points, s, path)
 
 
 def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """The points, when there are enough of them, all are finite, and no two neighbours are the same."""
-    if len(points) < fewest:
-        raise where.fail(f"got {len(points)} point{'s' * (len(points) != 1)}: give at least {fewest}.")
-    bad = np.flatnonzero(~np.all(np.abs(points) <= LARGEST, axis=1))
-    if len(bad):
-        raise where.fail(f"point {int(bad[0]) + 1} is {shown(points[bad[0]].tolist())}: give finite numbers in metres.")
-    same = np.flatnonzero(np.all(points[1:] == points[:-1], axis=1))
-    if len(same):
-        i = int(same[0])
-        raise where.fail(f"points {i + 1} and {i + 2} are the same, {shown(points[i].tolist())}: leave one out.")
-    return points
+    """The points of a file, when there are enough of them, all are finite, and no two neighbours are the same."""
+    return v.points(points, fewest, where)
 
 
 def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:

@@ -1,13 +1,15 @@
-"""From the untyped tree of a TOML file to checked numbers, arrays and texts.
+"""From untyped values, of a TOML file or of a notebook, to checked numbers, arrays and texts.
 
 Every function takes the value and the `Where` it stands at, and raises one `StudyError` that says what was got and what
-to do. A bool is never a number, NaN and infinity are refused, and so is anything beyond `LARGEST`.
+to do. Numbers come as Python's, NumPy's, JAX's or pandas'. A bool is never a number, NaN and infinity are refused, and so
+is anything beyond `LARGEST`.
 """
 
 import difflib
 import math
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -27,7 +29,7 @@ _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxoth
 
 @dataclass(frozen=True)
 class Where:
-    """A place in a study: the file as the user named it, and the key in it (None: the whole file)."""
+    """A place in a study: the file as the user named it, or the object, and the key in it (None: all of it)."""
 
     file: str
     key: str | None = None
@@ -44,6 +46,21 @@ class Where:
     def fail(self, sentence: str) -> StudyError:
         """The error to raise here."""
         return StudyError(self.file, self.key, sentence)
+
+    @contextmanager
+    def placed(self, names: Mapping[str, str | None] | None = None) -> Iterator[None]:
+        """Raise errors of an object that is made inside as errors of this place, with its key below this one.
+
+        ``names`` translates the last part of the object's key into what the file calls it; None leaves that part out.
+        """
+        try:
+            yield
+        except StudyError as error:
+            *above, last = (error.key or "").rpartition(".")
+            name = (names or {}).get(last, last)
+            below = "".join(above) + name if name else above[0]
+            key = ".".join(part for part in (self.key, below) if part)
+            raise StudyError(self.file, key or None, error.sentence) from None
 
 
 def one_line(text: str, longest: int = 80) -> str:
@@ -87,7 +104,14 @@ def text(value: Any, where: Where) -> str:
     """A string."""
     if not isinstance(value, str):
         raise where.fail(f'got {shown(value)}: write a text in quotation marks, as in "sag".')
-    return value
+    return str(value)
+
+
+def pose_name(value: Any, where: Where) -> str:
+    """The name of a pose, which is not blank."""
+    if not text(value, where).strip():
+        raise where.fail("the name is empty: give the pose a name.")
+    return str(value)
 
 
 def sub_table(value: Any, where: Where, example: str) -> dict[str, Any]:
@@ -104,8 +128,28 @@ def tables(value: Any, where: Where) -> list[dict[str, Any]]:
     return value
 
 
+def plain(value: Any) -> Any:
+    """Scalars and arrays of NumPy, JAX or pandas as Python's numbers and lists; whatever else as it is."""
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if not hasattr(value, "__array__"):
+        return value
+    try:
+        return as_array(value).tolist()
+    except (TypeError, ValueError):  # what only looks like an array, such as a tracer of JAX
+        return value
+
+
+def as_array(value: Any) -> Annotated[np.ndarray, "..."]:
+    """The array of an array-like; masked entries become NaN, which is refused later, and never what they hide."""
+    if isinstance(value, np.ma.MaskedArray):
+        value = np.where(np.ma.getmaskarray(value), np.nan, value.data)
+    return np.asarray(value)
+
+
 def integer(value: Any, where: Where, largest: int) -> int:
     """A whole number of at most `largest` in size."""
+    value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int):
         raise where.fail(f"got {shown(value)}: write a whole number, as in 0 or -1.")
     if abs(value) > largest:
@@ -115,6 +159,7 @@ def integer(value: Any, where: Where, largest: int) -> int:
 
 def number(value: Any, where: Where) -> float:
     """A finite real number."""
+    value = plain(value)
     if isinstance(value, str):
         raise where.fail(f"got the text {shown(value)}: write a number without quotation marks.")
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -150,13 +195,27 @@ def _wanted(shape: tuple[int, ...]) -> str:
 
 def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float | Annotated[np.ndarray, "..."]:
     """A number, or nested lists of numbers, of one of `shapes`; a float for shape ()."""
-    shapes = tuple(shapes)
-    if isinstance(value, list) and _shape(value) not in shapes:
+    value, shapes = plain(value), tuple(shapes)
+    if _shape(value) not in shapes:
         raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
-    numbers = _numbers(value, where)
-    if np.shape(numbers) not in shapes:
-        raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
-    return numbers if isinstance(numbers, float) else np.array(numbers)
+    found = _numbers(value, where)
+    return found if isinstance(found, float) else np.array(found)
+
+
+def any_array(value: Any, where: Where) -> float | Annotated[np.ndarray, "..."]:
+    """A number, or an array of numbers of whatever shape; what they may be is left to a later check."""
+    value = plain(value)
+    if _shape(value) is None:
+        raise where.fail(f"got {shown(value)}: write a number, or a list of numbers.")
+    found = _real(value, where)
+    return found if isinstance(found, float) else np.array(found)
+
+
+def _real(value: Any, where: Where) -> Any:
+    """Real numbers, infinite ones and NaN too."""
+    if isinstance(value, list):
+        return [_real(entry, where) for entry in value]
+    return float(value) if isinstance(value, float) else number(value, where)
 
 
 def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, " n"]:
@@ -166,10 +225,59 @@ def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, " n"]:
 
 def rows(value: Any, where: Where) -> Annotated[np.ndarray, "n 3"]:
     """A list of at least one point [x, y, z]."""
+    value = plain(value)
     count = len(value) if isinstance(value, list) else 0
     if count == 0:
         raise where.fail(f"got {shown(value)}: write a list of points, as in [[0.5, -1.0, 0.3]].")
     return np.asarray(array(value, [(count, 3)], where))
+
+
+def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
+    """At least `fewest` points, one a row: all finite, and no two neighbours the same."""
+    table = _columns(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")
+    if table.ndim != 2 or table.shape[1] != 3:
+        turned = table.ndim == 2 and table.shape[0] == 3
+        advice = "transpose it, so that each row is a point" if turned else "give one row [x, y, z] for each point"
+        raise where.fail(f"got an array of shape {table.shape}: {advice}.")
+    if len(table) < fewest:
+        raise where.fail(f"got {len(table)} point{'s' * (len(table) != 1)}: give at least {fewest}.")
+    bad = np.flatnonzero(~np.all(np.abs(table) <= LARGEST, axis=1))
+    if len(bad):
+        raise where.fail(f"point {int(bad[0]) + 1} is {shown(table[bad[0]].tolist())}: give finite numbers in metres.")
+    same = np.flatnonzero(np.all(table[1:] == table[:-1], axis=1))
+    if len(same):
+        i = int(same[0])
+        raise where.fail(f"points {i + 1} and {i + 2} are the same, {shown(table[i].tolist())}: leave one out.")
+    return table
+
+
+def arc_lengths(value: Any, count: int, where: Where) -> Annotated[np.ndarray, " n"]:
+    """The arc lengths (m) of `count` points, growing."""
+    s = _columns(value, where, f"one arc length in metres for each point: an array of shape ({count},)")
+    if s.shape != (count,):
+        raise where.fail(f"got an array of shape {s.shape}: give one arc length for each of the {count} points.")
+    if not np.all(np.abs(s) <= LARGEST):
+        raise where.fail("an arc length is not finite: give a number in metres for every point.")
+    back = np.flatnonzero(np.diff(s) <= 0)
+    if len(back):
+        i = int(back[0])
+        raise where.fail(
+            f"s does not grow from point {i + 1} ({s[i]:g} m) to point {i + 2} ({s[i + 1]:g} m): "
+            "order the points from start to end."
+        )
+    return s
+
+
+def _columns(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
+    """An array of real numbers in float64."""
+    try:
+        table = as_array(value)
+    except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX
+        raise where.fail(f"got {shown(value)}: give {wanted}.") from error
+    if table.dtype.kind not in "iuf":
+        what = shown(value) if table.ndim == 0 else f"an array of {table.dtype}"
+        raise where.fail(f"got {what}: give {wanted}.")
+    return table.astype(np.float64, copy=False)
 
 
 def unit(value: Annotated[np.ndarray, " n"], where: Where, name: str) -> Annotated[np.ndarray, " n"]:

@@ -72,7 +72,7 @@ TOML = [
     ("turns true", "turns = -1", "turns = true", "pose[sag].turns", "whole"),
     ("turns vast", "turns = -1", "turns = 12345678", "pose[sag].turns", "between"),
     ("turns of a ball joint", 'repeat_of = "sag"', 'repeat_of = "sag"\nturns = 1', "pose[again].turns", "freely"),
-    ("no shape", SHAPES, "", "pose[sag]", "centre_curve"),
+    ("no shape", SHAPES, "", "pose[sag]", "centre curve"),
     ("no start", START, f"end = {{ position = [0.5, 0.0, 0.0], {Q}", "pose[sag].start", "missing"),
     ("start a list", START, f"start = [0, 0, 0]\nend = {{ position = [0.5, 0.0, 0.0], {Q}", "pose[sag].start", "table"),
     ("clamp key", START, START.replace("position", "pos", 1), "pose[sag].start.pos", "position"),
