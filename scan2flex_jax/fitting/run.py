@@ -277,7 +277,6 @@ class Problem:
 
 
 def _check(study, method, distance, data="curve"):
-    check_study(study)
     if data not in DATA:
         raise Scan2FlexError(f"data {data!r} is not known: use one of {', '.join(DATA)}")
     if method not in METHODS:
@@ -286,8 +285,9 @@ def _check(study, method, distance, data="curve"):
         raise Scan2FlexError(f"distance {distance!r} is not known: use one of {', '.join(DISTANCES)}")
     if distance == "hausdorff" and method == "least-squares":
         raise Scan2FlexError("the Hausdorff distance has no least squares: use method bfgs or nelder-mead with it")
-    if not study.unknowns:
+    if isinstance(study, Study) and not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
+    check_study(study)
 
 
 def _held_out(study, length, elements):

@@ -216,9 +216,9 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
 
 def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
     """Whether curve and gaps add up to the cable's length (m)."""
-    off = facts.covered / length - 1
+    off, unseen = facts.covered / length - 1, facts.unseen / length
     least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
-    if least <= off <= LENGTH_WARNING:
+    if least - unseen <= off <= LENGTH_WARNING:
         return []
     way = "longer" if off > 0 else "shorter"
     return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length."]

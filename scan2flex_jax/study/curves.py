@@ -82,9 +82,27 @@ def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
 
 def arc_length(points: Annotated[np.ndarray, "n 3"]) -> float:
     """Length (m) of the curve through noisy points: first point, averages of neighbours, last point."""
+    return float(np.sum(np.linalg.norm(np.diff(_knots(points), axis=0), axis=1)))
+
+
+def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
+    """By how much (m) `arc_length` falls short: a chord h of an arc that turns by a is h (a / (2 sin(a / 2)) - 1) short.
+
+    ``start`` and ``end``: angles (rad) between the curve's tangents there, where they are known, and its end chords.
+    """
+    chords = np.diff(_knots(points), axis=0)
+    h = np.linalg.norm(chords, axis=1)
+    cosine = np.sum(chords[1:] * chords[:-1], axis=1) / np.maximum(h[1:] * h[:-1], np.finfo(float).tiny)
+    turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+    over = np.maximum(np.r_[2.0 * start, turn], np.r_[turn, 2.0 * end])  # of the turns at both ends of a chord the larger
+    return float(np.sum(h * (1 / np.sinc(np.minimum(over, np.pi) / (2 * np.pi)) - 1)))
+
+
+def _knots(points: Annotated[np.ndarray, "n 3"]) -> Annotated[np.ndarray, "k 3"]:
+    """First point, averages of neighbours where there are many, last point."""
     knots = points
     if len(points) > BLOCKS:
         edges = np.linspace(0, len(points), BLOCKS + 1).astype(int)
         means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
         knots = np.concatenate([points[:1], means, points[-1:]])
-    return float(np.sum(np.linalg.norm(np.diff(knots, axis=0), axis=1)))
+    return knots

@@ -209,28 +209,23 @@ def _check_frame(pose: StudyPose, reach: float, where: Where) -> None:
 
 
 def _check_order(study: Study, where: Where) -> None:
-    """Quaternions with the scalar last, where every clamp points along its curve only when they are read so."""
-    astray: list[float] = []
-    swapped: list[float] = []
-    first = where
+    """Quaternions with the scalar last: every clamp points along its curve when they are read so, and only then."""
+    key = None
     for pose in study.poses:
         if pose.curve is None:
             continue
         points = pose.curve.points
         near = max(1, len(points) // 20)
-        for name, clamp, chord in (
-            ("start", pose.start, points[near] - points[0]),
-            ("end", pose.end, points[-1] - points[-1 - near]),
-        ):
-            if clamp is not None and clamp.quaternion is not None:
-                first = first if astray else where.item(pose.name).at(name).at("quaternion")
-                astray.append(_angle(clamp.quaternion, chord))
-                swapped.append(_angle(np.roll(clamp.quaternion, 1), chord))
-    if astray and min(astray) > ASTRAY and max(swapped) < ALONG:
-        raise first.fail(
-            f"every clamp points more than {ASTRAY:g} degrees away from its curve, and along it with the scalar last: "
-            "write quaternions as [w, x, y, z]."
-        )
+        ends = (("start", pose.start, points[near] - points[0]), ("end", pose.end, points[-1] - points[-1 - near]))
+        for name, clamp, chord in ends:
+            if clamp is None or clamp.quaternion is None:
+                continue
+            if _angle(clamp.quaternion, chord) < ASTRAY or _angle(np.roll(clamp.quaternion, 1), chord) > ALONG:
+                return
+            key = key or where.item(pose.name).at(name).at("quaternion")
+    if key is not None:
+        said = f"every clamp points more than {ASTRAY:g} degrees away from its curve, and along it with the scalar last"
+        raise key.fail(f"{said}: write quaternions as [w, x, y, z].")
 
 
 def _angle(quaternion: Annotated[np.ndarray, "4"], chord: Annotated[np.ndarray, "3"]) -> float:

@@ -10,7 +10,7 @@ import math
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -37,11 +37,11 @@ class Where:
     def at(self, name: str) -> "Where":
         """The place of a key below this one."""
         name = one_line(name)
-        return replace(self, key=name if self.key is None else f"{self.key}.{name}")
+        return Where(self.file, name if self.key is None else f"{self.key}.{name}")
 
     def item(self, label: object) -> "Where":
         """The place of one entry of an array of tables, as in pose[sag]."""
-        return replace(self, key=f"{self.key}[{one_line(str(label))}]")
+        return Where(self.file, f"{self.key}[{one_line(str(label))}]")
 
     def fail(self, sentence: str) -> StudyError:
         """The error to raise here."""
@@ -65,6 +65,8 @@ class Where:
 
 def one_line(text: str, longest: int = 80) -> str:
     """`text` fit for a message: no line breaks or control characters, not too long."""
+    if len(text) <= longest and text.isprintable():
+        return text
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: longest + 1])
     return text if len(text) <= longest else text[: longest - 3] + "..."
 
