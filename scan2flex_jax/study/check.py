@@ -28,6 +28,8 @@ DENSE = 20000.0
 """kg/m^3: nothing that cables are made of is denser."""
 ARCH = 0.05
 """Of L: a curve whose mean lies this far above the line between its clamps stands against gravity."""
+LONG = 100.0
+"""m: longer than cables whose shape is measured."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
 
@@ -163,6 +165,9 @@ def _of_study(study: Study) -> list[str]:
     size = float(np.linalg.norm(study.gravity))
     if size and abs(size - GRAVITY) > 0.01 * GRAVITY:
         warnings.append(f"gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit.")
+    length = study.cable.get("length")
+    if length is not None and float(np.max(length)) > LONG:
+        warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
     warnings += _heavy(study)
     scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
     if scales <= set(study.unknown_names):

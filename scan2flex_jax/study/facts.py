@@ -42,8 +42,9 @@ class EndFacts:
 class PoseFacts:
     """Numbers of one measured centre curve (m, deg).
 
-    `covered`: arc length with the gaps to the clamps; `unseen`: how much longer than its chords the curve may be. `off_plane` and `off_line`: RMS distance from the plane and from
-    the line that fit best. `backwards`: the curve seems to run from end to start. `end` is None for a free end.
+    `covered`: arc length with the gaps to the clamps; `unseen`: how much longer than its chords the curve may be.
+    `off_plane` and `off_line`: RMS distance from the plane and from the line that fit best. `backwards`: the curve seems to
+    run from end to start. `end` is None for a free end.
     """
 
     points: int

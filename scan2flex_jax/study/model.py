@@ -163,11 +163,11 @@ def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> Stud
     given = {"name": name, "role": "fit", **entry}
     where = where.item(given["name"])
     v.allow(given, ("points", "arc_length", *(f.name for f in fields(StudyPose))), where)
-    with where.at("start").placed():
-        given["start"] = Clamp.of(v.required(given, "start", where, "start=(position, quaternion)"))
-    if given.get("end") is not None:
-        with where.at("end").placed():
-            given["end"] = Clamp.of(given["end"])
+    v.required(given, "start", where, "start=(position, quaternion)")
+    for end in ENDS:
+        if given.get(end) is not None:
+            with where.at(end).placed():
+                given[end] = Clamp.of(given[end])
     with where.placed():
         points, s = given.pop("points", None), given.pop("arc_length", None)
         if points is not None:

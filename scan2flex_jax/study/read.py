@@ -4,6 +4,7 @@
 to do. Here TOML is turned into the parts of a study, which check themselves, and their faults get their place in the file.
 """
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,11 @@ _TOP = ("format", "title", "gravity", "cable", "tolerance", "unknown", "pose", "
 _POSE = (
     "name", "role", "start", "end", "turns", "centre_curve", "scan", "guide_points", "viewpoints", "noise", "repeat_of",
 )  # fmt: skip
+MOST_PARTS = 32
+"""Parts of a dotted key. A study's keys have three at most, and the time that tomllib takes grows with their square or cube."""
+# possessive, so that the search takes a time in proportion to the text
+_PART = r"""(?:[A-Za-z0-9_-]++|"[^"\\\n]*+(?:\\.[^"\\\n]*+)*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_PART}[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}", re.MULTILINE)
 _FILES = ("centre_curve", "scan", "guide_points")
 
 
@@ -89,6 +95,10 @@ def load_study(folder_or_toml: str | Path) -> Study:
 
 def _parse(content: str, where: Where) -> dict[str, Any]:
     """The tree of a TOML text."""
+    long_key = _LONG_KEY.search(content)
+    if long_key is not None:
+        line = content.count("\n", 0, long_key.start()) + 1
+        raise where.fail(f"line {line} has a key of more than {MOST_PARTS} parts: write the study by the format.")
     try:
         return tomllib.loads(content)
     except RecursionError as error:

@@ -46,9 +46,9 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     where = Where("Study")
     if not isinstance(study, Study):
         raise where.fail(f"got {shown(study)}: give a Study, as load_study(folder) or Study.from_arrays(...) makes it.")
-    _check_cable(study, where.at("cable"), purpose)
-    check_effects(study, where.at("effect"))
     check_unknowns(study, where.at("unknown"))
+    check_effects(study, where.at("effect"))
+    _check_cable(study, where.at("cable"), purpose)
     _check_names(study, where.at("pose"))
     if purpose == "fit":
         _check_roles(study, where.at("pose"))
