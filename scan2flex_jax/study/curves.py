@@ -9,7 +9,7 @@ from typing import Annotated
 
 import numpy as np
 
-from scan2flex_jax.study import values as v
+from scan2flex_jax.study import arrays
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.values import Where, shown
@@ -42,7 +42,7 @@ def checked_curve(
 
 def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
     """The points of a file, when there are enough of them, all are finite, and no two neighbours are the same."""
-    return v.points(points, fewest, where)
+    return arrays.points(points, fewest, where)
 
 
 def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:

@@ -70,7 +70,7 @@ class Study(Compared):
     @classmethod
     def from_arrays(
         cls,
-        cable: Mapping[str, ArrayLike],
+        cable: Mapping[str, Any],
         poses: Sequence[StudyPose | Mapping[str, Any]],
         unknowns: Sequence[str | Unknown] = (),
         *,

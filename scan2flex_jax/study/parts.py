@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, TOLERANCE, kind_format, kind_names
 from scan2flex_jax.study.records import Compared, ReadOnly, converting, keep, of_kind, read_only, read_only_value, table_of
@@ -92,9 +93,9 @@ class MeasuredCurve(Compared):
     def __post_init__(self) -> None:
         """Check that points are finite and apart and the arc length grows, and keep read-only copies."""
         where, s = Where("MeasuredCurve"), self.arc_length
-        keep(self, points=read_only(v.points(self.points, FEWEST_POINTS, where.at("points"))))
+        keep(self, points=read_only(arrays.points(self.points, FEWEST_POINTS, where.at("points"))))
         if s is not None:
-            keep(self, arc_length=read_only(v.arc_lengths(s, len(self.points), where.at("arc_length"))))
+            keep(self, arc_length=read_only(arrays.arc_lengths(s, len(self.points), where.at("arc_length"))))
 
 
 @converting
@@ -211,6 +212,6 @@ class StudyPose(Compared):
             scan = of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")
             keep(self, scan=Path(scan))
         if self.guide_points is not None:
-            keep(self, guide_points=read_only(v.points(self.guide_points, 2, where.at("guide_points"))))
+            keep(self, guide_points=read_only(arrays.points(self.guide_points, 2, where.at("guide_points"))))
         if self.viewpoints is not None:
             keep(self, viewpoints=read_only(v.rows(self.viewpoints, where.at("viewpoints"))))
