@@ -40,10 +40,13 @@ def test_few_points_are_fitted(n, power):
 @pytest.mark.parametrize("power", [1.0, 2.0])
 @pytest.mark.parametrize("n", COUNTS)
 def test_few_points_are_explained(n, power):
-    """Noise as stated and nothing missing: the answer is that nothing is, and the interval holds the truth."""
+    """White noise and nothing missing: no alarm at the one per cent level, no effect named, the truth within 4 sigma."""
     e = explain(few(n, power, NOISE))
-    assert e.verdict == "no missing effect"
-    assert abs(e.fit.estimates["bending_stiffness"].value / scenes.EI - 1) < 0.1
+    assert e.p_value > 0.01
+    assert e.verdict in ("no missing effect", "tied")
+    for name, truth in (("bending_stiffness", scenes.EI), ("torsional_stiffness", scenes.GJ)):
+        estimate = e.fit.estimates[name]
+        assert abs(estimate.value - truth) < 4 * estimate.std
 
 
 def test_a_curve_that_covers_little_of_the_cable_gives_a_start():
