@@ -15,7 +15,7 @@ from scan2flex_jax.fitting.least_squares import Goal, Minimum, Progress, bfgs, l
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
-from scan2flex_jax.fitting.start import own_start
+from scan2flex_jax.fitting.start import STIFFNESSES, own_start
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
@@ -165,6 +165,6 @@ def _held_out(study, length, elements) -> Poses | None:
 
 
 def _without_guesses(study):
-    cable = {k: v for k, v in study.cable.items() if k not in _STIFF or k not in study.unknown_names}
-    unknowns = tuple(replace(u, guess=None) if u.name in _STIFF else u for u in study.unknowns)
+    cable = {k: v for k, v in study.cable.items() if k not in STIFFNESSES or k not in study.unknown_names}
+    unknowns = tuple(replace(u, guess=None) if u.name in STIFFNESSES else u for u in study.unknowns)
     return replace(study, cable=cable, unknowns=unknowns)
