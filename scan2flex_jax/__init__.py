@@ -30,34 +30,48 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.statics import Settled as Settled
     from scan2flex_jax.statics import equilibrium as equilibrium
     from scan2flex_jax.statics import solve_rod as solve_rod
+    from scan2flex_jax.study import Clamp as Clamp
+    from scan2flex_jax.study import EffectDeclaration as EffectDeclaration
+    from scan2flex_jax.study import MeasuredCurve as MeasuredCurve
+    from scan2flex_jax.study import Study as Study
+    from scan2flex_jax.study import StudyPose as StudyPose
+    from scan2flex_jax.study import Tolerance as Tolerance
+    from scan2flex_jax.study import Unknown as Unknown
     from scan2flex_jax.study import load_study as load_study
     from scan2flex_jax.study import save_study as save_study
 
 _HOMES = {
+    "AbstractRodSolver": "statics",
     "Boundary": "rod.boundary",
     "Cable": "rod.cable",
     "CableModel": "rod.model",
+    "Clamp": "study",
+    "EffectDeclaration": "study",
     "Equilibrium": "statics",
-    "AbstractRodSolver": "statics",
+    "MeasuredCurve": "study",
     "MixedNewton": "statics",
+    "ResidualFunction": "fitting",
     "ScaledMinimiser": "statics",
-    "Settled": "statics",
-    "solve_rod": "statics",
     "Scan2FlexError": "errors",
+    "Settled": "statics",
+    "Study": "study",
     "StudyError": "errors",
+    "StudyPose": "study",
+    "Tolerance": "study",
+    "Unknown": "study",
+    "boundary_of": "fitting",
     "equilibrium": "statics",
     "explain": "diagnosis",
-    "ResidualFunction": "fitting",
-    "boundary_of": "fitting",
     "fit": "fitting",
-    "model_of": "fitting",
-    "residual_function": "fitting",
     "load_study": "study",
+    "model_of": "fitting",
     "plan": "diagnosis",
     "plot": "",
     "predict": "prediction",
     "report": "reporting",
+    "residual_function": "fitting",
     "save_study": "study",
+    "solve_rod": "statics",
 }
 __all__ = sorted(_HOMES)
 __version__ = "0.1.0"

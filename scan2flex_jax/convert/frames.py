@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.convert.units import length_unit
-from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.files import TOML_LIMIT, read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import Clamp
+from scan2flex_jax.study.rotations import quaternion_of, rigid_motion
 from scan2flex_jax.study.values import LARGEST, Where, one_line
 
 # upper case: about the axes as they have turned (intrinsic); lower case: about the fixed axes (extrinsic), as in scipy
@@ -31,7 +32,6 @@ CONVENTIONS = {
 }
 _SEQUENCE = re.compile(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]|([XYZ])(?!\3)([XYZ])(?!\4)[XYZ]")
 _AXES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}  # columns d1, d2, d3
-_RIGID = 2e-3  # entries of R'R - 1 that matrices printed with three digits leave
 _POSITION, _QUATERNION, _ANGLES = ("x", "y", "z"), ("qw", "qx", "qy", "qz"), ("a", "b", "c")
 
 
@@ -41,19 +41,8 @@ def clamp_of_matrix(matrix: Annotated[np.ndarray, "3|4 4"], *, units: str = "m",
     ``tangent`` names the axis of the given frame that points along the cable from start to end: x, y, z, -x, -y or -z.
     Raises `Scan2FlexError` for what is no rigid motion.
     """
-    M = np.asarray(matrix, float)
-    if M.shape not in ((4, 4), (3, 4)) or not np.all(np.abs(M) <= LARGEST):
-        raise Scan2FlexError(f"a frame has 4x4 (or 3x4) finite numbers, this one has the shape {M.shape}.")
-    if len(M) == 4 and not np.allclose(M[3], [0, 0, 0, 1], atol=1e-9):
-        turned = np.allclose(M[:3, 3], 0) and np.isclose(M[3, 3], 1)
-        advice = "it seems to be transposed: write the position in the last column" if turned else "write 0 0 0 1 there"
-        raise Scan2FlexError(f"the last row of the matrix is {M[3].tolist()}: {advice}.")
-    R = M[:3, :3]
-    if np.max(np.abs(R.T @ R - np.eye(3))) > _RIGID or np.linalg.det(R) < 0:
-        raise Scan2FlexError(
-            "the 3x3 part of the matrix is no rotation: its columns must be unit, orthogonal and right-handed."
-        )
-    return _clamp(M[:3, 3] * length_unit(units), Rotation.from_matrix(R), tangent)
+    position, R = rigid_motion(matrix, Where("the frame"))
+    return _clamp(position * length_unit(units), R, tangent)
 
 
 def clamp_of_angles(
@@ -74,16 +63,15 @@ def clamp_of_angles(
     else:
         names = ", ".join(CONVENTIONS)
         raise Scan2FlexError(f"the convention {convention[:20]!r} is not known: use {names}, or axes as in ZYX or xyz.")
-    return _clamp(values[:3] * length_unit(units), turn, tangent)
+    return _clamp(values[:3] * length_unit(units), turn.as_matrix(), tangent)
 
 
-def _clamp(position, turn: Rotation, tangent: str) -> Clamp:
+def _clamp(position, R: np.ndarray, tangent: str) -> Clamp:
     sign, axis = (-1.0, tangent[1:]) if tangent.startswith("-") else (1.0, tangent.removeprefix("+"))
     if axis not in _AXES:
         raise Scan2FlexError(f"the axis {tangent[:20]!r} is not known: use x, y, z, -x, -y or -z.")
     axes = _AXES[axis] * np.array([1.0, sign, sign])
-    quaternion = (turn * Rotation.from_matrix(axes)).as_quat(canonical=True, scalar_first=True)
-    return Clamp(position, quaternion / np.linalg.norm(quaternion))
+    return Clamp(position, quaternion_of(R @ axes))
 
 
 def clamp_toml(clamp: Clamp) -> str:
@@ -116,7 +104,10 @@ def read_frames(
         if name in found:
             raise here.fail(f"two frames are called {name[:60]!r}: give each its own name.")
         try:
-            found[name] = make()
+            with here.placed():
+                found[name] = make()
+        except StudyError:
+            raise
         except Scan2FlexError as error:
             raise here.fail(str(error)) from error
     return found
@@ -150,7 +141,8 @@ def _table(lines, where, header, units, convention, degrees, tangent):
                     raise Scan2FlexError(
                         f"its quaternion has the length {np.linalg.norm(q):.4g}: give a unit one, scalar first."
                     )
-                return _clamp(position * length_unit(units), Rotation.from_quat(q, scalar_first=True), tangent)
+                turn = Rotation.from_quat(q, scalar_first=True)
+                return _clamp(position * length_unit(units), turn.as_matrix(), tangent)
             return Clamp(position * length_unit(units))
 
         yield number, row["name"] if "name" in row else f"{row['pose']} {row['end'].lower()}", make

@@ -22,6 +22,7 @@ from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.sense import check_study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
@@ -44,6 +45,7 @@ def explain(
     the gate that refines the mesh. ``ahead`` compiles the search in a thread beside the plain fit; without it no thread is
     started. Poses that cannot be solved give the verdict "not in equilibrium", never an exception.
     """
+    check_study(study)
     began, say = time.perf_counter(), progress or silent
     scanned = any(pose.curve is None for pose in study.fit_poses)
     if ahead is None:  # a process that compiles ahead explains one study

@@ -21,6 +21,7 @@ from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.sense import check_study
 
 # Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
 DEFAULT_RANGE = {
@@ -168,6 +169,7 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
 
 def model_of(study: Study) -> CableModel:
     """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
+    check_study(study, "predict")
     for unknown in study.unknowns:
         if study.start_value(unknown.name) is None:
             where = (study.folder / "study.toml") if study.folder else "study"

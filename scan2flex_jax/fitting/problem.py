@@ -15,13 +15,12 @@ from scan2flex_jax.fitting.least_squares import Goal, Minimum, Progress, bfgs, l
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
-from scan2flex_jax.fitting.start import balance_start
+from scan2flex_jax.fitting.start import STIFFNESSES, own_start
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
 
 FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
-_STIFF = ("bending_stiffness", "torsional_stiffness")
 _CREDIBLE = 0.01  # of the length: RMS of a minimum beyond which another start is tried too
 _WEAK = 3.0  # standard deviation of a logarithm about where a fit begins: a factor of 20
 _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
@@ -81,10 +80,7 @@ class Problem:
 
     def starts(self) -> list[np.ndarray]:
         """Start vectors of the unknowns: the user's guess where given, and the package's own."""
-        known = {name: float(np.mean(value)) for name in _STIFF if (value := self.study.known(name)) is not None}
-        values = {**self.study.cable, **{u.name: self.study.start_value(u.name) for u in self.study.unknowns}}
-        density = float(values.get("length_density") or 1.0)
-        own = balance_start(self.poses, density * np.asarray(self.study.gravity), self.length, known)
+        own = own_start(self.study, self.poses, self.length)
         guessed = start_vector(self.study, self.layout, own)
         free = start_vector(_without_guesses(self.study), self.layout, own)
         return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
@@ -169,6 +165,6 @@ def _held_out(study, length, elements) -> Poses | None:
 
 
 def _without_guesses(study):
-    cable = {k: v for k, v in study.cable.items() if k not in _STIFF or k not in study.unknown_names}
-    unknowns = tuple(replace(u, guess=None) if u.name in _STIFF else u for u in study.unknowns)
+    cable = {k: v for k, v in study.cable.items() if k not in STIFFNESSES or k not in study.unknown_names}
+    unknowns = tuple(replace(u, guess=None) if u.name in STIFFNESSES else u for u in study.unknowns)
     return replace(study, cable=cable, unknowns=unknowns)

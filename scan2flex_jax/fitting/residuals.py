@@ -20,10 +20,11 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, template, values_of
 from scan2flex_jax.fitting.poses import Poses, poses_of
-from scan2flex_jax.fitting.start import balance_start
+from scan2flex_jax.fitting.start import own_start
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.sense import check_study
 
 DISTANCES = ("closest", "integrated")
 
@@ -104,6 +105,7 @@ def residual_function(
     exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve. Raises
     `Scan2FlexError`.
     """
+    check_study(study)
     if distance not in DISTANCES:
         raise Scan2FlexError(f"distance is {distance!r}: give one of {', '.join(DISTANCES)}.")
     if noise is not None and not 0.0 < noise < np.inf:
@@ -118,14 +120,6 @@ def residual_function(
     real = np.flatnonzero(np.repeat(np.asarray(poses.mask).ravel() > 0, 3))
     spread = None if noise is None else jnp.asarray(noise, float)
     function = ResidualFunction(layout, template(study), poses, real, spread, elements, distance)
-    unknown = start_vector(study, layout, balance_start_of(study, poses, length))
+    unknown = start_vector(study, layout, own_start(study, poses, length))
     rest = len(function.labels) - layout.unknowns
     return function, jnp.concatenate([jnp.asarray(unknown), jnp.zeros(rest)])
-
-
-def balance_start_of(study: Study, poses: Poses, length: float) -> dict[str, float]:
-    """Stiffnesses (N m^2) that balance a study's measured curves (`fitting.start`), at the study's density."""
-    stiff = ("bending_stiffness", "torsional_stiffness")
-    known = {n: float(np.mean(value)) for n in stiff if (value := study.known(n)) is not None}
-    density = study.start_value("length_density") or study.cable.get("length_density") or 1.0
-    return balance_start(poses, float(density) * np.asarray(study.gravity), length, known)

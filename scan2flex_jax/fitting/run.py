@@ -23,6 +23,7 @@ from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.sense import check_study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
 DATA = ("auto", "curve", "cloud")
@@ -157,10 +158,9 @@ def _check(study, method, distance, data="curve"):
         raise Scan2FlexError(f"distance {distance!r} is not known: use one of {', '.join(DISTANCES)}")
     if distance == "hausdorff" and method == "least-squares":
         raise Scan2FlexError("the Hausdorff distance has no least squares: use method bfgs or nelder-mead with it")
-    if not study.unknowns:
+    if isinstance(study, Study) and not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
-    if not study.fit_poses:
-        raise Scan2FlexError("the study has no pose with role 'fit': there is nothing to fit to")
+    check_study(study)
 
 
 def _stated_noise(study):

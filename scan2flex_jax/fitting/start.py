@@ -13,10 +13,22 @@ import numpy as np
 from scipy.interpolate import make_lsq_spline
 
 from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.study.model import Study
 
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 _SPANS = 12  # of the smoothing spline: a rod between clamps has a few bends
+_DEGREE = 5
 _STATIONS = 101
 _INSIDE = 0.05  # of the length left out at each end, where a spline's curvature is poor
+_INSIDE_SHORT = 0.1  # the same of the measured part, where that is short
+
+
+def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
+    """`balance_start` of a study's poses at the density that the study gives, or guesses, for a cable of ``length`` (m)."""
+    known = {name: float(np.mean(value)) for name in STIFFNESSES if (value := study.known(name)) is not None}
+    values = {**study.cable, **{u.name: study.start_value(u.name) for u in study.unknowns}}
+    density = float(values.get("length_density") or 1.0)
+    return balance_start(poses, density * np.asarray(study.gravity), length, known)
 
 
 def balance_start(poses: Poses, weight: np.ndarray, length: float, known: dict[str, float]) -> dict[str, float]:
@@ -28,12 +40,11 @@ def balance_start(poses: Poses, weight: np.ndarray, length: float, known: dict[s
     fallback = 0.03 * own_weight if own_weight > 0 else 1.0
     blocks = [_pose_equations(poses, i, length, weight) for i in range(poses.count)]
     columns, right = _assemble(blocks)
-    names = ("bending_stiffness", "torsional_stiffness")
-    free = [k for k, n in enumerate(names) if n not in known]
-    right = right - sum(columns[:, k] * known[n] for k, n in enumerate(names) if n in known)
+    free = [k for k, n in enumerate(STIFFNESSES) if n not in known]
+    right = right - sum(columns[:, k] * known[n] for k, n in enumerate(STIFFNESSES) if n in known)
     use = [k for k in free if np.linalg.norm(columns[:, k]) > 0] + list(range(2, columns.shape[1]))
     solution = np.linalg.lstsq(columns[:, use], right, rcond=1e-10)[0]
-    found = {names[k]: solution[use.index(k)] for k in free if k in use}
+    found = {STIFFNESSES[k]: solution[use.index(k)] for k in free if k in use}
     bending = found.get("bending_stiffness", known.get("bending_stiffness", fallback))
     bending = bending if bending > 1e-3 * fallback else fallback
     torsion = found.get("torsional_stiffness", bending)
@@ -46,11 +57,11 @@ def _pose_equations(poses, i, length, weight):
     points, s = np.asarray(poses.points[i])[mask], np.asarray(poses.expected[i])[mask]
     keep = np.concatenate([[True], np.diff(s) > 1e-9 * length])
     points, s = points[keep], s[keep]
-    spans = int(min(_SPANS, max(2, len(s) // 4)))
-    knots = np.quantile(s, np.linspace(0, 1, spans + 1)[1:-1])
-    knots = np.concatenate([[s[0]] * 6, knots, [s[-1]] * 6])
-    curve = make_lsq_spline(s, points, knots, k=5)
-    at = np.linspace(s[0] + _INSIDE * length, s[-1] - _INSIDE * length, _STATIONS)
+    if len(s) < 3:  # no curvature: the other poses, or the weight, give the start
+        return np.zeros((0, 2)), np.zeros((0, 6)), np.zeros(0)
+    curve = _spline(s, points)
+    inside = min(_INSIDE * length, _INSIDE_SHORT * (s[-1] - s[0]))
+    at = np.linspace(s[0] + inside, s[-1] - inside, _STATIONS)
     d1, d2 = curve.derivative(1)(at), curve.derivative(2)(at)
     speed = np.linalg.norm(d1, axis=1, keepdims=True)
     t = d1 / speed
@@ -66,6 +77,15 @@ def _pose_equations(poses, i, length, weight):
     local = np.concatenate([constant, lever], axis=2)
     rows = 3 * len(at)
     return shared.reshape(rows, 2), local.reshape(rows, 6), np.cross(moment, weight).reshape(rows)
+
+
+def _spline(s, points):
+    """The smoothing spline; with few points the polynomial through them, which has as many coefficients."""
+    degree = min(_DEGREE, len(s) - 1)
+    spans = int(min(_SPANS, max(2, len(s) // 4))) if len(s) > _DEGREE + 1 else 1
+    knots = np.quantile(s, np.linspace(0, 1, spans + 1)[1:-1])
+    knots = np.concatenate([[s[0]] * (degree + 1), knots, [s[-1]] * (degree + 1)])
+    return make_lsq_spline(s, points, knots, k=degree)
 
 
 def _twist_rate(poses, i, length):

@@ -22,7 +22,7 @@ from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.values import Where
 from scan2flex_jax.study.write import NamedFiles, render, study_tables
 
-LIBRARIES = ("scan2flex_jax", "jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy", "plotly")
+LIBRARIES = ("scan2flex_jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy", "plotly")
 _MOST_TEXT = 200_000  # bytes of a study.toml that the page repeats
 
 

@@ -28,6 +28,7 @@ from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
 from scan2flex_jax.scan.doubts import clamp_to_clamp, doubts
 from scan2flex_jax.scan.strands import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.sense import check_study
 
 SNAKES_POINTS = 2048
 SNAKES_KNOTS = 20
@@ -269,6 +270,7 @@ def extract_study(
 
     ``progress(pose, number, total)`` is called before each pose; what it raises is ignored.
     """
+    check_study(study, "extract")
     found: dict[str, CentreCurve] = {}
     poses = []
     todo = [pose.name for pose in study.poses if pose.scan is not None and pose.curve is None]

@@ -28,21 +28,21 @@ class Verdict(eqx.Module):
 
     ``code`` is one of the module's codes (0 solved); ``out_of_balance`` the largest force and moment left on a node, over
     the largest that the rod carries (-); ``negative`` the number of directions in which the energy falls; ``steps`` the
-    solver's steps.
+    solver's steps. One rod has scalars, a batch has its leading axes.
     """
 
-    code: Int[Array, ""]
-    out_of_balance: Float[Array, ""]
-    negative: Int[Array, ""]
-    steps: Int[Array, ""]
+    code: Int[Array, "*batch"]
+    out_of_balance: Float[Array, "*batch"]
+    negative: Int[Array, "*batch"]
+    steps: Int[Array, "*batch"]
 
     @property
-    def solved(self) -> Bool[Array, ""]:
+    def solved(self) -> Bool[Array, "*batch"]:
         """Whether this is a stable equilibrium."""
         return self.code == SOLVED
 
     @property
-    def stable(self) -> Bool[Array, ""]:
+    def stable(self) -> Bool[Array, "*batch"]:
         """Whether the Hessian has no negative direction."""
         return self.negative == 0
 

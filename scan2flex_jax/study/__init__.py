@@ -1,6 +1,7 @@
 """Studies: one cable, measured in several poses, on disk and in memory.
 
-`load_study` reads and checks, `save_study` writes, `describe` tells a user what a study says. No jax here.
+`load_study` reads and checks, `Study.from_arrays` takes arrays, `check_study` checks what was made in memory, `save_study`
+writes, `describe` tells a user what a study says. No jax here.
 """
 
 from scan2flex_jax.study.check import PoseFacts, describe, pose_facts, study_warnings
@@ -25,6 +26,7 @@ from scan2flex_jax.study.model import (
 )
 from scan2flex_jax.study.outputs import write_json_atomic
 from scan2flex_jax.study.read import load_study
+from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.study.write import save_study
 
 __all__ = [
@@ -41,6 +43,7 @@ __all__ = [
     "StudyPose",
     "Tolerance",
     "Unknown",
+    "check_study",
     "describe",
     "kind_format",
     "kind_names",

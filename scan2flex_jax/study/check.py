@@ -28,6 +28,8 @@ DENSE = 20000.0
 """kg/m^3: nothing that cables are made of is denser."""
 ARCH = 0.05
 """Of L: a curve whose mean lies this far above the line between its clamps stands against gravity."""
+LONG = 100.0
+"""m: longer than cables whose shape is measured."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
 
@@ -163,6 +165,9 @@ def _of_study(study: Study) -> list[str]:
     size = float(np.linalg.norm(study.gravity))
     if size and abs(size - GRAVITY) > 0.01 * GRAVITY:
         warnings.append(f"gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit.")
+    length = study.cable.get("length")
+    if length is not None and float(np.max(length)) > LONG:
+        warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
     warnings += _heavy(study)
     scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
     if scales <= set(study.unknown_names):
@@ -216,9 +221,9 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
 
 def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
     """Whether curve and gaps add up to the cable's length (m)."""
-    off = facts.covered / length - 1
+    off, unseen = facts.covered / length - 1, facts.unseen / length
     least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
-    if least <= off <= LENGTH_WARNING:
+    if least - unseen <= off <= LENGTH_WARNING:
         return []
     way = "longer" if off > 0 else "shorter"
     return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length."]

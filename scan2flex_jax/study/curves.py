@@ -9,13 +9,12 @@ from typing import Annotated
 
 import numpy as np
 
+from scan2flex_jax.study import arrays
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.limits import CURVE_POINTS, curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
-from scan2flex_jax.study.values import LARGEST, Where, shown
+from scan2flex_jax.study.values import Where, shown
 
-FEWEST_POINTS = 4
-"""A space curve with curvature and twist takes four points."""
 BLOCKS = 64
 """Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points a block."""
 
@@ -37,33 +36,14 @@ def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
 def checked_curve(
     points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"] | None, path: Path | None, where: Where
 ) -> MeasuredCurve:
-    """A measured curve whose points are finite and apart, and whose arc length grows."""
-    points = checked_points(points, FEWEST_POINTS, where)
-    if s is not None:
-        if not np.all(np.isfinite(s)) or np.any(np.abs(s) > LARGEST):
-            raise where.at("s").fail("an arc length is not finite: give a number in metres on every line.")
-        back = np.flatnonzero(np.diff(s) <= 0)
-        if len(back):
-            i = int(back[0])
-            raise where.at("s").fail(
-                f"s does not grow from point {i + 1} ({s[i]:g} m) to point {i + 2} ({s[i + 1]:g} m): "
-                "order the points from start to end."
-            )
-    return MeasuredCurve(points, s, path)
+    """The measured curve of a file, whose faults name the file and the column."""
+    with where.placed({"points": None, "arc_length": "s"}):
+        return MeasuredCurve(points, s, path)
 
 
 def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """The points, when there are enough of them, all are finite, and no two neighbours are the same."""
-    if len(points) < fewest:
-        raise where.fail(f"got {len(points)} point{'s' * (len(points) != 1)}: give at least {fewest}.")
-    bad = np.flatnonzero(~np.all(np.abs(points) <= LARGEST, axis=1))
-    if len(bad):
-        raise where.fail(f"point {int(bad[0]) + 1} is {shown(points[bad[0]].tolist())}: give finite numbers in metres.")
-    same = np.flatnonzero(np.all(points[1:] == points[:-1], axis=1))
-    if len(same):
-        i = int(same[0])
-        raise where.fail(f"points {i + 1} and {i + 2} are the same, {shown(points[i].tolist())}: leave one out.")
-    return points
+    """The points of a file, when there are enough of them, all are finite, and no two neighbours are the same."""
+    return arrays.points(points, fewest, where)
 
 
 def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:
@@ -104,9 +84,27 @@ def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
 
 def arc_length(points: Annotated[np.ndarray, "n 3"]) -> float:
     """Length (m) of the curve through noisy points: first point, averages of neighbours, last point."""
+    return float(np.sum(np.linalg.norm(np.diff(_knots(points), axis=0), axis=1)))
+
+
+def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
+    """By how much (m) `arc_length` falls short: a chord h of an arc that turns by a is h (a / (2 sin(a / 2)) - 1) short.
+
+    ``start`` and ``end``: angles (rad) between the curve's tangents there, where they are known, and its end chords.
+    """
+    chords = np.diff(_knots(points), axis=0)
+    h = np.linalg.norm(chords, axis=1)
+    cosine = np.sum(chords[1:] * chords[:-1], axis=1) / np.maximum(h[1:] * h[:-1], np.finfo(float).tiny)
+    turn = np.arccos(np.clip(cosine, -1.0, 1.0))
+    over = np.maximum(np.r_[2.0 * start, turn], np.r_[turn, 2.0 * end])  # of the turns at both ends of a chord the larger
+    return float(np.sum(h * (1 / np.sinc(np.minimum(over, np.pi) / (2 * np.pi)) - 1)))
+
+
+def _knots(points: Annotated[np.ndarray, "n 3"]) -> Annotated[np.ndarray, "k 3"]:
+    """First point, averages of neighbours where there are many, last point."""
     knots = points
     if len(points) > BLOCKS:
         edges = np.linspace(0, len(points), BLOCKS + 1).astype(int)
         means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
         knots = np.concatenate([points[:1], means, points[-1:]])
-    return float(np.sum(np.linalg.norm(np.diff(knots, axis=0), axis=1)))
+    return knots

@@ -1,4 +1,4 @@
-"""What a study declares beyond the plain rod, and what it asks for: `[[effect]]` and `[unknown]`.
+"""What a study declares beyond the plain rod, and what it asks for: effects and unknowns, checked against the cable.
 
 The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect. TOML writes the latter as
 `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`; both are read.
@@ -11,34 +11,50 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import CABLE, DESCRIPTIVE_KINDS, KindFormat, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.kinds import CABLE, KindFormat, ParameterFormat, kind_format, kind_names
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
-from scan2flex_jax.study.sense import longest_cable
 from scan2flex_jax.study.values import Where
 
+_ROUNDING = 1e-9
+"""Of a bound: how far a start may lie beyond it. An estimate at its bound comes back through a logarithm."""
 
-def read_effects(study: Study, entries: Any, where: Where) -> Study:
-    """The study with its `[[effect]]`; that no parameter is missing is known only with the unknowns."""
+
+def longest_cable(study: Study) -> float | None:
+    """How long (m) the cable may be: L, or the high end of its range with three sigma; None when nothing says it."""
+    unknown = next((u for u in study.unknowns if u.name == "length"), None)
+    length = study.cable.get("length")
+    longest = length if unknown is None else unknown.high
+    if longest is None:
+        return None
+    slack = 3 * study.tolerance.length if unknown is None else 0.0
+    return float(np.max(longest)) + slack
+
+
+def read_effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
+    """The `[[effect]]` of a file."""
     effects = []
     for i, table in enumerate(v.tables(entries, where)):
         here = where.item(i + 1)
-        form = _kind(v.text(v.required(table, "kind", here, 'kind = "point_mass"'), here.at("kind")), here.at("kind"))
-        v.allow(table, ("kind", *form.names), here)
+        kind = v.required(table, "kind", here, 'kind = "point_mass"')
+        with here.placed():
+            effects.append(EffectDeclaration(kind, {key: value for key, value in table.items() if key != "kind"}))
+    return tuple(effects)
+
+
+def check_effects(study: Study, where: Where) -> None:
+    """Every parameter is given or asked for, has its shape, and places lie on the cable."""
+    longest = longest_cable(study)
+    for i, effect in enumerate(study.effects):
+        form, here = kind_format(effect.kind), where.item(i + 1)
         ends = _ends(study, form, here)
-        parameters = {
-            p.name: v.quantity(table[p.name], p, here.at(p.name), ends) for p in form.parameters if p.name in table
-        }
-        _coupled(form, parameters, here)
-        effects.append(EffectDeclaration(form.kind, parameters))
-    return replace(study, effects=tuple(effects))
-
-
-def _kind(kind: str, where: Where) -> KindFormat:
-    if kind in DESCRIPTIVE_KINDS:
-        raise where.fail(f"{kind} describes a residual and names nothing: declare a kind that can act.")
-    if kind not in kind_names():
-        raise where.fail(f"unknown kind {v.shown(kind)}: {v.suggestion(kind, kind_names())}")
-    return kind_format(kind)
+        for parameter in form.parameters:
+            name, key = parameter.name, here.at(parameter.name)
+            if name in effect.parameters:
+                v.quantity(effect.parameters[name], parameter, key, ends, longest)
+            elif f"{effect.kind}.{name}" not in study.unknown_names:
+                asked = f'unknown."{effect.kind}.{name}"'
+                raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
+        _coupled(effect, here)
 
 
 def _ends(study: Study, form: KindFormat, where: Where) -> int:
@@ -49,16 +65,16 @@ def _ends(study: Study, form: KindFormat, where: Where) -> int:
     return ends
 
 
-def _coupled(form: KindFormat, parameters: dict[str, Value], where: Where) -> None:
+def _coupled(effect: EffectDeclaration, where: Where) -> None:
     """Fractions of sqrt(EI GJ) whose squares sum to one or more leave a rod without resistance (isotropic EI)."""
-    coupling = parameters.get("coupling")
-    if form.kind == "bend_twist_coupling" and coupling is not None and float(np.sum(np.square(coupling))) >= 1:
+    coupling = effect.parameters.get("coupling")
+    if effect.kind == "bend_twist_coupling" and coupling is not None and float(np.sum(np.square(coupling))) >= 1:
         size = float(np.linalg.norm(coupling))
         raise where.at("coupling").fail(f"got fractions of size {size:g}: give fractions whose squares sum below 1.")
 
 
 def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
-    """Every name that may stand under `[unknown]` in this study, with its format."""
+    """Every name that may be an unknown of this study, with its format."""
     formats = {name: form for name, form in CABLE.items() if form.estimable}
     for effect in study.effects:
         for parameter in kind_format(effect.kind).parameters:
@@ -66,20 +82,18 @@ def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     return formats
 
 
-def read_unknowns(study: Study, table: Any, where: Where) -> Study:
-    """The study with what is to be estimated."""
-    formats = unknown_formats(study)
-    unknowns: dict[str, Unknown] = {}
+def read_unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
+    """What a file asks for under `[unknown]`, in the study that it declares above."""
+    unknowns: list[Unknown] = []
     for name, body, here in _flat(v.sub_table(table, where, "[unknown.bending_stiffness]"), where):
-        if name in unknowns:
-            raise here.fail(f"{v.shown(name)} is declared twice: leave one out.")
-        _known_name(name, study, formats, here)
-        unknowns[name] = _unknown(name, body, formats[name], study, here)
-    study = replace(study, unknowns=tuple(unknowns.values()))
-    longest = longest_cable(study)
-    for unknown in study.unknowns:
-        _check_range(unknown, study, formats[unknown.name], longest, where.at(unknown.name))
-    return study
+        check_name(name, study, here)
+        v.allow(body, ("guess", "range"), here)
+        bounds = body.get("range", [None, None])
+        if not isinstance(bounds, list) or len(bounds) != 2:
+            raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
+        with here.placed({"low": "range", "high": "range"}):
+            unknowns.append(Unknown(name, body.get("guess"), *bounds))
+    return tuple(unknowns)
 
 
 def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
@@ -95,9 +109,20 @@ def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, 
             yield name, body, here
 
 
-def _known_name(name: str, study: Study, formats: dict[str, ParameterFormat], where: Where) -> None:
+def check_unknowns(study: Study, where: Where) -> None:
+    """Every name is something of this study, once, and starts and ranges are values that it may take."""
+    formats, longest = unknown_formats(study), longest_cable(study)
+    for unknown, name in zip(study.unknowns, study.unknown_names, strict=True):
+        here = where.at(name)
+        check_name(name, study, here)
+        if study.unknown_names.count(name) > 1:
+            raise here.fail(f"{v.shown(name)} is declared twice: leave one out.")
+        _check_range(unknown, study, formats[name], longest, here)
+
+
+def check_name(name: str, study: Study, where: Where) -> None:
     """Refuse a name that nothing in the study has, or that two effects share."""
-    kind = name.partition(".")[0]
+    kind, formats = name.partition(".")[0], unknown_formats(study)
     if name not in formats:
         if name in CABLE:
             raise where.fail(f"centre curves do not show the {name}: give it in [cable].")
@@ -107,39 +132,41 @@ def _known_name(name: str, study: Study, formats: dict[str, ParameterFormat], wh
         raise where.fail(f"two effects are of kind {kind}, so the name could mean either: leave one of them out.")
 
 
-def _unknown(name: str, body: dict[str, Any], form: ParameterFormat, study: Study, where: Where) -> Unknown:
-    """One `[unknown.NAME]`: guess and range by their shapes."""
-    v.allow(body, ("guess", "range"), where)
-    shapes = form.bound_shapes(len(study.clamped_ends))
-    guess = v.array(body["guess"], shapes, where.at("guess")) if "guess" in body else None
-    if "range" not in body:
-        return Unknown(name, guess)
-    here, bounds = where.at("range"), body["range"]
-    if not isinstance(bounds, list) or len(bounds) != 2:
-        raise here.fail(f"got {v.shown(bounds)}: write range = [low, high].")
-    low, high = (v.array(bound, shapes, here) for bound in bounds)
-    return Unknown(name, guess, low, high)
-
-
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
     """The range is a range of values that the quantity may take, and the start lies in it."""
+    shapes = form.bound_shapes(len(study.clamped_ends))
     domain = "any" if form.domain == "unit" else form.domain
     low, high, key = unknown.low, unknown.high, where.at("range")
-    if unknown.guess is not None:
-        v.check_domain(unknown.guess, domain, where.at("guess"), longest)
-    if low is None or high is None:
+    for bound, place in ((unknown.guess, where.at("guess")), (low, key), (high, key)):
+        if bound is not None:
+            v.check_domain(v.array(bound, shapes, place), domain, place, longest)
+    if low is not None and high is not None:
+        if not _match(low, high):
+            raise key.fail(_MISMATCH)
+        if np.any(np.asarray(low) >= np.asarray(high)):
+            said = f"got low {_plain(low)} and high {_plain(high)}"
+            raise key.fail(f"{said}: give range = [low, high] with low below high.")
+    _check_start(unknown, study, where)
+
+
+def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
+    """The guess, or the value given in its place, lies in the range."""
+    start, place = study.start_value(unknown.name), where.at("guess")
+    if start is None:
         return
-    v.check_domain(low, domain, key, longest)
-    v.check_domain(high, domain, key, longest)
-    start = study.start_value(unknown.name)
-    place = where.at("guess") if unknown.guess is not None else replace(where, key=_given_key(unknown.name, study))
-    if not _match(low, high) or (start is not None and not (_match(low, start) and _match(high, start))):
-        raise key.fail("its shape does not match the value: write one number, or one for each entry, in both.")
-    if np.any(np.asarray(low) >= np.asarray(high)):
-        raise key.fail(f"got low {_plain(low)} and high {_plain(high)}: write range = [low, high] with low below high.")
-    if start is not None and np.any((np.asarray(start) < low) | (np.asarray(start) > high)):
-        bounds = f"{_plain(low)} to {_plain(high)}"
-        raise place.fail(f"got {_plain(start)}, outside the range {bounds}: start inside it, or widen it.")
+    if unknown.guess is None:
+        place = replace(where, key=_given_key(unknown.name, study))
+    for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
+        if bound is None:
+            continue
+        if not _match(bound, start):
+            raise where.at("range").fail(_MISMATCH)
+        if np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
+            said = f"got {_plain(start)}, outside the range whose {side} end is {_plain(bound)}"
+            raise place.fail(f"{said}: start inside it, or widen it.")
+
+
+_MISMATCH = "its shape does not match the value: write one number, or one for each entry, in both."
 
 
 def _match(a: Value, b: Value) -> bool:

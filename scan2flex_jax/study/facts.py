@@ -1,15 +1,16 @@
 """What a measured curve says before any model: its length, how it meets its clamps, whether it lies in a plane.
 
 Near a clamp the curve is fitted by a parabola, continued to the clamp: its slope there is compared with
-the clamp's d3. The fit's own standard deviation stands beside the angle.
+the clamp's d3. Beside the angle stands its standard deviation: of the fit, and of what points far apart do not show.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
 
-from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.curves import arc_length, chord_deficit
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 TANGENT_SPAN = 0.08
@@ -18,6 +19,10 @@ TANGENT_START = 0.02
 """Part of the curve that the shortest parabola is fitted to: long against the noise of a scan."""
 TANGENT_LEAST = 6
 """Points that the parabola takes at least, where the curve has as many: twice its coefficients."""
+UNEVEN = 3.0
+"""Times that a chord may fall shorter than that of an arc: bends are not even along it."""
+STEEPEST = 3.0
+"""Largest growth of curvature over the first chord that is allowed for, as a logarithm: a factor of 20."""
 
 
 @dataclass(frozen=True)
@@ -37,13 +42,15 @@ class EndFacts:
 class PoseFacts:
     """Numbers of one measured centre curve (m, deg).
 
-    `covered`: arc length with the gaps to the clamps. `off_plane` and `off_line`: RMS distance from the plane and from
-    the line that fit best. `backwards`: the curve seems to run from end to start. `end` is None for a free end.
+    `covered`: arc length with the gaps to the clamps; `unseen`: how much longer than its chords the curve may be.
+    `off_plane` and `off_line`: RMS distance from the plane and from the line that fit best. `backwards`: the curve seems to
+    run from end to start. `end` is None for a free end.
     """
 
     points: int
     arc_length: float
     covered: float
+    unseen: float
     start: EndFacts
     end: EndFacts | None
     off_plane: float
@@ -65,12 +72,22 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
         points=len(points),
         arc_length=length,
         covered=length + gaps,
+        unseen=0.0 if pose.curve.arc_length is not None else UNEVEN * chord_deficit(points, *_end_angles(points, pose)),
         start=start,
         end=end,
         off_plane=float(spread[2]),
         off_line=float(np.hypot(spread[1], spread[2])),
         backwards=_backwards(points, pose),
     )
+
+
+def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:
+    """Angles (rad) between the clamps' d3 and the first and last chord; 0 where an end has no clamp."""
+    ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
+    first, last = (
+        0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends
+    )
+    return first, last
 
 
 def _length(curve: MeasuredCurve) -> float:
@@ -111,10 +128,14 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
     """Slope at s = -gap of a parabola through the beginning of a curve, and the standard deviation of its direction.
 
     The widest window is taken whose slope agrees with those of all shorter ones (Lepski's rule): wide where noise
-    rules, short where the cable bends sharply behind its clamp.
+    rules, short where the cable bends sharply behind its clamp. Where points are so far apart that even the shortest window
+    reaches beyond `TANGENT_SPAN`, its slope may be off by as much as `_unresolved` says.
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
+    if most <= TANGENT_LEAST:
+        slope, sd = _parabola(points[:most], gap)
+        return slope, float(np.hypot(sd, np.linalg.norm(slope) * _unresolved(points, s, slope, gap)))
     count = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1]))))
     kept: list[tuple[np.ndarray, float]] = []
     while True:
@@ -126,6 +147,37 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
         if count == most:
             return kept[-1]
         count = min(most, count + max(1, count // 3))
+
+
+def _unresolved(
+    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], slope: Annotated[np.ndarray, "3"], gap: float
+) -> float:
+    """Angle (rad) that a tangent at s = -gap may be off because the points stand far apart.
+
+    The curvature k at a point is the turn between its chords over their mean length. From the second point to the first it
+    may grow as it goes on growing towards the clamp, as exp(-s / l), in a heavy cable with l = sqrt(EI / tension); the turn
+    from the clamp to the mean of the first chord then is k l (exp((h + gap) / l) - (exp(h / l) - 1) l / h), h that chord's
+    length. For k stands the largest curvature of the first points. Where there are `TANGENT_LEAST` of them, half of the turn
+    that a steady curvature makes is left out: parabolas follow it. Beside the turn counts by how much ``slope`` differs from
+    that of the parabola through the first three points.
+    """
+    chords, h = np.diff(points[:TANGENT_LEAST], axis=0), np.diff(s[:TANGENT_LEAST])
+    turns = np.array([_between(a, b) for a, b in pairwise(chords)])
+    k = turns / (0.5 * (h[1:] + h[:-1]))
+    growth = STEEPEST if k[1] <= 0 else np.log(max(k[0], k[1]) / k[1]) * h[0] / h[1]
+    x = float(np.clip(growth, 1e-3, STEEPEST))  # h / l
+    beyond = float(np.clip(x * gap / h[0], 0.0, STEEPEST))
+    turn = np.max(k) * h[0] / x * (np.exp(x + beyond) - np.expm1(x) / x)
+    if len(points) >= TANGENT_LEAST:
+        turn -= 0.5 * k[0] * (0.5 * h[0] + gap)
+    bend = (chords[1] / h[1] - chords[0] / h[0]) / (h[0] + h[1])  # second divided difference
+    through_three = chords[0] / h[0] - (h[0] + 2.0 * gap) * bend
+    return float(np.hypot(turn, _between(slope, through_three)))
+
+
+def _between(a: Annotated[np.ndarray, "3"], b: Annotated[np.ndarray, "3"]) -> float:
+    """Angle (rad) between two vectors."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:

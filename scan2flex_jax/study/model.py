@@ -1,200 +1,102 @@
 """A study in memory: one cable, measured in several poses.
 
-Plain frozen dataclasses with read-only float64 arrays; `dataclasses.replace` makes changed copies. SI units (m, kg, N,
-rad), quaternions `[w, x, y, z]` turn material vectors into the scan frame, `d3 = R e3` is the tangent of the centre
-curve. Two studies are equal when they say the same, wherever their folders lie.
+Frozen dataclasses with read-only float64 arrays; `dataclasses.replace` makes changed copies. SI units (m, kg, N, rad),
+quaternions `[w, x, y, z]` turn material vectors into the scan frame, `d3 = R e3` is the tangent of the centre curve. Two
+studies are equal when they say the same, wherever their folders lie.
+
+Each part is checked by itself when it is made (`parts`); what they must say together is `sense.check_study`, which
+everything that uses a study calls first.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, ENDS
+from scan2flex_jax.study.parts import Clamp, EffectDeclaration, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
+from scan2flex_jax.study.records import (
+    Compared,
+    ReadOnly,
+    all_of_kind,
+    converting,
+    keep,
+    of_kind,
+    read_only,
+    read_only_value,
+    same,
+    table_of,
+)
+from scan2flex_jax.study.values import Where
 
-Value = float | Annotated[np.ndarray, "..."]
+__all__ = ["Clamp", "EffectDeclaration", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
 
-
-def _frozen(value: Any, name: str, *shapes: tuple[int | None, ...]) -> Annotated[np.ndarray, "..."]:
-    """A read-only float64 copy whose shape is one of `shapes` (None: any number of rows)."""
-    array = np.array(value, dtype=np.float64)
-    fits = [len(s) == array.ndim and all(n in (None, m) for n, m in zip(s, array.shape, strict=True)) for s in shapes]
-    if not any(fits):
-        raise Scan2FlexError(f"{name} has shape {array.shape}: give {' or '.join(map(str, shapes))}.")
-    array.flags.writeable = False
-    return array
-
-
-def _value(value: Any) -> Value:
-    """A float, or a read-only array."""
-    if np.ndim(value) == 0:
-        return float(value)
-    array = np.array(value, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+GRAVITY = (0.0, 0.0, -9.81)
 
 
-def _same(a: Any, b: Any) -> bool:
-    """Equal in type, shape and every number; dataclasses field by field."""
-    if is_dataclass(a):
-        compared = [f.name for f in fields(a) if f.compare]
-        return type(a) is type(b) and all(_same(getattr(a, name), getattr(b, name)) for name in compared)
-    if isinstance(a, dict):
-        return isinstance(b, dict) and a.keys() == b.keys() and all(_same(a[key], b[key]) for key in a)
-    if isinstance(a, tuple):
-        return isinstance(b, tuple) and len(a) == len(b) and all(map(_same, a, b))
-    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return np.shape(a) == np.shape(b) and type(a) is type(b) and bool(np.array_equal(a, b))
-    return bool(a == b)
-
-
-class _Compared:
-    """Equality by content, for dataclasses that hold arrays."""
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __eq__(self, other: object) -> bool:
-        return _same(self, other)
-
-
-def _set(instance: Any, **values: Any) -> None:
-    for name, value in values.items():
-        object.__setattr__(instance, name, value)
-
-
+@converting
 @dataclass(frozen=True, eq=False)
-class Clamp(_Compared):
-    """Where one end is held: `position` (m) and unit `quaternion`, or None for a ball joint."""
-
-    position: Annotated[np.ndarray, "3"]
-    quaternion: Annotated[np.ndarray, "4"] | None = None
-
-    def __post_init__(self) -> None:
-        """Check shapes, and keep read-only copies."""
-        quaternion = None if self.quaternion is None else _frozen(self.quaternion, "Clamp.quaternion", (4,))
-        _set(self, position=_frozen(self.position, "Clamp.position", (3,)), quaternion=quaternion)
-
-    @property
-    def tangent(self) -> Annotated[np.ndarray, "3"] | None:
-        """d3 = R e3, the direction of growing arc length; None for a ball joint."""
-        if self.quaternion is None:
-            return None
-        w, x, y, z = self.quaternion
-        return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredCurve(_Compared):
-    """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured."""
-
-    points: Annotated[np.ndarray, "n 3"]
-    arc_length: Annotated[np.ndarray, " n"] | None = None
-    path: Path | None = field(default=None, compare=False)
-
-    def __post_init__(self) -> None:
-        """Check shapes, and keep read-only copies."""
-        points = _frozen(self.points, "MeasuredCurve.points", (None, 3))
-        arc_length = self.arc_length
-        if arc_length is not None:
-            arc_length = _frozen(arc_length, "MeasuredCurve.arc_length", (len(points),))
-        _set(self, points=points, arc_length=arc_length)
-
-
-@dataclass(frozen=True, eq=False)
-class Unknown(_Compared):
-    """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit."""
-
-    name: str
-    guess: Value | None = None
-    low: Value | None = None
-    high: Value | None = None
-
-    def __post_init__(self) -> None:
-        """Check shapes, and keep read-only copies."""
-        for name in ("guess", "low", "high"):
-            value = getattr(self, name)
-            _set(self, **{name: None if value is None else _value(value)})
-
-
-@dataclass(frozen=True, eq=False)
-class EffectDeclaration(_Compared):
-    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out."""
-
-    kind: str
-    parameters: dict[str, Value] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Check shapes, and keep read-only copies."""
-        _set(self, parameters={name: _value(value) for name, value in self.parameters.items()})
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """Standard deviations of what is known only nearly; 0 = exact.
-
-    `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt).
-    """
-
-    length: float = 0.0
-    clamp_position: float = 0.0
-    clamp_rotation: float = 0.0
-    gravity: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class StudyPose(_Compared):
-    """One pose: how the cable was held, and what was measured of it.
-
-    `end` None = a free end; `turns` = full turns beyond what the quaternions tell; `scan` = file of a point cloud;
-    `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown.
-    """
-
-    name: str
-    role: str
-    start: Clamp
-    end: Clamp | None = None
-    turns: int = 0
-    curve: MeasuredCurve | None = None
-    scan: Path | None = None
-    guide_points: Annotated[np.ndarray, "k 3"] | None = None
-    viewpoints: Annotated[np.ndarray, "v 3"] | None = None
-    noise: float | None = None
-    repeat_of: str | None = None
-    guide_points_path: Path | None = field(default=None, compare=False)
-
-    def __post_init__(self) -> None:
-        """Check shapes, and keep read-only copies."""
-        for name in ("guide_points", "viewpoints"):
-            value = getattr(self, name)
-            _set(self, **{name: None if value is None else _frozen(value, f"StudyPose.{name}", (None, 3))})
-
-
-@dataclass(frozen=True, eq=False)
-class Study(_Compared):
+class Study(Compared):
     """One cable in several poses. `cable` has only the keys that were given, in the units of `kinds.CABLE`."""
 
     title: str
     gravity: Annotated[np.ndarray, "3"]
     cable: dict[str, Value]
     poses: tuple[StudyPose, ...]
-    tolerance: Tolerance = Tolerance()
+    tolerance: Tolerance = field(default_factory=Tolerance)
     unknowns: tuple[Unknown, ...] = ()
     effects: tuple[EffectDeclaration, ...] = ()
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Check shapes, and keep read-only copies."""
-        cable = {key: _value(self.cable[key]) for key in (*CABLE, *self.cable) if key in self.cable}
-        lists: dict[str, Sequence[Any]] = {name: getattr(self, name) for name in ("poses", "unknowns", "effects")}
-        _set(self, gravity=_frozen(self.gravity, "Study.gravity", (3,)), cable=cable)
-        _set(self, **{name: tuple(items) for name, items in lists.items()})
+        """Check each field by itself, and keep read-only copies; `check_study` checks them together."""
+        where = Where("Study")
+        keep(self, title=v.text(self.title, where.at("title")))
+        keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
+        keep(self, cable=_cable(self.cable, where.at("cable")))
+        of_kind(self.tolerance, Tolerance, where.at("tolerance"), "a Tolerance, as in Tolerance(length=0.002)")
+        keep(
+            self,
+            poses=all_of_kind(self.poses, StudyPose, where.at("poses"), "StudyPose(...)"),
+            unknowns=all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
+            effects=all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        cable: Mapping[str, Any],
+        poses: Sequence[StudyPose | Mapping[str, Any]],
+        unknowns: Sequence[str | Unknown] = (),
+        *,
+        title: str = "",
+        gravity: ArrayLike = GRAVITY,
+        tolerance: Tolerance | None = None,
+        effects: Sequence[EffectDeclaration] = (),
+    ) -> "Study":
+        """A study of plain numbers and arrays; raises `StudyError`.
+
+        ``cable`` holds what is known, by the keys of `[cable]`; ``unknowns`` are names, or `Unknown` with a guess or a range.
+        A pose is a dict: ``points`` (n, 3) in m of its centre curve, and their ``arc_length`` (n,) where it was measured;
+        ``start`` and ``end`` as `Clamp.of` takes them (no ``end``: a free end); any other field of `StudyPose`. Its ``name``
+        is p1, p2, ... and its ``role`` "fit" where they are left out.
+        """
+        where = Where("Study")
+        entries = all_of_kind(poses, (StudyPose, Mapping), where.at("poses"), "{'points': points, 'start': start}")
+        asked = all_of_kind(unknowns, (str, Unknown), where.at("unknowns"), '"bending_stiffness"')
+        made = tuple(_pose(entry, f"p{i + 1}", where.at("pose")) for i, entry in enumerate(entries))
+        given: dict[str, Any] = {"title": title, "gravity": gravity, "cable": cable, "poses": made, "effects": effects}
+        given["unknowns"] = tuple(Unknown(entry) if isinstance(entry, str) else entry for entry in asked)
+        return cls(**given) if tolerance is None else cls(**given, tolerance=tolerance)
 
     def __eq__(self, other: object) -> bool:
         """Equal but for the folder: a scan counts by its path inside the folder."""
-        return isinstance(other, Study) and _same(_portable(self), _portable(other))
+        return isinstance(other, Study) and same(_portable(self), _portable(other))
 
     __hash__ = None
 
@@ -241,6 +143,36 @@ class Study(_Compared):
         if not dot:
             return self.cable.get(name)
         return next((effect.parameters.get(parameter) for effect in self.effects if effect.kind == kind), None)
+
+
+def _cable(given: Any, where: Where) -> ReadOnly:
+    """What is known of the cable, in the order of `CABLE`."""
+    table = table_of(given, where, '{"length": 0.9}')
+    v.allow(table, CABLE, where)
+    cable = {key: read_only_value(v.quantity(table[key], CABLE[key], where.at(key))) for key in CABLE if key in table}
+    stretch = cable.get("natural_stretch")
+    if stretch is not None and stretch[2] <= -1:
+        raise where.at("natural_stretch").fail(f"got {stretch[2]:g} along d3: give a stretch above -1.")
+    return ReadOnly(cable)
+
+
+def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> StudyPose:
+    """A pose of arrays, called `name` where it has none of its own."""
+    if isinstance(entry, StudyPose):
+        return entry
+    given = {"name": name, "role": "fit", **entry}
+    where = where.item(given["name"])
+    v.allow(given, ("points", "arc_length", *(f.name for f in fields(StudyPose))), where)
+    v.required(given, "start", where, "start=(position, quaternion)")
+    for end in ENDS:
+        if given.get(end) is not None:
+            with where.at(end).placed():
+                given[end] = Clamp.of(given[end])
+    with where.placed():
+        points, s = given.pop("points", None), given.pop("arc_length", None)
+        if points is not None:
+            given["curve"] = MeasuredCurve(points, s)
+        return StudyPose(**given)
 
 
 def _portable(study: Study) -> tuple[Any, ...]:

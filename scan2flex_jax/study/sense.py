@@ -1,15 +1,21 @@
-"""What the values of a study must say together: enough is known, and cable, clamps and curves fit each other.
+"""What the parts of a study must say together: enough is known, and cable, clamps and curves fit each other.
 
-Limits are wide: they catch a wrong unit or a wrong frame, never a noisy scan. What is only doubtful is a warning of
-`check.describe`, not an error.
+`check_study` is called by everything that uses a study, whether it was read or made in memory. Limits are wide: they catch a
+wrong unit or a wrong frame, never a noisy scan. What is only doubtful is a warning of `check.describe`, not an error.
 """
+
+from typing import Annotated, Literal
 
 import numpy as np
 
 from scan2flex_jax.study.curves import arc_length
-from scan2flex_jax.study.kinds import Domain, kind_format
+from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
+from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
-from scan2flex_jax.study.values import Where, check_domain
+from scan2flex_jax.study.parts import third_column
+from scan2flex_jax.study.values import Where, shown, suggestion
+
+Purpose = Literal["fit", "predict", "extract"]
 
 SPAN_SLACK = 1.05
 """Clamps further apart than this many L cannot be held by a cable that hardly stretches."""
@@ -23,78 +29,86 @@ THICK = 0.5
 """A radius larger than this many L was written in another unit than L."""
 STIFF_AXIAL = 1e3
 """N. Below it a cable may stretch by more than SPAN_SLACK under everyday forces, and spans are not checked."""
+ASTRAY, ALONG = 60.0, 30.0
+"""Degrees between clamps and the beginnings of their curves: no mounting is so far off, no bend beyond a clamp so sharp."""
 DEFAULT_AXIAL = 1e5
 """N, the axial stiffness of a cable that gives none."""
 _NO_GRAVITY = 1e-9
 _UNITS = ((300.0, 3000.0, "millimetres", 1000), (30.0, 300.0, "centimetres", 100))
 
 
-def longest_cable(study: Study) -> float | None:
-    """How long (m) the cable may be: L, or the high end of its range with three sigma; None when nothing says it."""
-    unknown = next((u for u in study.unknowns if u.name == "length"), None)
-    length = study.cable.get("length")
-    longest = length if unknown is None else unknown.high
-    if longest is None:
-        return None
-    slack = 3 * study.tolerance.length if unknown is None else 0.0
-    return float(np.max(longest)) + slack
+def check_study(study: Study, purpose: Purpose = "fit") -> None:
+    """Raise a `StudyError` for the first thing that does not fit.
+
+    For the ``purpose`` "fit" every pose needs a measured shape; to "predict", only what is measured must fit the cable; to
+    "extract" centre curves, weight and stiffness of the cable may be missing too.
+    """
+    where = Where("Study")
+    if not isinstance(study, Study):
+        raise where.fail(f"got {shown(study)}: give a Study, as load_study(folder) or Study.from_arrays(...) makes it.")
+    check_unknowns(study, where.at("unknown"))
+    check_effects(study, where.at("effect"))
+    _check_cable(study, where.at("cable"), purpose)
+    _check_names(study, where.at("pose"))
+    if purpose == "fit":
+        _check_roles(study, where.at("pose"))
+        _check_scale(study, where)
+    reach = _reach(study)
+    for pose in study.poses:
+        _check_pose(study, pose, purpose, reach, where.at("pose").item(pose.name))
+    _check_order(study, where.at("pose"))
 
 
-def check_curve(curve: MeasuredCurve, where: Where) -> None:
+def _check_pose(study: Study, pose: StudyPose, purpose: Purpose, reach: float | None, where: Where) -> None:
+    """A pose was measured, and its clamps and shapes are those of a cable that reaches so far (m)."""
+    if purpose == "fit" and pose.curve is None and pose.scan is None:
+        raise where.fail("it has no shape: give it a centre curve, a scan, or both.")
+    if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
+        raise where.at("turns").fail(f"got {pose.turns}, but an end turns freely: write turns only between two clamps.")
+    if pose.curve is not None:
+        _check_begin(pose.curve, where.at("curve"))
+    if reach is not None:
+        _check_spans(pose, reach, where)
+        _check_lengths(study, pose, reach, where)
+
+
+def _check_begin(curve: MeasuredCurve, where: Where) -> None:
     """A measured arc length that starts at or after the start, up to what rounding and noise leave."""
     if curve.arc_length is not None and curve.arc_length[0] < -0.05 * (curve.arc_length[-1] - curve.arc_length[0]):
         raise where.fail(f"its s begins at {curve.arc_length[0]:g} m: count s from 0 at the start clamp.")
 
 
-def check_study(study: Study, where: Where) -> None:
-    """Raise a `StudyError` for the first thing that does not fit."""
-    _check_cable(study, where)
-    _check_effects(study, where)
-    _check_roles(study, where)
-    _check_scale(study, where)
-    stretched = _reach(study)
-    for pose in study.poses:
-        here = where.at("pose").item(pose.name)
-        if pose.scan is not None and "radius" not in study.cable:
-            raise where.at("cable.radius").fail(f"it is missing, and pose {pose.name!r} has a scan: give the radius.")
-        if stretched is not None:
-            _check_spans(pose, stretched, here)
-            _check_lengths(study, pose, stretched, here)
-
-
-def _check_cable(study: Study, where: Where) -> None:
+def _check_cable(study: Study, where: Where, purpose: Purpose) -> None:
     """What every study must know or ask for, and whether it can be a cable."""
-    for key in ("length", "length_density", "bending_stiffness", "torsional_stiffness"):
+    needed = () if purpose == "extract" else ("length", "length_density", "bending_stiffness", "torsional_stiffness")
+    for key in needed:
         if key not in study.cable and key not in study.unknown_names:
-            raise where.at(f"cable.{key}").fail(f"it is missing: give {key} in [cable], or declare [unknown.{key}].")
+            raise where.at(key).fail(f"it is missing: give its value, or declare unknown.{key}.")
+    scanned = [pose.name for pose in study.poses if pose.scan is not None]
+    if scanned and "radius" not in study.cable and purpose == "fit":
+        raise where.at("radius").fail(f"it is missing, and pose {shown(scanned[0])} has a scan: give the radius.")
     longest, radius = longest_cable(study), study.cable.get("radius")
     if longest is not None and radius is not None and float(np.max(radius)) > THICK * longest:
         said = f"the radius is {float(np.max(radius)):g} m on a cable of at most {longest:g} m"
-        raise where.at("cable.radius").fail(f"{said}: write both in metres.")
+        raise where.at("radius").fail(f"{said}: write both in metres.")
 
 
-def _check_effects(study: Study, where: Where) -> None:
-    """Every parameter is given or asked for, and places lie on the cable."""
-    longest = longest_cable(study)
-    for i, effect in enumerate(study.effects):
-        here = where.at("effect").item(i + 1)
-        for parameter in kind_format(effect.kind).parameters:
-            name, key = parameter.name, here.at(parameter.name)
-            if name in effect.parameters:
-                check_domain(effect.parameters[name], _place_only(parameter.domain), key, longest)
-            elif f"{effect.kind}.{name}" not in study.unknown_names:
-                asked = f'[unknown."{effect.kind}.{name}"]'
-                raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
-
-
-def _place_only(domain: Domain) -> Domain:
-    """Other domains were checked where the value was read."""
-    return domain if domain == "along_cable" else "any"
+def _check_names(study: Study, where: Where) -> None:
+    """Every pose has a name of its own, and repeats another one, if any."""
+    names: dict[str, int] = {}
+    for i, pose in enumerate(study.poses):
+        if names.setdefault(pose.name, i) != i:
+            raise where.item(i + 1).at("name").fail(f"two poses are called {shown(pose.name)}: give each its own name.")
+    for pose in study.poses:
+        if pose.repeat_of is not None and (pose.repeat_of not in names or pose.repeat_of == pose.name):
+            hint = suggestion(pose.repeat_of, [name for name in names if name != pose.name])
+            key = where.item(pose.name).at("repeat_of")
+            raise key.fail(f"no other pose is called {shown(pose.repeat_of)}: {hint}")
 
 
 def _check_roles(study: Study, where: Where) -> None:
     if not study.fit_poses:
-        raise where.at("pose").fail('no pose has the role "fit": give it to at least one.')
+        raise where.fail('no pose has the role "fit": give it to at least one.')
 
 
 def _check_scale(study: Study, where: Where) -> None:
@@ -168,7 +182,7 @@ def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) ->
             raise where.at("guide_points").fail(sentence)
     if pose.curve is None:
         return
-    key, length = where.at("centre_curve"), arc_length(pose.curve.points)
+    key, length = where.at("curve"), arc_length(pose.curve.points)
     if pose.curve.arc_length is not None:
         length = max(length, float(pose.curve.arc_length[-1]))
     if length > CURVE_SLACK * reach:
@@ -192,3 +206,29 @@ def _check_frame(pose: StudyPose, reach: float, where: Where) -> None:
                 f"the curve stays {nearest:g} m away from the {end} clamp, more than the cable's {reach:g} m: "
                 "give curve and clamps in one frame."
             )
+
+
+def _check_order(study: Study, where: Where) -> None:
+    """Quaternions with the scalar last: every clamp points along its curve when they are read so, and only then."""
+    key = None
+    for pose in study.poses:
+        if pose.curve is None:
+            continue
+        points = pose.curve.points
+        near = max(1, len(points) // 20)
+        ends = (("start", pose.start, points[near] - points[0]), ("end", pose.end, points[-1] - points[-1 - near]))
+        for name, clamp, chord in ends:
+            if clamp is None or clamp.quaternion is None:
+                continue
+            if _angle(clamp.quaternion, chord) < ASTRAY or _angle(np.roll(clamp.quaternion, 1), chord) > ALONG:
+                return
+            key = key or where.item(pose.name).at(name).at("quaternion")
+    if key is not None:
+        said = f"every clamp points more than {ASTRAY:g} degrees away from its curve, and along it with the scalar last"
+        raise key.fail(f"{said}: write quaternions as [w, x, y, z].")
+
+
+def _angle(quaternion: Annotated[np.ndarray, "4"], chord: Annotated[np.ndarray, "3"]) -> float:
+    """Angle (degrees) between d3 and a chord."""
+    cosine = float(third_column(quaternion) @ chord) / float(np.linalg.norm(chord))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

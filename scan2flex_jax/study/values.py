@@ -1,14 +1,16 @@
-"""From the untyped tree of a TOML file to checked numbers, arrays and texts.
+"""From untyped values, of a TOML file or of a notebook, to checked numbers, arrays and texts.
 
 Every function takes the value and the `Where` it stands at, and raises one `StudyError` that says what was got and what
-to do. A bool is never a number, NaN and infinity are refused, and so is anything beyond `LARGEST`.
+to do. Numbers come as Python's, NumPy's, JAX's or pandas'. A bool is never a number, NaN and infinity are refused, and so
+is anything beyond `LARGEST`.
 """
 
 import difflib
 import math
 import reprlib
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,7 +29,7 @@ _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxoth
 
 @dataclass(frozen=True)
 class Where:
-    """A place in a study: the file as the user named it, and the key in it (None: the whole file)."""
+    """A place in a study: the file as the user named it, or the object, and the key in it (None: all of it)."""
 
     file: str
     key: str | None = None
@@ -35,19 +37,36 @@ class Where:
     def at(self, name: str) -> "Where":
         """The place of a key below this one."""
         name = one_line(name)
-        return replace(self, key=name if self.key is None else f"{self.key}.{name}")
+        return Where(self.file, name if self.key is None else f"{self.key}.{name}")
 
     def item(self, label: object) -> "Where":
         """The place of one entry of an array of tables, as in pose[sag]."""
-        return replace(self, key=f"{self.key}[{one_line(str(label))}]")
+        return Where(self.file, f"{self.key}[{one_line(str(label))}]")
 
     def fail(self, sentence: str) -> StudyError:
         """The error to raise here."""
         return StudyError(self.file, self.key, sentence)
 
+    @contextmanager
+    def placed(self, names: Mapping[str, str | None] | None = None) -> Iterator[None]:
+        """Raise errors of an object that is made inside as errors of this place, with its key below this one.
+
+        ``names`` translates the last part of the object's key into what the file calls it; None leaves that part out.
+        """
+        try:
+            yield
+        except StudyError as error:
+            *above, last = (error.key or "").rpartition(".")
+            name = (names or {}).get(last, last)
+            below = "".join(above) + name if name else above[0]
+            key = ".".join(part for part in (self.key, below) if part)
+            raise StudyError(self.file, key or None, error.sentence) from None
+
 
 def one_line(text: str, longest: int = 80) -> str:
     """`text` fit for a message: no line breaks or control characters, not too long."""
+    if len(text) <= longest and text.isprintable():
+        return text
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: longest + 1])
     return text if len(text) <= longest else text[: longest - 3] + "..."
 
@@ -87,7 +106,14 @@ def text(value: Any, where: Where) -> str:
     """A string."""
     if not isinstance(value, str):
         raise where.fail(f'got {shown(value)}: write a text in quotation marks, as in "sag".')
-    return value
+    return str(value)
+
+
+def pose_name(value: Any, where: Where) -> str:
+    """The name of a pose, which is not blank."""
+    if not text(value, where).strip():
+        raise where.fail("the name is empty: give the pose a name.")
+    return str(value)
 
 
 def sub_table(value: Any, where: Where, example: str) -> dict[str, Any]:
@@ -104,8 +130,28 @@ def tables(value: Any, where: Where) -> list[dict[str, Any]]:
     return value
 
 
+def plain(value: Any) -> Any:
+    """Scalars and arrays of NumPy, JAX or pandas as Python's numbers and lists; whatever else as it is."""
+    if isinstance(value, list | tuple):
+        return [plain(entry) for entry in value]
+    if not hasattr(value, "__array__"):
+        return value
+    try:
+        return as_array(value).tolist()
+    except (TypeError, ValueError):  # what only looks like an array, such as a tracer of JAX
+        return value
+
+
+def as_array(value: Any) -> Annotated[np.ndarray, "..."]:
+    """The array of an array-like; masked entries become NaN, which is refused later, and never what they hide."""
+    if isinstance(value, np.ma.MaskedArray):
+        value = np.where(np.ma.getmaskarray(value), np.nan, value.data)
+    return np.asarray(value)
+
+
 def integer(value: Any, where: Where, largest: int) -> int:
     """A whole number of at most `largest` in size."""
+    value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int):
         raise where.fail(f"got {shown(value)}: write a whole number, as in 0 or -1.")
     if abs(value) > largest:
@@ -115,6 +161,7 @@ def integer(value: Any, where: Where, largest: int) -> int:
 
 def number(value: Any, where: Where) -> float:
     """A finite real number."""
+    value = plain(value)
     if isinstance(value, str):
         raise where.fail(f"got the text {shown(value)}: write a number without quotation marks.")
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -150,13 +197,27 @@ def _wanted(shape: tuple[int, ...]) -> str:
 
 def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float | Annotated[np.ndarray, "..."]:
     """A number, or nested lists of numbers, of one of `shapes`; a float for shape ()."""
-    shapes = tuple(shapes)
-    if isinstance(value, list) and _shape(value) not in shapes:
+    value, shapes = plain(value), tuple(shapes)
+    if _shape(value) not in shapes:
         raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
-    numbers = _numbers(value, where)
-    if np.shape(numbers) not in shapes:
-        raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
-    return numbers if isinstance(numbers, float) else np.array(numbers)
+    found = _numbers(value, where)
+    return found if isinstance(found, float) else np.array(found)
+
+
+def any_array(value: Any, where: Where) -> float | Annotated[np.ndarray, "..."]:
+    """A number, or an array of numbers of whatever shape; what they may be is left to a later check."""
+    value = plain(value)
+    if _shape(value) is None:
+        raise where.fail(f"got {shown(value)}: write a number, or a list of numbers.")
+    found = _real(value, where)
+    return found if isinstance(found, float) else np.array(found)
+
+
+def _real(value: Any, where: Where) -> Any:
+    """Real numbers, infinite ones and NaN too."""
+    if isinstance(value, list):
+        return [_real(entry, where) for entry in value]
+    return float(value) if isinstance(value, float) else number(value, where)
 
 
 def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, " n"]:
@@ -166,6 +227,7 @@ def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, " n"]:
 
 def rows(value: Any, where: Where) -> Annotated[np.ndarray, "n 3"]:
     """A list of at least one point [x, y, z]."""
+    value = plain(value)
     count = len(value) if isinstance(value, list) else 0
     if count == 0:
         raise where.fail(f"got {shown(value)}: write a list of points, as in [[0.5, -1.0, 0.3]].")

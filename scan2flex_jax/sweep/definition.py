@@ -20,7 +20,7 @@ import numpy as np
 import scan2flex_jax
 from scan2flex_jax.errors import Scan2FlexError
 
-LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy", "scipy")
+LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 _COUNTED_BY_VERSION = {"scan2flex_jax", "jaxtyping", *LIBRARIES, *sys.stdlib_module_names} - {"__main__"}
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 _COMPUTING = ("geometry", "rod", "effects", "statics", "study", "scan", "fitting", "sweep")

@@ -10,6 +10,7 @@ from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.sweep.changes import guesses
 from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output
 
@@ -31,6 +32,7 @@ def fits(
     bar), ``rms`` and ``rms_validate`` (m; infinite where a validate pose could not be solved), ``cost``, ``equilibria``,
     ``iterations``.
     """
+    check_study(study)
     slots = layout_of(study).slots
     if not slots:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")

@@ -28,12 +28,12 @@ REFUSED = {
     "no unknowns": (lambda s: replace(s, unknowns=()), {}, "nothing to fit"),
     "unknown method": (lambda s: s, {"method": "simplex"}, "method 'simplex' is not known: use one of least-squares"),
     "unknown distance": (lambda s: s, {"distance": "chamfer"}, "distance 'chamfer' is not known: use one of normal"),
-    "no pose to fit": (all_validate, {}, "no pose with role 'fit'"),
-    "no curve": (without_curves, {}, "has no centre curve: run `scan2flex extract`"),
+    "no pose to fit": (all_validate, {}, 'no pose has the role "fit"'),
+    "no curve": (without_curves, {}, "it has no shape: give it a centre curve, a scan, or both"),
     "guess of zero": (
         lambda s: replace(s, unknowns=(Unknown("bending_stiffness", guess=0.0), s.unknowns[1])),
         {},
-        "a positive quantity needs a positive start",
+        "unknown.bending_stiffness.guess: got 0: give a value above zero",
     ),
 }
 

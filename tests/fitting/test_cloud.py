@@ -229,9 +229,14 @@ def test_noise_as_large_as_the_cable_is_left_to_curves(study, tmp_path):
     assert any("of the radius: centre curves were extracted" in s for s in f.sentences)
 
 
+def with_a_curve_alone(pose):
+    return replace(pose, scan=None, curve=MeasuredCurve(np.linspace(pose.start.position, pose.end.position, 5)))
+
+
 REFUSED = {
     "unknown data": (lambda s: s, {"data": "mesh"}, "data 'mesh' is not known: use one of auto"),
-    "no scan": (lambda s: replace(s, poses=(replace(s.poses[0], scan=None),)), {"data": "cloud"}, "has no scan"),
+    "no scan": (lambda s: replace(s, poses=(with_a_curve_alone(s.poses[0]),)), {"data": "cloud"}, "has no scan"),
+    "no shape": (lambda s: replace(s, poses=(replace(s.poses[0], scan=None),)), {"data": "cloud"}, "has no shape"),
     "another method": (lambda s: s, {"data": "cloud", "method": "bfgs"}, "least-squares"),
     "no radius": (
         lambda s: replace(s, cable={k: v for k, v in s.cable.items() if k != "radius"}), {"data": "cloud"}, "radius"

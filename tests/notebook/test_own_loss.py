@@ -1,5 +1,7 @@
 """A study as a traced function: a fit by optimistix, a loss of one's own, exact gradients and Hessians of it."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -82,8 +84,6 @@ def test_a_loss_of_ones_own_eagerly(ready):
 
 
 def test_a_noise_brings_in_the_priors(study):
-    from dataclasses import replace
-
     near = replace(study, tolerance=replace(study.tolerance, length=1e-3, gravity=0.01, clamp_rotation=0.01))
     plain, start = residual_function(near, elements=ELEMENTS)
     scaled, more = residual_function(near, noise=2e-3, elements=ELEMENTS)
@@ -117,7 +117,8 @@ def test_a_pose_that_has_no_equilibrium_is_turned_down(ready):
 
 
 def test_model_and_supports_of_a_study(study):
-    model, boundary = model_of(study), boundary_of(study.poses[0])
+    known = fit(study, elements=ELEMENTS).calibrated
+    model, boundary = model_of(known), boundary_of(known.poses[0])
     e = equilibrium(model, boundary, turns=study.poses[0].turns)
     assert e.verdict.solved
     assert float(model.cable.length) == study.cable["length"]

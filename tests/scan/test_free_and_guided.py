@@ -92,7 +92,7 @@ def test_where_extraction_refuses_a_fit_begins_from_a_coarse_curve(study, marked
         def refuse(*_, **__):
             raise Scan2FlexError("refused")
 
-        monkeypatch.setattr(sys.modules["scan2flex_jax.scan.extract"], "extract", refuse)
+        monkeypatch.setattr(sys.modules["scan2flex_jax.scan.extraction"], "extract", refuse)
     with pytest.raises(StudyError):
         extract_pose(study, pose)
     near = near_curve(study, pose)

@@ -72,7 +72,7 @@ TOML = [
     ("turns true", "turns = -1", "turns = true", "pose[sag].turns", "whole"),
     ("turns vast", "turns = -1", "turns = 12345678", "pose[sag].turns", "between"),
     ("turns of a ball joint", 'repeat_of = "sag"', 'repeat_of = "sag"\nturns = 1', "pose[again].turns", "freely"),
-    ("no shape", SHAPES, "", "pose[sag]", "centre_curve"),
+    ("no shape", SHAPES, "", "pose[sag]", "centre curve"),
     ("no start", START, f"end = {{ position = [0.5, 0.0, 0.0], {Q}", "pose[sag].start", "missing"),
     ("start a list", START, f"start = [0, 0, 0]\nend = {{ position = [0.5, 0.0, 0.0], {Q}", "pose[sag].start", "table"),
     ("clamp key", START, START.replace("position", "pos", 1), "pose[sag].start.pos", "position"),
@@ -261,3 +261,48 @@ def test_files_too_large(tmp_path, monkeypatch):
     assert "larger" in fails(folder).sentence
     monkeypatch.setattr(read, "TOML_LIMIT", 1000)
     assert fails(folder).file == str(folder / "study.toml")
+
+
+LONG_KEYS = {
+    "dotted": lambda n: ".".join("a" * n) + " = 1\n",
+    "spaced": lambda n: " . ".join("a" * n) + " = 1\n",
+    "quoted": lambda n: ".".join(['"a\\"."'] * n) + " = 1\n",
+    "literal": lambda n: ".".join(["'a.'"] * n) + " = 1\n",
+    "table": lambda n: "[" + ".".join("a" * n) + "]\n",
+    "array of tables": lambda n: "[[ " + ".".join("a" * n) + " ]]\n",
+    "in a table": lambda n: "x = {b = 1, " + ".".join("a" * n) + " = 1}\n",
+}
+
+
+@pytest.mark.parametrize("name", LONG_KEYS)
+def test_a_key_of_many_parts_is_refused_before_it_is_parsed(tmp_path, monkeypatch, name):
+    """tomllib takes hours over 200 kB of them: the text is looked at first."""
+    monkeypatch.setattr(read.tomllib, "loads", None)
+    error = fails(write_sample(tmp_path, STUDY + LONG_KEYS[name](50_000)))
+    assert error.key is None
+    assert error.sentence == f"line {STUDY.count(chr(10)) + 1} has a key of more than 32 parts: write the study by the format."
+
+
+LARGE = {
+    "nested tables": ("a = " + "{a = " * 40_000, "deep"),
+    "nested lists": ("a = " + "[" * 200_000, "deep"),
+    "many keys": (HEAD + "".join(f"k{i} = 1\n" for i in range(20_000)), "unknown key 'k0'"),
+    "one key": ("a" * 200_000, "TOML"),
+    "spaces": (" " * 200_000 + "x", "TOML"),
+    "quotes": ('"' + '\\"' * 100_000, "TOML"),
+}
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_other_texts_of_200_kb_are_one_sentence(tmp_path, name):
+    text, word = LARGE[name]
+    assert word in fails(write_sample(tmp_path, text)).sentence
+
+
+def test_a_study_of_many_poses_is_read(tmp_path):
+    """900 poses, 200 kB: dots of numbers and of file names are no long keys."""
+    pose = STUDY[STUDY.index('[[pose]]\nname = "again"') : STUDY.index("[[effect]]")]
+    more = "".join(pose.replace('"again"', f'"v1.2.3.4.{i}"') for i in range(900))
+    text = STUDY.replace("[[effect]]", more + "[[effect]]", 1).replace("title = ", "# " + 20 * "a.b. " + "\ntitle = ")
+    assert len(text) > 150_000
+    assert len(load_study(write_sample(tmp_path, text)).poses) == 902

@@ -1,0 +1,55 @@
+"""Points and arc lengths of measured curves, as arrays of whatever library, made into checked float64 arrays."""
+
+from typing import Annotated, Any
+
+import numpy as np
+
+from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
+
+
+def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
+    """At least `fewest` points, one a row: all finite, and no two neighbours the same."""
+    table = _table(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")
+    if table.ndim != 2 or table.shape[1] != 3:
+        turned = table.ndim == 2 and table.shape[0] == 3
+        advice = "transpose it, so that each row is a point" if turned else "give one row [x, y, z] for each point"
+        raise where.fail(f"got an array of shape {table.shape}: {advice}.")
+    if len(table) < fewest:
+        raise where.fail(f"got {len(table)} point{'s' * (len(table) != 1)}: give at least {fewest}.")
+    bad = np.flatnonzero(~np.all(np.abs(table) <= LARGEST, axis=1))
+    if len(bad):
+        raise where.fail(f"point {int(bad[0]) + 1} is {shown(table[bad[0]].tolist())}: give finite numbers in metres.")
+    same = np.flatnonzero(np.all(table[1:] == table[:-1], axis=1))
+    if len(same):
+        i = int(same[0])
+        raise where.fail(f"points {i + 1} and {i + 2} are the same, {shown(table[i].tolist())}: leave one out.")
+    return table
+
+
+def arc_lengths(value: Any, count: int, where: Where) -> Annotated[np.ndarray, " n"]:
+    """The arc lengths (m) of `count` points, growing."""
+    s = _table(value, where, f"one arc length in metres for each point: an array of shape ({count},)")
+    if s.shape != (count,):
+        raise where.fail(f"got an array of shape {s.shape}: give one arc length for each of the {count} points.")
+    if not np.all(np.abs(s) <= LARGEST):
+        raise where.fail("an arc length is not finite: give a number in metres for every point.")
+    back = np.flatnonzero(np.diff(s) <= 0)
+    if len(back):
+        i = int(back[0])
+        raise where.fail(
+            f"s does not grow from point {i + 1} ({s[i]:g} m) to point {i + 2} ({s[i + 1]:g} m): "
+            "order the points from start to end."
+        )
+    return s
+
+
+def _table(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
+    """An array of real numbers in float64."""
+    try:
+        table = as_array(value)
+    except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX
+        raise where.fail(f"got {shown(value)}: give {wanted}.") from error
+    if table.dtype.kind not in "iuf":
+        what = shown(value) if table.ndim == 0 else f"an array of {table.dtype}"
+        raise where.fail(f"got {what}: give {wanted}.")
+    return table.astype(np.float64, copy=False)

@@ -1,0 +1,217 @@
+"""The parts of a study: clamps, measured curves, poses, unknowns, declared effects and tolerances.
+
+Frozen dataclasses with read-only float64 arrays. Each takes lists, and arrays of NumPy, JAX or pandas, and raises `StudyError`
+when it is made of what it cannot be; `dataclasses.replace` makes a changed copy, which is checked anew.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from scan2flex_jax.study import arrays
+from scan2flex_jax.study import values as v
+from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, TOLERANCE, kind_format, kind_names
+from scan2flex_jax.study.records import Compared, ReadOnly, converting, keep, of_kind, read_only, read_only_value, table_of
+from scan2flex_jax.study.rotations import checked_rotation, quaternion_of, rigid_motion
+from scan2flex_jax.study.values import Where
+
+Value = float | Annotated[np.ndarray, "..."]
+
+FEWEST_POINTS = 4
+"""A space curve with curvature and twist takes four points."""
+ROLES = ("fit", "validate")
+MOST_TURNS = 1000
+_CLAMP = "a Clamp, as in Clamp.of((position, quaternion))"
+
+
+@converting
+@dataclass(frozen=True, eq=False)
+class Clamp(Compared):
+    """Where one end is held: `position` (m) and unit `quaternion`, or None for a ball joint."""
+
+    position: Annotated[np.ndarray, "3"]
+    quaternion: Annotated[np.ndarray, "4"] | None = None
+
+    def __post_init__(self) -> None:
+        """Check both, and keep read-only copies."""
+        where, quaternion = Where("Clamp"), self.quaternion
+        keep(self, position=read_only(v.vector(self.position, 3, where.at("position"))))
+        if quaternion is not None:
+            key = where.at("quaternion")
+            keep(self, quaternion=read_only(v.unit(v.vector(quaternion, 4, key), key, "quaternion [w, x, y, z]")))
+
+    @classmethod
+    def of(cls, held: "Clamp | ArrayLike | tuple[ArrayLike, Any]") -> "Clamp":
+        """The clamp of ``(position, rotation)``, or of a 4x4 matrix; raises `StudyError`.
+
+        The position (3,) is in m. The rotation is a quaternion [w, x, y, z], a 3x3 matrix with the columns d1, d2, d3, a
+        rotation of scipy, or None for a ball joint.
+        """
+        if isinstance(held, Clamp):
+            return held
+        if not (isinstance(held, tuple | list) and len(held) == 2):
+            return cls.from_matrix(held)
+        position: Any = held[0]
+        rotation: Any = held[1]
+        if hasattr(rotation, "as_matrix"):
+            rotation = rotation.as_matrix()
+        rows = v.plain(rotation)
+        if isinstance(rows, list) and rows and isinstance(rows[0], list):
+            return cls(position, quaternion_of(checked_rotation(rotation, Where("Clamp").at("rotation"))))
+        return cls(position, rotation)
+
+    @classmethod
+    def from_matrix(cls, matrix: ArrayLike) -> "Clamp":
+        """The clamp of a homogeneous 4x4 (or 3x4) matrix: columns d1, d2, d3 and the position (m); raises `StudyError`."""
+        position, R = rigid_motion(matrix, Where("Clamp"))
+        return cls(position, quaternion_of(R))
+
+    @property
+    def tangent(self) -> Annotated[np.ndarray, "3"] | None:
+        """d3 = R e3, the direction of growing arc length; None for a ball joint."""
+        return None if self.quaternion is None else third_column(self.quaternion)
+
+
+def third_column(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "3"]:
+    """d3 = R e3 of a unit quaternion [w, x, y, z]."""
+    w, x, y, z = quaternion
+    return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+
+
+@converting
+@dataclass(frozen=True, eq=False)
+class MeasuredCurve(Compared):
+    """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured."""
+
+    points: Annotated[np.ndarray, "n 3"]
+    arc_length: Annotated[np.ndarray, " n"] | None = None
+    path: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check that points are finite and apart and the arc length grows, and keep read-only copies."""
+        where, s = Where("MeasuredCurve"), self.arc_length
+        keep(self, points=read_only(arrays.points(self.points, FEWEST_POINTS, where.at("points"))))
+        if s is not None:
+            keep(self, arc_length=read_only(arrays.arc_lengths(s, len(self.points), where.at("arc_length"))))
+
+
+@converting
+@dataclass(frozen=True, eq=False)
+class Unknown(Compared):
+    """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit."""
+
+    name: str
+    guess: Value | None = None
+    low: Value | None = None
+    high: Value | None = None
+
+    def __post_init__(self) -> None:
+        """Check that these are numbers; what they mean depends on the study."""
+        name = v.text(self.name, Where("Unknown").at("name"))
+        keep(self, name=name)
+        for bound in ("guess", "low", "high"):
+            value = getattr(self, bound)
+            if value is not None:
+                keep(self, **{bound: read_only_value(v.any_array(value, Where(f"Unknown {v.shown(name)}").at(bound)))})
+
+
+@converting
+@dataclass(frozen=True, eq=False)
+class EffectDeclaration(Compared):
+    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out."""
+
+    kind: str
+    parameters: dict[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the kind and the names of its parameters; their values depend on the cable and its clamps."""
+        key = Where("EffectDeclaration").at("kind")
+        kind = v.text(self.kind, key)
+        if kind in DESCRIPTIVE_KINDS:
+            raise key.fail(f"{kind} describes a residual and names nothing: declare a kind that can act.")
+        if kind not in kind_names():
+            raise key.fail(f"unknown kind {v.shown(kind)}: {v.suggestion(kind, kind_names())}")
+        where = Where(f"EffectDeclaration {v.shown(kind)}")
+        given = table_of(self.parameters, where.at("parameters"), '{"position": 0.4}')
+        v.allow(given, kind_format(kind).names, where)
+        parameters = {name: read_only_value(v.any_array(value, where.at(name))) for name, value in given.items()}
+        keep(self, kind=kind, parameters=ReadOnly(parameters))
+
+
+@converting
+@dataclass(frozen=True)
+class Tolerance:
+    """Standard deviations of what is known only nearly; 0 = exact.
+
+    `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt).
+    """
+
+    length: float = 0.0
+    clamp_position: float = 0.0
+    clamp_rotation: float = 0.0
+    gravity: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check that none is negative."""
+        for name, form in TOLERANCE.items():
+            keep(self, **{name: v.quantity(getattr(self, name), form, Where("Tolerance").at(name))})
+
+
+@converting
+@dataclass(frozen=True, eq=False)
+class StudyPose(Compared):
+    """One pose: how the cable was held, and what was measured of it.
+
+    `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns beyond what the quaternions tell; `scan` = file
+    of a point cloud; `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown.
+    """
+
+    name: str
+    role: str
+    start: Clamp
+    end: Clamp | None = None
+    turns: int = 0
+    curve: MeasuredCurve | None = None
+    scan: Path | None = None
+    guide_points: Annotated[np.ndarray, "k 3"] | None = None
+    viewpoints: Annotated[np.ndarray, "v 3"] | None = None
+    noise: float | None = None
+    repeat_of: str | None = None
+    guide_points_path: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check each field by itself, and keep read-only copies."""
+        keep(self, name=v.pose_name(self.name, Where("StudyPose").at("name")))
+        where = Where(f"StudyPose {v.shown(self.name)}")
+        if v.text(self.role, where.at("role")) not in ROLES:
+            raise where.at("role").fail(f'got {v.shown(self.role)}: write "fit" or "validate".')
+        self._check_ends(where)
+        if self.repeat_of is not None:
+            keep(self, repeat_of=v.text(self.repeat_of, where.at("repeat_of")))
+        if self.noise is not None:
+            noise = v.number(self.noise, where.at("noise"))
+            v.check_domain(noise, "positive", where.at("noise"))
+            keep(self, noise=noise)
+        self._check_shape(where)
+
+    def _check_ends(self, where: Where) -> None:
+        """Ends are clamps, and turns a whole number."""
+        of_kind(self.start, Clamp, where.at("start"), _CLAMP)
+        if self.end is not None:
+            of_kind(self.end, Clamp, where.at("end"), _CLAMP)
+        keep(self, turns=v.integer(self.turns, where.at("turns"), MOST_TURNS))
+
+    def _check_shape(self, where: Where) -> None:
+        """What was measured is of the right type."""
+        if self.curve is not None:
+            of_kind(self.curve, MeasuredCurve, where.at("curve"), "a MeasuredCurve, as in MeasuredCurve(points)")
+        if self.scan is not None:
+            scan = of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")
+            keep(self, scan=Path(scan))
+        if self.guide_points is not None:
+            keep(self, guide_points=read_only(arrays.points(self.guide_points, 2, where.at("guide_points"))))
+        if self.viewpoints is not None:
+            keep(self, viewpoints=read_only(v.rows(self.viewpoints, where.at("viewpoints"))))
