@@ -44,9 +44,9 @@ class Hang(BaseException):
 
 @dataclass(frozen=True)
 class Try:
-    """``act()`` attacks; files may appear below ``writes`` alone; ``must`` is the only right outcome, where there is one.
+    """``prepare()`` puts files there, ``act()`` attacks; ``must`` is the only right outcome, where there is one.
 
-    Files of the study stay as they are; with ``saves`` they may change where a copy of the old one stays beside them.
+    Files may appear or change below ``writes`` alone; with ``saves`` those that change leave a copy of the old one beside them.
     """
 
     name: str
@@ -54,6 +54,7 @@ class Try:
     writes: tuple[Path, ...] = ()
     must: str | None = None
     saves: bool = False
+    prepare: Callable[[], object] | None = None
 
 
 @dataclass
@@ -98,37 +99,42 @@ class Place:
 
     def attempt(self, one: Try, tally: Tally) -> None:
         """Make a try, judge it, and put everything back."""
+        clean = snapshot(self.watched)
+        if one.prepare is not None:
+            one.prepare()
         before = snapshot(self.watched)
         memory, began = reset_memory(), time.monotonic()
-        outcome, fault = _outcome(one)
+        outcome, said, fault = _outcome(one)
         took, memory = time.monotonic() - began, memory_mb() - memory
         after = snapshot(self.watched)
         if outcome not in (FAILURE, NOT_RUN):
-            fault = _harm(one, before, after) or _excess(one, outcome, took, memory)
-        restore(before, after)
+            fault = _harm(one, before, after) or _excess(one, outcome, said, memory)
+        restore(clean, after)
         tally.add(one, FAILURE if fault and outcome != NOT_RUN else outcome, fault, took, memory)
 
 
-def _outcome(one: Try) -> tuple[str, tuple[str, str] | None]:
+def _outcome(one: Try) -> tuple[str, str, tuple[str, str] | None]:
+    """What came of a try, what was said, and what is wrong with it: ``(kind, example)``."""
     signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
     try:
         one.act()
     except (Scan2FlexError, Refused) as refusal:
         said = str(refusal)
-        one_line = said.strip() and "\n" not in said and said.isprintable()
-        return (REFUSED, None) if one_line else (FAILURE, ("a refusal that is not one printable line", ascii(said[:300])))
+        if said.strip() and "\n" not in said and said.isprintable():
+            return REFUSED, said[:300], None
+        return FAILURE, "", ("a refusal that is not one printable line", ascii(said[:300]))
     except Wrong as wrong:
         kind, _, example = str(wrong).partition(": ")
-        return FAILURE, (kind, example[:600])
+        return FAILURE, "", (kind, example[:600])
     except NotRun as why:
-        return NOT_RUN, ("not run", str(why))
+        return NOT_RUN, "", ("not run", str(why))
     except Hang:
-        return FAILURE, ("a hang", f"more than {LIMIT_S:g} s")
+        return FAILURE, "", ("a hang", f"more than {LIMIT_S:g} s")
     except Exception as error:
-        return FAILURE, _fault(error)
+        return FAILURE, "", _fault(error)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-    return WORKED, None
+    return WORKED, "", None
 
 
 def _fault(error: Exception) -> tuple[str, str]:
@@ -163,11 +169,11 @@ def _below(path: Path, folder: Path) -> bool:
     return path == folder or folder in path.parents
 
 
-def _excess(one: Try, outcome: str, took: float, memory: float) -> tuple[str, str] | None:
+def _excess(one: Try, outcome: str, said: str, memory: float) -> tuple[str, str] | None:
     if memory > LIMIT_MB:
         return "too much memory", f"{memory:.0f} MB"
     if one.must and outcome != one.must:
-        return f"{outcome}, and not {one.must}", one.name
+        return f"{outcome}, and not {one.must}", said
     return None
 
 
@@ -249,6 +255,9 @@ def command(*words: object) -> Said:
             main()
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        finally:
+            if "matplotlib.pyplot" in sys.modules:  # a process of its own ends with its figures
+                sys.modules["matplotlib.pyplot"].close("all")
     return Said(code, out.getvalue(), err.getvalue()).judged()
 
 

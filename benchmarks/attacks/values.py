@@ -82,11 +82,8 @@ def text(changes: dict[tuple[str, str], str | None], more: str = "") -> str:
 
 
 def _toml(place: Place, folder: Path, name: str, toml: str, must: str | None = None) -> Try:
-    def act():
-        (folder / "study.toml").write_bytes(toml.encode())
-        taken(folder, place.root / "copy")
-
-    return Try(name, act, (folder / "study.toml", place.root / "copy"), must)
+    copy = place.root / "copy"
+    return Try(name, lambda: taken(folder, copy), (copy,), must, prepare=lambda: (folder / "study.toml").write_text(toml))
 
 
 def taken(folder: Path, copy: Path) -> None:
@@ -136,12 +133,11 @@ def _curves(place, folder, rng) -> Iterator[Try]:
 
 
 def _file(place, folder, name, file, data) -> Try:
-    def act():
+    def prepare():
         (folder / file).write_bytes(data)
         (folder / "study.toml").write_text(text({}))
-        taken(folder, place.root / "copy")
 
-    return Try(name, act, (folder / file, folder / "study.toml", place.root / "copy"))
+    return Try(name, lambda: taken(folder, place.root / "copy"), (place.root / "copy",), prepare=prepare)
 
 
 _NUMBERS = (

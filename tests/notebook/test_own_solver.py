@@ -107,7 +107,7 @@ def test_the_tolerance_of_newton_counts(newton):
     assert int(solved(max_steps=2).verdict.steps) == 2
 
 
-def test_what_is_no_solver_is_one_sentence():
+def test_what_is_no_solver_is_one_sentence(as_a_user_runs_it):
     with pytest.raises(Scan2FlexError, match="solver is LevenbergMarquardt: give None, an AbstractRodSolver"):
         solved(solver=optx.LevenbergMarquardt(1e-8, 1e-8))
     with pytest.raises(Scan2FlexError, match="solver is str"):
