@@ -195,16 +195,21 @@ def snapshot(folder: Path) -> dict[Path, tuple]:
 
 
 def restore(before: dict, after: dict) -> None:
-    """Remove what is new, and put back what has changed."""
+    """Remove what is new, and put back the files that have changed."""
     for path in after.keys() - before.keys():
-        if path.is_dir() and not path.is_symlink():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+        _remove(path)
     for path, (kind, contents) in before.items():
         if after.get(path) != (kind, contents) and kind == "file" and isinstance(contents, bytes):
+            _remove(path)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(contents)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def reset_memory() -> float:
