@@ -47,6 +47,7 @@ class Try:
     """``prepare()`` puts files there, ``act()`` attacks; ``must`` is the only right outcome, where there is one.
 
     Files may appear or change below ``writes`` alone; with ``saves`` those that change leave a copy of the old one beside them.
+    What ``stays`` meets the next try, temporary files too. A try that takes ``longest`` seconds hangs.
     """
 
     name: str
@@ -55,6 +56,8 @@ class Try:
     must: str | None = None
     saves: bool = False
     prepare: Callable[[], object] | None = None
+    stays: bool = False
+    longest: float = LIMIT_S
 
 
 @dataclass
@@ -109,13 +112,14 @@ class Place:
         after = snapshot(self.watched)
         if outcome not in (FAILURE, NOT_RUN):
             fault = _harm(one, before, after) or _excess(one, outcome, said, memory)
-        restore(clean, after)
+        if not one.stays:
+            restore(clean, after)
         tally.add(one, FAILURE if fault and outcome != NOT_RUN else outcome, fault, took, memory)
 
 
 def _outcome(one: Try) -> tuple[str, str, tuple[str, str] | None]:
     """What came of a try, what was said, and what is wrong with it: ``(kind, example)``."""
-    signal.setitimer(signal.ITIMER_REAL, LIMIT_S)
+    signal.setitimer(signal.ITIMER_REAL, one.longest)
     try:
         one.act()
     except (Scan2FlexError, Refused) as refusal:
@@ -129,7 +133,7 @@ def _outcome(one: Try) -> tuple[str, str, tuple[str, str] | None]:
     except NotRun as why:
         return NOT_RUN, "", ("not run", str(why))
     except Hang:
-        return FAILURE, "", ("a hang", f"more than {LIMIT_S:g} s")
+        return FAILURE, "", ("a hang", f"more than {one.longest:g} s")
     except Exception as error:
         return FAILURE, "", _fault(error)
     finally:
@@ -155,7 +159,7 @@ def _harm(one: Try, before: dict, after: dict) -> tuple[str, str] | None:
     for path in after.keys() - before.keys():
         if not any(_below(path, own) or _below(own, path) for own in one.writes):
             return "a file outside of what may be written", str(path)
-        if path.name.endswith((".tmp", ".part")):
+        if path.name.endswith((".tmp", ".part")) and not one.stays:
             return "a temporary file that stays", str(path)
     return None
 
