@@ -261,7 +261,8 @@ def command(*words: object) -> Said:
     """A command in this process, as the program runs it."""
     out, err, code = io.StringIO(), io.StringIO(), 0
     called = mock.patch.object(sys, "argv", ["scan2flex", *map(str, words)])
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), called:
+    ended = mock.patch("scan2flex_jax.cli.app.os._exit", sys.exit)  # it does not wait for threads; here they go on
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), called, ended:
         try:
             main()
         except SystemExit as end:
