@@ -19,7 +19,8 @@ import numpy as np
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.diagnosis.slots import empty_slots, load_of_fields
 from scan2flex_jax.effects import ordered
-from scan2flex_jax.effects.catalogue import CatalogueEntry, Context, Site, catalogue, entry_of
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
