@@ -12,6 +12,7 @@ from scan2flex_jax.rod.assembly import derivatives
 from scan2flex_jax.rod.energy import retract, supported
 from scan2flex_jax.rod.model import discretise
 from scan2flex_jax.statics import blocktridiagonal as bt
+from scan2flex_jax.statics import solve
 from scan2flex_jax.statics.verdict import MAX_STEPS_REACHED, SOLVED
 
 from . import rods
@@ -108,10 +109,11 @@ def test_the_tolerance_of_newton_counts(newton):
 
 
 def test_what_is_no_solver_is_one_sentence():
+    """Asked directly: in tests, annotations are checked before."""
     with pytest.raises(Scan2FlexError, match="solver is LevenbergMarquardt: give None, an AbstractRodSolver"):
-        solved(solver=optx.LevenbergMarquardt(1e-8, 1e-8))
+        solve._rod_solver(optx.LevenbergMarquardt(1e-8, 1e-8))
     with pytest.raises(Scan2FlexError, match="solver is str"):
-        solved(solver="bfgs")
+        solve._rod_solver("bfgs")
 
 
 def test_throw_raises_one_sentence():
