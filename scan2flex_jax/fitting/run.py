@@ -61,6 +61,7 @@ def fit(
     whole, scans, said = measured_by(study, data, method, distance, progress)
     problem = Problem(whole, elements, distance, slots)
     problem, minimum = _on_its_branches(problem, problem.minimise(method, progress), method, progress)
+    problem, minimum = branches.settled(problem, minimum, method, progress)
     turned, whole = branches.sentences(whole, problem.study), problem.study
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
