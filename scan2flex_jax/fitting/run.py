@@ -6,11 +6,10 @@ the priors that the noise gives their weight, and judge: intervals, what is open
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 
 import numpy as np
 
-from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.least_squares import silent
@@ -60,8 +59,7 @@ def fit(
     began, progress = time.perf_counter(), progress or silent
     whole, scans, said = measured_by(study, data, method, distance, progress)
     problem = Problem(whole, elements, distance, slots)
-    problem, minimum = _on_its_branches(problem, problem.minimise(method, progress), method, progress)
-    problem, minimum = branches.settled(problem, minimum, method, progress)
+    problem, minimum = branches.on_its_branches(problem, problem.minimise(method, progress), method, progress)
     turned, whole = branches.sentences(whole, problem.study), problem.study
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
@@ -107,34 +105,6 @@ def _correlation(covariance):
         correlation = covariance / np.outer(spread, spread)
     np.fill_diagonal(correlation, 1.0)
     return correlation
-
-
-def _on_its_branches(problem, minimum, method, progress):
-    """The problem and its minimum with every pose, validate poses too, a full turn off where that is what was measured."""
-    while True:
-        own = branches.distances(minimum.evaluation, problem.poses.mask) / problem.length
-        vectors = [minimum.shared]
-        if np.any(own > branches.ASTRAY):
-            vectors += [np.r_[x, minimum.shared[len(x) :]] for x in problem.starts()]
-        turns = []
-        for x in vectors:  # all poses that are nearer with other turns, and each of them alone
-            nearer = branches.nearest(problem, problem.study.fit_poses, own > branches.FAR, x)
-            turns += [nearer, *({name: n} for name, n in nearer.items())]
-        found = []
-        for other in (t for i, t in enumerate(turns) if t and t not in turns[:i]):
-            tried = problem.with_study(branches.with_turns(problem.study, other))
-            with suppress(NotSettledError):  # nothing settles with these turns
-                found.append((tried, tried.minimise(method, progress, branches.BETTER * minimum.cost)))
-            problem.evaluator.equilibria = tried.evaluator.equilibria
-        best = min(found, key=lambda pair: pair[1].cost, default=None)
-        if best is None or best[1].cost > branches.BETTER * minimum.cost:
-            break
-        problem, minimum = best
-    if unseen := problem.study.validate_poses:
-        own = branches.distances(problem.predicted(minimum), problem.held_out.mask) / problem.length
-        seen = branches.nearest(problem, unseen, own > branches.FAR, minimum.shared, branches.BETTER)
-        problem.hold_out(branches.with_turns(problem.study, seen))
-    return problem, minimum
 
 
 def _from_curves(problem, minimum, stated, progress):
