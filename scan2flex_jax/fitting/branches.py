@@ -25,6 +25,7 @@ import numpy as np
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
 
@@ -33,11 +34,12 @@ ASTRAY = 0.01  # of the length: one from which on a minimum may have gone where 
 _SAME = 1.01  # times the least distance: the same shape
 BETTER = 0.5  # of the squared distance of all poses: what other turns have to come down to
 _CLEAR = 25.0  # of squares in units of the noise: what they have to gain where their residual is noise; a chance of 1e-6
+_EQUAL = 1.0  # of the same squares: two turns may slip over the cable itself and lead to the same shapes
 _NOISE = 1.2  # times the noise of the curves: a residual that may be nothing else
 _FINEST = 2.0e-4  # of the length: a pose that is nearer is on its branch, whatever the noise
 _TURNS = (0, -1, 1)  # more than those of the study
-_BENDING = np.log([0.5, 0.8, 1.25, 2.0])  # of the grid: bending stiffness over that of the fit,
-_RATIO = np.log([0.1, 0.2, 0.4, 0.8, 1.6, 3.2])  # and torsional over bending stiffness
+_BENDING = np.log([0.6, 1.0, 1.7])  # of the grid: bending stiffness over that of the fit,
+_RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiffness
 _TRIED = 4  # choices of turns that a search may fit, the nearest ones
 _ALIKE = 0.4  # of the torques: what a choice of turns may change them by (the search by torques)
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit, of that search
@@ -154,20 +156,15 @@ def _beyond_doubt(problem, minimum, method, progress):
     found = [(problem, minimum, cost)]
     for tried, m in _fitted(problem, choices, method, progress, minimum.cost):
         found.append((tried, m, _cost_within_tolerances(tried, m, sigma)))
-    best = min(found, key=lambda f: f[2])
+    least = min(f[2] for f in found)
+    best = next(f for f in sorted(found, key=lambda f: _changes(problem.study, f[0].study)) if f[2] <= least + _EQUAL)
     clear = best[2] <= noise and cost - best[2] > _CLEAR
     return best[:2] if clear or best[2] < BETTER * cost else (problem, minimum)
 
 
-def white_noise(pose) -> float:
-    """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from fourth differences.
-
-    Bends between the points raise it, so that a curve of few points casts no doubt.
-    """
-    if pose.noise is not None:
-        return pose.noise
-    fourth = np.diff(pose.curve.points, n=4, axis=0)
-    return float(np.sqrt(np.mean(fourth**2) / 70.0)) if len(fourth) else np.inf
+def _changes(before, after) -> int:
+    """By how many turns the poses of two studies differ."""
+    return sum(abs(b.turns - a.turns) for b, a in zip(before.poses, after.poses, strict=True))
 
 
 def _cost_within_tolerances(problem, minimum, sigma):
@@ -179,14 +176,16 @@ def _cost_within_tolerances(problem, minimum, sigma):
 def _on_a_grid(problem, shared) -> list[_Choice]:
     """The nearest choices over a grid of stiffnesses, each at its best point."""
     study, best = problem.study, {}
-    near = [poses_of([replace(p, turns=p.turns + k) for p in study.fit_poses], problem.length, problem.elements) for k in _TURNS]
+    turned = [[replace(p, turns=p.turns + k) for p in study.fit_poses] for k in _TURNS]
+    near = [poses_of(some, problem.length, problem.elements) for some in turned]
     for x in _grid(problem, shared):
         found = []
         for poses in near:
             evaluator = problem.evaluator_of(poses)
             found.append(distances(evaluator(x, derivative=False), poses.mask))
             problem.evaluator.equilibria += evaluator.equilibria
-        which, off = np.argmin(found, axis=0), float(np.sum(np.min(found, axis=0) ** 2))
+        least = np.min(found, axis=0)
+        which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns where alike
         turns = {p.name: p.turns + _TURNS[k] for p, k in zip(study.fit_poses, which, strict=True)}
         key = tuple(turns.values())
         if np.isfinite(off) and (key not in best or off < best[key].off):

@@ -90,8 +90,9 @@ class Problem:
     ) -> Minimum:
         """The minimum from the start that fits better, and from the other one too where that leaves doubt.
 
-        With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Numbers with priors do not move yet. Of use is only a minimum below
-        ``beat``: what stays far above it is not followed to its end. Raises `NotSettledError` where no pose can be solved.
+        With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Numbers with
+        priors do not move yet. Of use is only a minimum below ``beat``: what stays far above it is not followed to its end.
+        Raises `NotSettledError` where no pose can be solved.
         """
         sigma = np.full(self.poses.count, 1e-3 * self.length)
         stated = [p.noise for p in self.study.fit_poses]

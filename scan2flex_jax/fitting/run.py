@@ -12,7 +12,9 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.direct import Direct, measured_by
+from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import silent
+from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
@@ -31,6 +33,8 @@ _SAYABLE = 5.0  # standard deviation of a logarithm beyond which an interval is 
 _PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
 _FELT = 0.3  # of the noise: what tolerances and the estimates' errors do to a validate pose is spoken of beyond it
 _SLOW, _LONG = 3.0, 0.2  # correlated over white noise, and correlation over cable length, of a residual that is no noise
+_BEYOND = 3.0  # times the noise: a residual that is none
+_LARGE = 0.01  # of the length: a smooth residual beyond it is no noise that anybody left unsaid
 _MESH = 5.0e-5  # of the length: a residual this small may be the mesh's
 
 
@@ -74,6 +78,7 @@ def fit(
         poses, solved = direct.pose_fits(minimum), direct.equilibria
         said = (*said, *direct.sentences())
     valid, verdict = _validity(poses, noise, stated, problem.length)
+    misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
     said = said if minimum.converged else (*said, _UNSETTLED)
     return Fit(
@@ -88,13 +93,14 @@ def fit(
         correlation=_correlation(known.covariance),
         poses=poses,
         noise=noise,
-        sentences=(*said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict),
+        sentences=(*said, *turned, *known.sentences, *_bound_sentences(estimates), *misfits, *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,
         cost=minimum.cost,
         turned=turned,
+        misfits=misfits,
     )
 
 
@@ -198,6 +204,22 @@ def _bound_sentences(estimates):
     return [
         f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound
     ]
+
+
+def _misfits(study, poses, length):
+    """Fitted poses whose residual is no noise: far beyond the stated one whatever its correlation, or large and smooth."""
+    said = []
+    for pose in study.fit_poses:
+        own, noise = poses[pose.name].rms, np.sqrt(NORMALS) * min(white_noise(pose), _LARGE * length)
+        beside = f"pose {pose.name} is {1e3 * own:.2f} mm (RMS) off its measured curve"
+        if pose.noise is not None and own > _BEYOND * noise:
+            said.append(f"{beside}, beside {1e3 * noise:.2f} mm of stated noise: {_NO_NOISE}")
+        elif pose.noise is None and own > max(_LARGE * length, _BEYOND * noise):
+            said.append(f"{beside}, {100 * own / length:.1f} % of the length and no noise of points: {_NO_NOISE}")
+    return tuple(said)
+
+
+_NO_NOISE = "something is missing or misread, and the values are not to be believed"
 
 
 def _validity(poses, noise, stated, length):
