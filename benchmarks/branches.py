@@ -97,6 +97,7 @@ def summary(studies: dict) -> dict:
     """Counts over all studies: refused, believed, and of the believed ones how the estimates lie about the truth."""
     believed = [s for s in studies.values() if s.get("believed")]
     out = {"studies": len(studies), "refused": sum("refused" in s for s in studies.values()), "believed": len(believed)}
+    out["turned"] = sum(bool(s.get("turned")) for s in studies.values())
     for letters in UNKNOWNS.values():
         z = np.abs([s[letters]["z"] for s in believed if s[letters]["z"] is not None])
         figures = {"determined": len(z), "covered": int(np.sum(z < 1.96)), "beyond": int(np.sum(z > SURE))}

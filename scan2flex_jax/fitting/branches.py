@@ -42,6 +42,7 @@ _BENDING = np.log([0.6, 1.0, 1.7])  # of the grid: bending stiffness over that o
 _RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiffness
 _TRIED = 4  # choices of turns that a search may fit, the nearest ones
 _ALIKE = 0.4  # of the torques: what a choice of turns may change them by (the search by torques)
+_TINY = 1.0e-9  # rad
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit, of that search
 
 
@@ -123,43 +124,48 @@ def _full_turns(problem, minimum, method, progress):
             nearer = nearest(problem, problem.study.fit_poses, own > FAR, x)
             turns += [nearer, *({name: n} for name, n in nearer.items())]
         choices = [_Choice(t, None, 0.0) for i, t in enumerate(turns) if t and t not in turns[:i]]
-        found = _fitted(problem, choices, method, progress, BETTER * minimum.cost)
-        best = min(found, key=lambda pair: pair[1].cost, default=None)
-        if best is None or best[1].cost > BETTER * minimum.cost:
+        found = list(_fitted(problem, choices, method, progress, BETTER * minimum.cost))
+        tried, best = min(found, key=lambda pair: pair[1].cost, default=(problem, minimum))
+        if tried is problem or best.cost > BETTER * minimum.cost:
             return problem, minimum
-        problem, minimum = best
+        tried.evaluator.equilibria = problem.evaluator.equilibria
+        problem, minimum = tried, best
 
 
 def _fitted(problem, choices, method, progress, beat):
-    """Problem and minimum of each choice with which anything settles."""
-    found = []
+    """Problem and minimum of each choice with which anything settles; counts what the caller solves with them too."""
     for choice in choices:
         tried = problem.with_study(with_turns(problem.study, choice.turns))
         with suppress(NotSettledError):
-            found.append((tried, tried.minimise(method, progress, beat, choice.start)))
+            yield tried, tried.minimise(method, progress, beat, choice.start)
         problem.evaluator.equilibria = tried.evaluator.equilibria
-    return found
 
 
 def _beyond_doubt(problem, minimum, method, progress):
     """The searches on the grid and by torques; minima are compared with the nearly known numbers free within tolerances."""
-    sigma = np.array([max(white_noise(p), _FINEST * problem.length) for p in problem.study.fit_poses])
-    noise = _NOISE**2 * NORMALS * np.sum(np.asarray(problem.poses.mask))
-    choices, cost = _by_torques(problem, minimum), None
-    own = distances(minimum.evaluation, problem.poses.mask) / (np.sqrt(NORMALS) * sigma)
-    if np.any(own > _NOISE):
-        cost = _cost_within_tolerances(problem, minimum, sigma)
-        choices += _on_a_grid(problem, minimum.shared) if cost > noise else []
-    if not choices:
+    if problem.evaluator.distance == "hausdorff":  # its residuals are no squares
         return problem, minimum
-    cost = _cost_within_tolerances(problem, minimum, sigma) if cost is None else cost
-    found = [(problem, minimum, cost)]
-    for tried, m in _fitted(problem, choices, method, progress, minimum.cost):
-        found.append((tried, m, _cost_within_tolerances(tried, m, sigma)))
-    least = min(f[2] for f in found)
-    best = next(f for f in sorted(found, key=lambda f: _changes(problem.study, f[0].study)) if f[2] <= least + _EQUAL)
-    clear = best[2] <= noise and cost - best[2] > _CLEAR
-    return best[:2] if clear or best[2] < BETTER * cost else (problem, minimum)
+    finest, coarsest = _FINEST * problem.length, ASTRAY * problem.length
+    sigma = np.clip([white_noise(p) for p in problem.study.fit_poses], finest, coarsest)
+    noise = _NOISE**2 * NORMALS * np.sum(np.asarray(problem.poses.mask))
+    choices = _by_torques(problem, minimum)
+    doubt = np.any(distances(minimum.evaluation, problem.poses.mask) > _NOISE * np.sqrt(NORMALS) * sigma)
+    if not (doubt or choices):
+        return problem, minimum
+    cost = _cost_within_tolerances(problem, minimum, sigma)
+    choices += _on_a_grid(problem, minimum.shared) if doubt and cost > noise else []
+    found = [(cost, problem, minimum)]
+    for tried, m in _fitted(problem, choices, "least-squares", progress, minimum.cost):
+        found.append((_cost_within_tolerances(tried, m, sigma), tried, m))
+    least = min(f[0] for f in found)
+    alike = [f for f in found if f[0] <= least + _EQUAL]
+    least, tried, m = min(alike, key=lambda f: _changes(problem.study, f[1].study))
+    if least >= BETTER * cost and (least > noise or cost - least <= _CLEAR):
+        return problem, minimum
+    tried.evaluator.equilibria = problem.evaluator.equilibria
+    if method != "least-squares":
+        m = tried.minimise(method, progress, start=m.shared[: problem.layout.unknowns])
+    return tried, m
 
 
 def _changes(before, after) -> int:
@@ -175,7 +181,8 @@ def _cost_within_tolerances(problem, minimum, sigma):
 
 def _on_a_grid(problem, shared) -> list[_Choice]:
     """The nearest choices over a grid of stiffnesses, each at its best point."""
-    study, best = problem.study, {}
+    study = problem.study
+    best: dict[tuple[int, ...], _Choice] = {}
     turned = [[replace(p, turns=p.turns + k) for p in study.fit_poses] for k in _TURNS]
     near = [poses_of(some, problem.length, problem.elements) for some in turned]
     for x in _grid(problem, shared):
@@ -215,15 +222,16 @@ def _by_torques(problem, minimum) -> list[_Choice]:
     poses, torsion = problem.study.fit_poses, _slot(problem, STIFFNESSES[1])
     if torsion is None or len(poses) < 2:
         return []
-    phi, found = np.array([total_twist(R) for R in minimum.evaluation.configuration.R]), {}
+    found: dict[tuple[int, ...], _Choice] = {}
+    phi = np.array([total_twist(R) for R in minimum.evaluation.configuration.R])
     held = [p.end is not None and p.end.quaternion is not None and p.start.quaternion is not None for p in poses]
     for stiffer in _TORSION:
         k = np.where(held, np.clip(np.round((phi / stiffer - phi) / (2 * np.pi)), -1, 1), 0)
         twist = phi + 2 * np.pi * k
-        factor = phi @ twist / max(twist @ twist, 1e-12)
-        off = np.linalg.norm(phi - factor * twist) / max(np.linalg.norm(phi), 1e-12)
+        factor = phi @ twist / (twist @ twist + _TINY)
+        off = float(np.linalg.norm(phi - factor * twist) / (np.linalg.norm(phi) + _TINY))
         if np.any(k) and factor > 0 and off < _ALIKE:
             start = minimum.shared[: problem.layout.unknowns].copy()
             start[torsion] += np.log(factor)
-            found[tuple(k)] = _Choice({p.name: p.turns + int(n) for p, n in zip(poses, k, strict=True)}, start, off)
+            found[tuple(map(int, k))] = _Choice({p.name: p.turns + int(n) for p, n in zip(poses, k, strict=True)}, start, off)
     return sorted(found.values(), key=lambda choice: choice.off)[:_TRIED]
