@@ -1,4 +1,4 @@
-"""The tables of docs/robustness.md: cables far from everyday ones, and broken files. See `benchmarks.tables`."""
+"""The tables of docs/robustness.md: cables far from everyday ones, branches, broken files. See `benchmarks.tables`."""
 
 from pathlib import Path
 
@@ -34,4 +34,19 @@ def fuzz() -> str:
     return table(["reader", "inputs", "refused in one sentence", "slowest", "failures"], rows) + said + made_on(entry)
 
 
-TABLES = {"extremes": extremes, "fuzz": fuzz}
+def branches() -> str:
+    """Random twisted studies: how many were believed, and how their estimates lie about the truth."""
+    entry = load("branches")
+    r, rows = entry["results"]["summary"], []
+    for letters in ("EI", "GJ"):
+        e = r[letters]
+        covered = f"{e['covered']} of {e['determined']}"
+        rows.append([letters, covered, f"{e['largest']:.1f}", e["beyond"]])
+    doubted = r["studies"] - r["believed"] - r["refused"]
+    counts = f"{r['studies']} studies: {r['believed']} believed, {doubted} not believed, {r['refused']} refused"
+    said = f"\n{counts}; turns other than the stated ones in {r['turned']}.\n"
+    head = ["of the believed studies", "95 % intervals that hold the truth", "largest abs(z)", "abs(z) above 4"]
+    return table(head, rows) + said + made_on(entry)
+
+
+TABLES = {"extremes": extremes, "branches": branches, "fuzz": fuzz}

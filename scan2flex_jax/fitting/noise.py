@@ -90,6 +90,17 @@ def _nearest(objective, smoothness, u, reach):
     return f.fun, smoothness, f.x
 
 
+def white_noise(pose) -> float:
+    """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from fourth differences.
+
+    Bends between the points raise it, so that a curve of few points casts no doubt.
+    """
+    if pose.noise is not None:
+        return pose.noise
+    fourth = np.diff(pose.curve.points, n=4, axis=0)
+    return float(np.sqrt(np.mean(fourth**2) / 70.0)) if len(fourth) else np.inf
+
+
 def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
     """Restricted maximum likelihood.
 

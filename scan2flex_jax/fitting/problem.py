@@ -85,11 +85,14 @@ class Problem:
         free = start_vector(_without_guesses(self.study), self.layout, own)
         return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
 
-    def minimise(self, method: str, progress: Progress = silent, beat: float = np.inf) -> Minimum:
+    def minimise(
+        self, method: str, progress: Progress = silent, beat: float = np.inf, start: np.ndarray | None = None
+    ) -> Minimum:
         """The minimum from the start that fits better, and from the other one too where that leaves doubt.
 
-        The slower methods use the first start only. Numbers with priors do not move yet. Of use is only a minimum below
-        ``beat``: what stays far above it is not followed to its end. Raises `NotSettledError` where no pose can be solved.
+        With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Numbers with
+        priors do not move yet. Of use is only a minimum below ``beat``: what stays far above it is not followed to its end.
+        Raises `NotSettledError` where no pose can be solved.
         """
         sigma = np.full(self.poses.count, 1e-3 * self.length)
         stated = [p.noise for p in self.study.fit_poses]
@@ -97,11 +100,12 @@ class Problem:
             sigma = np.array(stated, float)
         goal = replace(self.goal(sigma, progress), beat=beat)
         prior = np.zeros(self.layout.shared - self.layout.unknowns)
+        starts = self.starts() if start is None else [start]
         if method != "least-squares":
             run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
-            return self._finite(run(goal, np.r_[self.starts()[0], prior]))
+            return self._finite(run(goal, np.r_[starts[0], prior]))
         local = np.zeros((self.poses.count, self.layout.local))
-        begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in self.starts())]
+        begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in starts)]
         begun.sort(key=lambda start: goal.cost(start[1], start[0], local))
         found = []
         for x, evaluation in begun:

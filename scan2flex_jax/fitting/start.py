@@ -73,7 +73,8 @@ def _pose_equations(poses, i, length, weight):
     r = curve(at)
     lever = np.stack([np.cross(r - r[0], e) for e in np.eye(3)], axis=2)
     constant = np.broadcast_to(-np.eye(3), (len(at), 3, 3))
-    shared = np.stack([binormal, _twist_rate(poses, i, length) * t], axis=2)
+    twist = total_twist(np.asarray(poses.start.R[i])) / length  # of the start; zero where an end is free to turn
+    shared = np.stack([binormal, twist * t], axis=2)
     local = np.concatenate([constant, lever], axis=2)
     rows = 3 * len(at)
     return shared.reshape(rows, 2), local.reshape(rows, 6), np.cross(moment, weight).reshape(rows)
@@ -88,11 +89,10 @@ def _spline(s, points):
     return make_lsq_spline(s, points, knots, k=degree)
 
 
-def _twist_rate(poses, i, length):
-    """Twist (rad/m) of the start that follows the measured curve; zero where an end is free to turn."""
-    R = np.asarray(poses.start.R[i])
+def total_twist(R: np.ndarray) -> float:
+    """Twist (rad) of a cable with node frames ``R`` (n, 3, 3): what its frames turn about their tangents beyond transport."""
     relative = np.einsum("nji,njk->nik", R[:-1], R[1:])
-    return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])) / length)
+    return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])))
 
 
 def _assemble(blocks):
