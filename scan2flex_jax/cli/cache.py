@@ -4,8 +4,8 @@ It lies in ``$SCAN2FLEX_CACHE``, by default ``scan2flex`` under the user's cache
 without. It holds nothing but compiled functions and may be deleted at any time. They are machine code: a folder of another
 user (the administrator apart) is not used. Without a folder of one's own, it lies in the folder for temporary files.
 
-JAX compiles a function anew when its entry is damaged, warns, and keeps the damaged entry. Here every entry begins with its
-SHA-256, is put there in one step, and is thrown away when it is not what was written.
+JAX compiles a function anew when its entry is damaged, warns, and keeps the damaged entry. Here every entry begins with the
+SHA-256 of its key and itself, is put there in one step, and is thrown away when it is not what was written under this key.
 """
 
 import contextlib
@@ -31,8 +31,10 @@ class Entries:
         """What was put under a key; None where nothing is, or not the whole of it."""
         file = self._file(key)
         with contextlib.suppress(OSError):
+            if not file.is_file():  # a pipe would be waited for
+                return None
             data = file.read_bytes()
-            if hashlib.sha256(data[_DIGEST:]).digest() == data[:_DIGEST]:
+            if _digest(key, data[_DIGEST:]) == data[:_DIGEST]:
                 return data[_DIGEST:]
             file.unlink()
         return None
@@ -42,10 +44,14 @@ class Entries:
         from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
 
         with contextlib.suppress(OSError):
-            write_atomic(self._file(key), hashlib.sha256(value).digest() + value)
+            write_atomic(self._file(key), _digest(key, value) + value)
 
     def _file(self, key: str) -> Path:
         return self._path / f"{key}-checked"
+
+
+def _digest(key: str, value: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + b"\0" + value).digest()
 
 
 def cache_folder() -> Path | None:

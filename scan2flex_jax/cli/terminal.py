@@ -32,8 +32,10 @@ def complain(sentence: str) -> None:
 
 def close_output() -> None:
     """Send what is left of standard output nowhere: Python would try again at its end, and say so."""
-    if sys.stdout is None:
+    try:
+        handle = sys.stdout.fileno()
+    except (AttributeError, ValueError):  # no output at all, or one in memory
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
+    os.dup2(nowhere, handle)
     os.close(nowhere)

@@ -12,6 +12,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.reals import reals
 
 _ORTHONORMAL = 1.0e-3  # of the entries of R R' - 1: what four written digits leave
 CLAMP, BALL, FREE = (1.0,) * 6, (1.0,) * 3 + (0.0,) * 3, (0.0,) * 6
@@ -54,15 +55,10 @@ def _support(pair):
     if pair is None:
         return np.zeros(3), np.eye(3), FREE
     position, rotation = pair
-    position = position if isinstance(position, jax.Array) else np.asarray(position, float)
-    if position.shape != (3,):
-        raise Scan2FlexError(f"Boundary: a position has shape {position.shape}: give three numbers in m.")
+    position = reals(position, "Boundary: a position", (3,))
     if rotation is None:
         return position, np.eye(3), BALL
-    rotation = rotation if isinstance(rotation, jax.Array) else np.asarray(rotation, float)
-    if rotation.shape not in ((4,), (3, 3)):
-        got = f"Boundary: a rotation has shape {rotation.shape}"
-        raise Scan2FlexError(f"{got}: give a quaternion [w, x, y, z], a 3x3 matrix with columns d1, d2, d3, or None.")
+    rotation = reals(rotation, "Boundary: a rotation", (4,), (3, 3))
     if not isinstance(rotation, jax.core.Tracer):
         _check_rotation(np.asarray(rotation))
     return position, rotation_of_quaternion(rotation) if rotation.shape == (4,) else rotation, CLAMP

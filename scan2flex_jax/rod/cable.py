@@ -15,6 +15,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.reals import reals
 
 NEARLY_RIGID = 1.0e5  # N: shear and axial stiffness of a cable seen to be nearly inextensible (paper, Section 5.1)
 
@@ -49,22 +50,22 @@ class Cable(eqx.Module):
         natural_curvature: Quantity = 0.0,
         natural_stretch: Quantity = 0.0,
     ) -> None:
-        """Numbers, lists or arrays, broadcast to the shapes of the fields (converters of fields are unknown to mypy)."""
-        self.length = _array(length, ())
-        self.length_density = _array(length_density, ())
-        self.bending_stiffness = _array(bending_stiffness, (2,))
-        self.torsional_stiffness = _array(torsional_stiffness, ())
-        self.shear_stiffness = _array(shear_stiffness, (2,))
-        self.axial_stiffness = _array(axial_stiffness, ())
-        self.natural_curvature = _array(natural_curvature, (3,))
-        self.natural_stretch = _array(natural_stretch, (3,))
+        """Numbers, lists or arrays, broadcast to the shapes of the fields; raises `Scan2FlexError` for anything else."""
+        self.length = _array(length, "length", ())
+        self.length_density = _array(length_density, "length_density", ())
+        self.bending_stiffness = _array(bending_stiffness, "bending_stiffness", (2,))
+        self.torsional_stiffness = _array(torsional_stiffness, "torsional_stiffness", ())
+        self.shear_stiffness = _array(shear_stiffness, "shear_stiffness", (2,))
+        self.axial_stiffness = _array(axial_stiffness, "axial_stiffness", ())
+        self.natural_curvature = _array(natural_curvature, "natural_curvature", (3,))
+        self.natural_stretch = _array(natural_stretch, "natural_stretch", (3,))
 
     def __check_init__(self):
         require_float64()
 
 
-def _array(value: Quantity, shape: tuple[int, ...]) -> Array:
-    return jnp.broadcast_to(jnp.asarray(value, float), shape)
+def _array(value: Quantity, name: str, shape: tuple[int, ...]) -> Array:
+    return jnp.broadcast_to(reals(value, f"Cable: {name}", *dict.fromkeys(((), shape))), shape)
 
 
 def require_float64() -> None:

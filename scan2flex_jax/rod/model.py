@@ -17,12 +17,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable, Quantity
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
+from scan2flex_jax.rod.reals import reals
 
 
 class Configuration(NamedTuple):
@@ -54,12 +54,9 @@ class CableModel(eqx.Module):
     effects: tuple[AbstractEffect, ...]
 
     def __init__(self, cable: Cable, gravity: Quantity, effects: AbstractEffect | Iterable[AbstractEffect] = ()) -> None:
-        """Numbers of any kind become arrays (converters of fields are unknown to mypy)."""
-        self.cable, self.gravity, self.effects = cable, jnp.asarray(gravity, float), _effects(effects)
-
-    def __check_init__(self):
-        if self.gravity.shape != (3,):
-            raise Scan2FlexError(f"CableModel: gravity has shape {self.gravity.shape}: give three numbers in m/s^2.")
+        """Numbers of any kind become arrays; raises `Scan2FlexError` for a gravity that is not three of them."""
+        self.cable, self.effects = cable, _effects(effects)
+        self.gravity = jnp.asarray(reals(gravity, "CableModel: gravity", (3,)))
 
 
 class Rod(eqx.Module):

@@ -20,6 +20,7 @@ from scan2flex_jax.rod.assembly import out_of_balance, section_forces
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.energy import potential_energy
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
+from scan2flex_jax.statics.arguments import above_zero, check_start
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 from scan2flex_jax.statics.implicit import settled
 from scan2flex_jax.statics.newton import MixedNewton
@@ -112,7 +113,8 @@ def solve_rod(
     A solve that fails is told by the `Verdict` of the answer, so that one rod of a batch harms no other; with ``throw`` it
     raises `Scan2FlexError`, under `jax.jit` equinox's runtime error. Differentiable to any order in every array of ``rod``.
     """
-    found = _solve_rod(rod, start, turns, _rod_solver(solver), max_steps)
+    check_start(start, rod.elements + 1, turns)
+    found = _solve_rod(rod, start, turns, _rod_solver(solver), _allowed(max_steps))
     return _raised(found) if throw else found
 
 
@@ -132,7 +134,9 @@ def equilibrium(
     ``start`` pins the branch; left out, it is a generic sag along gravity with ``turns`` full turns of twist. The other
     arguments are those of `solve_rod`. Differentiable to any order in every array of ``model`` and ``boundary``.
     """
-    found = _equilibrium(model, boundary, start, turns, elements, _rod_solver(solver), max_steps)
+    elements = above_zero(elements, "elements")
+    check_start(start, elements + 1, turns)
+    found = _equilibrium(model, boundary, start, turns, elements, _rod_solver(solver), _allowed(max_steps))
     return _raised(found) if throw else found
 
 
@@ -165,6 +169,10 @@ def _raised(found: Equilibrium) -> Equilibrium:
         return found
     sentences = [f"the rod was not solved: {SENTENCES[i]}" for i in range(1, len(SENTENCES))]
     return eqx.branched_error_if(found, code != 0, code - 1, sentences)
+
+
+def _allowed(max_steps: int | None) -> int | None:
+    return None if max_steps is None else above_zero(max_steps, "max_steps")
 
 
 def _rod_solver(solver: object) -> AbstractRodSolver:

@@ -98,7 +98,7 @@ def table_of(value: Any, where: Where, example: str) -> dict[str, Any]:
 
 def all_of_kind(values: Any, kind: type | tuple[type, ...], where: Where, example: str) -> tuple[Any, ...]:
     """Every entry of a list or tuple, each an instance of `kind`."""
-    single = isinstance(values, str | Mapping) or not isinstance(values, Iterable)
+    single = isinstance(values, str | Mapping) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0
     if single or isinstance(values, kind):
         raise where.fail(f"got {shown(values)}: give a list, as in [{example}].")
     return tuple(of_kind(entry, kind, where.item(i + 1), example) for i, entry in enumerate(values))

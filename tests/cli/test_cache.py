@@ -61,6 +61,24 @@ def test_a_damaged_entry_is_thrown_away(tmp_path, damage):
     assert entries.get("a") == b"new"
 
 
+def test_an_entry_counts_under_its_own_key_alone(tmp_path):
+    """Another function's code in the place of this one's would compute something else."""
+    entries = cache.Entries(tmp_path)
+    entries.put("a", b"one")
+    entries.put("b", b"two")
+    (tmp_path / "a-checked").replace(tmp_path / "b-checked")
+    assert entries.get("a") is None and entries.get("b") is None
+
+
+def test_what_is_no_file_is_no_entry(tmp_path):
+    entries = cache.Entries(tmp_path)
+    os.mkfifo(tmp_path / "pipe-checked")
+    (tmp_path / "folder-checked").mkdir()
+    (tmp_path / "loop-checked").symlink_to(tmp_path / "loop-checked")
+    for key in ("pipe", "folder", "loop"):
+        assert entries.get(key) is None
+
+
 def test_jax_makes_damaged_entries_anew_and_says_nothing(tmp_path):
     found, asked, said = compiled(start(SCAN2FLEX_CACHE=tmp_path))
     assert found == 0 < asked and said == ""

@@ -54,6 +54,7 @@ MISTAKES = {
     "one StudyPose": (lambda: replace(made(), poses=made().poses[0]), "Study: poses: got StudyPose(name='p1'"),
     "pose of arrays": (lambda: made(poses=[POINTS]), "Study: poses[1]: got array("),
     "poses None": (lambda: replace(made(), poses=None), "Study: poses: got None: give a list, as in [StudyPose(...)]"),
+    "poses of no dimension": (lambda: replace(made(), poses=np.array(0.1)), "Study: poses: got array(0.1): give a list"),
     "two of a name": (lambda: made(poses=[pose(name="a"), pose(name="a")]), "Study: pose[2].name: two poses are called 'a'"),
     "no name": (lambda: made(poses=[pose(name=" ")]), "Study: pose[ ].name: the name is empty"),
     "name": (lambda: made(poses=[pose(name=1)]), "Study: pose[1].name: got 1: write a text"),

@@ -12,7 +12,6 @@ from scan2flex_jax.rod.assembly import derivatives
 from scan2flex_jax.rod.energy import retract, supported
 from scan2flex_jax.rod.model import discretise
 from scan2flex_jax.statics import blocktridiagonal as bt
-from scan2flex_jax.statics import solve
 from scan2flex_jax.statics.verdict import MAX_STEPS_REACHED, SOLVED
 
 from . import rods
@@ -108,12 +107,11 @@ def test_the_tolerance_of_newton_counts(newton):
     assert int(solved(max_steps=2).verdict.steps) == 2
 
 
-def test_what_is_no_solver_is_one_sentence():
-    """Asked directly: in tests, annotations are checked before."""
+def test_what_is_no_solver_is_one_sentence(as_a_user_runs_it):
     with pytest.raises(Scan2FlexError, match="solver is LevenbergMarquardt: give None, an AbstractRodSolver"):
-        solve._rod_solver(optx.LevenbergMarquardt(1e-8, 1e-8))
+        solved(solver=optx.LevenbergMarquardt(1e-8, 1e-8))
     with pytest.raises(Scan2FlexError, match="solver is str"):
-        solve._rod_solver("bfgs")
+        solved(solver="bfgs")
 
 
 def test_throw_raises_one_sentence():

@@ -1,5 +1,7 @@
 """Devices, pipes and streams are written to and stay what they are; what cannot be written is one sentence and exit code 2."""
 
+import contextlib
+import io
 import json
 import os
 import stat
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from scan2flex_jax.cli import main
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import files, load_study, write_json_atomic
 from scan2flex_jax.study.outputs import LIST, Outputs, write_file
@@ -138,6 +141,14 @@ def test_names_that_the_terminal_cannot_show_are_printed(study, tmp_path):
         found = scenes.scan2flex("check", odd, env=env)
         assert (found.returncode, found.stderr) == (0, "")
         assert "Poses: 1" in found.stdout
+
+
+def test_a_path_that_is_too_long_is_one_sentence_where_the_output_is_in_memory(study, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["scan2flex", "check", str(study), "--json", str(tmp_path / ("x" * 300))])
+    with contextlib.redirect_stdout(io.StringIO()), pytest.raises(SystemExit) as end:
+        main()
+    said = capsys.readouterr().err
+    assert end.value.code == 2 and said.count("\n") == 1 and "File name too long" in said
 
 
 def test_an_output_that_is_closed_is_no_traceback(study):

@@ -1,0 +1,30 @@
+"""What a caller asks of a solve, looked at before anything is compiled: one sentence in place of a fault inside a trace."""
+
+import operator
+from typing import Any
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.rod.model import Configuration
+from scan2flex_jax.rod.reals import reals
+
+
+def check_start(start: Any, nodes: int, turns: Any) -> None:
+    """Raise `Scan2FlexError` for a start that is no configuration of so many nodes, and for turns that are no number."""
+    reals(turns, "turns", ())
+    if start is None:
+        return
+    if not isinstance(start, Configuration):
+        raise Scan2FlexError(f"start is {type(start).__name__}: give a Configuration, as another equilibrium has it, or None.")
+    reals(start.r, "the positions of start", (nodes, 3))
+    reals(start.R, "the rotations of start", (nodes, 3, 3))
+
+
+def above_zero(value: Any, name: str) -> int:
+    """A whole number above zero, numpy's too; raises `Scan2FlexError`."""
+    try:
+        number = 0 if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1:
+        raise Scan2FlexError(f"{name} is {' '.join(repr(value).split())[:60]}: give a whole number above zero.")
+    return number
