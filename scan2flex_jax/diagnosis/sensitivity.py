@@ -76,7 +76,7 @@ class Bench:
 
     def __init__(self, problem, minimum, poses=None):
         """From a fit's problem and minimum; ``poses`` other than the fitted ones (for prediction)."""
-        self.problem, self.minimum, self.layout, self.template = problem, minimum, problem.layout, problem.template
+        self.problem, self.minimum, self.layout = problem, minimum, problem.layout
         self.elements, self.poses = problem.elements, problem.poses if poses is None else poses
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
@@ -145,8 +145,8 @@ class Bench:
         for i in range(self.poses.count):
             x = vector[numbers.of_pose(i)]
             state, _ = self._state((), x, i)
-            given = (self.layout, self.elements, make, shape, self.template, one(self.poses.boundary, i), jnp.asarray(x))
-            tangents = _field(*given, self.nulls)
+            given = (self.layout, self.elements, make, shape, self.poses.template(i), one(self.poses.boundary, i))
+            tangents = _field(*given, jnp.asarray(x), self.nulls)
             out.append(self._solve(state, jax.tree.map(np.asarray, tangents), i, one(start, i)).columns)
         return out
 
@@ -158,13 +158,13 @@ class Bench:
     def _state(self, components, x, i):
         kinds, sites = tuple(c.kind for c in components), tuple(_numeric(c.site) for c in components)
         moving = tuple(c.moving for c in components)
-        given = (self.layout, self.elements, kinds, moving, self.template, one(self.poses.boundary, i), jnp.asarray(x))
+        given = (self.layout, self.elements, kinds, moving, self.poses.template(i), one(self.poses.boundary, i), jnp.asarray(x))
         state, tangents = _state(*given, sites, self._scene(i), self.nulls)
         return state, jax.tree.map(np.asarray, tangents)
 
     def _scan(self, kind, components, x, i, start):
         sites = jax.tree.map(lambda *v: np.stack(v), *[_numeric(c.site) for c in components])
-        given = (self.layout, self.elements, kind, len(components), self.template, one(self.poses.boundary, i))
+        given = (self.layout, self.elements, kind, len(components), self.poses.template(i), one(self.poses.boundary, i))
         return jax.tree.map(np.asarray, _scan(*given, jnp.asarray(x), sites, self._scene(i), self.nulls, start))
 
     def _scene(self, i):

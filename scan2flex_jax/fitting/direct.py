@@ -125,10 +125,10 @@ class Direct:
             others.weights = cloud.weigh(others.look(minimum.shared).raw, others)
             e = others(minimum.shared, derivative=False)
             groups.append((study.validate_poses, others, e))
-        model = model_at(self.problem.layout, self.problem.template, minimum.shared)
         for study_poses, evaluator, e in groups:
             found = cloud_noise.stations(evaluator, e, self.problem.length)
             for i, pose in enumerate(study_poses):
+                model = model_at(self.problem.layout, evaluator.poses.template(i), minimum.shared)
                 out[pose.name] = self._pose_fit(pose, found[i], e, i, model)
         return {p.name: out[p.name] for p in study.poses}
 

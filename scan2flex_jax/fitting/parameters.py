@@ -20,7 +20,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
-from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
 # Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
@@ -65,13 +65,17 @@ class Slot:
 
 @dataclass(frozen=True)
 class Layout:
-    """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known."""
+    """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known.
+
+    The scan frame is tilted about the two axes across gravity, or about three where poses differ in gravity.
+    """
 
     slots: tuple[Slot, ...]
     length_tolerance: float
     gravity_tolerance: float
     position_tolerance: float
     rotation_tolerance: float
+    gravity_axes: int = 2
 
     @property
     def unknowns(self) -> int:
@@ -81,7 +85,7 @@ class Layout:
     @property
     def shared(self) -> int:
         """Numbers that all poses share: unknowns, then nearly known ones."""
-        return self.unknowns + (self.length_tolerance > 0) + 2 * (self.gravity_tolerance > 0)
+        return self.unknowns + (self.length_tolerance > 0) + self.gravity_axes * (self.gravity_tolerance > 0)
 
     @property
     def local(self) -> int:
@@ -103,7 +107,8 @@ def layout_of(study) -> Layout:
         at += slot.size
     t = study.tolerance
     length = 0.0 if "length" in study.unknown_names else t.length
-    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation)
+    axes = 2 if all(pose.gravity is None for pose in study.poses) else 3
+    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation, axes)
 
 
 def _slot(study, unknown, at):
@@ -129,13 +134,16 @@ def _format(name):
     return kind_format(kind).parameter(parameter) if dot else CABLE[name]
 
 
-def template(study) -> CableModel:
-    """The study's model with every unknown at the value given for it (or at one where nothing is given)."""
+def template(study, pose: StudyPose | None = None) -> CableModel:
+    """The model of a pose, with every unknown at the value given for it (or at one where nothing is given).
+
+    Without a pose, that of any pose that has no gravity and no effects of its own.
+    """
     known = {key: value for key, value in study.cable.items() if key != "radius"}
     filler = {"length_density": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "length": 1.0}
     cable = Cable(**{**filler, "shear_stiffness": NEARLY_RIGID, "axial_stiffness": NEARLY_RIGID, **known})
     effects = []
-    for declaration in study.effects:
+    for declaration in study.acting(pose):
         form, given = kind_format(declaration.kind), dict(declaration.parameters)
         for parameter in form.parameters:
             name = f"{declaration.kind}.{parameter.name}"
@@ -144,7 +152,7 @@ def template(study) -> CableModel:
                 shape = parameter.shapes(len(study.clamped_ends))[0]
                 given[parameter.name] = np.ones(shape) * 1e-3 if start is None else start
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
-    return CableModel(cable, jnp.asarray(study.gravity), ordered(effects))
+    return CableModel(cable, jnp.asarray(study.gravity_in(pose)), ordered(effects))
 
 
 def model_at(layout: Layout, model: CableModel, x) -> CableModel:
@@ -158,17 +166,27 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
         model = eqx.tree_at(lambda m: m.cable.length, model, length)
         at += 1
     if layout.gravity_tolerance > 0:
-        g = model.gravity
-        size = jnp.linalg.norm(g)
-        down = g / jnp.where(size > 0, size, 1.0)
-        across = jnp.linalg.svd(down[None, :])[2][1:]
-        tilt = lie.so3_exp(layout.gravity_tolerance * (x[at] * across[0] + x[at + 1] * across[1]))
-        model = eqx.tree_at(lambda m: m.gravity, model, tilt @ g)
+        turn = _tilt(model.gravity, x[at : at + layout.gravity_axes])
+        tilt = lie.so3_exp(layout.gravity_tolerance * turn)
+        model = eqx.tree_at(lambda m: m.gravity, model, tilt @ model.gravity)
     return model
 
 
-def model_of(study: Study) -> CableModel:
-    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
+def _tilt(gravity, x):
+    """The rotation vector of a tilt: across gravity where it has two numbers."""
+    if len(x) == 3:
+        return x
+    size = jnp.linalg.norm(gravity)
+    down = gravity / jnp.where(size > 0, size, 1.0)
+    across = jnp.linalg.svd(down[None, :])[2][1:]
+    return x[0] * across[0] + x[1] * across[1]
+
+
+def model_of(study: Study, pose: StudyPose | None = None) -> CableModel:
+    """The model of a pose with every unknown at its value or guess; raises `StudyError` where one has neither.
+
+    A pose may have its own gravity, and effects that act in it only. Without ``pose``: the model of a pose that has neither.
+    """
     check_study(study, "predict")
     for unknown in study.unknowns:
         if study.start_value(unknown.name) is None:
@@ -178,14 +196,16 @@ def model_of(study: Study) -> CableModel:
             )
     layout = layout_of(study)
     x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
-    return model_at(layout, template(study), x)
+    return model_at(layout, template(study, pose), x)
 
 
 def _put(model, name, value, end):
     kind, dot, parameter = name.partition(".")
     if not dot:
         return eqx.tree_at(lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape))
-    i = next(k for k, e in enumerate(model.effects) if e.kind == kind)
+    i = next((k for k, e in enumerate(model.effects) if e.kind == kind), None)
+    if i is None:  # it acts in other poses only
+        return model
     old = getattr(model.effects[i], parameter)
     if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two
         value = old.at[end].set(value[0])
@@ -207,7 +227,8 @@ def start_vector(study, layout: Layout, own: Mapping[str, float | np.ndarray]) -
     for slot in layout.slots:
         value = study.start_value(slot.name)
         if value is None:
-            value = own.get(slot.name, np.exp(np.add(slot.low, slot.high) / 2) if slot.log else 0.0)
+            middle = np.exp(np.add(slot.low, slot.high) / 2) if slot.log else np.zeros(slot.size)
+            value = own.get(slot.name, np.reshape(middle, slot.shape))
         value = np.broadcast_to(np.asarray(value, float), slot.shape).ravel()
         if slot.log and np.any(value <= 0):
             raise StudyError(study.folder or "study", f"unknown.{slot.name}", "a positive quantity needs a positive start.")

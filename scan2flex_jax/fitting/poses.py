@@ -4,6 +4,8 @@ Curves are padded to one number of points, so that all studies share one compila
 curves are thinned evenly along their arc length first.
 """
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -12,16 +14,21 @@ from jaxtyping import Float, Int
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting.parameters import template
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.model import Configuration
+from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.starts import complete_curve, curve_start
-from scan2flex_jax.study.model import StudyPose
+from scan2flex_jax.study.model import Study, StudyPose
 
 MOST_POINTS = 256  # of a curve that enter a fit: more say nothing new about a smooth curve whose noise is correlated
 
 
 class Poses(eqx.Module):
-    """P poses: measured points (m), their expected arc length (m), supports, and where solves start."""
+    """P poses: measured points (m), their expected arc length (m), supports, and where solves start.
+
+    ``templates`` are the models of the poses, before a fit puts its numbers in, and ``group`` says which of them each pose has:
+    poses that differ in gravity or in the effects that act in them have others.
+    """
 
     points: Float[Array | np.ndarray, "P m 3"]
     mask: Float[Array | np.ndarray, "P m"]
@@ -29,6 +36,12 @@ class Poses(eqx.Module):
     boundary: Boundary
     turns: Int[Array | np.ndarray, " P"]
     start: Configuration
+    templates: tuple[CableModel, ...]
+    group: tuple[int, ...] = eqx.field(static=True)
+
+    def template(self, i: int) -> CableModel:
+        """The model of pose ``i``."""
+        return self.templates[self.group[i]]
 
     @property
     def count(self) -> int:
@@ -42,17 +55,24 @@ def boundary_of(pose: StudyPose) -> Boundary:
     return Boundary.of(start, None if pose.end is None else (pose.end.position, pose.end.quaternion))
 
 
-def poses_of(study_poses, length: float, elements: int) -> Poses:
-    """Arrays of the poses, all of which must have a centre curve; the start of each is its measured curve."""
-    for pose in study_poses:
-        if pose.curve is None:
-            raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
-    thinned = [_thinned(np.asarray(p.curve.points), p.curve.arc_length) for p in study_poses]
+def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elements: int) -> Poses:
+    """Arrays of poses in a study, all of which must have a centre curve; the start of each is its measured curve."""
+    thinned = [_thinned(*_measured(pose)) for pose in study_poses]
     stack = [_one(pose, points, given, length) for pose, (points, given) in zip(study_poses, thinned, strict=True)]
     points, mask, expected, dense, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
     each = [_start(*one, elements) for one in zip(dense, _unstack(boundary), turns, strict=True)]
     start = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *each)
-    return Poses(points, mask, expected, boundary, turns, start)
+    return Poses(points, mask, expected, boundary, turns, start, *_templates(study, study_poses))
+
+
+def _templates(study, study_poses):
+    """The models of poses, each once, and which of them each pose has."""
+    models: dict[tuple, CableModel] = {}
+    keys = [(study.gravity_in(p).tobytes(), *(e in study.acting(p) for e in study.effects)) for p in study_poses]
+    for key, pose in zip(keys, study_poses, strict=True):
+        if key not in models:
+            models[key] = template(study, pose)
+    return tuple(models.values()), tuple(list(models).index(key) for key in keys)
 
 
 @compiled
@@ -78,6 +98,13 @@ def _one(pose, points, given, length):
         boundary,
         np.array(int(pose.turns)),
     )
+
+
+def _measured(pose):
+    """Points (n, 3) of a pose and their arc lengths (n,), None where they were not measured."""
+    if pose.curve is None:
+        raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
+    return np.asarray(pose.curve.points), pose.curve.arc_length
 
 
 def _thinned(points, given):

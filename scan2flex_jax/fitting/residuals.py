@@ -18,10 +18,9 @@ from jaxtyping import Float, Int
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
-from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, template, values_of
+from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.start import own_start
-from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
@@ -37,7 +36,6 @@ class ResidualFunction(eqx.Module):
     """
 
     layout: Layout = eqx.field(static=True)
-    template: CableModel
     poses: Poses
     real: Int[np.ndarray, " k"]
     noise: Float[Array, ""] | None
@@ -79,19 +77,29 @@ class ResidualFunction(eqx.Module):
 
 @compiled
 def _residuals(function: ResidualFunction, x):
-    layout = function.layout
-    model = model_at(layout, function.template, x[: layout.shared])
-    laws = states.slots_of(model.effects)
-    own = x[layout.shared :].reshape(function.poses.count, layout.local)
+    layout, poses = function.layout, function.poses
+    own = x[layout.shared :].reshape(poses.count, layout.local)
+    targets = states.Target(poses.points, poses.mask, poses.expected)
+    each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start, own))
 
-    def one(pose):
-        poses, z = pose
-        state = states.state_of(model, boundary_at(layout, poses.boundary, z), function.elements, laws)
-        target = states.Target(poses.points, poses.mask, poses.expected)
-        residual, (_, _, verdict) = states.shape(state, poses.start, target, function.distance)
-        return residual, verdict
+    def of_group(group):
+        model = model_at(layout, poses.templates[group], x[: layout.shared])
+        laws = states.slots_of(model.effects)
 
-    return jax.lax.map(one, (jax.tree.map(jnp.asarray, function.poses), own))
+        def one(pose):
+            boundary, target, start, z = pose
+            state = states.state_of(model, boundary_at(layout, boundary, z), function.elements, laws)
+            residual, (_, _, verdict) = states.shape(state, start, target, function.distance)
+            return residual, verdict
+
+        return jax.lax.map(one, each if len(poses.templates) == 1 else jax.tree.map(lambda v: v[members(group)], each))
+
+    def members(group):
+        return np.flatnonzero(np.array(poses.group) == group)
+
+    found = [of_group(group) for group in range(len(poses.templates))]
+    order = np.argsort(np.concatenate([members(group) for group in range(len(found))]))
+    return found[0] if len(found) == 1 else jax.tree.map(lambda *v: jnp.concatenate(v)[order], *found)
 
 
 def residual_function(
@@ -116,10 +124,10 @@ def residual_function(
     if not layout.slots:
         raise Scan2FlexError("the study declares no unknown: declare what is to be estimated.")
     length = float(study.cable.get("length", study.start_value("length") or 1.0))
-    poses = poses_of(study.fit_poses, length, elements)
+    poses = poses_of(study, study.fit_poses, length, elements)
     real = np.flatnonzero(np.repeat(np.asarray(poses.mask).ravel() > 0, 3))
     spread = None if noise is None else jnp.asarray(noise, float)
-    function = ResidualFunction(layout, template(study), poses, real, spread, elements, distance)
+    function = ResidualFunction(layout, poses, real, spread, elements, distance)
     unknown = start_vector(study, layout, own_start(study, poses, length))
     rest = len(function.labels) - layout.unknowns
     return function, jnp.concatenate([jnp.asarray(unknown), jnp.zeros(rest)])

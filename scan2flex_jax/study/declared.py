@@ -37,7 +37,8 @@ def read_effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
         here = where.item(i + 1)
         kind = v.required(table, "kind", here, 'kind = "point_mass"')
         with here.placed():
-            effects.append(EffectDeclaration(kind, {key: value for key, value in table.items() if key != "kind"}))
+            given = {key: value for key, value in table.items() if key not in ("kind", "poses")}
+            effects.append(EffectDeclaration(kind, given, table.get("poses")))
     return tuple(effects)
 
 
@@ -55,6 +56,15 @@ def check_effects(study: Study, where: Where) -> None:
                 asked = f'unknown."{effect.kind}.{name}"'
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
         _coupled(effect, here)
+        _check_poses(effect, study, here.at("poses"))
+
+
+def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
+    """An effect acts in poses of the study."""
+    names = [pose.name for pose in study.poses]
+    for name in effect.poses or ():
+        if name not in names:
+            raise where.fail(f"no pose is called {v.shown(name)}: {v.suggestion(name, names)}")
 
 
 def _ends(study: Study, form: KindFormat, where: Where) -> int:

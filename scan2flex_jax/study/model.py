@@ -121,6 +121,14 @@ class Study(Compared):
         held = {end: [getattr(pose, end) for pose in self.poses] for end in ENDS}
         return tuple(end for end in ENDS if any(c is not None and c.quaternion is not None for c in held[end]))
 
+    def acting(self, pose: StudyPose | None = None) -> tuple[EffectDeclaration, ...]:
+        """The effects that act in a pose; without one, those that act in every pose."""
+        return tuple(e for e in self.effects if e.poses is None or (pose is not None and pose.name in e.poses))
+
+    def gravity_in(self, pose: StudyPose | None = None) -> Annotated[np.ndarray, "3"]:
+        """Gravity (m/s^2) in a pose: its own, or the study's."""
+        return self.gravity if pose is None or pose.gravity is None else pose.gravity
+
     def pose(self, name: str) -> StudyPose:
         """The pose of this name."""
         for pose in self.poses:

@@ -14,7 +14,17 @@ from numpy.typing import ArrayLike
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, TOLERANCE, kind_format, kind_names
-from scan2flex_jax.study.records import Compared, ReadOnly, converting, keep, of_kind, read_only, read_only_value, table_of
+from scan2flex_jax.study.records import (
+    Compared,
+    ReadOnly,
+    all_of_kind,
+    converting,
+    keep,
+    of_kind,
+    read_only,
+    read_only_value,
+    table_of,
+)
 from scan2flex_jax.study.rotations import checked_rotation, quaternion_of, rigid_motion
 from scan2flex_jax.study.values import Where
 
@@ -121,10 +131,14 @@ class Unknown(Compared):
 @converting
 @dataclass(frozen=True, eq=False)
 class EffectDeclaration(Compared):
-    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out."""
+    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out.
+
+    `poses`: the names of the poses in which it acts, None = all of them.
+    """
 
     kind: str
     parameters: dict[str, Value] = field(default_factory=dict)
+    poses: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check the kind and the names of its parameters; their values depend on the cable and its clamps."""
@@ -139,6 +153,19 @@ class EffectDeclaration(Compared):
         v.allow(given, kind_format(kind).names, where)
         parameters = {name: read_only_value(v.any_array(value, where.at(name))) for name, value in given.items()}
         keep(self, kind=kind, parameters=ReadOnly(parameters))
+        if self.poses is not None:
+            keep(self, poses=_pose_names(self.poses, where.at("poses")))
+
+
+def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
+    """Names of at least one pose, each once."""
+    names = all_of_kind(value, str, where, '"sag"')
+    if not names:
+        raise where.fail("got no pose: name the poses in which the effect acts, or leave the key out for all of them.")
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise where.fail(f"it names {v.shown(twice)} twice: leave one out.")
+    return names
 
 
 @converting
@@ -166,7 +193,9 @@ class StudyPose(Compared):
     """One pose: how the cable was held, and what was measured of it.
 
     `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns beyond what the quaternions tell; `scan` = file
-    of a point cloud; `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown.
+    of a point cloud; `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown;
+    `gravity` (m/s^2) in this pose, None = the study's; `time` (s) when it was measured, None = only the order is known;
+    `reset` True = the cable was taken out and straightened before this pose.
     """
 
     name: str
@@ -180,6 +209,9 @@ class StudyPose(Compared):
     viewpoints: Annotated[np.ndarray, "v 3"] | None = None
     noise: float | None = None
     repeat_of: str | None = None
+    gravity: Annotated[np.ndarray, "3"] | None = None
+    time: float | None = None
+    reset: bool = False
     guide_points_path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -195,6 +227,7 @@ class StudyPose(Compared):
             noise = v.number(self.noise, where.at("noise"))
             v.check_domain(noise, "positive", where.at("noise"))
             keep(self, noise=noise)
+        self._check_circumstances(where)
         self._check_shape(where)
 
     def _check_ends(self, where: Where) -> None:
@@ -203,6 +236,14 @@ class StudyPose(Compared):
         if self.end is not None:
             of_kind(self.end, Clamp, where.at("end"), _CLAMP)
         keep(self, turns=v.integer(self.turns, where.at("turns"), MOST_TURNS))
+
+    def _check_circumstances(self, where: Where) -> None:
+        """Gravity, time and what was done to the cable before."""
+        if self.gravity is not None:
+            keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
+        if self.time is not None:
+            keep(self, time=v.number(self.time, where.at("time")))
+        keep(self, reset=v.boolean(self.reset, where.at("reset")))
 
     def _check_shape(self, where: Where) -> None:
         """What was measured is of the right type."""

@@ -26,6 +26,7 @@ STUDY_FILE = "study.toml"
 _TOP = ("format", "title", "gravity", "cable", "tolerance", "unknown", "pose", "effect")
 _POSE = (
     "name", "role", "start", "end", "turns", "centre_curve", "scan", "guide_points", "viewpoints", "noise", "repeat_of",
+    "gravity", "time", "reset",
 )  # fmt: skip
 MOST_PARTS = 32
 """Parts of a dotted key. A study's keys have three at most, and the time that tomllib takes grows with their square or cube."""

@@ -34,6 +34,11 @@ ASTRAY, ALONG = 60.0, 30.0
 DEFAULT_AXIAL = 1e5
 """N, the axial stiffness of a cable that gives none."""
 _NO_GRAVITY = 1e-9
+_FORCES = {
+    "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
+    "elastic_support": "stiffness",
+}  # fmt: skip
+"""Of effects whose size is a force, or a stiffness beside that of the cable: the parameter that tells it."""
 _UNITS = ((300.0, 3000.0, "millimetres", 1000), (30.0, 300.0, "centimetres", 100))
 
 
@@ -113,20 +118,31 @@ def _check_roles(study: Study, where: Where) -> None:
 
 def _check_scale(study: Study, where: Where) -> None:
     """Without gravity, shapes of an unloaded rod depend on ratios of stiffnesses alone."""
-    if float(np.linalg.norm(study.gravity)) > _NO_GRAVITY:
+    if any(_has_gravity(study, pose) for pose in study.fit_poses) or knows_a_force(study):
         return
     if not {"bending_stiffness", "torsional_stiffness"} <= set(study.unknown_names):
         return
-    forces = {"uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness"}
-    for effect in study.effects:
-        parameter = forces.get(effect.kind)
-        known = f"{effect.kind}.{parameter}" not in study.unknown_names
-        if parameter is not None and known and np.any(np.asarray(effect.parameters.get(parameter, 0.0))):
-            return
     raise where.at("gravity").fail(
         "gravity is zero and both stiffnesses are unknown, so shapes tell only ratios: "
         "give gravity, a stiffness, or the effect of a known load."
     )
+
+
+def knows_a_force(study: Study) -> bool:
+    """Whether an effect of known size in a fitted pose sets the scale of forces, whatever the cable weighs."""
+    for effect in study.effects:
+        parameter = _FORCES.get(effect.kind)
+        if parameter is None or f"{effect.kind}.{parameter}" in study.unknown_names:
+            continue
+        poses = [pose for pose in study.fit_poses if effect in study.acting(pose)]
+        heavy = effect.kind != "point_mass" or any(_has_gravity(study, pose) for pose in poses)
+        if poses and heavy and np.any(np.asarray(effect.parameters.get(parameter, 0.0))):
+            return True
+    return False
+
+
+def _has_gravity(study: Study, pose: StudyPose) -> bool:
+    return float(np.linalg.norm(study.gravity_in(pose))) > _NO_GRAVITY
 
 
 def _reach(study: Study) -> float | None:

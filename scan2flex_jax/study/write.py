@@ -18,7 +18,7 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.curves import checked_curve, checked_points
 from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
 from scan2flex_jax.study.kinds import TOLERANCE
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, relative_name
+from scan2flex_jax.study.model import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
 from scan2flex_jax.study.values import Where, one_line
 
@@ -158,13 +158,17 @@ def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
         tree["unknown"] = {unknown.name: _unknown(unknown) for unknown in study.unknowns}
     tree["pose"] = [_pose(pose, files) for pose in study.poses]
     if study.effects:
-        effects = [{"kind": e.kind, **{k: _plain(value) for k, value in e.parameters.items()}} for e in study.effects]
-        tree["effect"] = effects
+        tree["effect"] = [_effect(effect) for effect in study.effects]
     return tree
 
 
 def _plain(value: Any) -> Any:
     return np.asarray(value, dtype=np.float64).tolist()
+
+
+def _effect(effect: EffectDeclaration) -> dict[str, Any]:
+    table = {"kind": effect.kind, **{name: _plain(value) for name, value in effect.parameters.items()}}
+    return table if effect.poses is None else {**table, "poses": list(effect.poses)}
 
 
 def _unknown(unknown: Unknown) -> dict[str, Any]:
@@ -194,7 +198,14 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
         table["noise"] = float(pose.noise)
     if pose.repeat_of is not None:
         table["repeat_of"] = pose.repeat_of
-    return table
+    return table | _circumstances(pose)
+
+
+def _circumstances(pose: StudyPose) -> dict[str, Any]:
+    """Gravity, time and reset of a pose, where they were given."""
+    table = {} if pose.gravity is None else {"gravity": _plain(pose.gravity)}
+    table |= {} if pose.time is None else {"time": float(pose.time)}
+    return {**table, "reset": True} if pose.reset else table
 
 
 def _clamp(clamp: Clamp) -> dict[str, Any]:

@@ -17,6 +17,13 @@ START = f"start = {{ position = [0.0, 0.0, 0.0], {Q} }}\nend = {{ position = [0.
 SHAPES = 'centre_curve = "shapes/sag.csv"\nscan = "sag.xyz"\nguide_points = "sag-guides.csv"\n'
 
 TOML = [
+    ("effect in no pose", "position = 0.42", "position = 0.42\nposes = []", "effect[1].poses", "name the poses"),
+    ("effect in one text", "position = 0.42", 'position = 0.42\nposes = "sag"', "effect[1].poses", "give a list"),
+    ("effect in a pose that is not", "position = 0.42", 'position = 0.42\nposes = ["sga"]', "effect[1].poses", "mean sag"),
+    ("effect twice in a pose", "position = 0.42", 'position = 0.42\nposes = ["sag", "sag"]', "effect[1].poses", "twice"),
+    ("gravity of a pose", "noise = 0.001", "gravity = -9.81", "pose[sag].gravity", "3 numbers"),
+    ("time", "noise = 0.001", 'time = "noon"', "pose[sag].time", "without quotation"),
+    ("reset", "noise = 0.001", "reset = 1", "pose[sag].reset", "true or false"),
     ("format", '"scan2flex-study/1"', '"scan2flex-study/2"', "format", "scan2flex-study/1"),
     ("no format", 'format = "scan2flex-study/1"', "", "format", "missing"),
     ("key above", 'title = "PTFE single-core cable"', 'titel = "a"', "titel", "title"),
