@@ -200,7 +200,7 @@ def _scanned(stage, pose):
 def _together(old: Whitened, new: Whitened, bench):
     """``(J, rows)`` of all numbers with the new pose's rows below; its local numbers are columns of their own."""
     shared = bench.layout.shared
-    nearly = shared - bench.layout.unknowns  # priors of shared numbers stand in the old rows already
+    nearly = len(bench.layout.prior.at)  # priors of shared numbers stand in the old rows already
     rows = [i for i in range(len(new.r)) if not len(new.r) - new.priors <= i < len(new.r) - new.priors + nearly]
     local = new.J.shape[1] - shared
     J = np.zeros((len(old.r) + len(rows), old.J.shape[1] + local))

@@ -63,8 +63,8 @@ def whiten(shapes, real, numbers, vector, noise: Noise) -> Whitened:
         r[rows[i]] = _whiten(factors[i], shape.residual[keep][:, :NORMALS, None])[:, 0]
         own = numbers.of_pose(i)
         J[np.ix_(rows[i], own)] = _whiten(factors[i], shape.columns[keep][:, :NORMALS, : len(own)])
-    r[at:] = vector[known]
-    J[at + np.arange(len(known)), known] = 1.0
+    r[at:] = (vector[known] - numbers.prior_mean) / numbers.prior_std
+    J[at + np.arange(len(known)), known] = 1.0 / numbers.prior_std
     return Whitened(r, J, tuple(factors), tuple(rows), tuple(real), len(known))
 
 
@@ -120,8 +120,9 @@ class Complement:
                 at = np.r_[at, numbers.count + extra + k * NORMALS * _KNOTS + np.arange(NORMALS * _KNOTS)]
             self.curves.append((shape.s[keep][order], shape.residual[keep][order][:, :NORMALS], X[order], at))
         self.prior = np.zeros(self.columns)
-        self.prior[numbers.nearly_known] = 1.0
+        self.prior[numbers.nearly_known] = numbers.prior_std**-2
         self.vector = np.r_[vector, np.zeros(self.columns - numbers.count)]
+        self.vector[numbers.nearly_known] -= numbers.prior_mean
         size = np.sqrt(np.mean([np.mean(r**2) for _, r, _, _ in self.curves]))
         self.size = max(size, 1e-12 * length)
         spacing = np.median(np.concatenate([np.diff(s) for s, *_ in self.curves]))

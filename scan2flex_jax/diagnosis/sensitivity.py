@@ -52,7 +52,9 @@ class Numbers:
         self.shared, self.local, self.poses = bench.layout.shared, bench.layout.local, bench.poses.count
         self.sizes = [(len(c.entry.amplitudes), len(c.moving)) for c in components]
         self.base = self.shared + self.local * self.poses
-        self.nearly_known = np.arange(bench.layout.unknowns, self.base)
+        local, known = self.local * self.poses, bench.layout.prior
+        self.nearly_known = np.r_[known.at, np.arange(self.shared, self.base)]
+        self.prior_mean, self.prior_std = np.r_[known.mean, np.zeros(local)], np.r_[known.std, np.ones(local)]
         self.count = self.base + sum(a + s for a, s in self.sizes)
 
     def of_pose(self, i: int) -> np.ndarray:

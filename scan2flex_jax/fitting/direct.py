@@ -110,7 +110,7 @@ class Direct:
             self.field = cloud_noise.estimate_field(found, layout.shared, length)
             spread = cloud.OFFSET * self.radius
             parts = cloud_noise.information(self.evaluator, minimum.evaluation, self.field, spread, length)
-            if again or not (layout.shared > layout.unknowns or layout.local):
+            if again or not layout.has_priors:
                 break
             factor, start = cloud_noise.inflation(parts, layout.unknowns), minimum.evaluation.configuration
         known = cloud_noise.cloud_uncertainty(minimum, layout, parts, factor)

@@ -1,12 +1,13 @@
 """Which numbers a fit may move: the unknowns x_E of a study, and what the study knows only nearly.
 
 The model sees a vector ``x``: first the unknowns (logarithms of positive ones), then in units of their stated tolerance the
-length, the tilt of gravity (two axes across it), and per pose the positions and rotations of the clamps. The latter are
-priors: standard normal, never flat.
+length, the tilt of gravity, the mass per length, and per pose the positions and rotations of the clamps. The latter are
+priors: standard normal, never flat. An unknown may have a prior too: normal, and log-normal where it stands by its logarithm.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import equinox as eqx
 import jax
@@ -51,6 +52,7 @@ class Slot:
     at: int
     unit: str
     end: int = 0
+    prior: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # mean and standard deviation in ``x``
 
     @property
     def size(self) -> int:
@@ -61,6 +63,25 @@ class Slot:
     def labels(self) -> list[str]:
         """A name for each number."""
         return [self.name] if not self.shape else [f"{self.name}[{i}]" for i in range(self.size)]
+
+
+@dataclass(frozen=True)
+class SharedPrior:
+    """Normal priors of those shared numbers, ``at`` in ``x``, that have one: their means and standard deviations."""
+
+    at: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+
+    def pull(self, x):
+        """By how many standard deviations each of them is off."""
+        return (x[self.at] - self.mean) / self.std
+
+    def precision(self, size: int) -> np.ndarray:
+        """Precision of each of ``size`` numbers; 0 for those that have no prior here."""
+        out = np.zeros(size)
+        out[self.at] = self.std**-2
+        return out
 
 
 @dataclass(frozen=True)
@@ -75,6 +96,8 @@ class Layout:
     gravity_tolerance: float
     position_tolerance: float
     rotation_tolerance: float
+    roll_tolerance: float | None = None
+    density_tolerance: float = 0.0
     gravity_axes: int = 2
 
     @property
@@ -85,12 +108,31 @@ class Layout:
     @property
     def shared(self) -> int:
         """Numbers that all poses share: unknowns, then nearly known ones."""
-        return self.unknowns + (self.length_tolerance > 0) + self.gravity_axes * (self.gravity_tolerance > 0)
+        nearly = (self.length_tolerance > 0) + self.gravity_axes * (self.gravity_tolerance > 0) + (self.density_tolerance > 0)
+        return self.unknowns + nearly
 
     @property
     def local(self) -> int:
         """Nearly known numbers of each pose."""
-        return CLAMP_MOTIONS if self.position_tolerance > 0 or self.rotation_tolerance > 0 else 0
+        tolerances = (self.position_tolerance, self.rotation_tolerance, self.roll_tolerance or 0.0)
+        return CLAMP_MOTIONS if max(tolerances) > 0 else 0
+
+    @cached_property
+    def prior(self) -> "SharedPrior":
+        """What is known of the shared numbers before any pose is seen."""
+        rest = np.arange(self.unknowns, self.shared)
+        at, mean, std = [rest], [np.zeros(len(rest))], [np.ones(len(rest))]
+        for slot in reversed(self.slots):
+            if slot.prior is not None:
+                at.insert(0, np.arange(slot.at, slot.at + slot.size))
+                mean.insert(0, np.array(slot.prior[0]))
+                std.insert(0, np.array(slot.prior[1]))
+        return SharedPrior(np.concatenate(at), np.concatenate(mean), np.concatenate(std))
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything beside the poses has its weight in a fit."""
+        return bool(len(self.prior.at)) or self.local > 0
 
     @property
     def labels(self) -> list[str]:
@@ -106,9 +148,9 @@ def layout_of(study) -> Layout:
         slots.append(slot)
         at += slot.size
     t = study.tolerance
-    length = 0.0 if "length" in study.unknown_names else t.length
+    length, density = (0.0 if n in study.unknown_names else getattr(t, n) for n in ("length", "length_density"))
     axes = 2 if all(pose.gravity is None for pose in study.poses) else 3
-    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation, axes)
+    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation, t.clamp_roll, density, axes)
 
 
 def _slot(study, unknown, at):
@@ -126,7 +168,17 @@ def _slot(study, unknown, at):
     if log:
         low, high = np.log(low), np.log(high)
     end = ENDS.index(study.clamped_ends[0]) if study.clamped_ends else 0
-    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end)
+    prior = None if unknown.prior is None else _prior_in_x(unknown.prior, shape, log)
+    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end, prior)
+
+
+def _prior_in_x(prior, shape, log):
+    """Mean and standard deviation in ``x``: the log-normal distribution that has those of the quantity itself."""
+    mean, std = (np.broadcast_to(np.asarray(prior[k], float), shape).ravel() for k in ("mean", "std"))
+    if log:
+        variance = np.log1p((std / mean) ** 2)
+        mean, std = np.log(mean) - 0.5 * variance, np.sqrt(variance)
+    return tuple(mean.tolist()), tuple(std.tolist())
 
 
 def _format(name):
@@ -169,6 +221,10 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
         turn = _tilt(model.gravity, x[at : at + layout.gravity_axes])
         tilt = lie.so3_exp(layout.gravity_tolerance * turn)
         model = eqx.tree_at(lambda m: m.gravity, model, tilt @ model.gravity)
+        at += layout.gravity_axes
+    if layout.density_tolerance > 0:
+        density = model.cable.length_density + layout.density_tolerance * x[at]
+        model = eqx.tree_at(lambda m: m.cable.length_density, model, density)
     return model
 
 
@@ -217,7 +273,11 @@ def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
     if not layout.local:
         return boundary
     z = z.reshape(2, 6) * boundary.held
-    turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
+    if layout.roll_tolerance is None:
+        turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
+    else:  # one after the other: a roll of whatever size leaves the tangent where the tilt puts it
+        tilt = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:].at[:, 2].set(0.0))
+        turn = tilt @ jax.vmap(lie.so3_exp)(layout.roll_tolerance * z[:, 3:].at[:, :2].set(0.0))
     return Boundary(boundary.position + layout.position_tolerance * z[:, :3], boundary.rotation @ turn, boundary.held)
 
 

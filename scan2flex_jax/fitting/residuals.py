@@ -67,7 +67,7 @@ class ResidualFunction(eqx.Module):
         flat = jnp.where(solved, residual, jnp.inf).ravel()[self.real]
         if self.noise is None:
             return flat
-        return jnp.concatenate([flat / self.noise, x[self.layout.unknowns :]])
+        return jnp.concatenate([flat / self.noise, self.layout.prior.pull(x), x[self.layout.shared :]])
 
     def _solved(self, x):
         if jnp.shape(x) != (len(self.labels),):

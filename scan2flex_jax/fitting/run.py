@@ -139,7 +139,7 @@ def _on_its_branches(problem, minimum, method, progress):
 def _from_curves(problem, minimum, stated, progress):
     """The minimum under its priors, the noise of the curves, and what is known of the estimates."""
     noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
-    if problem.layout.shared > problem.layout.unknowns or problem.layout.local:
+    if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
         noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
     return minimum, noise, uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), noise)

@@ -50,8 +50,7 @@ def describe(study: Study) -> str:
     parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
     parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
     parts += ["", "Known only nearly (standard deviations)"]
-    given = {key: getattr(study.tolerance, key) for key in TOLERANCE}
-    nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in given.items() if value]
+    nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]
     parts += nearly or ["  nothing: all that is given counts as exact"]
     if study.effects:
         parts += ["", "Declared effects", *_effects(study)]
@@ -79,6 +78,8 @@ def _unknowns(study: Study) -> list[str]:
         between = "the package's own range"
         if unknown.low is not None and unknown.high is not None:
             between = f"range {_text(unknown.low)} to {_text(unknown.high)}"
+        if unknown.prior is not None:
+            between += f"; measured elsewhere as {_text(unknown.prior['mean'])} +- {_text(unknown.prior['std'])}"
         lines.append(f"  {unknown.name:<24} {formats[unknown.name].unit}; {begins}; {between}")
     return lines
 
@@ -181,10 +182,12 @@ def _of_study(study: Study) -> list[str]:
         warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
     warnings += _heavy(study)
     scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
-    if scales <= set(study.unknown_names) and not knows_a_force(study):
+    measured = any(unknown.prior is not None for unknown in study.unknowns if unknown.name in scales)
+    if scales <= set(study.unknown_names) and not measured and not knows_a_force(study):
         warnings.append("the density and both stiffnesses are unknown: shapes tell only their ratios.")
-    if study.tolerance.length and "length" in study.unknown_names:
-        warnings.append("length stands under [tolerance] and under [unknown]: one of them is enough.")
+    for name in ("length", "length_density"):
+        if getattr(study.tolerance, name) and name in study.unknown_names:
+            warnings.append(f"{name} stands under [tolerance] and under [unknown]: one of them is enough.")
     return warnings
 
 

@@ -141,9 +141,11 @@ class Study(Compared):
         return None if key in self.unknown_names else self.cable.get(key)
 
     def start_value(self, name: str) -> Value | None:
-        """Where the estimate of an unknown starts: its guess, else the value given, else None."""
-        guess = next((unknown.guess for unknown in self.unknowns if unknown.name == name), None)
-        return self.given(name) if guess is None else guess
+        """Where the estimate of an unknown starts: its guess, else the value given, else the mean of its prior, else None."""
+        unknown = next((unknown for unknown in self.unknowns if unknown.name == name), None)
+        values = [None if unknown is None else unknown.guess, self.given(name)]
+        values += [unknown.prior["mean"]] if unknown is not None and unknown.prior is not None else []
+        return next((value for value in values if value is not None), None)
 
     def given(self, name: str) -> Value | None:
         """The value given for a key of `[cable]` or for "kind.parameter", whether or not it is estimated."""

@@ -111,12 +111,16 @@ class MeasuredCurve(Compared):
 @converting
 @dataclass(frozen=True, eq=False)
 class Unknown(Compared):
-    """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit."""
+    """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit.
+
+    `prior`: what another measurement says of it, as {"mean": 0.1, "std": 0.01} in its own unit; None = nothing.
+    """
 
     name: str
     guess: Value | None = None
     low: Value | None = None
     high: Value | None = None
+    prior: dict[str, Value] | None = None
 
     def __post_init__(self) -> None:
         """Check that these are numbers; what they mean depends on the study."""
@@ -126,6 +130,16 @@ class Unknown(Compared):
             value = getattr(self, bound)
             if value is not None:
                 keep(self, **{bound: read_only_value(v.any_array(value, Where(f"Unknown {v.shown(name)}").at(bound)))})
+        if self.prior is not None:
+            keep(self, prior=_prior(self.prior, Where(f"Unknown {v.shown(name)}").at("prior")))
+
+
+def _prior(given: Any, where: Where) -> ReadOnly:
+    """Mean and standard deviation."""
+    table = table_of(given, where, '{"mean": 0.1, "std": 0.01}')
+    v.allow(table, ("mean", "std"), where)
+    values = {k: v.any_array(v.required(table, k, where, "{ mean = 0.1, std = 0.01 }"), where.at(k)) for k in ("mean", "std")}
+    return ReadOnly({name: read_only_value(value) for name, value in values.items()})
 
 
 @converting
@@ -173,18 +187,28 @@ def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
 class Tolerance:
     """Standard deviations of what is known only nearly; 0 = exact.
 
-    `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt).
+    `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt), `clamp_roll`
+    (rad, about d3 of each clamp; None = `clamp_rotation`), `length_density` (kg/m).
     """
 
     length: float = 0.0
     clamp_position: float = 0.0
     clamp_rotation: float = 0.0
     gravity: float = 0.0
+    clamp_roll: float | None = None
+    length_density: float = 0.0
 
     def __post_init__(self) -> None:
         """Check that none is negative."""
         for name, form in TOLERANCE.items():
-            keep(self, **{name: v.quantity(getattr(self, name), form, Where("Tolerance").at(name))})
+            if name != "clamp_roll" or self.clamp_roll is not None:
+                keep(self, **{name: v.quantity(getattr(self, name), form, Where("Tolerance").at(name))})
+
+    @property
+    def given(self) -> dict[str, float]:
+        """Those that are not exact, and a roll that is said to be, by their names."""
+        entries = {name: getattr(self, name) for name in TOLERANCE}
+        return {name: value for name, value in entries.items() if value or (name == "clamp_roll" and value is not None)}
 
 
 @converting

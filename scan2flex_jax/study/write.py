@@ -17,7 +17,6 @@ from tomlkit.items import SingleKey
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.curves import checked_curve, checked_points
 from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
-from scan2flex_jax.study.kinds import TOLERANCE
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
 from scan2flex_jax.study.values import Where, one_line
@@ -151,9 +150,8 @@ def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
     """The TOML tree of a study, as plain dicts, lists and numbers; files get their names in `files`."""
     tree: dict[str, Any] = {"format": FORMAT, "title": study.title, "gravity": _plain(study.gravity)}
     tree["cable"] = {key: _plain(value) for key, value in study.cable.items()}
-    tolerance = {key: getattr(study.tolerance, key) for key in TOLERANCE}
-    if any(tolerance.values()):
-        tree["tolerance"] = {key: float(value) for key, value in tolerance.items() if value}
+    if study.tolerance.given:
+        tree["tolerance"] = {key: float(value) for key, value in study.tolerance.given.items()}
     if study.unknowns:
         tree["unknown"] = {unknown.name: _unknown(unknown) for unknown in study.unknowns}
     tree["pose"] = [_pose(pose, files) for pose in study.poses]
@@ -175,7 +173,7 @@ def _unknown(unknown: Unknown) -> dict[str, Any]:
     table = {} if unknown.guess is None else {"guess": _plain(unknown.guess)}
     if unknown.low is not None and unknown.high is not None:
         table["range"] = [_plain(unknown.low), _plain(unknown.high)]
-    return table
+    return table if unknown.prior is None else {**table, "prior": {k: _plain(x) for k, x in unknown.prior.items()}}
 
 
 def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:

@@ -17,6 +17,15 @@ START = f"start = {{ position = [0.0, 0.0, 0.0], {Q} }}\nend = {{ position = [0.
 SHAPES = 'centre_curve = "shapes/sag.csv"\nscan = "sag.xyz"\nguide_points = "sag-guides.csv"\n'
 
 TOML = [
+    ("prior a number", "guess = 0.1", "prior = 0.1", "unknown.bending_stiffness.prior", "dict"),
+    ("prior without std", "guess = 0.1", "prior = { mean = 0.1 }", "unknown.bending_stiffness.prior.std", "missing"),
+    ("prior key", "guess = 0.1", "prior = { mean = 1, sd = 1 }", "unknown.bending_stiffness.prior.sd", "unknown key"),
+    ("prior of no width", "guess = 0.1", "prior = { mean = 1, std = 0 }", "unknown.bending_stiffness.prior.std", "above zero"),
+    ("prior below zero", "guess = 0.1", "prior = { mean = -1, std = 1 }", "unknown.bending_stiffness.prior.mean", "above zero"),
+    ("prior of three", "guess = 0.1", "prior = { mean = [1, 2, 3], std = 1 }", "unknown.bending_stiffness.prior.mean",
+     "2 numbers"),
+    ("prior outside", "guess = 0.1", "prior = { mean = 1e3, std = 1 }", "unknown.bending_stiffness.prior.mean", "outside"),
+    ("roll below zero", "clamp_rotation = 0.01", "clamp_roll = -1", "tolerance.clamp_roll", "zero"),
     ("effect in no pose", "position = 0.42", "position = 0.42\nposes = []", "effect[1].poses", "name the poses"),
     ("effect in one text", "position = 0.42", 'position = 0.42\nposes = "sag"', "effect[1].poses", "give a list"),
     ("effect in a pose that is not", "position = 0.42", 'position = 0.42\nposes = ["sga"]', "effect[1].poses", "mean sag"),
