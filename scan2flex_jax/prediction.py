@@ -64,7 +64,7 @@ class Prediction:
 def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> Equilibrium:
     """The equilibrium of one study pose, on the branch nearest to its measured curve where it has one."""
     start = None
-    if pose.curve is not None:
+    if pose.curve is not None or pose.markers is not None:
         start = one(poses_of(study, [pose], float(model.cable.length), elements).start, 0)
     return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
 

@@ -187,7 +187,7 @@ def _scanned(stage, pose):
         raise Scan2FlexError(f"not solved: {e.verdict.sentence()}")
     keep = np.linspace(0, bench.elements, min(POINTS, bench.elements + 1)).round().astype(int)[1:-1]
     points = np.asarray(e.points)[np.unique(keep)]
-    measured = replace(pose, curve=MeasuredCurve(points, None))
+    measured = replace(pose, curve=MeasuredCurve(points, None), markers=None)
     poses = poses_of(bench.problem.study, [measured], bench.problem.length, bench.elements)
     settled = jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
     poses = replace(poses, start=settled)

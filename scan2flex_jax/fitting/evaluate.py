@@ -76,7 +76,7 @@ class Evaluator:
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         start = p.start if start is None else start
         found = [self._pose(i, np.concatenate([shared, local[i]]), one(start, i), derivative) for i in range(p.count)]
-        r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)
+        r, jacobian, s, configuration, verdict, _ = jax.tree.map(lambda *x: np.stack(x), *found)
         return Evaluation(r, jacobian, s, configuration, verdict)
 
     def _pose(self, i, x, start, derivative):
@@ -90,7 +90,7 @@ class Evaluator:
 
 def target_of(poses: Poses, i: int) -> states.Target:
     """What pose ``i`` is compared with."""
-    return states.Target(poses.points[i], poses.mask[i], poses.expected[i])
+    return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked), i))
 
 
 def one(tree, i: int):

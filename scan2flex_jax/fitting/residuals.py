@@ -19,7 +19,7 @@ from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
-from scan2flex_jax.fitting.poses import Poses, poses_of
+from scan2flex_jax.fitting.poses import Poses, check_distance, poses_of
 from scan2flex_jax.fitting.start import own_start
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
@@ -79,7 +79,7 @@ class ResidualFunction(eqx.Module):
 def _residuals(function: ResidualFunction, x):
     layout, poses = function.layout, function.poses
     own = x[layout.shared :].reshape(poses.count, layout.local)
-    targets = states.Target(poses.points, poses.mask, poses.expected)
+    targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked)
     each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start, own))
 
     def of_group(group):
@@ -110,14 +110,15 @@ def residual_function(
     ``noise`` (m, one coordinate) divides the residuals and brings in the study's tolerances as standard normal priors: half the
     sum of squares is then the negative logarithm of a posterior density with white noise. Without it residuals are in m and
     what is known nearly is taken as exact. ``distance``: "closest" (to the closest point of the modelled curve; its square has
-    exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve. Raises
-    `Scan2FlexError`.
+    exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve or
+    markers. Raises `Scan2FlexError`.
     """
     check_study(study)
     if distance not in DISTANCES:
         raise Scan2FlexError(f"distance is {distance!r}: give one of {', '.join(DISTANCES)}.")
     if noise is not None and not 0.0 < noise < np.inf:
         raise Scan2FlexError(f"noise is {noise!r}: give a positive number in m, or None.")
+    check_distance(study, distance)
     layout = layout_of(study)
     if noise is None:
         layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0)

@@ -15,6 +15,7 @@ from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fitting.states import DISTANCES
@@ -161,6 +162,7 @@ def _check(study, method, distance, data="curve"):
     if isinstance(study, Study) and not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     check_study(study)
+    check_distance(study, distance)
 
 
 def _stated_noise(study):

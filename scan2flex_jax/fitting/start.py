@@ -73,6 +73,8 @@ def balance_start(
 
 def _pose_equations(poses, i, length, weight):
     mask = np.asarray(poses.mask[i]) > 0
+    if poses.marked is not None and np.any(own := mask & (np.asarray(poses.marked[i]) == 0)):
+        mask = own  # a curve tells its bends, and markers beside it are not in order with its points
     points, s = np.asarray(poses.points[i])[mask], np.asarray(poses.expected[i])[mask]
     keep = np.concatenate([[True], np.diff(s) > 1e-9 * length])
     points, s = points[keep], s[keep]

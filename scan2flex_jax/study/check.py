@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 
 from scan2flex_jax.study.declared import unknown_formats
-from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, pose_facts
+from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts, all_plane, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
 from scan2flex_jax.study.sense import knows_a_force
@@ -120,6 +120,9 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
         elif length is not None:
             short = float(np.max(length)) - facts.covered
             lines.append(f"    at end      stops {_mm(short)} short of the free end")
+    if pose.markers is not None:
+        s = pose.markers.arc_length
+        lines.append(f"    markers     {len(s)}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
         lines.append(f"    scan        {scan_name(study, pose)}, guide points {guides}")
@@ -236,7 +239,7 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
             warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve.")
     if length is not None:
         warnings += _length_warnings(facts, scale)
-    if facts.off_line < PLANE_LIMIT * scale:
+    if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
         warnings.append("the curve is nearly straight: it says little about stiffness.")
     return warnings
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, ENDS
-from scan2flex_jax.study.parts import Clamp, EffectDeclaration, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
+from scan2flex_jax.study.parts import Clamp, EffectDeclaration, Markers, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.records import (
     Compared,
     ReadOnly,
@@ -34,7 +34,7 @@ from scan2flex_jax.study.records import (
 )
 from scan2flex_jax.study.values import Where
 
-__all__ = ["Clamp", "EffectDeclaration", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
+__all__ = ["Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
 
 GRAVITY = (0.0, 0.0, -9.81)
 

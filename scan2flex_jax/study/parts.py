@@ -30,8 +30,8 @@ from scan2flex_jax.study.values import Where
 
 Value = float | Annotated[np.ndarray, "..."]
 
-FEWEST_POINTS = 4
-"""A space curve with curvature and twist takes four points."""
+FEWEST_POINTS = 2
+"""Fewer have no direction, and no order from start to end."""
 ROLES = ("fit", "validate")
 MOST_TURNS = 1000
 _CLAMP = "a Clamp, as in Clamp.of((position, quaternion))"
@@ -106,6 +106,25 @@ class MeasuredCurve(Compared):
         keep(self, points=read_only(arrays.points(self.points, FEWEST_POINTS, where.at("points"))))
         if s is not None:
             keep(self, arc_length=read_only(arrays.arc_lengths(s, len(self.points), where.at("arc_length"))))
+
+
+@converting
+@dataclass(frozen=True, eq=False)
+class Markers(Compared):
+    """Points (m) that were tracked at known arc lengths (m), growing from the start: all three coordinates count."""
+
+    points: Annotated[np.ndarray, "n 3"]
+    arc_length: Annotated[np.ndarray, " n"]
+    path: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check that points are finite and apart and the arc length grows from 0 on, and keep read-only copies."""
+        where = Where("Markers")
+        keep(self, points=read_only(arrays.points(self.points, 1, where.at("points"))))
+        s, key = arrays.arc_lengths(self.arc_length, len(self.points), where.at("arc_length")), where.at("arc_length")
+        if s[0] < 0:
+            raise key.fail(f"got {s[0]:g} m: count s from 0 at the start clamp.")
+        keep(self, arc_length=read_only(s))
 
 
 @converting
@@ -217,9 +236,9 @@ class StudyPose(Compared):
     """One pose: how the cable was held, and what was measured of it.
 
     `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns beyond what the quaternions tell; `scan` = file
-    of a point cloud; `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown;
-    `gravity` (m/s^2) in this pose, None = the study's; `time` (s) when it was measured, None = only the order is known;
-    `reset` True = the cable was taken out and straightened before this pose.
+    of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
+    deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) when it was
+    measured, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
     """
 
     name: str
@@ -233,6 +252,7 @@ class StudyPose(Compared):
     viewpoints: Annotated[np.ndarray, "v 3"] | None = None
     noise: float | None = None
     repeat_of: str | None = None
+    markers: Markers | None = None
     gravity: Annotated[np.ndarray, "3"] | None = None
     time: float | None = None
     reset: bool = False
@@ -273,6 +293,8 @@ class StudyPose(Compared):
         """What was measured is of the right type."""
         if self.curve is not None:
             of_kind(self.curve, MeasuredCurve, where.at("curve"), "a MeasuredCurve, as in MeasuredCurve(points)")
+        if self.markers is not None:
+            of_kind(self.markers, Markers, where.at("markers"), "Markers, as in Markers(points, arc_length)")
         if self.scan is not None:
             scan = of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")
             keep(self, scan=Path(scan))
