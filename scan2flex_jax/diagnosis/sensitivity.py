@@ -196,6 +196,7 @@ def context_of(problem, minimum) -> Context:
         curvature_range=(float(min(largest)), float(max(largest))), lowest_range=(min(lowest), max(lowest)),
         radius=None if radius is None else float(radius), axial_stiffness=float(cable.axial_stiffness),
         centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
+        free_end=any(pose.end is None for pose in problem.study.fit_poses),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from scan2flex_jax.effects._materials import _plain
-from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes, along_cable, positions
+from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes, along_loaded, loaded_places
 from scan2flex_jax.effects.elastic_support import ElasticSupport
 from scan2flex_jax.effects.increments import AnchoredSpring
 from scan2flex_jax.effects.point_load import PointLoad
@@ -17,7 +17,7 @@ XYZ = ("x", "y", "z")
 
 
 def _places(c):
-    return tuple({"position": s} for s in positions(c))
+    return tuple({"position": s} for s in loaded_places(c))
 
 
 def _levels(c):
@@ -177,7 +177,7 @@ ENTRIES = (
         build=lambda a, site, c: (PointMass(site["position"], a[0]),),
         to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},
         from_parameters=lambda p, c: (np.array([float(p["mass"])]), {"position": float(p["position"])}),
-        sites=_places, moving={"position": along_cable}, one_sided=(True,), varies="mass",
+        sites=_places, moving={"position": along_loaded}, one_sided=(True,), varies="mass",
         signature="the cable sags towards one place of it, always along gravity",
         settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
         same_shapes=(SameShapes("density_profile", "a span that is short beside the sag"),),
@@ -188,7 +188,7 @@ ENTRIES = (
         build=lambda a, site, c: (PointLoad(site["position"], a),),
         to_parameters=lambda a, site, c: {"position": float(site["position"]), "force": np.asarray(a)},
         from_parameters=lambda p, c: (np.asarray(p["force"], float), {"position": float(p["position"])}),
-        sites=_places, moving={"position": along_cable},
+        sites=_places, moving={"position": along_loaded},
         signature="the cable is drawn at one place of it, in the same direction of space in all poses",
         settle="look at the named place, or turn the whole setting about the vertical",
         same_shapes=(SameShapes("point_mass", "a force straight down", always=True),),
@@ -209,7 +209,7 @@ ENTRIES = (
         to_parameters=_tether_parameters,
         from_parameters=_tether_of,
         sites=_places, one_sided=(True, False, False, False), other_starts=_strings,
-        moving={"position": along_cable, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
+        moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
         signature="the cable is drawn at one place of it towards one point of space, from whichever side",
         settle="look for a string at the named place",
         same_shapes=(SameShapes("point_load", "an anchor far away beside the motion of the place between poses"),),

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from scan2flex_jax import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, fit, predict, residual_function
 from scan2flex_jax.diagnosis.gates import mesh_error
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component
+from scan2flex_jax.effects.catalogue import entry_of
 from tests.reference import clamped_cases
 
 EI, GJ, DENSITY, G = 0.1, 0.25, 0.2, 9.81  # those of the reference poses
@@ -104,6 +105,23 @@ def test_the_mass_may_be_unknown_where_the_density_is_known():
     found = fit(study(("bending_stiffness", "torsional_stiffness", "point_mass.mass"), (effect,), length_density=DENSITY))
     assert found.estimates["point_mass.mass"].value == pytest.approx(MASS, rel=0.01)
     assert found.calibrated.effects[0].poses == ("hung",)
+
+
+def test_a_mass_is_found_at_the_very_tip():
+    effect = EffectDeclaration("point_mass", {}, ("hung",))
+    guesses = (Unknown("point_mass.mass", guess=0.02), Unknown("point_mass.position", guess=0.7))
+    stiff = {"length_density": DENSITY, "bending_stiffness": EI, "torsional_stiffness": GJ}
+    found = fit(replace(study((), (effect,), **stiff), unknowns=guesses)).estimates
+    assert found["point_mass.mass"].value == pytest.approx(MASS, rel=0.01)
+    assert found["point_mass.position"].value == pytest.approx(PLACE, abs=0.01)
+
+
+def test_loads_are_looked_for_up_to_a_free_tip():
+    bench = Bench(fitted().problem, fitted().minimum)
+    entry = entry_of("point_mass")
+    assert max(site["position"] for site in entry.sites(bench.context)) == PLACE == entry.moving["position"](bench.context)[1]
+    held = replace(bench.context, free_end=False)
+    assert max(site["position"] for site in entry.sites(held)) == 0.95
 
 
 def test_a_turned_rig_changes_nothing():
