@@ -10,7 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, positions
+from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, loaded_places, positions
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS
 
@@ -74,7 +74,7 @@ def _floats(site):
 
 def places(context: Context) -> tuple[Site, ...]:
     """Sites of what acts at one place (m): evenly along the cable."""
-    return tuple({"position": s} for s in positions(context))
+    return tuple({"position": s} for s in loaded_places(context))
 
 
 def clamped(context: Context) -> list[int]:

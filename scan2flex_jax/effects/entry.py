@@ -32,7 +32,7 @@ class Context:
     m/s^2, ``curvature_range`` 1/m (smallest and largest of the poses' largest curvatures), ``lowest_range`` m (lowest
     and highest of the poses' lowest points, measured against gravity), ``points`` m (all measured ones), ``radius`` m,
     ``centre`` m (middle of the scanned shapes), ``previous`` 1/m (curvature of the pose before, for `memory_set`; it differs
-    from pose to pose).
+    from pose to pose), ``free_end`` whether the end hangs free in some pose.
     """
 
     length: float
@@ -48,6 +48,7 @@ class Context:
     points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     clamped_ends: Sequence[str] = ENDS
     previous: Any = field(default_factory=lambda: np.zeros((2, 3)))
+    free_end: bool = False
 
     @property
     def radius_or_guess(self) -> float:
@@ -173,3 +174,15 @@ def positions(context: Context, count: int = 19) -> np.ndarray:
 def along_cable(context: Context) -> tuple[float, float]:
     """The range of a place (m) that moves along the cable, without the clamps themselves."""
     return _EDGE * context.length, (1 - _EDGE) * context.length
+
+
+def loaded_places(context: Context) -> np.ndarray:
+    """Places (m) where a load is looked for: `positions`, and the very tip of a free end."""
+    places = positions(context)
+    return np.append(places, context.length) if context.free_end else places
+
+
+def along_loaded(context: Context) -> tuple[float, float]:
+    """The range of the place (m) of a load: up to the very tip of a free end."""
+    low, high = along_cable(context)
+    return low, context.length if context.free_end else high

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import XYZ, places
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_cable
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, point_load
 
@@ -35,7 +35,7 @@ ENTRY = CatalogueEntry(
     build=lambda a, site, c: (PointLoad(site["position"], a),),
     to_parameters=lambda a, site, c: {"position": float(site["position"]), "force": np.asarray(a)},
     from_parameters=lambda p, c: (np.asarray(p["force"], float), {"position": float(p["position"])}),
-    sites=places, moving={"position": along_cable},
+    sites=places, moving={"position": along_loaded},
     signature="the cable is drawn at one place of it, in the same direction of space in all poses",
     settle="look at the named place, or turn the whole setting about the vertical",
     same_shapes=(SameShapes("point_mass", "a force straight down", always=True),),

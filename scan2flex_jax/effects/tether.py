@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import places
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_cable
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 TINY = 1.0e-24  # m^2: keeps the derivative of a distance of zero finite
@@ -148,7 +148,7 @@ ENTRY = CatalogueEntry(
     to_parameters=_tether_parameters,
     from_parameters=_tether_of,
     sites=places, one_sided=(True, False, False, False), other_starts=_strings,
-    moving={"position": along_cable, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
+    moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
     signature="the cable is drawn at one place of it towards one point of space, from whichever side",
     settle="look for a string at the named place",
     same_shapes=(SameShapes("point_load", "an anchor far away beside the motion of the place between poses"),),

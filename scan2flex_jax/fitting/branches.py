@@ -66,7 +66,7 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0) -> dict
 
 
 def _distance(problem, pose, shared):
-    poses = poses_of([pose], problem.length, problem.elements)
+    poses = poses_of(problem.study, [pose], problem.length, problem.elements)
     evaluator = problem.evaluator_of(poses)
     found = evaluator(shared)
     problem.evaluator.equilibria += evaluator.equilibria

@@ -112,8 +112,7 @@ def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
     X = np.concatenate([X.reshape(NORMALS * len(X), X.shape[2]) for _, _, X in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
-    spacing = np.median(np.concatenate([np.diff(s) for s, _, _ in thin]))
-    shortest = max(spacing, 0.01 * length)
+    shortest = max(spacing_of([s for s, _, _ in thin]), 0.01 * length)
 
     def negative(noise, u):
         prior = 0.5 * ((u[2] - np.log(0.07 * length)) / 0.8) ** 2 + 0.02 * ((u[1] - u[0]) ** 2)
@@ -122,6 +121,12 @@ def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
         return restricted_likelihood(thin, noise) + prior + bound
 
     return most_likely(negative, stated or size, length)
+
+
+def spacing_of(stations) -> float:
+    """The usual distance (m) of neighbours among the arc lengths (m) of several poses; 0 where each has one point."""
+    steps = np.concatenate([np.diff(s) for s in stations])
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
 def restricted_likelihood(curves, noise: Noise) -> float:

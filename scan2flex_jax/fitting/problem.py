@@ -29,8 +29,9 @@ _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn u
 class Problem:
     """One study made ready for a fit.
 
-    ``layout`` maps the parameter vector to the model that begins as ``template``; ``poses`` are the ``fit`` poses and
-    ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is the scale of the residuals;
+    ``layout`` maps the parameter vector to models, which begin as ``template`` in poses that have nothing of their own;
+    ``poses`` are the ``fit`` poses and ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is
+    the scale of the residuals;
     ``evaluator`` gives residuals and their Jacobian, and counts the equilibria that it solved. ``slots``: energy laws of
     effects that may be added later, at zero amplitude.
     """
@@ -43,13 +44,13 @@ class Problem:
         self.layout, self.template = layout_of(study), template(study)
         guess = study.start_value("length") or 1.0
         self.length = float(study.cable.get("length", guess))
-        self.poses = poses_of(study.fit_poses, self.length, elements)
+        self.poses = poses_of(study, study.fit_poses, self.length, elements)
         self.held_out = _held_out(study, self.length, elements)
         self.evaluator = self.evaluator_of(self.poses, distance)
 
     def evaluator_of(self, poses: Poses, distance: str = "normal") -> Evaluator:
         """An evaluator of other poses, that has counted nothing yet."""
-        return Evaluator(self.layout, self.template, poses, self.elements, distance, self.slots)
+        return Evaluator(self.layout, poses, self.elements, distance, self.slots)
 
     def with_study(self, study: Study) -> "Problem":
         """The same of another study with the same unknowns; equilibria are counted on."""
@@ -165,7 +166,7 @@ def unsettled(study_poses: Sequence[StudyPose], evaluation: Evaluation) -> dict[
 
 
 def _held_out(study, length, elements) -> Poses | None:
-    return poses_of(study.validate_poses, length, elements) if study.validate_poses else None
+    return poses_of(study, study.validate_poses, length, elements) if study.validate_poses else None
 
 
 def _without_guesses(study):

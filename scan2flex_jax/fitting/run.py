@@ -16,6 +16,7 @@ from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fitting.states import DISTANCES
@@ -116,7 +117,7 @@ def _correlation(covariance):
 def _from_curves(problem, minimum, stated, progress):
     """The minimum under its priors, the noise of the curves, and what is known of the estimates."""
     noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
-    if problem.layout.shared > problem.layout.unknowns or problem.layout.local:
+    if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
         noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
     return minimum, noise, uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), noise)
@@ -138,6 +139,7 @@ def _check(study, method, distance, data="curve"):
     if isinstance(study, Study) and not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     check_study(study)
+    check_distance(study, distance)
 
 
 def _stated_noise(study):
