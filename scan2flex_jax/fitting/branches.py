@@ -184,7 +184,7 @@ def _on_a_grid(problem, shared) -> list[_Choice]:
     study = problem.study
     best: dict[tuple[int, ...], _Choice] = {}
     turned = [[replace(p, turns=p.turns + k) for p in study.fit_poses] for k in _TURNS]
-    near = [poses_of(some, problem.length, problem.elements) for some in turned]
+    near = [poses_of(study, some, problem.length, problem.elements) for some in turned]
     for x in _grid(problem, shared):
         found = []
         for poses in near:

@@ -93,10 +93,12 @@ def _nearest(objective, smoothness, u, reach):
 def white_noise(pose) -> float:
     """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from fourth differences.
 
-    Bends between the points raise it, so that a curve of few points casts no doubt.
+    Bends between the points raise it, so that a curve of few points casts no doubt. Infinite where nothing tells it.
     """
     if pose.noise is not None:
         return pose.noise
+    if pose.curve is None:
+        return np.inf
     fourth = np.diff(pose.curve.points, n=4, axis=0)
     return float(np.sqrt(np.mean(fourth**2) / 70.0)) if len(fourth) else np.inf
 

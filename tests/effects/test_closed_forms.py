@@ -45,7 +45,7 @@ def test_point_mass_on_the_tip():
 
 
 def test_a_load_on_the_tip_moves_smoothly_to_its_place():
-    """Its place may be unknown: the slope of the tip's deflection F s^2 (3 L - s) / (6 EI) in s at the tip is F L^2 / (2 EI)."""
+    """Its place may be unknown: the tip's deflection F s^2 (3 L - s) / (6 EI) has the slope F L^2 / (2 EI) at the tip."""
     force, step = 1e-4, 1e-3
 
     def deflection(position):
