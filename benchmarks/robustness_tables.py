@@ -1,4 +1,4 @@
-"""The tables of docs/robustness.md: cables far from everyday ones, branches, broken files. See `benchmarks.tables`."""
+"""The tables of docs/robustness.md: cables far from everyday ones, branches, broken files, attacks. See `benchmarks.tables`."""
 
 from pathlib import Path
 
@@ -49,4 +49,33 @@ def branches() -> str:
     return table(head, rows) + said + made_on(entry)
 
 
-TABLES = {"extremes": extremes, "branches": branches, "fuzz": fuzz}
+_ATTACKED = {
+    "values": "fields of study.toml, of studies in memory and of the rod; options",
+    "names": "names of poses, through seven commands",
+    "outputs": "results onto own and foreign files, links, devices, pipes, full disks",
+    "sizes": "files that are large, sparse, packed, deep, or other than they say",
+    "stores": "files of a sweep: bits, cuts, copies, exchanges, text",
+    "caches": "entries of the compilation cache; two processes on one cache",
+    "kills": "SIGKILL of fit, explain, report and extract, and the run after it",
+    "surroundings": "no home, another user, a read-only installation, closed streams, few resources",
+}
+
+
+def attacks() -> str:
+    """Every class of attacks: how many tries, what came of them, and what failed first."""
+    entry = load("attacks")
+    r, rows = entry["results"], []
+    for name, c in r["classes"].items():
+        failures = sum(f["count"] for f in c["failures"].values())
+        slowest = f"{c['slowest_s']:.1f} s"
+        rows.append([name, _ATTACKED[name], c["tries"], c["worked"], c["refused"], failures, slowest, f"{c['most MB']} MB"])
+    said = f"\nIn all {r['tries']} tries, {r['failures']} failures"
+    not_run = [f"{count} not run ({why})" for c in r["classes"].values() for why, count in c["not run"].items()]
+    said += f"; {', '.join(not_run)}.\n" if not_run else ".\n"
+    for name, c in r["classes"].items():
+        said += "".join(f"\n* {name}: {f['count']} times {kind}, first in `{f['try']}`.\n" for kind, f in c["failures"].items())
+    head = ["class", "what is attacked", "tries", "worked", "refused", "failures", "slowest", "most memory"]
+    return table(head, rows) + said + made_on(entry)
+
+
+TABLES = {"extremes": extremes, "branches": branches, "fuzz": fuzz, "attacks": attacks}

@@ -40,13 +40,20 @@ def summary(tallies: dict[str, Tally], seed: int) -> dict:
     rows = {
         name: {
             "tries": t.tries, "worked": t.worked, "refused": t.refused, "failures": t.failures, "not run": t.not_run,
-            "seconds": round(t.seconds, 1), "slowest_s": round(t.slowest_s, 2), "slowest": t.slowest, "most MB": round(t.most_mb),
+            "seconds": round(t.seconds, 1), "slowest_s": round(t.slowest_s, 2), "slowest": t.slowest,
+            "most MB": round(t.most_mb),
         }
         for name, t in tallies.items()
     }  # fmt: skip
     failed = sum(f["count"] for t in tallies.values() for f in t.failures.values())
     limits = {"seconds": LIMIT_S, "MB": LIMIT_MB}
-    return {"seed": seed, "tries": sum(t.tries for t in tallies.values()), "failures": failed, "limits": limits, "classes": rows}
+    return {
+        "seed": seed,
+        "tries": sum(t.tries for t in tallies.values()),
+        "failures": failed,
+        "limits": limits,
+        "classes": rows,
+    }
 
 
 def main() -> None:

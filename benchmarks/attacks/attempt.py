@@ -25,15 +25,15 @@ _LARGE = 10_000_000  # bytes: larger files are watched by size and time, and not
 _STATUS, _PEAK = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 
-class Wrong(Exception):
+class WrongError(Exception):
     """What must not come of a try, in one sentence."""
 
 
-class Refused(Exception):
+class RefusedError(Exception):
     """A command ended with exit code 2 and one sentence, or with 3."""
 
 
-class NotRun(Exception):
+class NotRunError(Exception):
     """This machine or this user cannot make the try; says why."""
 
 
@@ -118,26 +118,29 @@ class Place:
 
 def _outcome(one: Try) -> tuple[str, str, tuple[str, str] | None]:
     """What came of a try, what was said, and what is wrong with it: ``(kind, example)``."""
+    outcome, said, fault = FAILURE, "", None
     signal.setitimer(signal.ITIMER_REAL, one.longest)
     try:
         one.act()
-    except (Scan2FlexError, Refused) as refusal:
+        outcome = WORKED
+    except (Scan2FlexError, RefusedError) as refusal:
         said = str(refusal)
         if said.strip() and "\n" not in said and said.isprintable():
-            return REFUSED, said[:300], None
-        return FAILURE, "", ("a refusal that is not one printable line", ascii(said[:300]))
-    except Wrong as wrong:
+            outcome, said = REFUSED, said[:300]
+        else:
+            fault = "a refusal that is not one printable line", ascii(said[:300])
+    except WrongError as wrong:
         kind, _, example = str(wrong).partition(": ")
-        return FAILURE, "", (kind, example[:600])
-    except NotRun as why:
-        return NOT_RUN, "", ("not run", str(why))
+        fault = kind, example[:600]
+    except NotRunError as why:
+        outcome, fault = NOT_RUN, ("not run", str(why))
     except Hang:
-        return FAILURE, "", ("a hang", f"more than {one.longest:g} s")
+        fault = "a hang", f"more than {one.longest:g} s"
     except Exception as error:
-        return FAILURE, "", _fault(error)
+        fault = _fault(error)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-    return WORKED, "", None
+    return outcome, said, fault
 
 
 def _fault(error: Exception) -> tuple[str, str]:
@@ -238,19 +241,19 @@ class Said:
     err: str
 
     def judged(self) -> "Said":
-        """Itself, where it is done; raises `Refused`, or `Wrong` for what no command may do."""
+        """Itself, where it is done; raises `RefusedError`, or `WrongError` for what no command may do."""
         said = f"exit code {self.code}: {self.err[-600:]}"
         if self.code not in (0, 2, 3) or "Traceback" in self.err:
-            raise Wrong(f"a command that ends badly: {said}")
+            raise WrongError(f"a command that ends badly: {said}")
         odd = [c for c in self.out + self.err if not (c.isprintable() or c in "\n\t")]
         if odd:
-            raise Wrong(f"control characters on the terminal: {odd[:5]!a}")
+            raise WrongError(f"control characters on the terminal: {odd[:5]!a}")
         if self.code == 2 and not self.err.startswith(USAGE):
             sentence = self.err.removesuffix("\n")
             if "\n" in sentence or not sentence.startswith("scan2flex: "):
-                raise Wrong(f"exit code 2 without one sentence: {self.err[:600]}")
+                raise WrongError(f"exit code 2 without one sentence: {self.err[:600]}")
         if self.code:
-            raise Refused(" ".join(self.err.split()) or "not to be believed")
+            raise RefusedError(" ".join(self.err.split()) or "not to be believed")
         return self
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attacks import scene
-from benchmarks.attacks.attempt import WORKED, Place, Try, Wrong
+from benchmarks.attacks.attempt import WORKED, Place, Try, WrongError
 from benchmarks.attacks.process import PATIENCE, environment, said, start
 from benchmarks.attacks.stores import damaged
 from scan2flex_jax.cli.cache import Entries
@@ -35,11 +35,26 @@ def tries(place: Place, rng: np.random.Generator) -> Iterator[Try]:
     original = {path.name: path.read_bytes() for path in folder.iterdir()}
     for key in KEYS:
         file = folder / f"{key}-checked"
-        changes = [*damaged(original[file.name], rng), *((f"entry {other}", data) for other, data in original.items() if other != file.name)]
+        changes = [
+            *damaged(original[file.name], rng),
+            *((f"entry {other}", data) for other, data in original.items() if other != file.name),
+        ]
         for name, data in changes:
-            yield Try(f"{key}: {name}", partial(_own_or_none, folder, values, key), (folder,), WORKED, prepare=partial(file.write_bytes, data))
+            yield Try(
+                f"{key}: {name}",
+                partial(_own_or_none, folder, values, key),
+                (folder,),
+                WORKED,
+                prepare=partial(file.write_bytes, data),
+            )
         for make in (_folder, _pipe, _loop, _elsewhere):
-            yield Try(f"{key}: {make.__name__}", partial(_own_or_none, folder, values, key), (folder,), WORKED, prepare=partial(make, file))
+            yield Try(
+                f"{key}: {make.__name__}",
+                partial(_own_or_none, folder, values, key),
+                (folder,),
+                WORKED,
+                prepare=partial(make, file),
+            )
     yield from _processes(place, rng)
 
 
@@ -47,12 +62,12 @@ def _own_or_none(folder: Path, values: dict[str, bytes], key: str) -> None:
     """A key finds its own value or none, and a new one is kept; no other key is touched."""
     entries = Entries(folder)
     if entries.get(key) not in (None, values[key]):
-        raise Wrong(f"another value than was put: {key}")
+        raise WrongError(f"another value than was put: {key}")
     entries.put(key, b"new")
     if (folder / f"{key}-checked").is_file() and entries.get(key) != b"new":
-        raise Wrong(f"a value that was put is not found: {key}")
+        raise WrongError(f"a value that was put is not found: {key}")
     if any(entries.get(other) != values[other] for other in KEYS if other != key):
-        raise Wrong(f"another entry was lost: {key}")
+        raise WrongError(f"another entry was lost: {key}")
 
 
 def _folder(file: Path) -> None:
@@ -87,8 +102,16 @@ def _processes(place: Place, rng: np.random.Generator) -> Iterator[Try]:
         "text": lambda data: b"text",
     }
     for name, way in ways.items():
-        yield Try(f"a cache whose entries are {name}", partial(_computed, cache), (cache,), WORKED, prepare=partial(_filled, cache, way))
-    yield Try("a cache whose entries are exchanged", partial(_computed, cache), (cache,), WORKED, prepare=partial(_exchanged, cache))
+        yield Try(
+            f"a cache whose entries are {name}",
+            partial(_computed, cache),
+            (cache,),
+            WORKED,
+            prepare=partial(_filled, cache, way),
+        )
+    yield Try(
+        "a cache whose entries are exchanged", partial(_computed, cache), (cache,), WORKED, prepare=partial(_exchanged, cache)
+    )
     study, out = place.root / "study", place.root / "out"
     for name in ("cold", "damaged"):
         prepare = partial(_shared, study, cache, name == "damaged")
@@ -97,10 +120,10 @@ def _processes(place: Place, rng: np.random.Generator) -> Iterator[Try]:
 
 def _computed(cache: Path) -> None:
     """The right answer, and not a word."""
-    found = subprocess.run([sys.executable, "-c", SCRIPT], env=environment(SCAN2FLEX_CACHE=cache), capture_output=True, text=True,
-                           timeout=PATIENCE, check=False)  # fmt: skip
+    command, env = [sys.executable, "-c", SCRIPT], environment(SCAN2FLEX_CACHE=cache)
+    found = subprocess.run(command, env=env, capture_output=True, text=True, timeout=PATIENCE, check=False)
     if found.returncode or found.stderr or not np.isclose(float(found.stdout), RIGHT):
-        raise Wrong(f"a damaged cache is noticed: {found.returncode}, {found.stdout[-100:]}, {found.stderr[-400:]}")
+        raise WrongError(f"a damaged cache is noticed: {found.returncode}, {found.stdout[-100:]}, {found.stderr[-400:]}")
 
 
 def _filled(cache: Path, way: Callable[[bytes], bytes]) -> None:
@@ -132,4 +155,4 @@ def _two(study: Path, cache: Path, out: Path) -> None:
         said(process)
     files = [{path.name: path.read_bytes() for path in (out / str(i)).glob("*.csv")} for i in range(2)]
     if files[0] != files[1] or len(files[0]) != 4:
-        raise Wrong("two processes on one cache compute different things")
+        raise WrongError("two processes on one cache compute different things")

@@ -1,9 +1,9 @@
 """SIGKILL at any moment of the commands that compute long and write much.
 
-Ten processes of each command are killed one after the other in the same folders: four at a random moment of the whole run, six at
-a random moment after its first file appears, so that most fall into the writing. After each, every file is the old one or a
-whole new one, and the study is what it was; what the process leaves behind is no file that anybody takes for a result. Each next
-process meets what the killed ones left, and the last one, which nobody kills, must work.
+Ten processes of each command are killed one after the other in the same folders: four at a random moment of the whole run, six
+soon after the first file appears, so that most fall into the writing. After each, every file is the old one or a whole new one,
+and the study is what it was; a killed process leaves no file that anybody takes for a result. Each next process meets what the
+killed ones left, and the last one, which nobody kills, must work.
 """
 
 import signal
@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attacks import scene
-from benchmarks.attacks.attempt import WORKED, NotRun, Place, Try, Wrong, snapshot
+from benchmarks.attacks.attempt import WORKED, NotRunError, Place, Try, WrongError, snapshot
 from benchmarks.attacks.names import strict_json, tags, whole_picture
 from benchmarks.attacks.process import environment, said, start
 from scan2flex_jax.errors import Scan2FlexError
@@ -26,8 +26,28 @@ WRITING = 0.25  # s after the first file in which the others fall
 LONGEST = 240.0  # s until the first file
 SMALL = ("--elements", scene.ELEMENTS)
 COMMANDS = {
-    "fit": lambda study, out: ("fit", study, "--json", out / "f.json", "--save", out / "saved", "--figure", out / "f.png", *SMALL),
-    "explain": lambda study, out: ("explain", study, "--json", out / "e.json", "--figures", out, "--save", out / "saved", *SMALL),
+    "fit": lambda study, out: (
+        "fit",
+        study,
+        "--json",
+        out / "f.json",
+        "--save",
+        out / "saved",
+        "--figure",
+        out / "f.png",
+        *SMALL,
+    ),
+    "explain": lambda study, out: (
+        "explain",
+        study,
+        "--json",
+        out / "e.json",
+        "--figures",
+        out,
+        "--save",
+        out / "saved",
+        *SMALL,
+    ),
     "report": lambda study, out: ("report", study, "-o", out / "r.html", "--json", out / "r.json", *SMALL),
     "extract": lambda study, out: ("extract", study, "--figures", out, "--json", out / "x.json", "--save", out / "saved"),
 }
@@ -43,8 +63,12 @@ def tries(place: Place, rng: np.random.Generator) -> Iterator[Try]:
             writing = i >= IN_ALL
             moment = float(rng.uniform(0.0, WRITING if writing else 1.0))
             act = partial(_killed, name, study, out, took, moment, writing)
-            yield Try(f"{name}, {'writing, ' if writing else ''}{moment:.3f}", act, (out,), WORKED, stays=True, longest=2 * LONGEST)
-        yield Try(f"{name} after {MOMENTS} kills", partial(_works, name, study, out), (out,), WORKED, stays=True, longest=2 * LONGEST)
+            yield Try(
+                f"{name}, {'writing, ' if writing else ''}{moment:.3f}", act, (out,), WORKED, stays=True, longest=2 * LONGEST
+            )
+        yield Try(
+            f"{name} after {MOMENTS} kills", partial(_works, name, study, out), (out,), WORKED, stays=True, longest=2 * LONGEST
+        )
 
 
 def _killed(name: str, study: Path, out: Path, took: list[float], moment: float, writing: bool) -> None:
@@ -62,10 +86,10 @@ def _killed(name: str, study: Path, out: Path, took: list[float], moment: float,
     process.send_signal(signal.SIGKILL)
     process.communicate()
     if process.returncode not in (-signal.SIGKILL, 0):
-        raise Wrong(f"the run after a killed one ends with code {process.returncode}: {name}")
+        raise WrongError(f"the run after a killed one ends with code {process.returncode}: {name}")
     whole(out, old)
     if load_study(study) != loaded:
-        raise Wrong(f"a killed {name} changes the study")
+        raise WrongError(f"a killed {name} changes the study")
 
 
 def _timed(name: str, study: Path, out: Path) -> float:
@@ -80,7 +104,7 @@ def _first_change(out: Path, old: dict, process, began: float) -> bool:
     while process.poll() is None:
         if time.monotonic() - began > LONGEST:
             process.kill()
-            raise NotRun(f"nothing was written within {LONGEST:g} s")
+            raise NotRunError(f"nothing was written within {LONGEST:g} s")
         if _times(out) != {path: path.lstat().st_mtime_ns for path in old if path.exists() and path.is_file()}:
             return True
         time.sleep(0.002)
@@ -104,13 +128,13 @@ def whole(out: Path, old: dict) -> None:
             continue  # a temporary file, whose name begins with a dot, is nobody's result
         try:
             _read_through(path)
-        except Wrong:
+        except WrongError:
             raise
         except (OSError, ValueError, SyntaxError, Scan2FlexError) as error:
-            raise Wrong(f"a file that is half written: {path.name} ({type(error).__name__} {str(error)[:100]})") from error
+            raise WrongError(f"a file that is half written: {path.name} ({type(error).__name__} {str(error)[:100]})") from error
     lost = [path.name for path in old if not path.exists() and not path.name.startswith(".")]
     if lost:
-        raise Wrong(f"a result of an earlier run is gone: {lost}")
+        raise WrongError(f"a result of an earlier run is gone: {lost}")
 
 
 def _read_through(path: Path) -> None:
@@ -122,7 +146,7 @@ def _read_through(path: Path) -> None:
     elif kind == "html":
         text = path.read_text("utf-8")
         if not text.rstrip().endswith("</html>") or not tags(text):
-            raise Wrong(f"half a page: {path.name}")
+            raise WrongError(f"half a page: {path.name}")
     elif path.name == "study.toml":
         load_study(path)
 

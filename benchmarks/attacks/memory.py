@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.attacks.attempt import REFUSED, Place, Refused, Try, Wrong
+from benchmarks.attacks.attempt import REFUSED, Place, RefusedError, Try, WrongError
 from benchmarks.attacks.scene import ALONG_X, ELEMENTS
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import boundary_of, fit, model_of
@@ -21,7 +21,8 @@ _RAGGED = [[1.0], [1.0, 2.0]]
 NEVER: dict[str, Any] = {  # what no number, vector, clamp, curve or pose of a study is
     "nan": float("nan"), "inf": float("inf"), "-inf": -float("inf"), "np.nan": np.float64("nan"), "complex": 1j,
     "three nan": np.full(3, np.nan), "four inf": np.full(4, np.inf), "objects": np.array([object()] * 3), "ragged": _RAGGED,
-    "object": object(), "a function": len, "a class": int, "bytes": b"1.0", "a set": {1.0}, "a date": np.datetime64("2020-01-01"),
+    "object": object(), "a function": len, "a class": int, "bytes": b"1.0", "a set": {1.0},
+    "a date": np.datetime64("2020-01-01"),
     "a generator": (x for x in ()), "10^400": 10**400, "texts": ["a", "b", "c"], "mixed": [1.0, None, "c"],
     "structured": np.zeros(3, dtype=[("x", "f8")]), "deep": [[[[[[1.0]]]]]], "masked nan": np.ma.array([np.nan] * 3, mask=True),
 }  # fmt: skip
@@ -30,7 +31,8 @@ ODD: dict[str, Any] = {
     "empty array": np.zeros(0), "empty rows": np.zeros((0, 3)), "0": 0.0, "-0.0": -0.0, "-1": -1.0, "1": 1, "1e308": 1e308,
     "5e-324": 5e-324, "1e16": 1e16, "float32": np.float32(0.1), "int8": np.int8(1), "0-d array": np.array(0.1),
     "one entry": [0.1], "two": [0.1, 0.2], "three": [0.1, 0.2, 0.3], "three zeros": np.zeros(3), "four ones": np.ones(4),
-    "four zeros": np.zeros(4), "rows": np.ones((5, 3)), "rows of four": np.ones((5, 4)), "3 by 3": np.eye(3), "4 by 4": np.eye(4),
+    "four zeros": np.zeros(4), "rows": np.ones((5, 3)), "rows of four": np.ones((5, 4)), "3 by 3": np.eye(3),
+    "4 by 4": np.eye(4),
     "5-d": np.ones((1,) * 5), "dict": {"a": 1.0}, "path": Path("/dev/zero"), "dots": "../../x", "bools": [True, False, True],
     "int64": np.arange(3), "big": np.full(3, 1e200), "a line": np.linspace(0, 1, 12)[:, None] * [1.0, 0.0, 0.0],
     "one place": np.zeros((12, 3)),
@@ -99,14 +101,14 @@ def _checked(make: Callable[[], Study], copy: Path) -> Callable[[], None]:
         model, boundaries = model_of(study), [boundary_of(pose) for pose in study.poses]
         numbers = [*_leaves(model), *(x for boundary in boundaries for x in _leaves(boundary))]
         if not all(np.all(np.isfinite(x)) for x in numbers):
-            raise Wrong(f"a model with numbers that are not finite: {study.cable}")
+            raise WrongError(f"a model with numbers that are not finite: {study.cable}")
         describe(study)
         try:
             save_study(study, copy)
         except Scan2FlexError as error:
-            raise Wrong(f"taken in memory, and refused as a file: {error}") from error
+            raise WrongError(f"taken in memory, and refused as a file: {error}") from error
         if load_study(copy) != study:
-            raise Wrong("a saved study is another one")
+            raise WrongError("a saved study is another one")
 
     return act
 
@@ -146,9 +148,9 @@ def _rod(cable=None, gravity=(0.0, 0.0, -9.81), position=(0.0, 0.0, 0.0), rotati
         boundary = Boundary.of((position, rotation), (np.array([0.6, 0.0, 0.0]), np.array(ALONG_X)))
         found = equilibrium(model, boundary, **{"elements": ELEMENTS, "max_steps": 200, **(options or {})})
         if not bool(found.verdict.solved):
-            raise Refused(found.verdict.sentence())
+            raise RefusedError(found.verdict.sentence())
         for x in (found.points, *found.section_forces(), *found.reactions()):
             if not np.all(np.isfinite(x)):
-                raise Wrong("solved, with numbers that are not finite: " + found.verdict.sentence())
+                raise WrongError("solved, with numbers that are not finite: " + found.verdict.sentence())
 
     return act

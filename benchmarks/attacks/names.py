@@ -12,19 +12,24 @@ import matplotlib.image
 import numpy as np
 
 from benchmarks.attacks import scene
-from benchmarks.attacks.attempt import REFUSED, WORKED, Place, Try, Wrong, command
+from benchmarks.attacks.attempt import REFUSED, WORKED, Place, Try, WrongError, command
 from scan2flex_jax.scan.centre_curve import CentreCurve, RadiusStatistics
 from scan2flex_jax.study import MeasuredCurve, load_study, save_study
 
 OTHER = "one-forces"
 NAMES = (
-    "../esc", "../../esc", "../../../../../../esc", "/etc/passwd", "..", ".", "...", " x", "a/../../b", "a/b", "C:\\x", "\\\\host\\share",
-    "-rf", "--json", "~root", "~", "nul", "CON", "aux.csv", "com1", "LPT9.x", "x" * 5000, "\N{SNOWMAN}" * 300, "a\0b", "a\nb", "a\rb",
-    "\x1b[2J", "\x1b]0;title\a", "\x07", "\u202egnp", "\u2028", "\ufeffa", "a:b", "what?", "*", "name.", "name ", "$\\frac{$", "$x$",
+    "../esc", "../../esc", "../../../../../../esc", "/etc/passwd", "..", ".", "...", " x", "a/../../b", "a/b", "C:\\x",
+    "\\\\host\\share",
+    "-rf", "--json", "~root", "~", "nul", "CON", "aux.csv", "com1", "LPT9.x", "x" * 5000, "\N{SNOWMAN}" * 300, "a\0b", "a\nb",
+    "a\rb",
+    "\x1b[2J", "\x1b]0;title\a", "\x07", "\u202egnp", "\u2028", "\ufeffa", "a:b", "what?", "*", "name.", "name ", "$\\frac{$",
+    "$x$",
     "$$", "\\frac", "_hidden", "%s%n", "{}", "{{ 7*7 }}", "{% raw %}", "<b>bold</b>", "</script><script>alert(1)</script>",
-    "<img src=x onerror=alert(1)>", '" onmouseover="alert(1)', "&lt;", "javascript:alert(1)", "[bold]x[/bold]", "[link=file:///]x",
+    "<img src=x onerror=alert(1)>", '" onmouseover="alert(1)', "&lt;", "javascript:alert(1)", "[bold]x[/bold]",
+    "[link=file:///]x",
     "study", "study.toml", "pose-0.csv", ".scan2flex-written", "one", "\N{COMBINING ACUTE ACCENT}", "e\u0301",
-    "\N{LATIN SMALL LIGATURE FI}", "\N{PILE OF POO}", "'; DROP TABLE", "`id`", "$(id)", "| head", "#", "a,b", "a;b", '"', "'", "\t",
+    "\N{LATIN SMALL LIGATURE FI}", "\N{PILE OF POO}", "'; DROP TABLE", "`id`", "$(id)", "| head", "#", "a,b", "a;b", '"', "'",
+    "\t",
     "nan", "None", "0", "[[pose]]", "a.b", "=1+1", "\N{ZERO WIDTH SPACE}", "\N{ARABIC LETTER BEH}", "\x7f", "\x85",
 )  # fmt: skip
 
@@ -46,7 +51,7 @@ def _simulated(study: Path, out: Path, name: str) -> None:
     written = [path for path in (out / "a" / "b").iterdir() if path.suffix == ".csv"]
     shapes = [path for path in written if path.read_text().startswith("s,x,y,z\n")]
     if len(written) != 4 or len(shapes) != 2:
-        raise Wrong(f"two poses do not make four files: {sorted(path.name for path in written)}")
+        raise WrongError(f"two poses do not make four files: {sorted(path.name for path in written)}")
 
 
 def _checked(study: Path, out: Path, name: str) -> None:
@@ -60,9 +65,9 @@ def _saved(study: Path, out: Path, name: str) -> None:
     save_study(loaded, out / "saved")
     again = load_study(out / "saved")
     if again != loaded or [pose.name for pose in again.poses] != [name, OTHER]:
-        raise Wrong("a saved study is another one: " + ascii(name)[:60])
+        raise WrongError("a saved study is another one: " + ascii(name)[:60])
     if any(path.parent != out / "saved" for path in out.rglob("*.csv")):
-        raise Wrong("a file outside of the saved study: " + ascii(name)[:60])
+        raise WrongError("a file outside of the saved study: " + ascii(name)[:60])
 
 
 def _exported(study: Path, out: Path, name: str) -> None:
@@ -87,7 +92,9 @@ def _a_curve() -> CentreCurve:
 
 
 def _fitted(study: Path, out: Path, name: str) -> None:
-    command("fit", study, "--json", out / "f.json", "--figure", out / "f.png", "--save", out / "saved", "--elements", scene.ELEMENTS)
+    command(
+        "fit", study, "--json", out / "f.json", "--figure", out / "f.png", "--save", out / "saved", "--elements", scene.ELEMENTS
+    )
     _holds(strict_json(out / "f.json")["poses"], name)
     whole_picture(out / "f.png")
 
@@ -97,7 +104,7 @@ def _reported(study: Path, out: Path, name: str) -> None:
     page = (out / "r.html").read_text("utf-8")
     plain = scene.kept("page", lambda: tags(_plain_page(out / "plain")))
     if tags(page) != plain:
-        raise Wrong(f"a name changes the tags of a page: {sorted(set(tags(page)) ^ set(plain))}")
+        raise WrongError(f"a name changes the tags of a page: {sorted(set(tags(page)) ^ set(plain))}")
 
 
 def _plain_page(folder: Path) -> str:
@@ -128,7 +135,7 @@ def strict_json(path: Path):
     """What a JSON file holds; NaN and infinity are no JSON."""
 
     def never(name):
-        raise Wrong(f"{name} in JSON: {path.name}")
+        raise WrongError(f"{name} in JSON: {path.name}")
 
     return json.loads(path.read_text("utf-8"), parse_constant=never)
 
@@ -136,9 +143,9 @@ def strict_json(path: Path):
 def whole_picture(path: Path) -> None:
     """Refuse a picture that cannot be read to its end."""
     if not matplotlib.image.imread(path).size:
-        raise Wrong(f"an empty picture: {path.name}")
+        raise WrongError(f"an empty picture: {path.name}")
 
 
 def _holds(entries: dict, name: str) -> None:
     if name not in entries:
-        raise Wrong(f"a name that is another one in JSON: {[ascii(key)[:60] for key in entries]}")
+        raise WrongError(f"a name that is another one in JSON: {[ascii(key)[:60] for key in entries]}")

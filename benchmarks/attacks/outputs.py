@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attacks import scene
-from benchmarks.attacks.attempt import REFUSED, Place, Try, Wrong, command
+from benchmarks.attacks.attempt import REFUSED, Place, Try, WrongError, command
 from benchmarks.attacks.names import strict_json, tags, whole_picture
 from benchmarks.attacks.targets import FILES, FOLDERS, Target
 
 SMALL = ("--elements", scene.ELEMENTS)
+STARTED = ("--length=1", "--density=0.2", "--radius=5 mm", "--units=m", "--clamps-from-curves")  # what `new` must be told
 MATRIX = "--matrix=1,0,0,0,0,1,0,0,0,0,1,0"
 Words = Callable[[Path, object], tuple]
 SINKS: dict[str, tuple[str, Words]] = {  # the ending of the file, and the command's words for a study and a target
@@ -20,29 +21,33 @@ SINKS: dict[str, tuple[str, Words]] = {  # the ending of the file, and the comma
     "pose --json": (".json", lambda study, to: ("pose", MATRIX, "--json", to)),
     "curve -o": (".csv", lambda study, to: ("curve", study / "pose-0.csv", "-o", to)),
     "curve --json": (".json", lambda study, to: ("curve", study / "pose-0.csv", "--json", to)),
-    "simulate --json": (".json", lambda study, to: ("simulate", study, "--out", study.parent / "out" / "s", "--json", to, *SMALL)),
+    "simulate --json": (".json", lambda study, to: ("simulate", study, "--out", _beside(study, "s"), "--json", to, *SMALL)),
     "fit --json": (".json", lambda study, to: ("fit", study, "--json", to, *SMALL)),
     "fit --figure": (".png", lambda study, to: ("fit", study, "--figure", to, *SMALL)),
     "explain --json": (".json", lambda study, to: ("explain", study, "--json", to, *SMALL)),
     "plan --json": (".json", lambda study, to: ("plan", study, "--json", to, *SMALL)),
     "report -o": (".html", lambda study, to: ("report", study, "-o", to, *SMALL)),
-    "report --json": (".json", lambda study, to: ("report", study, "-o", study.parent / "out" / "r.html", "--json", to, *SMALL)),
+    "report --json": (".json", lambda study, to: ("report", study, "-o", _beside(study, "r.html"), "--json", to, *SMALL)),
     "export -o": (".xml", lambda study, to: ("export", study, "--to", "mujoco", "-o", to, *SMALL)),
-    "extract --json": (".json", lambda study, to: ("extract", study, "--save", study.parent / "out" / "e", "--json", to)),
-}  # fmt: skip
+    "extract --json": (".json", lambda study, to: ("extract", study, "--save", _beside(study, "e"), "--json", to)),
+}
 FOLDER_SINKS: dict[str, Words] = {
     "simulate --out": lambda study, to: ("simulate", study, "--out", to, *SMALL),
     "fit --save": lambda study, to: ("fit", study, "--save", to, *SMALL),
     "explain --figures": lambda study, to: ("explain", study, "--figures", to, *SMALL),
     "explain --save": lambda study, to: ("explain", study, "--save", to, *SMALL),
     "extract --save": lambda study, to: ("extract", study, "--save", to),
-    "extract --figures": lambda study, to: ("extract", study, "--save", study.parent / "out" / "e", "--figures", to),
-    "new --out": lambda study, to: ("new", study, "--length=1", "--density=0.2", "--radius=5 mm", "--units=m", "--clamps-from-curves",
-                                    "--out", to),
+    "extract --figures": lambda study, to: ("extract", study, "--save", _beside(study, "e"), "--figures", to),
+    "new --out": lambda study, to: ("new", study, *STARTED, "--out", to),
     "demo --out": lambda study, to: ("demo", "--out", to),
-}  # fmt: skip
+}
 NO_FORCE = ("fit --save", "explain --save", "extract --save", "new --out")  # old files are kept in backups
 _BACKED = {"the study itself", "the study by a link"}
+
+
+def _beside(study: Path, name: str) -> Path:
+    """Where a command writes what is not attacked."""
+    return study.parent / "out" / name
 
 
 def tries(place: Place, rng: np.random.Generator) -> Iterator[Try]:
@@ -94,9 +99,9 @@ def _whole(path: Path, ending: str) -> None:
     elif ending == ".png":
         whole_picture(path)
     elif ending == ".html" and ("html", ()) not in {(tag, ()) for tag, _ in tags(path.read_text("utf-8"))}:
-        raise Wrong(f"no page: {path.name}")
+        raise WrongError(f"no page: {path.name}")
     elif not path.stat().st_size:
-        raise Wrong(f"an empty result: {path.name}")
+        raise WrongError(f"an empty result: {path.name}")
 
 
 def _onto_its_own(place: Place) -> Iterator[Try]:
@@ -119,4 +124,6 @@ def _onto_its_own(place: Place) -> Iterator[Try]:
         yield Try(f"{sink}: its own result", act, (out,), "worked", prepare=prepare)
         changed = partial(prepare, changed=b" ")
         yield Try(f"{sink}: its own result, changed since", act, (), REFUSED, prepare=changed)
-        yield Try(f"{sink}: its own result, changed since --force", partial(act, more=("--force",)), (out,), "worked", prepare=changed)
+        yield Try(
+            f"{sink}: its own result, changed since --force", partial(act, more=("--force",)), (out,), "worked", prepare=changed
+        )

@@ -16,7 +16,9 @@ _OWN = ("SCAN2FLEX_CACHE", "XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR", "PYTHO
 def environment(**changes: object) -> dict[str, str]:
     """This environment with changes (None: without it); the package is the one of this checkout."""
     kept = {k: v for k, v in os.environ.items() if k not in (*_OWN, *changes)}
-    return {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **kept} | {k: str(v) for k, v in changes.items() if v is not None}
+    return {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1", **kept} | {
+        k: str(v) for k, v in changes.items() if v is not None
+    }
 
 
 def start(*words: object, before: tuple[str, ...] = (), env: dict[str, str] | None = None, **options) -> subprocess.Popen:

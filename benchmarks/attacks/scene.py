@@ -42,7 +42,9 @@ def shapes() -> tuple[np.ndarray, ...]:
     """Points (40, 3) of the cable between its clamps (m), one array a pose, with noise."""
     model, found = CableModel(Cable(1.0, 0.2, 0.1, 0.25), [0.0, 0.0, -9.81]), []
     for i, end in enumerate(ENDS):
-        e = equilibrium(model, Boundary.of((np.zeros(3), np.array(ALONG_X)), (np.array(end), np.array(ALONG_X))), elements=ELEMENTS)
+        e = equilibrium(
+            model, Boundary.of((np.zeros(3), np.array(ALONG_X)), (np.array(end), np.array(ALONG_X))), elements=ELEMENTS
+        )
         s = np.linspace(0.0, 1.0, 40)
         noise = NOISE * np.random.default_rng(i).normal(size=(len(s), 3))
         found.append(CubicSpline(np.asarray(e.s), np.asarray(e.points))(s) + noise)

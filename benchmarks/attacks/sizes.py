@@ -123,24 +123,52 @@ def _nested(path: Path) -> None:
 
 def _lies(rng: np.random.Generator) -> Iterator[tuple[str, Make, str | None]]:
     """Headers that declare other counts than there are."""
-    points = "\n".join("%g %g %g" % tuple(p) for p in curve(20)).encode()
+    points = "\n".join(" ".join(map("{:g}".format, p)) for p in curve(20)).encode()
     raw = curve(20).astype("<f4").tobytes()
-    counts = ("4000000000", "-1", "0", "21", "1e9", "nan", "9" * 40, "", "x", "2147483648", "18446744073709551616", "5000001", "0x14")
+    counts = (
+        "4000000000",
+        "-1",
+        "0",
+        "21",
+        "1e9",
+        "nan",
+        "9" * 40,
+        "",
+        "x",
+        "2147483648",
+        "18446744073709551616",
+        "5000001",
+        "0x14",
+    )
     for count in counts:
         n, must = count.encode(), None if count in ("0", "") else REFUSED
         name = count[:12] or "none"
-        plain = b"ply\nformat ascii 1.0\nelement vertex " + n + b"\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+        plain = (
+            b"ply\nformat ascii 1.0\nelement vertex "
+            + n
+            + b"\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+        )
         yield f"says-{name}-ascii.ply", partial(_bytes, plain + points + b"\n"), must
         yield f"says-{name}.ply", partial(_bytes, plain.replace(b"ascii", b"binary_little_endian") + raw), must
-        faces = plain.replace(b"vertex " + n, b"vertex 20").replace(b"end_header", b"element face " + n + b"\nproperty list uchar int v\nend_header")
+        faces = plain.replace(b"vertex " + n, b"vertex 20").replace(
+            b"end_header", b"element face " + n + b"\nproperty list uchar int v\nend_header"
+        )
         yield f"says-{name}-faces.ply", partial(_bytes, faces + points + b"\n"), None
         yield f"says-{name}.off", partial(_bytes, b"OFF\n" + n + b" 1 0\n" + points + b"\n"), must
         yield f"says-{name}-faces.off", partial(_bytes, b"OFF\n20 " + n + b" 0\n" + points + b"\n"), None
         if count.isdecimal() and int(count) < 2**32:
             yield f"says-{name}.stl", partial(_bytes, bytes(80) + struct.pack("<I", int(count)) + bytes(50)), REFUSED
-            yield f"says-{name}.glb", partial(_bytes, struct.pack("<4sIIII", b"glTF", 2, int(count), int(count), 0x4E4F534A)), REFUSED
+            yield (
+                f"says-{name}.glb",
+                partial(_bytes, struct.pack("<4sIIII", b"glTF", 2, int(count), int(count), 0x4E4F534A)),
+                REFUSED,
+            )
     many = b"".join(b"property float p%d\n" % i for i in range(50_000))
-    yield "many-properties.ply", partial(_bytes, b"ply\nformat ascii 1.0\nelement vertex 1\n" + many + b"end_header\n1\n"), REFUSED
+    yield (
+        "many-properties.ply",
+        partial(_bytes, b"ply\nformat ascii 1.0\nelement vertex 1\n" + many + b"end_header\n1\n"),
+        REFUSED,
+    )
     yield "endless-header.ply", _repeated(b"ply\nformat ascii 1.0\n", b"comment x\n", 2_000_000), REFUSED
 
 
@@ -169,10 +197,14 @@ def _tomls() -> Iterator[tuple[str, bytes, str | None]]:
         for name, text in {
             "keys with dots": b"a" + b".a" * n + b" = 1\n", "tables with dots": b"[" + b"a." * n + b"a]\n",
             "lists": b"a = " + b"[" * n + b"]" * n + b"\n", "inline tables": b"a = " + b"{a=" * n + b"1" + b"}" * n + b"\n",
-            "open lists": b"a = " + b"[" * n + b"\n", "a long list": b"a = [" + b"1," * n + b"]\n", "a long text": b'a = "' + b"x" * n + b'"\n',
-            "a long number": b"a = " + b"9" * n + b"\n", "a long key": b"x" * n + b" = 1\n", "many keys": b"".join(b"k%d = 1\n" % i for i in range(n)),
-            "many tables": b"".join(b"[t%d]\n" % i for i in range(n)), "many poses": b"[[pose]]\n" * n, "many effects": b"[[effect]]\n" * n,
-            "a quoted key": b'"' + b"\\u0041" * n + b'" = 1\n', "comments": b"#\n" * n, "blanks": b" " * n, "a long title": b'title = "' + b"t" * n + b'"\n',
+            "open lists": b"a = " + b"[" * n + b"\n", "a long list": b"a = [" + b"1," * n + b"]\n",
+            "a long text": b'a = "' + b"x" * n + b'"\n',
+            "a long number": b"a = " + b"9" * n + b"\n", "a long key": b"x" * n + b" = 1\n",
+            "many keys": b"".join(b"k%d = 1\n" % i for i in range(n)),
+            "many tables": b"".join(b"[t%d]\n" % i for i in range(n)), "many poses": b"[[pose]]\n" * n,
+            "many effects": b"[[effect]]\n" * n,
+            "a quoted key": b'"' + b"\\u0041" * n + b'" = 1\n', "comments": b"#\n" * n, "blanks": b" " * n,
+            "a long title": b'title = "' + b"t" * n + b'"\n',
         }.items():  # fmt: skip
             yield f"{n} {name}", text + start, None
             yield f"{n} {name} at the end", start + text, None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.attacks.attempt import REFUSED, Place, Try, Wrong
+from benchmarks.attacks.attempt import REFUSED, Place, Try, WrongError
 from scan2flex_jax.sweep import Axis, Calls, Output, grid, open_sweep, sweep
 
 LANES, CHUNK = 24, 8
@@ -52,7 +52,8 @@ def damaged(data: bytes, rng: np.random.Generator) -> Iterator[tuple[str, bytes]
         yield f"cut after {end} bytes", data[:end]
     low, high = sorted(rng.integers(0, len(data), 2))
     changes = {
-        "doubled": 2 * data, "empty": b"", "a piece doubled": data[:high] + data[low:], "a piece missing": data[:low] + data[high + 1 :],
+        "doubled": 2 * data, "empty": b"", "a piece doubled": data[:high] + data[low:],
+        "a piece missing": data[:low] + data[high + 1 :],
         "zeros": bytes(len(data)), "random": rng.bytes(len(data)), "longer": data + b"\0", "text": b"text\n" * 50,
         "NaN": data.replace(np.array(4.0, ">f8").tobytes(), np.array(np.nan, ">f8").tobytes()),
         "reversed": data[::-1], "checksum alone": data[-64:],
@@ -61,13 +62,18 @@ def damaged(data: bytes, rng: np.random.Generator) -> Iterator[tuple[str, bytes]
 
 
 def _try(place, store, whole, said, name, data, way) -> Try:
-    return Try(f"{way.__name__.strip('_')} {said}", lambda: way(store, whole), (store,), prepare=lambda: (store / name).write_bytes(data))
+    return Try(
+        f"{way.__name__.strip('_')} {said}",
+        lambda: way(store, whole),
+        (store,),
+        prepare=lambda: (store / name).write_bytes(data),
+    )
 
 
 def _read(store: Path, whole) -> None:
     """A store that is read says what was computed."""
     if not open_sweep(store).drop_vars("seconds").identical(whole):
-        raise Wrong("a damaged store is read as another one")
+        raise WrongError("a damaged store is read as another one")
 
 
 def _gone_on(store: Path, whole) -> None:
@@ -76,7 +82,7 @@ def _gone_on(store: Path, whole) -> None:
         warnings.simplefilter("ignore", UserWarning)
         found = sweep(*task(), store=store, chunk=CHUNK)
     if not found.drop_vars("seconds").identical(whole):
-        raise Wrong("a sweep that went on from a damaged store is another one")
+        raise WrongError("a sweep that went on from a damaged store is another one")
     _read(store, whole)
 
 
@@ -98,14 +104,16 @@ def _no_file(place, store, whole, name) -> Iterator[Try]:
         for way in (_read, _gone_on):
             partly = way is _read and make is gone and name.startswith("chunk")  # it is told apart as not run yet
             act = _partly if partly else way
-            yield Try(f"{way.__name__.strip('_')} {name}: {make.__name__}", lambda act=act: act(store, whole), (store,), prepare=make)
+            yield Try(
+                f"{way.__name__.strip('_')} {name}: {make.__name__}", lambda act=act: act(store, whole), (store,), prepare=make
+            )
 
 
 def _partly(store: Path, whole) -> None:
     found = open_sweep(store)
     there = found["verdict"].values != "not run yet"
     if there.sum() != LANES - CHUNK or not np.array_equal(found["square"].values[there], whole["square"].values[there]):
-        raise Wrong("a store without a chunk is read as another one")
+        raise WrongError("a store without a chunk is read as another one")
 
 
 def _texts(place, store, whole, definition: bytes) -> Iterator[Try]:
@@ -116,7 +124,9 @@ def _texts(place, store, whole, definition: bytes) -> Iterator[Try]:
             data = json.dumps(_changed(tree, path, value)).encode()
             if data != json.dumps(tree).encode():
                 said = f"definition {'.'.join(map(str, path))} = {str(value)[:20]}"
-                yield Try(said, lambda: _read(store, whole), (store,), REFUSED, prepare=_writes(store / "definition.json", data))
+                yield Try(
+                    said, lambda: _read(store, whole), (store,), REFUSED, prepare=_writes(store / "definition.json", data)
+                )
 
 
 def _writes(path: Path, data: bytes) -> Callable[[], object]:
@@ -135,4 +145,3 @@ def _changed(tree, path, value):
     copy = dict(tree) if isinstance(tree, dict) else list(tree)
     copy[key] = _changed(tree[key], rest, value) if rest else value
     return copy
-

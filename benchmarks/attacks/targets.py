@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
-from benchmarks.attacks.attempt import REFUSED, WORKED, NotRun, Wrong
+from benchmarks.attacks.attempt import REFUSED, WORKED, NotRunError, WrongError
 
 OLD = b"old results of somebody"
 
@@ -98,7 +98,7 @@ def _socket(out: Path, study: Path, ending: str) -> Path:
 def _device(name: str) -> Callable[[Path, Path, str], Path]:
     def make(out, study, ending):
         if not Path(name).exists():
-            raise NotRun(f"there is no {name}")
+            raise NotRunError(f"there is no {name}")
         if not ending or ending == ".json":
             return Path(name)
         (out / f"device{ending}").symlink_to(name)  # a picture's name says its kind
@@ -120,7 +120,7 @@ def _read(path: Path) -> Iterator[None]:
     yield
     reader.join(30)
     if not came or not came[0] or not path.is_fifo():
-        raise Wrong(f"nothing came out of a pipe: {path.name}")
+        raise WrongError(f"nothing came out of a pipe: {path.name}")
 
 
 @contextlib.contextmanager
@@ -194,7 +194,8 @@ FOLDERS: dict[str, Target] = {
     "the study itself": Target(lambda out, study, ending: study, (None, None)),
     "the study by a link": Target(lambda out, study, ending: _through_a_folder(out, study, ending).parent, (None, None)),
     **{name: FILES[name] for name in ("own curve", "own study.toml", "loop of links", "below a file", "below own curve",
-       "name of 300 bytes", "path of 5000 bytes", "name with a line break", "name that is no UTF-8", "name with a null byte", "/proc",
+       "name of 300 bytes", "path of 5000 bytes", "name with a line break", "name that is no UTF-8", "name with a null byte",
+       "/proc",
        "pipe that nobody reads", "full disk", "disk full after 40 bytes", "fsync fails")},
     "new folder": Target(_plain, (WORKED, WORKED)),
     "/dev/null": Target(_device("/dev/null")),

@@ -1,4 +1,4 @@
-"""Wrong and hostile values: of every key of study.toml and every parameter of an effect, of curves, and of options.
+"""WrongError and hostile values: of every key of study.toml and every parameter of an effect, of curves, and of options.
 
 What is refused is refused in one sentence; what is taken is described, saved, and reads back as the same study.
 """
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.attacks.attempt import REFUSED, Place, Try, Wrong, command
+from benchmarks.attacks.attempt import REFUSED, Place, Try, WrongError, command
 from benchmarks.attacks.memory import in_memory, of_the_rod
 from scan2flex_jax.study import describe, load_study, save_study
 from scan2flex_jax.study.kinds import ParameterFormat, kind_format, kind_names
@@ -62,7 +62,9 @@ def tries(place: Place, rng: np.random.Generator) -> Iterator[Try]:
                 must = REFUSED if value in NEVER else None
                 yield _toml(place, folder, f"{table} {key} = {value[:40]}", text({(table, key): value}), must)
             yield _toml(place, folder, f"{table} {key} left out", text({(table, key): None}))
-            yield _toml(place, folder, f"{table} {key} twice", text({(table, key): f"{keys[key]}\n{key} = {keys[key]}"}), REFUSED)
+            yield _toml(
+                place, folder, f"{table} {key} twice", text({(table, key): f"{keys[key]}\n{key} = {keys[key]}"}), REFUSED
+            )
             yield _toml(place, folder, f"{table} unknown key", text({(table, key): f"{keys[key]}\n{key}_ = 1"}), REFUSED)
     yield from _effects(place, folder, rng)
     yield from _curves(place, folder, rng)
@@ -90,10 +92,10 @@ def taken(folder: Path, copy: Path) -> None:
     """Read a study, describe it, save it, and read that."""
     study = load_study(folder)
     if not describe(study).strip():
-        raise Wrong("a study that says nothing")
+        raise WrongError("a study that says nothing")
     save_study(study, copy)
     if load_study(copy) != study:
-        raise Wrong(f"a saved study is another one: {describe(study)}")
+        raise WrongError(f"a saved study is another one: {describe(study)}")
 
 
 def _effects(place, folder, rng) -> Iterator[Try]:
@@ -141,7 +143,8 @@ def _file(place, folder, name, file, data) -> Try:
 
 
 _NUMBERS = (
-    "nan", "inf", "1e999", "", " ", "0", "-1", "text", "1e308", "0x10", "9" * 400, "1,2", "1 m", "1 parsec", "\N{MICRO SIGN}m", "%s",
+    "nan", "inf", "1e999", "", " ", "0", "-1", "text", "1e308", "0x10", "9" * 400, "1,2", "1 m", "1 parsec", "\N{MICRO SIGN}m",
+    "%s",
     "1e-320", "--1", "\0"[:0] + "\N{FULLWIDTH DIGIT ONE}", "1/0", "'", "[bold]",
 )  # fmt: skip
 
@@ -160,7 +163,9 @@ def _options(place, rng) -> Iterator[Try]:
         for form in ("--matrix={}", "--matrix=1,0,0,{},0,1,0,0,0,0,1,0", "--matrix=1 0 {} 0 0 1 0 0 0 0 1 0 0 0 0 1"):
             yield _words(f"pose {form.format(value)}", "pose", form.format(value))
         for angles, convention in ((f"0,90,{value}", "kuka"), ("0,90,0", value)):
-            yield _words(f"pose {angles} {convention}", "pose", "--position", "0,0,0", f"--angles={angles}", "--convention", convention)
+            yield _words(
+                f"pose {angles} {convention}", "pose", "--position", "0,0,0", f"--angles={angles}", "--convention", convention
+            )
         for option in ("--units", "--columns"):
             yield _words(f"curve {option} {value}", "curve", scans / "a.csv", f"{option}={value}")
         if value not in ("0x10", "0"):  # a whole number in another writing

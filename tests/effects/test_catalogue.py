@@ -200,6 +200,6 @@ def test_strings_are_tried_where_every_pose_holds_the_cable_alike():
     """Scans of one pose again: the place is as far from the anchor in each, and tells no stiffness."""
     entry, c = ENTRIES["tether"], scene.CONTEXT
     amplitude = np.array([0.0, *(0.1 * c.force * np.array([0.0, 0.6, 0.8]))])
-    starts = entry.other_starts(amplitude, {"position": 0.5 * c.length}, c, np.tile(c.centre + np.array([0.1, 0.0, 0.0]), (2, 1)))
+    starts = entry.other_starts(amplitude, {"position": 0.5 * c.length}, c, np.tile(c.centre + 0.1, (2, 1)))
     assert [site["reach"] / c.length for _, site, _ in starts] == pytest.approx([0.2, 0.4])
     assert all(np.all(np.isfinite(a)) for a, _, _ in starts)
