@@ -1,8 +1,8 @@
-"""The tables of docs/robustness.md: cables far from everyday ones, broken files, attacks. See `benchmarks.tables`."""
+"""The tables of docs/robustness.md: cables far from everyday ones, branches, broken files, attacks. See `benchmarks.tables`."""
 
 from pathlib import Path
 
-from benchmarks.tables import load, made_on, table
+from benchmarks.markdown import load, made_on, table
 
 PAGE = Path(__file__).parents[1] / "docs" / "robustness.md"
 WAYS = ("equilibrium", "check", "simulate", "fit")
@@ -34,6 +34,21 @@ def fuzz() -> str:
     return table(["reader", "inputs", "refused in one sentence", "slowest", "failures"], rows) + said + made_on(entry)
 
 
+def branches() -> str:
+    """Random twisted studies: how many were believed, and how their estimates lie about the truth."""
+    entry = load("branches")
+    r, rows = entry["results"]["summary"], []
+    for letters in ("EI", "GJ"):
+        e = r[letters]
+        covered = f"{e['covered']} of {e['determined']}"
+        rows.append([letters, covered, f"{e['largest']:.1f}", e["beyond"]])
+    doubted = r["studies"] - r["believed"] - r["refused"]
+    counts = f"{r['studies']} studies: {r['believed']} believed, {doubted} not believed, {r['refused']} refused"
+    said = f"\n{counts}; turns other than the stated ones in {r['turned']}.\n"
+    head = ["of the believed studies", "95 % intervals that hold the truth", "largest abs(z)", "abs(z) above 4"]
+    return table(head, rows) + said + made_on(entry)
+
+
 _ATTACKED = {
     "values": "fields of study.toml, of studies in memory and of the rod; options",
     "names": "names of poses, through seven commands",
@@ -63,4 +78,4 @@ def attacks() -> str:
     return table(head, rows) + said + made_on(entry)
 
 
-TABLES = {"extremes": extremes, "fuzz": fuzz, "attacks": attacks}
+TABLES = {"extremes": extremes, "branches": branches, "fuzz": fuzz, "attacks": attacks}

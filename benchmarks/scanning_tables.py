@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.tables import load, made_on, table
+from benchmarks.markdown import load, made_on, table
 
 PAGE = Path(__file__).parents[1] / "docs" / "scanning.md"
 

@@ -4,39 +4,20 @@
 `<!-- end -->`. A figure that a file lacks is a dash. The README's tables are here; those of a page of its own stand beside it.
 """
 
-import json
 import math
 import re
 from pathlib import Path
 
-from benchmarks.record import RESULTS
+from benchmarks import robustness_tables, scanning_tables, sweep_tables
+from benchmarks.markdown import load, made_on, table
+from benchmarks.peers import tables as peers_tables
 
 README = Path(__file__).parents[1] / "README.md"
 _PART = re.compile(r"(<!-- table:([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def load(name: str) -> dict:
-    """The record of one benchmark."""
-    return json.loads((RESULTS / f"{name}.json").read_text())
-
-
 def milliseconds(seconds) -> str:
     return "-" if seconds is None else f"{1e3 * seconds:.1f} ms"
-
-
-def table(head, rows) -> str:
-    """Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join(f"| {' | '.join(str(x) for x in line)} |\n" for line in lines)
-
-
-def made_on(entry) -> str:
-    """Where and when the figures were made, a sentence below the table."""
-    m = entry["machine"]
-    return (
-        f"\n{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "
-        f"CPU, float64; {entry['date'][:10]}.\n"
-    )
 
 
 def equilibrium() -> str:
@@ -220,9 +201,6 @@ TABLES = {
 
 def pages() -> dict:
     """Every page with its tables, in the order of the page."""
-    from benchmarks import robustness_tables, scanning_tables, sweep_tables  # noqa: PLC0415 - made with what stands above
-    from benchmarks.peers import tables as peers_tables  # noqa: PLC0415
-
     return {README: TABLES} | {m.PAGE: m.TABLES for m in (scanning_tables, sweep_tables, peers_tables, robustness_tables)}
 
 

@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.statics import solve_rod as solve_rod
     from scan2flex_jax.study import Clamp as Clamp
     from scan2flex_jax.study import EffectDeclaration as EffectDeclaration
+    from scan2flex_jax.study import Markers as Markers
     from scan2flex_jax.study import MeasuredCurve as MeasuredCurve
     from scan2flex_jax.study import Study as Study
     from scan2flex_jax.study import StudyPose as StudyPose
@@ -48,6 +49,7 @@ _HOMES = {
     "Clamp": "study",
     "EffectDeclaration": "study",
     "Equilibrium": "statics",
+    "Markers": "study",
     "MeasuredCurve": "study",
     "MixedNewton": "statics",
     "ResidualFunction": "fitting",

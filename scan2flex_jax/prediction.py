@@ -14,9 +14,10 @@ from scipy.spatial import cKDTree
 from scan2flex_jax.fitting.evaluate import observed, one
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
-from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import Equilibrium, equilibrium
 from scan2flex_jax.statics.verdict import Verdict
-from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.names import file_stems
 from scan2flex_jax.study.outputs import write_file
 
@@ -60,19 +61,18 @@ class Prediction:
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
 
 
-def settled(pose, model, elements: int):
+def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> Equilibrium:
     """The equilibrium of one study pose, on the branch nearest to its measured curve where it has one."""
     start = None
-    if pose.curve is not None:
-        start = one(poses_of([pose], float(model.cable.length), elements).start, 0)
+    if pose.curve is not None or pose.markers is not None:
+        start = one(poses_of(study, [pose], float(model.cable.length), elements).start, 0)
     return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
 
 
 def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
     """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
-    model = model_of(study)
     radius = study.cable.get("radius")
-    return {pose.name: _one_pose(pose, model, elements, None if radius is None else float(radius)) for pose in study.poses}
+    return {pose.name: _one_pose(study, pose, elements, None if radius is None else float(radius)) for pose in study.poses}
 
 
 def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
@@ -93,8 +93,9 @@ def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
     return float(fine[nearest[0]]), float(fine[nearest[1]])
 
 
-def _one_pose(pose, model, elements, radius):
-    e = settled(pose, model, elements)
+def _one_pose(study, pose, elements, radius):
+    model = model_of(study, pose)
+    e = settled(study, pose, model, elements)
     section_s, force, moment = map(np.asarray, e.section_forces())
     push, turn = map(np.asarray, e.reactions())
     points = np.asarray(observed(model, e.points))

@@ -1,12 +1,25 @@
 """Double precision for every test, the shapes written in the package's annotations checked at every call, and one cache of
 compiled functions for all processes of a run."""
 
+import gc
 from pathlib import Path
 
 import jax
+import pytest
 from jaxtyping import install_import_hook
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 install_import_hook("scan2flex_jax", "beartype.beartype")
+
+MEMORY = Path("/proc/self/statm")  # pages, the second number those that are resident
+MOST_PAGES = 3_000_000_000 // 4096  # of one worker; beyond it the functions that it has compiled are forgotten
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_functions_are_not_kept_for_ever():
+    yield
+    if MEMORY.exists() and int(MEMORY.read_text().split()[1]) > MOST_PAGES:
+        jax.clear_caches()
+        gc.collect()

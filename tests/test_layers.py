@@ -1,11 +1,13 @@
-"""Imports between sub-packages point downward only."""
+"""Imports between sub-packages point downward only, and no modules import each other in a circle."""
 
 import ast
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).parents[1] / "scan2flex_jax"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "scan2flex_jax"
 NAME = PACKAGE.name
 # for each sub-package, the others that it may import from
 ALLOWED = {
@@ -35,9 +37,9 @@ def files(part):
     return sorted((PACKAGE / part).rglob("*.py")) + [p for p in [PACKAGE / f"{part}.py"] if p.exists()]
 
 
-def imported(path):
+def imported(path, root=ROOT):
     """Absolute dotted names that the module imports, wherever in the file."""
-    base = [NAME, *path.relative_to(PACKAGE).parts[:-1]]
+    base = list(path.relative_to(root).parts[:-1])
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
@@ -64,3 +66,37 @@ def test_imports_point_downward(part):
 def test_reading_a_study_needs_no_jax(part):
     libraries = {name.split(".")[0] for path in files(part) for name in imported(path)}
     assert not libraries & {"jax", "jaxlib", "equinox", "optimistix", "lineax", "jaxtyping"}
+
+
+def circle(root, package):
+    """The names of modules of a package below a folder that import each other in a circle; empty if there are none."""
+    paths = sorted((root / package).rglob("*.py"))
+    modules = {".".join(p.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): p for p in paths}
+
+    def module_of(name):
+        while name and name not in modules:
+            name = name.rpartition(".")[0]
+        return name
+
+    graph = {module: {module_of(name) for name in imported(path, root)} - {""} for module, path in modules.items()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as fault:
+        return fault.args[1]
+    return []
+
+
+@pytest.mark.parametrize("package", [NAME, "benchmarks"])
+def test_no_modules_import_each_other_in_a_circle(package):
+    assert circle(ROOT, package) == []
+
+
+INNER = ("from .first import f", "import small.first", "from small.first import f", "from . import first")
+
+
+@pytest.mark.parametrize("inner", INNER)
+def test_an_import_inside_a_function_closes_a_circle(tmp_path, inner):
+    (tmp_path / "small").mkdir()
+    for name, text in (("__init__", ""), ("first", "from small import second\nf = 1"), ("second", f"def g():\n    {inner}")):
+        (tmp_path / "small" / f"{name}.py").write_text(text)
+    assert set(circle(tmp_path, "small")) == {"small.first", "small.second"}

@@ -44,7 +44,7 @@ def ways(study) -> dict:
             problem = Problem(study)
             if evaluator:
                 e = problem.evaluator
-                problem.evaluator = evaluator(e.layout, e.template, e.poses, e.elements, e.distance)
+                problem.evaluator = evaluator(e.layout, e.poses, e.elements, e.distance)
             found = minimise(problem.goal(np.full(problem.poses.count, 1e-3)), np.log(guess))
             return np.exp(found.shared), problem.evaluator.equilibria, bool(found.converged)
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from benchmarks.tables import load, made_on, table
+from benchmarks.markdown import load, made_on, table
 
 PAGE = Path(__file__).parents[2] / "docs" / "peers.md"
 

@@ -267,10 +267,16 @@ def check(study: StudyFolder, json: JsonFile = None, force: Force = False) -> No
         say(f"{name}: a scan of {count} points, {_extents(loaded, size)}")
     if json:
         holds = {n: {"points": count, "size": size} for n, (count, size) in scans.items()}
-        poses = {p.name: {"role": p.role, "curve": p.curve is not None, "scan": holds.get(p.name)} for p in loaded.poses}
+        poses = {p.name: _measured(p, holds.get(p.name)) for p in loaded.poses}
         names = list(loaded.unknown_names)
         said = {"title": loaded.title, "unknown": names, "poses": poses, "warnings": study_warnings(loaded)}
         outputs.write_json(json, said)
+
+
+def _measured(pose, scan):
+    """What was measured of a pose, for the JSON of `check`."""
+    markers = 0 if pose.markers is None else len(pose.markers.points)
+    return {"role": pose.role, "curve": pose.curve is not None, "scan": scan, "markers": markers}
 
 
 def _extents(study, size):

@@ -51,7 +51,8 @@ class AheadCompiler:
 
 def _compiled_by(study: Study, elements: int, mesh: bool) -> tuple:
     """What the compiled functions depend on."""
-    return layout_of(study), tuple(effect.kind for effect in study.effects), study.clamped_ends, elements, mesh
+    acting = study.acting(study.fit_poses[0] if study.fit_poses else None)
+    return layout_of(study), tuple(effect.kind for effect in acting), study.clamped_ends, elements, mesh
 
 
 def _run(work: Future, study: Study, elements: int, mesh: bool) -> None:

@@ -16,17 +16,16 @@ from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
-from scan2flex_jax.fitting.distance import NORMALS
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
     """Per pose the RMS distance (m) between its measured points and what the other poses predict for it."""
     white, covariance = _white(stage, found), np.nan_to_num(found.covariance)
     out = []
-    for factor, rows in zip(white.factors, white.rows, strict=True):
+    for i, rows in enumerate(white.rows):
         H = white.J[rows] @ covariance @ white.J[rows].T
         r = np.linalg.lstsq(np.eye(len(rows)) - H, white.r[rows], rcond=1e-10)[0]
-        out.append(np.sqrt(np.sum((factor @ r.reshape(len(factor), NORMALS)) ** 2) / len(factor)))
+        out.append(np.sqrt(white.squares(i, r) / len(white.factors[i])))
     return np.array(out)
 
 

@@ -14,9 +14,9 @@ from typing import get_args
 
 import numpy as np
 
-from scan2flex_jax.effects.catalogue import Varied
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile
 from scan2flex_jax.effects.distributed_load import DistributedLoad
+from scan2flex_jax.effects.entry import Varied
 
 POINTS = 9  # of a field along the cable
 _SMOOTH = 0.2  # of the length: over which a field's values are alike

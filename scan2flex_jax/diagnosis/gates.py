@@ -21,9 +21,9 @@ MOST_ELEMENTS = 160
 
 def mesh_error(problem, minimum) -> np.ndarray:
     """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
-    model = model_at(problem.layout, problem.template, jnp.asarray(minimum.shared))
     out = []
     for i in range(problem.poses.count):
+        model = model_at(problem.layout, problem.poses.template(i), jnp.asarray(minimum.shared))
         said = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
         boundary = boundary_at(problem.layout, said, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)

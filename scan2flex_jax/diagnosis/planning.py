@@ -19,8 +19,8 @@ from scan2flex_jax.diagnosis.residual import Whitened, orthonormal, whiten
 from scan2flex_jax.diagnosis.result import Explanation
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting.parameters import model_at
-from scan2flex_jax.fitting.poses import Poses, boundary_of, poses_of
+from scan2flex_jax.fitting.parameters import model_at, template
+from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
@@ -117,7 +117,7 @@ def variations(study: Study) -> list[tuple[str, StudyPose]]:
         out += _held_poses(pose, [*turned, (f"{pose.name}, both clamps rolled by 180 degrees", "both", 180)])
         chord = pose.end.position - pose.start.position
         near = Clamp(pose.start.position + 0.8 * chord, pose.end.quaternion)
-        side = np.cross(chord, study.gravity)
+        side = np.cross(chord, study.gravity_in(pose))
         side = side / max(np.linalg.norm(side), 1e-12) * 0.25 * np.linalg.norm(chord)
         aside = Clamp(pose.end.position + side, pose.end.quaternion)
         out.append((f"{pose.name}, end clamp a fifth nearer", replace(pose, end=near)))
@@ -181,16 +181,16 @@ def _judge(stage, words, pose, rivals, columns, leads, now):
 def _scanned(stage, pose):
     """A bench of the one pose, measured where the model says that it would be."""
     bench = stage.bench
-    model = model_at(bench.layout, bench.template, stage.base.vector[: bench.layout.shared])
+    model = model_at(bench.layout, template(bench.problem.study, pose), stage.base.vector[: bench.layout.shared])
     e = equilibrium(model, boundary_of(pose), turns=int(pose.turns), elements=bench.elements)
     if not bool(e.verdict.solved):
         raise Scan2FlexError(f"not solved: {e.verdict.sentence()}")
     keep = np.linspace(0, bench.elements, min(POINTS, bench.elements + 1)).round().astype(int)[1:-1]
     points = np.asarray(e.points)[np.unique(keep)]
-    measured = replace(pose, curve=MeasuredCurve(points, None))
-    poses = poses_of([measured], bench.problem.length, bench.elements)
+    measured = replace(pose, curve=MeasuredCurve(points, None), markers=None)
+    poses = poses_of(bench.problem.study, [measured], bench.problem.length, bench.elements)
     settled = jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
-    poses = Poses(poses.points, poses.mask, poses.expected, poses.boundary, poses.turns, settled)
+    poses = replace(poses, start=settled)
     other = Bench(bench.problem, bench.minimum, poses)
     own = _own(other, stage)
     white = whiten(other.shapes((), own), other.real, Numbers(other, ()), own, stage.noise)
@@ -200,7 +200,7 @@ def _scanned(stage, pose):
 def _together(old: Whitened, new: Whitened, bench):
     """``(J, rows)`` of all numbers with the new pose's rows below; its local numbers are columns of their own."""
     shared = bench.layout.shared
-    nearly = shared - bench.layout.unknowns  # priors of shared numbers stand in the old rows already
+    nearly = len(bench.layout.prior.at)  # priors of shared numbers stand in the old rows already
     rows = [i for i in range(len(new.r)) if not len(new.r) - new.priors <= i < len(new.r) - new.priors + nearly]
     local = new.J.shape[1] - shared
     J = np.zeros((len(old.r) + len(rows), old.J.shape[1] + local))

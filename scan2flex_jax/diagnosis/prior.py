@@ -20,7 +20,7 @@ class Prior:
         n = Numbers(bench, components)
         self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
         self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
-        self.precision[n.nearly_known] = 1.0
+        self.precision[n.nearly_known] = n.prior_std**-2
         self.low[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.low]
         self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
         self.frozen = np.zeros(n.count, bool)

@@ -20,7 +20,7 @@ from scan2flex_jax.diagnosis.evidence import SCALES, averaged
 from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.residual import whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
-from scan2flex_jax.effects.catalogue import Context
+from scan2flex_jax.effects.entry import Context
 from scan2flex_jax.fitting.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate

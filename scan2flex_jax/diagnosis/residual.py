@@ -1,9 +1,9 @@
 """The whitened residual: what the fit leaves, in units of the noise, with what the base model can absorb taken out.
 
-Per pose the two normal components (m) at arc lengths ``s`` (m) have covariance ``C(s)`` (`fitting.noise`); with ``C = L L'``
-the whitened residual is ``L^-1 r`` and so are the columns. Poses are stacked; below them stand the priors of what is known
-only nearly (pseudo-rows of unit variance). ``M = I - Q Q'``, ``Q`` an orthonormal basis of the base model's columns, takes
-out what refitting the base numbers would.
+Per pose the two normal components (m) at arc lengths ``s`` (m), and the tangential one of markers, have covariance ``C(s)``
+(`fitting.noise`); with ``C = L L'`` the whitened residual is ``L^-1 r`` and so are the columns. Poses are stacked; below them
+stand the priors of what is known only nearly (pseudo-rows of unit variance). ``M = I - Q Q'``, ``Q`` an orthonormal basis of
+the base model's columns, takes out what refitting the base numbers would.
 
 Noise is estimated by restricted likelihood in the complement of base columns *and* of a low-rank basis of all signatures,
 so that an effect in the data does not make the noise look larger.
@@ -16,7 +16,7 @@ import numpy as np
 from scipy import linalg
 
 from scan2flex_jax.fitting.distance import NORMALS
-from scan2flex_jax.fitting.noise import Noise, most_likely
+from scan2flex_jax.fitting.noise import Noise, most_likely, spacing_of
 
 _MOST = 64  # points of a pose that enter the likelihood of the noise
 _RANK = 24  # directions of all signatures together that are kept out of the noise
@@ -28,20 +28,34 @@ _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 @dataclass(frozen=True)
 class Whitened:
-    """Residual ``r`` (n,), columns ``J`` (n, b) of all base numbers, and per pose the factor L and its rows."""
+    """Residual ``r`` (n,), columns ``J`` (n, b) of all base numbers, and per pose the factor L of its points, that of its
+    markers and which points they are, and its rows: of both normals, then of the tangents at markers."""
 
     r: np.ndarray
     J: np.ndarray
     factors: tuple
+    tangents: tuple
     rows: tuple
     real: tuple
     priors: int
 
+    @property
+    def normals(self) -> tuple[np.ndarray, ...]:
+        """Per pose the rows of both normals."""
+        return tuple(rows[: NORMALS * len(factor)] for rows, factor in zip(self.rows, self.factors, strict=True))
+
+    def squares(self, i: int, values: np.ndarray) -> float:
+        """Sum of the squared lengths (m^2) of all residuals of pose ``i``, from its whitened rows."""
+        factor, (_, along) = self.factors[i], self.tangents[i]
+        normal, tangential = np.split(values, [NORMALS * len(factor)])
+        return float(np.sum((factor @ normal.reshape(len(factor), NORMALS)) ** 2) + np.sum((along @ tangential) ** 2))
+
     def stack(self, columns) -> np.ndarray:
         """Columns (m, 3, K) per pose, whitened and stacked, (n, K)."""
         out = np.zeros((len(self.r), columns[0].shape[-1]))
-        for factor, rows, real, c in zip(self.factors, self.rows, self.real, columns, strict=True):
-            out[rows] = _whiten(factor, c[real][:, :NORMALS])
+        parts = zip(self.factors, self.tangents, self.rows, self.real, columns, strict=True)
+        for factor, tangents, rows, real, c in parts:
+            out[rows] = _whiten_pose(factor, tangents, c[real])
         return out
 
     @property
@@ -52,20 +66,37 @@ class Whitened:
 
 def whiten(shapes, real, numbers, vector, noise: Noise) -> Whitened:
     """From solved shapes (columns of the base numbers first) at ``vector``."""
-    factors, rows, at = [], [], 0
+    factors, tangents, rows, at = [], [], [], 0
     for shape, keep in zip(shapes, real, strict=True):
         factors.append(linalg.cholesky(noise.covariance(shape.s[keep]), lower=True))
-        rows.append(np.arange(at, at + NORMALS * int(keep.sum())))
-        at += NORMALS * int(keep.sum())
+        tangents.append(_tangents(shape, keep, noise))
+        count = NORMALS * int(keep.sum()) + len(tangents[-1][0])
+        rows.append(np.arange(at, at + count))
+        at += count
     known = np.r_[numbers.nearly_known]
     r, J = np.zeros(at + len(known)), np.zeros((at + len(known), numbers.count))
     for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
-        r[rows[i]] = _whiten(factors[i], shape.residual[keep][:, :NORMALS, None])[:, 0]
+        r[rows[i]] = _whiten_pose(factors[i], tangents[i], shape.residual[keep][:, :, None])[:, 0]
         own = numbers.of_pose(i)
-        J[np.ix_(rows[i], own)] = _whiten(factors[i], shape.columns[keep][:, :NORMALS, : len(own)])
-    r[at:] = vector[known]
-    J[at + np.arange(len(known)), known] = 1.0
-    return Whitened(r, J, tuple(factors), tuple(rows), tuple(real), len(known))
+        J[np.ix_(rows[i], own)] = _whiten_pose(factors[i], tangents[i], shape.columns[keep][:, :, : len(own)])
+    r[at:] = (vector[known] - numbers.prior_mean) / numbers.prior_std
+    J[at + np.arange(len(known)), known] = 1.0 / numbers.prior_std
+    return Whitened(r, J, tuple(factors), tuple(tangents), tuple(rows), tuple(real), len(known))
+
+
+def _tangents(shape, keep, noise):
+    """Which of a pose's points are markers, and the factor of their covariance: what they tell along the cable."""
+    marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
+    return marks, linalg.cholesky(noise.covariance(shape.s[keep][marks]), lower=True) if len(marks) else np.zeros((0, 0))
+
+
+def _whiten_pose(factor, tangents, columns):
+    """Rows of one pose from columns (m, 3, K): both normals of all points, then the tangents of markers."""
+    marks, along = tangents
+    normal = _whiten(factor, columns[:, :NORMALS])
+    if not len(marks):
+        return normal
+    return np.concatenate([normal, linalg.solve_triangular(along, columns[marks, NORMALS], lower=True)])
 
 
 def _whiten(factor, columns):
@@ -120,12 +151,12 @@ class Complement:
                 at = np.r_[at, numbers.count + extra + k * NORMALS * _KNOTS + np.arange(NORMALS * _KNOTS)]
             self.curves.append((shape.s[keep][order], shape.residual[keep][order][:, :NORMALS], X[order], at))
         self.prior = np.zeros(self.columns)
-        self.prior[numbers.nearly_known] = 1.0
+        self.prior[numbers.nearly_known] = numbers.prior_std**-2
         self.vector = np.r_[vector, np.zeros(self.columns - numbers.count)]
+        self.vector[numbers.nearly_known] -= numbers.prior_mean
         size = np.sqrt(np.mean([np.mean(r**2) for _, r, _, _ in self.curves]))
         self.size = max(size, 1e-12 * length)
-        spacing = np.median(np.concatenate([np.diff(s) for s, *_ in self.curves]))
-        self.shortest = max(spacing, 0.01 * length)
+        self.shortest = max(spacing_of([s for s, *_ in self.curves]), 0.01 * length)
 
     def __call__(self, noise: Noise, u) -> float:
         """Negative log likelihood with weak priors at ``u`` = logarithms of white, correlated (m) and length (m) of a noise."""
@@ -180,8 +211,13 @@ def noise_like(white: Whitened, shapes, noises, count: int, rng) -> np.ndarray:
     out = rng.standard_normal((len(white.r), count))
     share = np.array_split(np.arange(count), len(noises))
     for noise, mine in zip(noises, share, strict=True):
-        for factor, rows, real, shape in zip(white.factors, white.rows, white.real, shapes, strict=True):
+        parts = zip(white.factors, white.tangents, white.rows, white.normals, white.real, shapes, strict=True)
+        for factor, (marks, along), rows, normals, real, shape in parts:
             L = linalg.cholesky(noise.covariance(shape.s[real]), lower=True)
-            drawn = (L @ out[np.ix_(rows, mine)].reshape(len(L), -1)).reshape(len(L), NORMALS, len(mine))
-            out[np.ix_(rows, mine)] = _whiten(factor, drawn)
+            drawn = (L @ out[np.ix_(normals, mine)].reshape(len(L), -1)).reshape(len(L), NORMALS, len(mine))
+            out[np.ix_(normals, mine)] = _whiten(factor, drawn)
+            if len(marks):
+                last = np.ix_(rows[len(normals) :], mine)
+                L = linalg.cholesky(noise.covariance(shape.s[real][marks]), lower=True)
+                out[last] = linalg.solve_triangular(along, L @ out[last], lower=True)
     return out

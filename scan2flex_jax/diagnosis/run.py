@@ -47,7 +47,7 @@ def explain(
     """
     check_study(study)
     began, say = time.perf_counter(), progress or silent
-    scanned = any(pose.curve is None for pose in study.fit_poses)
+    scanned = any(pose.curve is None and pose.scan is not None for pose in study.fit_poses)
     if ahead is None:  # a process that compiles ahead explains one study
         make_room()
     try:
@@ -126,7 +126,7 @@ def _on_axes(study, elements, say):
     Extracted curves are pulled towards the sensor by some tenths of a radius; a direct fit knows that, and its stations along
     the cable see each a few points of their own.
     """
-    if all(pose.curve is not None for pose in study.poses):
+    if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
         return study
     say("fit to the points of the scans")
     fitted = plain_fit(study, elements=elements, progress=say)

@@ -18,7 +18,8 @@ from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.score import Test
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import Stage, one_step, test, test_after
-from scan2flex_jax.effects.catalogue import CatalogueEntry, SameShapes, catalogue, entry_of
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
 MOST_EFFECTS = 3

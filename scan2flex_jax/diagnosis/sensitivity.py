@@ -19,7 +19,8 @@ import numpy as np
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.diagnosis.slots import empty_slots, load_of_fields
 from scan2flex_jax.effects import ordered
-from scan2flex_jax.effects.catalogue import CatalogueEntry, Context, Site, catalogue, entry_of
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
@@ -52,7 +53,9 @@ class Numbers:
         self.shared, self.local, self.poses = bench.layout.shared, bench.layout.local, bench.poses.count
         self.sizes = [(len(c.entry.amplitudes), len(c.moving)) for c in components]
         self.base = self.shared + self.local * self.poses
-        self.nearly_known = np.arange(bench.layout.unknowns, self.base)
+        local, known = self.local * self.poses, bench.layout.prior
+        self.nearly_known = np.r_[known.at, np.arange(self.shared, self.base)]
+        self.prior_mean, self.prior_std = np.r_[known.mean, np.zeros(local)], np.r_[known.std, np.ones(local)]
         self.count = self.base + sum(a + s for a, s in self.sizes)
 
     def of_pose(self, i: int) -> np.ndarray:
@@ -76,7 +79,7 @@ class Bench:
 
     def __init__(self, problem, minimum, poses=None):
         """From a fit's problem and minimum; ``poses`` other than the fitted ones (for prediction)."""
-        self.problem, self.minimum, self.layout, self.template = problem, minimum, problem.layout, problem.template
+        self.problem, self.minimum, self.layout = problem, minimum, problem.layout
         self.elements, self.poses = problem.elements, problem.poses if poses is None else poses
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
@@ -145,8 +148,8 @@ class Bench:
         for i in range(self.poses.count):
             x = vector[numbers.of_pose(i)]
             state, _ = self._state((), x, i)
-            given = (self.layout, self.elements, make, shape, self.template, one(self.poses.boundary, i), jnp.asarray(x))
-            tangents = _field(*given, self.nulls)
+            given = (self.layout, self.elements, make, shape, self.poses.template(i), one(self.poses.boundary, i))
+            tangents = _field(*given, jnp.asarray(x), self.nulls)
             out.append(self._solve(state, jax.tree.map(np.asarray, tangents), i, one(start, i)).columns)
         return out
 
@@ -158,13 +161,13 @@ class Bench:
     def _state(self, components, x, i):
         kinds, sites = tuple(c.kind for c in components), tuple(_numeric(c.site) for c in components)
         moving = tuple(c.moving for c in components)
-        given = (self.layout, self.elements, kinds, moving, self.template, one(self.poses.boundary, i), jnp.asarray(x))
+        given = (self.layout, self.elements, kinds, moving, self.poses.template(i), one(self.poses.boundary, i), jnp.asarray(x))
         state, tangents = _state(*given, sites, self._scene(i), self.nulls)
         return state, jax.tree.map(np.asarray, tangents)
 
     def _scan(self, kind, components, x, i, start):
         sites = jax.tree.map(lambda *v: np.stack(v), *[_numeric(c.site) for c in components])
-        given = (self.layout, self.elements, kind, len(components), self.template, one(self.poses.boundary, i))
+        given = (self.layout, self.elements, kind, len(components), self.poses.template(i), one(self.poses.boundary, i))
         return jax.tree.map(np.asarray, _scan(*given, jnp.asarray(x), sites, self._scene(i), self.nulls, start))
 
     def _scene(self, i):
@@ -194,6 +197,7 @@ def context_of(problem, minimum) -> Context:
         curvature_range=(float(min(largest)), float(max(largest))), lowest_range=(min(lowest), max(lowest)),
         radius=None if radius is None else float(radius), axial_stiffness=float(cable.axial_stiffness),
         centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
+        free_end=any(pose.end is None for pose in problem.study.fit_poses),
     )  # fmt: skip
 
 

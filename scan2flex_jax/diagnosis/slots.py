@@ -4,7 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects.catalogue import Context, catalogue
+from scan2flex_jax.effects.catalogue import catalogue
+from scan2flex_jax.effects.entry import Context
 from scan2flex_jax.fitting.states import State, slots_of
 from scan2flex_jax.rod.effect import AbstractEffect, Node, overriding
 from scan2flex_jax.rod.energy import node_weights

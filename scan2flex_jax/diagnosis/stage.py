@@ -73,7 +73,7 @@ def signatures(bench: Bench, minimum, stated: float | None, seed: int = 0) -> tu
     white = whiten(shapes, bench.real, numbers, vector, plain)
     every = np.concatenate([white.stack(columns), white.stack(fields["curvature"]), white.stack(fields["load"])], axis=1)
     basis = signature_basis(every, white.base)
-    parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.rows]
+    parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
     repeats = repeated(bench.problem.study.fit_poses)
     found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats)
     return found, found.complement(shapes, numbers, vector)

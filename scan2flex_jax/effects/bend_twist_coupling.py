@@ -8,10 +8,13 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import plain
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -27,3 +30,13 @@ class BendTwistCoupling(AbstractEffect):
         K = section.stiffness
         both = self.coupling * jnp.sqrt(jnp.stack([K[:, 3, 3], K[:, 4, 4]], 1) * K[:, 5, 5, None])
         return eqx.tree_at(lambda x: x.stiffness, section, K.at[:, 3:5, 5].add(both).at[:, 5, 3:5].add(both))
+
+
+ENTRY = CatalogueEntry(
+    "bend_twist_coupling", "energy", ("with d1", "with d2"),
+    lambda c: np.full(2, 0.1),  # of sqrt(EI GJ): what the lay of a stranded core gives
+    **plain("coupling", BendTwistCoupling, 2), bounds_of=lambda c: (np.full(2, -0.7), np.full(2, 0.7)),
+    signature="bending turns the cable out of its plane, the more the stronger it is bent",
+    settle="scan one pose with both clamps rolled by 180 degrees, and one almost straight with a free end",
+    same_shapes=(SameShapes("natural_curvature", "in fewer than four poses of like curvature"),),
+)  # fmt: skip

@@ -8,12 +8,16 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import vectors
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.study.kinds import ENDS
 
 
 class ClampOffset(AbstractEffect):
@@ -26,3 +30,14 @@ class ClampOffset(AbstractEffect):
         """The clamps shifted."""
         shift = jnp.einsum("eij,ej->ei", boundary.rotation, self.offset)
         return eqx.tree_at(lambda b: b.position, boundary, boundary.position + shift)
+
+
+ENTRY = CatalogueEntry(
+    "clamp_offset", "clamps", tuple(f"{end} along {d}" for end in ENDS for d in ("d1", "d2", "d3")),
+    lambda c: np.full(6, 0.003 * c.length),  # three millimetres on a metre
+    **vectors("offset", ClampOffset),
+    signature="the misfit is a shift next to a clamp that turns with the clamp",
+    settle="scan the edges of the clamps along with the cable",
+    same_shapes=(SameShapes("length_error", "a shift along the tangent of a clamp whose neighbourhood is straight"),
+                 SameShapes("scan_offset", "the same shift of both clamps, when no pose turns them")),
+)  # fmt: skip

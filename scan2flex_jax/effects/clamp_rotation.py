@@ -9,13 +9,17 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import vectors
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.study.kinds import ENDS
 
 
 class ClampRotation(AbstractEffect):
@@ -28,3 +32,13 @@ class ClampRotation(AbstractEffect):
     def clamps(self, boundary: Boundary) -> Boundary:
         """The clamps turned."""
         return eqx.tree_at(lambda b: b.rotation, boundary, boundary.rotation @ jax.vmap(lie.so3_exp)(self.rotation))
+
+
+ENTRY = CatalogueEntry(
+    "clamp_rotation", "clamps", tuple(f"{end} about {d}" for end in ENDS for d in ("d1", "d2", "d3")),
+    lambda c: np.full(6, 0.03),  # rad: two degrees, what a bracket is off by when no one measures it
+    **vectors("rotation", ClampRotation), bounds_of=lambda c: (np.full(6, -0.8), np.full(6, 0.8)),
+    signature="the misfit is largest next to a clamp, turns with the clamp and is alike in all poses",
+    settle="scan the clamps and their roll marks along with the cable",
+    same_shapes=(SameShapes("natural_curvature", "a roll of one end and natural twist", always=True),),
+)  # fmt: skip

@@ -6,11 +6,14 @@ The mass per length is ``factor`` (-) times as large in a box of ``width`` (m) a
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects._span import box_means
+from scan2flex_jax.effects.builders import span
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -26,3 +29,12 @@ class DensityProfile(AbstractEffect):
         """Sections with the span's density."""
         box = box_means(section, self.position, self.width, length)
         return eqx.tree_at(lambda x: x.density, section, section.density * (1.0 + (self.factor - 1.0) * box))
+
+
+ENTRY = CatalogueEntry(
+    "density_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, or water in a hose
+    **span(DensityProfile, "mass", lambda factor: factor - 1.0),
+    signature="one span sags as if it were heavier (or lighter), always along gravity",
+    settle="weigh or look at the named span",
+    same_shapes=(SameShapes("point_mass", "a span that is short beside the sag"),),
+)  # fmt: skip

@@ -6,10 +6,13 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import plain
+from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -23,3 +26,12 @@ class DensityTaper(AbstractEffect):
         """Sections with tapered density."""
         factor = jnp.exp(self.taper * (2.0 * section.s / length - 1.0))
         return eqx.tree_at(lambda x: x.density, section, section.density * factor)
+
+
+ENTRY = CatalogueEntry(
+    "density_taper", "energy", ("taper",),
+    lambda c: np.array([0.15]),  # ends that differ in weight by a third
+    **plain("taper", DensityTaper), varies="mass", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+    signature="the lowest point lies towards one end of the cable, whichever way round it hangs",
+    settle="find the cable's centre of mass on an edge",
+)  # fmt: skip

@@ -16,10 +16,13 @@ from dataclasses import replace
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import both_ends, clamped, ends, ends_without
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
@@ -54,3 +57,28 @@ class ElasticClamp(AbstractEffect):
             less = c * KU @ jnp.linalg.solve(ds * jnp.eye(3) + c * U.T @ KU, KU.T)
             K = K.at[element].add(-0.5 * (less + less.T))
         return replace(section, stiffness=K, within=stiffness_within(section.stiffness))
+
+
+def _stiffness(a, site, c):
+    c_ = np.asarray(a, float) * np.asarray(site["ends"])
+    k = 1.0 / np.maximum(c_, 1e-12 * c.length / c.bending_stiffness)
+    return {"stiffness": k[clamped(c)]}
+
+
+def _compliance(p, c):
+    full = both_ends(1.0 / np.asarray(p["stiffness"], float), c)
+    return full, {"ends": (full > 0).astype(float)}
+
+
+ENTRY = CatalogueEntry(
+    "elastic_clamp", "clamps", ("compliance at start", "compliance at end"),
+    lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as soft as two per cent of the cable
+    build=lambda a, site, c: (ElasticClamp(compliance=a * jnp.asarray(site["ends"])),),
+    to_parameters=_stiffness,
+    from_parameters=_compliance,
+    sites=ends, inactive_of=ends_without(1), one_sided=(True, True),
+    signature="the cable leaves a clamp at an angle that grows with the moment there",
+    settle="scan the edges of the clamps along with the cable, and measure the free length",
+    same_shapes=(SameShapes("length_error", "when the position of the clamp's edge and the free length are not known"),
+                 SameShapes("stiffness_profile", "a softer span at the clamp", always=True)),
+)  # fmt: skip

@@ -8,10 +8,12 @@ along the plane it moves freely. ``normal`` (-) is normalised. Null: stiffness 0
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 
@@ -27,3 +29,30 @@ class ElasticSupport(AbstractEffect):
         """Energy (J) of the springs of one node."""
         lift = self.normal @ node.r / jnp.linalg.norm(self.normal) - self.offset
         return 0.5 * node.weight * self.stiffness * lift**2
+
+
+def _levels(c):
+    """Heights of soft supports, from the lowest measured point to a little above the highest of the lowest ones."""
+    least, largest = _level_range(c)
+    return tuple({"offset": h} for h in np.linspace(least, largest, 13))
+
+
+def _level_range(c):
+    """Least and largest height (m) of a soft support."""
+    low, high = c.lowest_range
+    margin = 0.02 * c.length
+    return low - 0.25 * margin, max(high, low) + 2.0 * margin
+
+
+ENTRY = CatalogueEntry(
+    "elastic_support", "energy", ("stiffness",),
+    lambda c: np.array([2.0 * c.force / c.length**2]),  # N/m^2: its weight at half the length, a soft curtain
+    build=lambda a, site, c: (ElasticSupport(jnp.asarray(c.up), site["offset"], a[0]),),
+    to_parameters=lambda a, site, c: {
+        "normal": np.asarray(c.up), "offset": float(site["offset"]), "stiffness": float(np.asarray(a)[0]),
+    },
+    from_parameters=lambda p, c: (np.array([float(p["stiffness"])]), {"offset": float(p["offset"])}),
+    sites=_levels, moving={"offset": _level_range}, one_sided=(True,),
+    signature="all poses are drawn to one level, from above and from below",
+    settle="look for what the cable lies in",
+)  # fmt: skip

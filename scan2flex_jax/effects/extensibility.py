@@ -7,10 +7,12 @@ hangs straight down becomes longer by ``rhoA g L^2 / (2 EA)``. Null: the cable's
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
 
@@ -24,3 +26,29 @@ class Extensibility(AbstractEffect):
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true axial stiffness."""
         return eqx.tree_at(lambda c: c.axial_stiffness, cable, self.axial_stiffness)
+
+
+class AxialCompliance(AbstractEffect):
+    """An `extensibility` beyond the cable's own: ``1/EA + compliance`` (1/N)."""
+
+    compliance: Float[Array, ""] = parameter()
+
+    def cable(self, cable: Cable) -> Cable:
+        """The cable with the true axial stiffness."""
+        EA = cable.axial_stiffness / (1.0 + self.compliance * cable.axial_stiffness)
+        return eqx.tree_at(lambda c: c.axial_stiffness, cable, EA)
+
+
+ENTRY = CatalogueEntry(
+    "extensibility", "energy", ("compliance",),
+    lambda c: np.array([0.01 / c.force]),  # one per cent longer under its own forces: soft plastic, a loose braid
+    build=lambda a, site, c: (AxialCompliance(a[0]),),
+    to_parameters=lambda a, site, c: {
+        "axial_stiffness": c.axial_stiffness / (1.0 + float(np.asarray(a)[0]) * c.axial_stiffness),
+    },
+    from_parameters=lambda p, c: (np.array([1.0 / float(p["axial_stiffness"]) - 1.0 / c.axial_stiffness]), {}),
+    one_sided=(True,),
+    signature="tight poses are longer than slack ones",
+    settle="scan one pose with the clamps pulled apart until the cable is nearly straight",
+    same_shapes=(SameShapes("length_error", "when the tension is alike in all poses"),),
+)  # fmt: skip

@@ -9,11 +9,14 @@ by the angle. Null: angle 0.
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects._span import bell_means
+from scan2flex_jax.effects.builders import AXES
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_cable, positions
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -29,3 +32,24 @@ class Kink(AbstractEffect):
         """Sections with the kink's curvature in their natural one."""
         bend = bell_means(section, self.position, self.width, length)[:, None] * self.angle
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(bend))
+
+
+_BENDS = (0.02, 0.12)  # of the length: of the set bends to scan
+
+ENTRY = CatalogueEntry(
+    "kink", "energy", AXES,
+    lambda c: np.full(3, 0.15),  # rad: a cable bent by hand keeps five to ten degrees
+    build=lambda a, site, c: (Kink(site["position"], a, site["width"]),),
+    to_parameters=lambda a, site, c: {
+        "position": float(site["position"]), "angle": np.asarray(a), "width": float(site["width"]),
+    },
+    from_parameters=lambda p, c: (
+        np.asarray(p["angle"], float), {"position": float(p["position"]), "width": float(p["width"])},
+    ),
+    sites=lambda c: tuple({"position": s, "width": w * c.length} for w in _BENDS for s in positions(c)),
+    moving={"position": along_cable, "width": lambda c: (0.5 * (_BENDS[0] * c.length), 1.5 * (_BENDS[-1] * c.length))},
+    bounds_of=lambda c: (np.full(3, -3.0), np.full(3, 3.0)),
+    signature="a corner at the same place of the cable in all poses that turns with the cable",
+    settle="look at the named place, or scan with both clamps rolled by 180 degrees",
+    same_shapes=(SameShapes("clamp_rotation", "a kink at a clamp"),),
+)  # fmt: skip

@@ -6,10 +6,13 @@
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
 
@@ -23,3 +26,26 @@ class LengthError(AbstractEffect):
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true length."""
         return eqx.tree_at(lambda c: c.length, cable, self.length)
+
+
+class LengthFactor(AbstractEffect):
+    """A `length_error` relative to the cable's own length: ``L exp(log_factor)``."""
+
+    log_factor: Float[Array, ""] = parameter()
+
+    def cable(self, cable: Cable) -> Cable:
+        """The cable with the true length."""
+        return eqx.tree_at(lambda c: c.length, cable, cable.length * jnp.exp(self.log_factor))
+
+
+ENTRY = CatalogueEntry(
+    "length_error", "clamps", ("log length",),
+    lambda c: np.array([0.01]),  # one per cent: a cable that slid in its clamp, a tape measure on a coil
+    build=lambda a, site, c: (LengthFactor(a[0]),),
+    to_parameters=lambda a, site, c: {"length": c.length * float(np.exp(np.asarray(a)[0]))},
+    from_parameters=lambda p, c: (np.log([float(p["length"]) / c.length]), {}),
+    bounds_of=lambda c: (np.full(1, -0.3), np.full(1, 0.3)),
+    signature="all poses sag too much or too little",
+    settle="measure the length between the clamps",
+    same_shapes=(SameShapes("elastic_clamp", "when the position of the clamp's edge is not known"),),
+)  # fmt: skip

@@ -8,10 +8,13 @@ Source: paper, Eq. 3, where Omega_0 stands but is set to zero.
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import AXES, plain
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -24,3 +27,17 @@ class NaturalCurvature(AbstractEffect):
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the curvature added to their natural one."""
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(self.curvature))
+
+
+ENTRY = CatalogueEntry(
+    "natural_curvature", "energy", AXES,
+    lambda c: np.full(3, 0.5 / c.length),  # off a drum a cable keeps an arc of some thirty degrees in its length
+    **plain("curvature", NaturalCurvature, 3),
+    signature="a bow out of the plane of the pose, alike all along, that turns over when both clamps are rolled",
+    settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",
+    same_shapes=(
+        SameShapes("clamp_rotation", "the part about d3 (natural twist) and a roll of one clamp", always=True),
+        SameShapes("kink", "the part about d3 (natural twist) and a twist at one place", always=True),
+        SameShapes("bend_twist_coupling", "in fewer than four poses, or in poses that lie in one plane"),
+    ),
+)  # fmt: skip

@@ -12,10 +12,12 @@ even in k and free of cancellation. With two bending stiffnesses ``EI k^2`` stan
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -33,3 +35,44 @@ class NonlinearBending(AbstractEffect):
         u = curvature @ bending @ curvature / (EI * self.slip_curvature**2)
         soft = u / (1.0 + jnp.sqrt(1.0 + u))
         return -0.5 * EI * (1.0 - self.ratio) * (self.slip_curvature * soft) ** 2
+
+
+_SLIPS = np.geomspace(0.1, 2.0, 7)  # of the largest curvature: where slipping begins, to scan
+_LOOSE = 0.5  # part of the bending stiffness that slipping takes away
+
+
+def _most_bent(c):
+    """The largest curvature (1/m) of the shapes; a little one where they are straight."""
+    return max(c.curvature_range[1], 0.1 / c.length)
+
+
+def _loose_wires(a, site, c, places):
+    """From a bending law that softens much to one of stiff cores that slip early, as stiff where the cable is bent most."""
+    most = _most_bent(c)
+
+    def secant(lost, slip):
+        return 1.0 - lost + lost * min(slip / most, 1.0)
+
+    if a[0] < _LOOSE:
+        return []
+    early = {"slip_curvature": 0.2 * most}
+    return [(np.array([0.9]), early, {"bending_stiffness": secant(a[0], site["slip_curvature"]) / secant(0.9, 0.2 * most)})]
+
+
+ENTRY = CatalogueEntry(
+    "nonlinear_bending", "energy", ("1 - ratio",),
+    lambda c: np.array([0.5]),  # between a slight slip and loose wires, both of which are common
+    build=lambda a, site, c: (NonlinearBending(site["slip_curvature"], 1.0 - a[0]),),
+    to_parameters=lambda a, site, c: {
+        "slip_curvature": float(site["slip_curvature"]), "ratio": 1.0 - float(np.asarray(a)[0]),
+    },
+    from_parameters=lambda p, c: (
+        np.array([1.0 - float(p["ratio"])]), {"slip_curvature": float(p["slip_curvature"])},
+    ),
+    sites=lambda c: tuple({"slip_curvature": k} for k in _SLIPS * _most_bent(c)),
+    moving={"slip_curvature": lambda c: (0.2 * (_SLIPS[0] * _most_bent(c)), _SLIPS[-1] * _most_bent(c))},
+    one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), other_starts=_loose_wires,
+    signature="strongly bent poses look softer than gently bent ones; the misfit sits where the cable is bent most",
+    settle="scan poses whose largest curvature is well below and well above the slip curvature",
+    same_shapes=(SameShapes("bending_stiffness", "a slip curvature far above or far below all curvatures"),),
+)  # fmt: skip

@@ -6,10 +6,13 @@
 
 from typing import ClassVar
 
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import XYZ, places
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, point_load
 
@@ -24,3 +27,16 @@ class PointLoad(AbstractEffect):
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The force."""
         return point_load(section, self.position, self.force)
+
+
+ENTRY = CatalogueEntry(
+    "point_load", "energy", XYZ,
+    lambda c: np.full(3, 0.05 * c.force),  # a lead or a tie that pulls with a twentieth of the weight
+    build=lambda a, site, c: (PointLoad(site["position"], a),),
+    to_parameters=lambda a, site, c: {"position": float(site["position"]), "force": np.asarray(a)},
+    from_parameters=lambda p, c: (np.asarray(p["force"], float), {"position": float(p["position"])}),
+    sites=places, moving={"position": along_loaded},
+    signature="the cable is drawn at one place of it, in the same direction of space in all poses",
+    settle="look at the named place, or turn the whole setting about the vertical",
+    same_shapes=(SameShapes("point_mass", "a force straight down", always=True),),
+)  # fmt: skip

@@ -6,10 +6,13 @@ nodes by Hermite interpolation: its derivative in ``position`` is continuous. Nu
 
 from typing import ClassVar
 
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import places
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, point_load
 
@@ -24,3 +27,16 @@ class PointMass(AbstractEffect):
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The weight of the mass."""
         return point_load(section, self.position, self.mass * gravity)
+
+
+ENTRY = CatalogueEntry(
+    "point_mass", "energy", ("mass",),
+    lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite beside the whole cable
+    build=lambda a, site, c: (PointMass(site["position"], a[0]),),
+    to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},
+    from_parameters=lambda p, c: (np.array([float(p["mass"])]), {"position": float(p["position"])}),
+    sites=places, moving={"position": along_loaded}, one_sided=(True,), varies="mass",
+    signature="the cable sags towards one place of it, always along gravity",
+    settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
+    same_shapes=(SameShapes("density_profile", "a span that is short beside the sag"),),
+)  # fmt: skip

@@ -5,10 +5,13 @@ The supports are not: they come from elsewhere than the scan (else nothing could
 
 from typing import ClassVar
 
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import XYZ, plain
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -22,3 +25,13 @@ class ScanOffset(AbstractEffect):
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:
         """Points as scanned (m)."""
         return points + self.offset
+
+
+ENTRY = CatalogueEntry(
+    "scan_offset", "observation", XYZ,
+    lambda c: np.full(3, 0.002 * c.length),  # two millimetres on a metre: one side of the cable, a marker's base
+    **plain("offset", ScanOffset, 3),
+    signature="all points of all poses are shifted alike, at the clamps too",
+    settle="scan the clamps along with the cable",
+    same_shapes=(SameShapes("clamp_offset", "the same shift of both clamps, when no pose turns them"),),
+)  # fmt: skip

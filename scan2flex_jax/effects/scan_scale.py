@@ -2,10 +2,13 @@
 
 from typing import ClassVar
 
+import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -18,3 +21,15 @@ class ScanScale(AbstractEffect):
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:
         """Points as scanned (m)."""
         return points * self.factor
+
+
+ENTRY = CatalogueEntry(
+    "scan_scale", "observation", ("log factor",),
+    lambda c: np.array([0.01]),  # one per cent, a poor calibration of the scanner
+    build=lambda a, site, c: (ScanScale(jnp.exp(a[0])),),
+    to_parameters=lambda a, site, c: {"factor": float(np.exp(np.asarray(a)[0]))},
+    from_parameters=lambda p, c: (np.log([float(p["factor"])]), {}),
+    bounds_of=lambda c: (np.full(1, -0.3), np.full(1, 0.3)),
+    signature="every coordinate is off in proportion to its distance from the origin, the clamps' surroundings too",
+    settle="scan an object of known size",
+)  # fmt: skip

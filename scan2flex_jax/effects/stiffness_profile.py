@@ -7,11 +7,14 @@ edge lies get the stiffness of the two parts in series. Null: factor 1.
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects._span import scaled_bending, series_factor
+from scan2flex_jax.effects.builders import span
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -27,3 +30,13 @@ class StiffnessProfile(AbstractEffect):
         """Sections with the span's stiffness."""
         factor = series_factor(section, self.position, self.width, self.factor, length)
         return eqx.tree_at(lambda x: x.stiffness, section, scaled_bending(section, factor))
+
+
+ENTRY = CatalogueEntry(
+    "stiffness_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, a worn place: 0.6 to 1.6
+    **span(StiffnessProfile, "stiffness", lambda factor: 1.0 / factor - 1.0),  # compliances add
+    signature="one span bends less (or more) than it should in every pose",
+    settle="look and feel at the named span, or bring it to where the cable is bent most",
+    same_shapes=(SameShapes("elastic_clamp", "a span at a clamp"),
+                 SameShapes("length_error", "a stiff span that begins at a clamp")),
+)  # fmt: skip

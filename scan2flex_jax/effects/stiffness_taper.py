@@ -6,11 +6,14 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects._span import scaled_bending
+from scan2flex_jax.effects.builders import plain
+from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -24,3 +27,12 @@ class StiffnessTaper(AbstractEffect):
         """Sections with tapered stiffness."""
         factor = jnp.exp(self.taper * (2.0 * section.s / length - 1.0))
         return eqx.tree_at(lambda x: x.stiffness, section, scaled_bending(section, factor))
+
+
+ENTRY = CatalogueEntry(
+    "stiffness_taper", "energy", ("taper",),
+    lambda c: np.array([0.2]),  # ends that differ in stiffness by half
+    **plain("taper", StiffnessTaper), varies="stiffness", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+    signature="one half of the cable bends more than the other, whichever way round it hangs",
+    settle="swap the two ends of the cable in one pose",
+)  # fmt: skip

@@ -11,10 +11,13 @@ Null: an offset below the cable, or contact_stiffness 0.
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
+from scipy.spatial import ConvexHull
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 CONTACT = 1.0e6  # N/m^2: heavy hoses of 50 N/m then sink by less than a millimetre
@@ -36,3 +39,89 @@ class SupportPlane(AbstractEffect):
         p = jnp.clip(depth, 0.0, d)
         past = jnp.maximum(depth - d, 0.0)
         return node.weight * self.contact_stiffness * (p**3 / (6.0 * d) + 0.5 * past * (past + d))
+
+
+_LIFTS, _TILT = (-0.002, 0.0, 0.002, 0.005), 0.2  # of the length, above a plane; tilt from the level: no table is further off
+_PLANES, _LEAN, _TOUCHING, _OTHER = 4, 0.12, 0.002, 0.01  # count; tilt; of the length; tilt that makes another plane
+
+
+def _ground(c):
+    """Planes to look at, and a little above and below each: nothing lies below a hard one but for the scanner's noise.
+
+    So it is a facet of the hull of all measured points. Tables are level to some degrees: of the facets that lean less, those
+    with most points on them, and the level plane through the lowest point.
+    """
+    axes = _level_axes(c.up)
+    planes = [(0.0, 0.0, c.lowest), *_facets(c, axes)]
+    planes += planes[:1] * (_PLANES - len(planes))
+    return tuple(
+        {"offset": part * c.length, "tilt_1": a, "tilt_2": b, "place": place, "axes": axes}
+        for a, b, place in planes for part in _LIFTS
+    )  # fmt: skip
+
+
+def _level_axes(up):
+    """Two unit vectors (2, 3) across ``up``."""
+    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(up, first)])
+
+
+def _facets(c, axes):
+    """Lower facets ``(tilt, tilt, a point)`` of the hull of all measured points, those with most points on them first."""
+    if len(c.points) < 4:
+        return []
+    hull = ConvexHull(c.points, qhull_options="QJ")  # joggled: plane poses have no volume
+    lower = hull.equations[-hull.equations[:, :3] @ c.up > np.cos(_LEAN)]
+    order = sorted(lower, key=lambda e: -np.sum(c.points @ e[:3] + e[3] > -_TOUCHING * c.length))
+    out: list = []
+    for e in order:
+        tilt = axes @ e[:3] / (e[:3] @ c.up)
+        touching = c.points[c.points @ e[:3] + e[3] > -_TOUCHING * c.length]
+        if all(np.linalg.norm(tilt - other[:2]) > _OTHER for other in out):
+            out.append((*tilt, touching.mean(axis=0)))
+    return out[: _PLANES - 1]
+
+
+def _tilts(c):
+    return -_TILT, _TILT
+
+
+def _plane(site, up):
+    """Unit normal, and the offset (m) of a plane at a site."""
+    lean = up + site["tilt_1"] * site["axes"][0] + site["tilt_2"] * site["axes"][1]
+    normal = lean / jnp.linalg.norm(lean)
+    return normal, normal @ (site["place"] + site["offset"] * up)
+
+
+def _table(a, site, c):
+    normal, offset = _plane(site, jnp.asarray(c.up))
+    return (SupportPlane(normal, offset, a[0]),)
+
+
+def _plane_parameters(site, c):
+    normal, offset = _plane(site, c.up)
+    return {"normal": np.asarray(normal), "offset": float(offset)}
+
+
+def _plane_of(p, c):
+    normal, axes = np.asarray(p["normal"], float), _level_axes(c.up)
+    steep = normal @ c.up
+    tilt, place = axes @ normal / steep, float(p["offset"]) / steep * c.up
+    return {"offset": 0.0, "tilt_1": tilt[0], "tilt_2": tilt[1], "place": place, "axes": axes}
+
+
+ENTRY = CatalogueEntry(
+    "support_plane", "energy", ("contact stiffness",),
+    lambda c: np.array([20.0 * c.force / c.length**2]),  # N/m^2: its weight at a depth of 5 % of the length
+    build=_table,
+    to_parameters=lambda a, site, c: _plane_parameters(site, c),
+    from_parameters=lambda p, c: (np.array([CONTACT]), _plane_of(p, c)),
+    sites=_ground, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),
+    moving={"offset": lambda c: (_LIFTS[0] * c.length, _LIFTS[-1] * c.length), "tilt_1": _tilts, "tilt_2": _tilts},
+    start_site=lambda site, noise: {**site, "offset": noise},  # nothing lies below a hard plane but for the noise
+    continuation=(20.0, 400.0, 1.0e4),
+    signature="low poses are flat below one level, poses above it are untouched",
+    settle="scan the table along with the cable",
+    same_shapes=(SameShapes("elastic_support", "when every pose lies below the level"),),
+)  # fmt: skip

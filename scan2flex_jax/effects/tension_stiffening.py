@@ -8,10 +8,13 @@ the radius. Stiffening by friction between layers, which can be far larger, has 
 
 from typing import ClassVar
 
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import plain
+from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -25,3 +28,12 @@ class TensionStiffening(AbstractEffect):
         """Energy per length (J/m) beyond the quadratic one."""
         shortening = 0.5 * self.gain * (strain[3] ** 2 + strain[4] ** 2)
         return stiffness[2, 2] * shortening * (strain[2] + 0.5 * shortening)
+
+
+ENTRY = CatalogueEntry(
+    "tension_stiffening", "energy", ("gain",),
+    lambda c: np.array([c.radius_or_guess**2]),  # wires that lie at the radius
+    **plain("gain", TensionStiffening), one_sided=(True,),
+    signature="tight poses bend less than slack ones, and bent ones are shorter",
+    settle="scan poses whose tension differs threefold",
+)  # fmt: skip

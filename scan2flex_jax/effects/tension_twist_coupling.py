@@ -9,10 +9,13 @@ against stretching. ``lever`` in m, of the size of the tenth part of the diamete
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import plain
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -29,3 +32,13 @@ class TensionTwistCoupling(AbstractEffect):
         c = self.lever * K[:, 2, 2]
         K = K.at[:, 2, 5].add(c).at[:, 5, 2].add(c).at[:, 5, 5].add(self.lever * c)
         return eqx.tree_at(lambda x: x.stiffness, section, K)
+
+
+ENTRY = CatalogueEntry(
+    "tension_twist_coupling", "energy", ("lever",),
+    lambda c: np.array([0.1 * c.radius_or_guess]),  # a tenth of the radius: a cable of one lay, half a rope
+    **plain("lever", TensionTwistCoupling),
+    signature="tight poses are twisted, slack ones are not",
+    settle="hang the cable with a weight at its free end and watch the end turn",
+    same_shapes=(SameShapes("clamp_rotation", "when the tension is alike in all poses, for a roll"),),
+)  # fmt: skip

@@ -12,10 +12,13 @@ Null: stiffness 0.
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import places
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 TINY = 1.0e-24  # m^2: keeps the derivative of a distance of zero finite
@@ -43,3 +46,110 @@ class Tether(AbstractEffect):
         span = point - self.anchor
         longer = jnp.maximum(jnp.sqrt(span @ span + TINY) - self.rest_length, 0.0)
         return 0.5 * weight * self.stiffness * longer**2
+
+
+class AnchoredSpring(AbstractEffect):
+    """A `tether` by its ``pull`` (N) on the cable at ``position`` when that is at ``centre``: both numbers may be zero.
+
+    With ``reach`` 0 its rest length is zero, and the energy is ``1/2 k |r - centre|^2 - pull . (r - centre)``, linear in the
+    ``stiffness`` k (N/m) and the pull. Otherwise it is anchored at ``reach`` from the centre towards the pull, and the energy
+    is ``(k (d - reach) + |pull|)^2/(2 k)`` at the distance d from there, zero where it is slack. Places and lengths in m.
+    """
+
+    position: Float[Array, ""] = parameter()
+    centre: Float[Array, "3"] = parameter(3)
+    stiffness: Float[Array, ""] = parameter()
+    pull: Float[Array, "3"] = parameter(3)
+    reach: Float[Array, ""] = parameter(default=0.0)
+
+    def node_potential(self, node: Node) -> Float[Array, ""]:
+        """Energy (J) of the spring, as far as it hangs on this node."""
+        point, weight = place_on_cable(node, self.position)
+        span, k, string = point - self.centre, self.stiffness, self.reach > 0
+        tension = jnp.sqrt(self.pull @ self.pull + TINY)
+        away = span - self.reach * self.pull / tension
+        longer = jnp.sqrt(away @ away + TINY) - self.reach
+        taut = jnp.maximum(k * longer + tension, 0.0) ** 2 / jnp.where(string, 2.0 * k, 1.0)
+        return weight * jnp.where(string, taut, 0.5 * k * span @ span - self.pull @ span)
+
+
+_REACH = (0.03, 1.0)  # of the length: from the cable to where a string is anchored
+_SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: of the size, and of the logarithm of the stiffness in units of the size
+
+
+def _tether_size(c):
+    return np.array([0.3 * c.force / c.length, *(3 * [0.1 * c.force])])  # a thread that pulls with a tenth
+
+
+def _tether(a, site, c):
+    """A spring of rest length zero about the middle of the scans; with a ``reach`` a string, whose stiffness is log-normal."""
+    if "reach" not in site:
+        return (AnchoredSpring(site["position"], jnp.asarray(c.centre), a[0], a[1:]),)
+    k = _string_stiffness(a[0], site["softest"])
+    return (AnchoredSpring(site["position"], jnp.asarray(site["place"]), k, a[1:], site["reach"]),)
+
+
+def _string_stiffness(a, softest):
+    return softest * jnp.exp(_SPREAD * a * _SOFTEST / softest)
+
+
+def _string_amplitude(k, softest):
+    return np.log(k / softest) / _SPREAD * softest / _SOFTEST
+
+
+def _tether_of(p, c):
+    """Amplitude and site of a tether."""
+    k, anchor, rest = float(p["stiffness"]), np.asarray(p["anchor"], float), float(p.get("rest_length", 0.0))
+    if not rest:
+        return np.array([k, *(k * (anchor - c.centre))]), {"position": float(p["position"])}
+    towards, taut = (anchor - c.centre) / np.linalg.norm(anchor - c.centre), 0.1 * c.length
+    softest, place = _SOFTEST * _tether_size(c)[0], anchor - (rest + taut) * towards
+    site = {"position": float(p["position"]), "reach": rest + taut, "place": place, "softest": softest}
+    return np.array([_string_amplitude(k, softest), *(k * taut * towards)]), site
+
+
+def _tether_parameters(a, site, c):
+    a, position = np.asarray(a, float), float(site["position"])
+    if "reach" not in site:
+        anchor = c.centre + a[1:] / a[0] if a[0] > 0 else c.centre + a[1:]
+        return {"position": position, "anchor": anchor, "stiffness": float(a[0]), "rest_length": 0.0}
+    k, tension = float(_string_stiffness(a[0], site["softest"])), float(np.linalg.norm(a[1:]))
+    reach = max(float(site["reach"]), tension / k)
+    anchor = np.asarray(site["place"]) + reach * a[1:] / max(tension, 1e-300)
+    return {"position": position, "anchor": anchor, "stiffness": k, "rest_length": reach - tension / k}
+
+
+def _strings(a, site, c, places):
+    """From a spring of rest length zero to strings that pull alike at the tautest of ``places`` (m): anchored nearer."""
+    if "reach" in site or len(places) < 2:
+        return []
+    pulls = np.asarray(a, float)[1:] - float(a[0]) * (places - c.centre)
+    forces = np.linalg.norm(pulls, axis=1)
+    tautest = np.argmax(forces)
+    pull, tension, place = pulls[tautest], forces[tautest], places[tautest]
+    if tension < 1e-3 * c.force:
+        return []
+    out: list = []
+    softest = _SOFTEST * _tether_size(c)[0]
+    for reach in (0.2 * c.length, 0.4 * c.length):
+        distance = np.linalg.norm(places - place - reach * pull / tension, axis=1)
+        apart = distance - np.mean(distance)  # all zero in repeats of one pose, which tell no stiffness
+        slope = apart @ forces / max(float(apart @ apart), 1e-300)
+        k = np.clip(slope, 6.0 * softest, 200.0 * softest)
+        moved = {"position": float(site["position"]), "reach": reach, "place": place, "softest": softest}
+        out.append((np.array([_string_amplitude(k, softest), *pull]), moved, {}))
+    return out
+
+
+ENTRY = CatalogueEntry(
+    "tether", "energy", ("stiffness", "pull x", "pull y", "pull z"),
+    _tether_size,
+    build=_tether,
+    to_parameters=_tether_parameters,
+    from_parameters=_tether_of,
+    sites=places, one_sided=(True, False, False, False), other_starts=_strings,
+    moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
+    signature="the cable is drawn at one place of it towards one point of space, from whichever side",
+    settle="look for a string at the named place",
+    same_shapes=(SameShapes("point_load", "an anchor far away beside the motion of the place between poses"),),
+)  # fmt: skip

@@ -7,10 +7,13 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import parameter
+from scan2flex_jax.effects.builders import XYZ, plain
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 
@@ -24,3 +27,14 @@ class UniformLoad(AbstractEffect):
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The load on all elements."""
         return distributed_load(section, jnp.broadcast_to(self.force, (section.s.shape[0], 3)))
+
+
+ENTRY = CatalogueEntry(
+    "uniform_load", "energy", XYZ,
+    lambda c: np.full(3, 0.04 * c.force / c.length),  # two degrees of tilt of the scan frame
+    **plain("force", UniformLoad, 3),
+    signature="all poses lean to the same side of space",
+    settle="check gravity with a plumb line in the scan frame, and scan once without draught",
+    same_shapes=(SameShapes("gravity", "a tilt of the scan frame", always=True),
+                 SameShapes("length_density", "the part along gravity, as a scale of all stiffnesses")),
+)  # fmt: skip

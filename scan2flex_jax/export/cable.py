@@ -74,8 +74,8 @@ class HungCable:
 def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
     """The cable of a study whose parameters are all known, hanging in one pose; raises `Scan2FlexError`."""
     chosen = study.poses[0] if pose is None else study.pose(pose)
-    model = model_of(study)
-    e = settled(chosen, model, elements)
+    model = model_of(study, chosen)
+    e = settled(study, chosen, model, elements)
     if not bool(e.verdict.solved):
         raise Scan2FlexError(f"pose {chosen.name!r} could not be solved ({e.verdict.sentence()}): export another pose.")
     section, radius = e.rod.section, study.cable.get("radius")

@@ -1,21 +1,49 @@
-"""Which of the branches that differ by a full turn a measured pose is on.
+"""Which of the branches that differ by full turns a measured pose is on.
 
-Two quaternions tell the twist of a cable up to half a turn, and only beside a curve: where a cable winds, or is twisted by
-nearly half a turn, what `turns` counts is a matter of convention. A measured curve then leads to an equilibrium far from it,
-and that would look like missing physics. So poses that are left far from what was measured are solved with a turn more and a
-turn less too; a fit that then comes far closer gets those turns, and the user is told.
+Two quaternions tell the twist of a cable up to half a turn, and only for a given curve: where a cable winds, or is twisted by
+nearly half a turn, the number that `turns` has is a matter of convention. A measured curve then leads to an equilibrium far
+from it, and the fit bends the stiffnesses to that. Three searches put poses on the branch that was measured, the last two only
+where the first has come to its end:
+
+1. poses far from their curves are solved with a turn more and a turn less at the values of the fit, each choice is fitted;
+2. where a residual is more than the noise, all poses are solved at a grid of stiffnesses, since those of the fit are then wrong
+   as well; at each of its points every pose takes its nearest turns, and the nearest choices are fitted;
+3. a curve shows the torque ``GJ phi / L``, not the twist ``phi``: turns ``k`` and a stiffness ``GJ'`` that leave the torques
+   of all poses nearly the same, ``GJ' (phi + 2 pi k) = GJ phi``, are a choice that is fitted, however small the residual.
+
+A fit that comes far closer, or closer by more than noise can tell, gets those turns, and the user is told.
 """
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
+from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
+from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
 
 FAR = 0.003  # of the length: RMS distance from which on a pose may be on another branch
 ASTRAY = 0.01  # of the length: one from which on a minimum may have gone where it is for the sake of a wrong branch
 _SAME = 1.01  # times the least distance: the same shape
 BETTER = 0.5  # of the squared distance of all poses: what other turns have to come down to
+_CLEAR = 25.0  # of squares in units of the noise: what they have to gain where their residual is noise; a chance of 1e-6
+_EQUAL = 1.0  # of the same squares: two turns may slip over the cable itself and lead to the same shapes
+_NOISE = 1.2  # times the noise of the curves: a residual that may be nothing else
+_FINEST = 2.0e-4  # of the length: a pose that is nearer is on its branch, whatever the noise
+_TURNS = (0, -1, 1)  # more than those of the study
+_BENDING = np.log([0.6, 1.0, 1.7])  # of the grid: bending stiffness over that of the fit,
+_RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiffness
+_TRIED = 4  # choices of turns that a search may fit, the nearest ones
+_ALIKE = 0.4  # of the torques: what a choice of turns may change them by (the search by torques)
+_TINY = 1.0e-9  # rad
+_TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit, of that search
 
 
 def distances(evaluation, mask) -> np.ndarray:
@@ -38,7 +66,7 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0) -> dict
 
 
 def _distance(problem, pose, shared):
-    poses = poses_of([pose], problem.length, problem.elements)
+    poses = poses_of(problem.study, [pose], problem.length, problem.elements)
     evaluator = problem.evaluator_of(poses)
     found = evaluator(shared)
     problem.evaluator.equilibria += evaluator.equilibria
@@ -59,3 +87,151 @@ def sentences(before, after) -> tuple[str, ...]:
         f"pose {name} was solved with turns = {found} in place of {said}: a full turn nearer to the measured shape"
         for name, found, said in changed
     )
+
+
+class _Choice(NamedTuple):
+    """Turns of all poses by name, the unknown numbers at which they are near, and how near (smaller is nearer)."""
+
+    turns: dict[str, int]
+    start: np.ndarray | None
+    off: float
+
+
+def on_its_branches(problem, minimum, method, progress):
+    """The problem and its minimum with every pose, validate poses too, on the branch that was measured."""
+    while True:
+        problem, minimum = _full_turns(problem, minimum, method, progress)
+        before = problem
+        problem, minimum = _beyond_doubt(problem, minimum, method, progress)
+        if problem is before:
+            break
+    if unseen := problem.study.validate_poses:
+        own = distances(problem.predicted(minimum), problem.held_out.mask) / problem.length
+        seen = nearest(problem, unseen, own > FAR, minimum.shared, BETTER)
+        problem.hold_out(with_turns(problem.study, seen))
+    return problem, minimum
+
+
+def _full_turns(problem, minimum, method, progress):
+    """The search at the values of the fit, again from each better one."""
+    while True:
+        own = distances(minimum.evaluation, problem.poses.mask) / problem.length
+        vectors = [minimum.shared]
+        if np.any(own > ASTRAY):
+            vectors += [np.r_[x, minimum.shared[len(x) :]] for x in problem.starts()]
+        turns = []
+        for x in vectors:  # all poses that are nearer with other turns, and each of them alone
+            nearer = nearest(problem, problem.study.fit_poses, own > FAR, x)
+            turns += [nearer, *({name: n} for name, n in nearer.items())]
+        choices = [_Choice(t, None, 0.0) for i, t in enumerate(turns) if t and t not in turns[:i]]
+        found = list(_fitted(problem, choices, method, progress, BETTER * minimum.cost))
+        tried, best = min(found, key=lambda pair: pair[1].cost, default=(problem, minimum))
+        if tried is problem or best.cost > BETTER * minimum.cost:
+            return problem, minimum
+        tried.evaluator.equilibria = problem.evaluator.equilibria
+        problem, minimum = tried, best
+
+
+def _fitted(problem, choices, method, progress, beat):
+    """Problem and minimum of each choice with which anything settles; counts what the caller solves with them too."""
+    for choice in choices:
+        tried = problem.with_study(with_turns(problem.study, choice.turns))
+        with suppress(NotSettledError):
+            yield tried, tried.minimise(method, progress, beat, choice.start)
+        problem.evaluator.equilibria = tried.evaluator.equilibria
+
+
+def _beyond_doubt(problem, minimum, method, progress):
+    """The searches on the grid and by torques; minima are compared with the nearly known numbers free within tolerances."""
+    if problem.evaluator.distance == "hausdorff":  # its residuals are no squares
+        return problem, minimum
+    finest, coarsest = _FINEST * problem.length, ASTRAY * problem.length
+    sigma = np.clip([white_noise(p) for p in problem.study.fit_poses], finest, coarsest)
+    noise = _NOISE**2 * NORMALS * np.sum(np.asarray(problem.poses.mask))
+    choices = _by_torques(problem, minimum)
+    doubt = np.any(distances(minimum.evaluation, problem.poses.mask) > _NOISE * np.sqrt(NORMALS) * sigma)
+    if not (doubt or choices):
+        return problem, minimum
+    cost = _cost_within_tolerances(problem, minimum, sigma)
+    choices += _on_a_grid(problem, minimum.shared) if doubt and cost > noise else []
+    found = [(cost, problem, minimum)]
+    for tried, m in _fitted(problem, choices, "least-squares", progress, minimum.cost):
+        found.append((_cost_within_tolerances(tried, m, sigma), tried, m))
+    least = min(f[0] for f in found)
+    alike = [f for f in found if f[0] <= least + _EQUAL]
+    least, tried, m = min(alike, key=lambda f: _changes(problem.study, f[1].study))
+    if least >= BETTER * cost and (least > noise or cost - least <= _CLEAR):
+        return problem, minimum
+    tried.evaluator.equilibria = problem.evaluator.equilibria
+    if method != "least-squares":
+        m = tried.minimise(method, progress, start=m.shared[: problem.layout.unknowns])
+    return tried, m
+
+
+def _changes(before, after) -> int:
+    """By how many turns the poses of two studies differ."""
+    return sum(abs(b.turns - a.turns) for b, a in zip(before.poses, after.poses, strict=True))
+
+
+def _cost_within_tolerances(problem, minimum, sigma):
+    """Squares in units of the noise of the curves, at the minimum with the nearly known numbers free under their priors."""
+    start = minimum.evaluation.configuration
+    return levenberg_marquardt(problem.goal(sigma), minimum.shared, minimum.local, start=start).cost
+
+
+def _on_a_grid(problem, shared) -> list[_Choice]:
+    """The nearest choices over a grid of stiffnesses, each at its best point."""
+    study = problem.study
+    best: dict[tuple[int, ...], _Choice] = {}
+    turned = [[replace(p, turns=p.turns + k) for p in study.fit_poses] for k in _TURNS]
+    near = [poses_of(study, some, problem.length, problem.elements) for some in turned]
+    for x in _grid(problem, shared):
+        found = []
+        for poses in near:
+            evaluator = problem.evaluator_of(poses)
+            found.append(distances(evaluator(x, derivative=False), poses.mask))
+            problem.evaluator.equilibria += evaluator.equilibria
+        least = np.min(found, axis=0)
+        which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns where alike
+        turns = {p.name: p.turns + _TURNS[k] for p, k in zip(study.fit_poses, which, strict=True)}
+        key = tuple(turns.values())
+        if np.isfinite(off) and (key not in best or off < best[key].off):
+            best[key] = _Choice(turns, x[: problem.layout.unknowns], off)
+    return sorted(best.values(), key=lambda choice: choice.off)[:_TRIED]
+
+
+def _grid(problem, shared) -> Iterator[np.ndarray]:
+    """Vectors of shared numbers with the unknown stiffnesses spread about those of the fit."""
+    bending, torsion = (_slot(problem, name) for name in STIFFNESSES)
+    for b, t in product(_BENDING if bending else [0.0], _RATIO if torsion else [0.0]):
+        x = shared.copy()
+        if bending:
+            x[bending] += b
+        if torsion:
+            x[torsion] = t + np.mean(x[bending] if bending else np.log(problem.study.known(STIFFNESSES[0])))
+        yield x
+
+
+def _slot(problem, name) -> slice | None:
+    """Where an unknown stands among the shared numbers."""
+    return next((slice(s.at, s.at + s.size) for s in problem.layout.slots if s.name == name), None)
+
+
+def _by_torques(problem, minimum) -> list[_Choice]:
+    """The choices that leave the torques of the minimum nearly the same; none where a single pose could take any turns."""
+    poses, torsion = problem.study.fit_poses, _slot(problem, STIFFNESSES[1])
+    if torsion is None or len(poses) < 2:
+        return []
+    found: dict[tuple[int, ...], _Choice] = {}
+    phi = np.array([total_twist(R) for R in minimum.evaluation.configuration.R])
+    held = [p.end is not None and p.end.quaternion is not None and p.start.quaternion is not None for p in poses]
+    for stiffer in _TORSION:
+        k = np.where(held, np.clip(np.round((phi / stiffer - phi) / (2 * np.pi)), -1, 1), 0)
+        twist = phi + 2 * np.pi * k
+        factor = phi @ twist / (twist @ twist + _TINY)
+        off = float(np.linalg.norm(phi - factor * twist) / (np.linalg.norm(phi) + _TINY))
+        if np.any(k) and factor > 0 and off < _ALIKE:
+            start = minimum.shared[: problem.layout.unknowns].copy()
+            start[torsion] += np.log(factor)
+            found[tuple(map(int, k))] = _Choice({p.name: p.turns + int(n) for p, n in zip(poses, k, strict=True)}, start, off)
+    return sorted(found.values(), key=lambda choice: choice.off)[:_TRIED]

@@ -92,15 +92,14 @@ class Weights:
 
 
 @compiled
-def _evaluate(layout: Layout, template: CableModel, pose: Poses, points, x, start, elements, margin, derivative):
+def _evaluate(layout: Layout, template: CableModel, boundary, expected, points, x, start, elements, margin, derivative):
     """One pose: slopes and offsets of the points, normals, arc lengths, inside, configuration and verdict."""
 
     def offsets(x):
         model = model_at(layout, template, x[: layout.shared])
-        boundary = boundary_at(layout, pose.boundary, x[layout.shared :])
-        e = equilibrium(model, boundary, start=start, elements=elements)
+        e = equilibrium(model, boundary_at(layout, boundary, x[layout.shared :]), start=start, elements=elements)
         d3, ds = e.configuration.R[:, :, 2], e.rod.section.ds
-        off, rest = offsets_from(e.points, d3, ds, points, pose.expected, margin, partial(observed, model))
+        off, rest = offsets_from(e.points, d3, ds, points, expected, margin, partial(observed, model))
         return off, (off, *rest, jax.lax.stop_gradient(e.configuration), e.verdict)
 
     if derivative:
@@ -138,7 +137,7 @@ class CloudEvaluator(Evaluator):
 
     def __init__(self, problem: Problem, scans: Poses, radius: float, eyes):
         """``eyes``: per pose the viewpoints (v, 3) in m, or None. Weights come from `weigh`."""
-        super().__init__(problem.layout, problem.template, scans, problem.elements, "tube")
+        super().__init__(problem.layout, scans, problem.elements, "tube")
         self.radius, self.eyes, self.length = radius, eyes, problem.length
         self.weights: Any = None  # `Weights` once `weigh` has made them
 
@@ -162,8 +161,8 @@ class CloudEvaluator(Evaluator):
         margin = jnp.asarray(max(_NEAR_CLAMP * self.radius, _SHORTEST * self.length))
         found = [
             _evaluate(
-                self.layout, self.template, one(p, i), jnp.asarray(points[i]), np.concatenate([shared, local[i]]),
-                one(start, i), self.elements, margin, derivative,
+                self.layout, p.template(i), one(p.boundary, i), p.expected[i], jnp.asarray(points[i]),
+                np.concatenate([shared, local[i]]), one(start, i), self.elements, margin, derivative,
             )
             for i in range(p.count)
         ]  # fmt: skip

@@ -30,11 +30,12 @@ def measured_by(study, data, method, distance, progress):
     0.1 %); their intervals are several times narrower than those from curves, and held the truth in every run.
     """
     bare = [p.name for p in study.poses if p.curve is None]
+    marked = any(p.markers is not None for p in study.poses)
     if data == "cloud":
         _check_clouds(study, method, distance)
     elif not any(p.scan for p in study.poses if p.curve is None):
         return study, None, ()
-    elif data == "curve" or method != "least-squares" or distance != "normal" or not all(p.scan for p in study.poses):
+    elif data == "curve" or marked or method != "least-squares" or distance != "normal" or not all(p.scan for p in study.poses):
         whole, doubts = _with_curves(study, progress)
         return whole, None, ("centre curves were extracted from the scans and fitted", *doubts)
     scans, whole = _clouds(study, progress)
@@ -49,6 +50,9 @@ def measured_by(study, data, method, distance, progress):
 
 def _check_clouds(study, method, distance):
     without = [p.name for p in study.poses if p.scan is None]
+    marked = [p.name for p in study.poses if p.markers is not None]
+    if marked:
+        raise Scan2FlexError(f"pose {marked[0]!r} has markers, which a fit to clouds does not see: leave data out")
     if without:
         raise Scan2FlexError(f"pose {without[0]!r} has no scan: data 'cloud' needs one for every pose")
     if method != "least-squares" or distance != "normal":
@@ -110,7 +114,7 @@ class Direct:
             self.field = cloud_noise.estimate_field(found, layout.shared, length)
             spread = cloud.OFFSET * self.radius
             parts = cloud_noise.information(self.evaluator, minimum.evaluation, self.field, spread, length)
-            if again or not (layout.shared > layout.unknowns or layout.local):
+            if again or not layout.has_priors:
                 break
             factor, start = cloud_noise.inflation(parts, layout.unknowns), minimum.evaluation.configuration
         known = cloud_noise.cloud_uncertainty(minimum, layout, parts, factor)
@@ -125,10 +129,10 @@ class Direct:
             others.weights = cloud.weigh(others.look(minimum.shared).raw, others)
             e = others(minimum.shared, derivative=False)
             groups.append((study.validate_poses, others, e))
-        model = model_at(self.problem.layout, self.problem.template, minimum.shared)
         for study_poses, evaluator, e in groups:
             found = cloud_noise.stations(evaluator, e, self.problem.length)
             for i, pose in enumerate(study_poses):
+                model = model_at(self.problem.layout, evaluator.poses.template(i), minimum.shared)
                 out[pose.name] = self._pose_fit(pose, found[i], e, i, model)
         return {p.name: out[p.name] for p in study.poses}
 

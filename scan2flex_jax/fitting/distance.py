@@ -8,6 +8,7 @@ length; *Hausdorff*, the largest distance from any point of one curve to the oth
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -115,6 +116,21 @@ def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float
     share = jnp.abs(jnp.diff(edges))
     mean = jnp.sum(share) / jnp.maximum(jnp.sum(share > 0), 1)
     return jax.vmap(one)(points, expected) * jnp.sqrt(share / mean)[:, None], expected
+
+
+def marker_residuals(
+    r, d3, ds, points: Float[Array | np.ndarray, "m 3"], at: Float[Array | np.ndarray, " m"], observe
+) -> Float[Array, "m 3"]:
+    """``residual (m, 3)``: measured minus modelled (m) at known arc lengths ``at`` (m), all three components alike.
+
+    Along the two normals and the tangent, as in `normal_residuals`.
+    """
+    axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
+
+    def one(point, s):
+        return axes_at(s) @ (point - observe(curve_at(r, d3, ds, s)[0]))
+
+    return jax.vmap(one)(points, at)
 
 
 def _held_axes(r, d3, ds):

@@ -62,11 +62,9 @@ def observed(model: CableModel, points):
 class Evaluator:
     """Residuals of a study's poses; counts the equilibria that it solved."""
 
-    def __init__(
-        self, layout: Layout, template: CableModel, poses: Poses, elements: int, distance: str = "normal", slots: tuple = ()
-    ):
+    def __init__(self, layout: Layout, poses: Poses, elements: int, distance: str = "normal", slots: tuple = ()):
         """Nothing is solved yet; ``slots`` are energy laws of no effect that the states have room for beside the model's."""
-        self.layout, self.template, self.poses = layout, template, poses
+        self.layout, self.poses = layout, poses
         self.elements, self.distance, self.slots = elements, distance, slots
         self.width = states.FEW if not slots and layout.shared + layout.local <= states.FEW else states.CHUNK
         self.equilibria = 0
@@ -78,21 +76,21 @@ class Evaluator:
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         start = p.start if start is None else start
         found = [self._pose(i, np.concatenate([shared, local[i]]), one(start, i), derivative) for i in range(p.count)]
-        r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)
+        r, jacobian, s, configuration, verdict, _ = jax.tree.map(lambda *x: np.stack(x), *found)
         return Evaluation(r, jacobian, s, configuration, verdict)
 
     def _pose(self, i, x, start, derivative):
         boundary = one(self.poses.boundary, i)
         wanted = derivative or bool(self.slots)  # with room for more, one compiled function serves all
         rows = -(-len(x) // self.width) * self.width if wanted else 0
-        state, tangents = _state(self.layout, self.template, boundary, x, self.slots, self.elements, rows)
+        state, tangents = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
         found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
 
 def target_of(poses: Poses, i: int) -> states.Target:
     """What pose ``i`` is compared with."""
-    return states.Target(poses.points[i], poses.mask[i], poses.expected[i])
+    return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked), i))
 
 
 def one(tree, i: int):

@@ -69,7 +69,7 @@ class Goal:
         """Weighted squares of residuals and priors."""
         if not e.solved:
             return np.inf
-        prior = np.sum(shared[self.evaluator.layout.unknowns :] ** 2) + np.sum(local**2)
+        prior = np.sum(self.evaluator.layout.prior.pull(shared) ** 2) + np.sum(local**2)
         return float(np.sum((e.residual / self.sigma[:, None, None]) ** 2) + prior)
 
     def normal_equations(self, e: Evaluation, shared, local):
@@ -92,9 +92,9 @@ def normal_equations(layout, residual, jacobian, shared, local):
         own = np.r_[np.arange(n), n + i * k + np.arange(k)]
         JJ[np.ix_(own, own)] += J.T @ J
         Jr[own] += J.T @ r
-    prior = np.r_[np.zeros(layout.unknowns), np.ones(n + P * k - layout.unknowns)]
-    JJ[np.diag_indices_from(JJ)] += prior
-    Jr += prior * np.r_[shared, local.ravel()]
+    JJ[np.diag_indices_from(JJ)] += np.r_[layout.prior.precision(n), np.ones(P * k)]
+    Jr[layout.prior.at] += layout.prior.pull(shared) / layout.prior.std
+    Jr[n:] += local.ravel()
     return JJ, Jr
 
 

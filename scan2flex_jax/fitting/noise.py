@@ -90,6 +90,19 @@ def _nearest(objective, smoothness, u, reach):
     return f.fun, smoothness, f.x
 
 
+def white_noise(pose) -> float:
+    """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from fourth differences.
+
+    Bends between the points raise it, so that a curve of few points casts no doubt. Infinite where nothing tells it.
+    """
+    if pose.noise is not None:
+        return pose.noise
+    if pose.curve is None:
+        return np.inf
+    fourth = np.diff(pose.curve.points, n=4, axis=0)
+    return float(np.sqrt(np.mean(fourth**2) / 70.0)) if len(fourth) else np.inf
+
+
 def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
     """Restricted maximum likelihood.
 
@@ -101,8 +114,7 @@ def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
     X = np.concatenate([X.reshape(NORMALS * len(X), X.shape[2]) for _, _, X in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
-    spacing = np.median(np.concatenate([np.diff(s) for s, _, _ in thin]))
-    shortest = max(spacing, 0.01 * length)
+    shortest = max(spacing_of([s for s, _, _ in thin]), 0.01 * length)
 
     def negative(noise, u):
         prior = 0.5 * ((u[2] - np.log(0.07 * length)) / 0.8) ** 2 + 0.02 * ((u[1] - u[0]) ** 2)
@@ -111,6 +123,12 @@ def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
         return restricted_likelihood(thin, noise) + prior + bound
 
     return most_likely(negative, stated or size, length)
+
+
+def spacing_of(stations) -> float:
+    """The usual distance (m) of neighbours among the arc lengths (m) of several poses; 0 where each has one point."""
+    steps = np.concatenate([np.diff(s) for s in stations])
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
 def restricted_likelihood(curves, noise: Noise) -> float:

@@ -1,12 +1,13 @@
 """Which numbers a fit may move: the unknowns x_E of a study, and what the study knows only nearly.
 
 The model sees a vector ``x``: first the unknowns (logarithms of positive ones), then in units of their stated tolerance the
-length, the tilt of gravity (two axes across it), and per pose the positions and rotations of the clamps. The latter are
-priors: standard normal, never flat.
+length, the tilt of gravity, the mass per length, and per pose the positions and rotations of the clamps. The latter are
+priors: standard normal, never flat. An unknown may have a prior too: normal, and log-normal where it stands by its logarithm.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import equinox as eqx
 import jax
@@ -20,7 +21,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
-from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
 # Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
@@ -51,6 +52,7 @@ class Slot:
     at: int
     unit: str
     end: int = 0
+    prior: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # mean and standard deviation in ``x``
 
     @property
     def size(self) -> int:
@@ -64,14 +66,39 @@ class Slot:
 
 
 @dataclass(frozen=True)
+class SharedPrior:
+    """Normal priors of those shared numbers, ``at`` in ``x``, that have one: their means and standard deviations."""
+
+    at: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+
+    def pull(self, x):
+        """By how many standard deviations each of them is off."""
+        return (x[self.at] - self.mean) / self.std
+
+    def precision(self, size: int) -> np.ndarray:
+        """Precision of each of ``size`` numbers; 0 for those that have no prior here."""
+        out = np.zeros(size)
+        out[self.at] = self.std**-2
+        return out
+
+
+@dataclass(frozen=True)
 class Layout:
-    """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known."""
+    """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known.
+
+    The scan frame is tilted about the two axes across gravity, or about three where poses differ in gravity.
+    """
 
     slots: tuple[Slot, ...]
     length_tolerance: float
     gravity_tolerance: float
     position_tolerance: float
     rotation_tolerance: float
+    roll_tolerance: float | None = None
+    density_tolerance: float = 0.0
+    gravity_axes: int = 2
 
     @property
     def unknowns(self) -> int:
@@ -81,12 +108,31 @@ class Layout:
     @property
     def shared(self) -> int:
         """Numbers that all poses share: unknowns, then nearly known ones."""
-        return self.unknowns + (self.length_tolerance > 0) + 2 * (self.gravity_tolerance > 0)
+        nearly = (self.length_tolerance > 0) + self.gravity_axes * (self.gravity_tolerance > 0) + (self.density_tolerance > 0)
+        return self.unknowns + nearly
 
     @property
     def local(self) -> int:
         """Nearly known numbers of each pose."""
-        return CLAMP_MOTIONS if self.position_tolerance > 0 or self.rotation_tolerance > 0 else 0
+        tolerances = (self.position_tolerance, self.rotation_tolerance, self.roll_tolerance or 0.0)
+        return CLAMP_MOTIONS if max(tolerances) > 0 else 0
+
+    @cached_property
+    def prior(self) -> "SharedPrior":
+        """What is known of the shared numbers before any pose is seen."""
+        rest = np.arange(self.unknowns, self.shared)
+        at, mean, std = [rest], [np.zeros(len(rest))], [np.ones(len(rest))]
+        for slot in reversed(self.slots):
+            if slot.prior is not None:
+                at.insert(0, np.arange(slot.at, slot.at + slot.size))
+                mean.insert(0, np.array(slot.prior[0]))
+                std.insert(0, np.array(slot.prior[1]))
+        return SharedPrior(np.concatenate(at), np.concatenate(mean), np.concatenate(std))
+
+    @property
+    def has_priors(self) -> bool:
+        """Whether anything beside the poses has its weight in a fit."""
+        return bool(len(self.prior.at)) or self.local > 0
 
     @property
     def labels(self) -> list[str]:
@@ -102,8 +148,9 @@ def layout_of(study) -> Layout:
         slots.append(slot)
         at += slot.size
     t = study.tolerance
-    length = 0.0 if "length" in study.unknown_names else t.length
-    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation)
+    length, density = (0.0 if n in study.unknown_names else getattr(t, n) for n in ("length", "length_density"))
+    axes = 2 if all(pose.gravity is None for pose in study.poses) else 3
+    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation, t.clamp_roll, density, axes)
 
 
 def _slot(study, unknown, at):
@@ -121,7 +168,17 @@ def _slot(study, unknown, at):
     if log:
         low, high = np.log(low), np.log(high)
     end = ENDS.index(study.clamped_ends[0]) if study.clamped_ends else 0
-    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end)
+    prior = None if unknown.prior is None else _prior_in_x(unknown.prior, shape, log)
+    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end, prior)
+
+
+def _prior_in_x(prior, shape, log):
+    """Mean and standard deviation in ``x``: the log-normal distribution that has those of the quantity itself."""
+    mean, std = (np.broadcast_to(np.asarray(prior[k], float), shape).ravel() for k in ("mean", "std"))
+    if log:
+        variance = np.log1p((std / mean) ** 2)
+        mean, std = np.log(mean) - 0.5 * variance, np.sqrt(variance)
+    return tuple(mean.tolist()), tuple(std.tolist())
 
 
 def _format(name):
@@ -129,13 +186,16 @@ def _format(name):
     return kind_format(kind).parameter(parameter) if dot else CABLE[name]
 
 
-def template(study) -> CableModel:
-    """The study's model with every unknown at the value given for it (or at one where nothing is given)."""
+def template(study, pose: StudyPose | None = None) -> CableModel:
+    """The model of a pose, with every unknown at the value given for it (or at one where nothing is given).
+
+    Without a pose, that of any pose that has no gravity and no effects of its own.
+    """
     known = {key: value for key, value in study.cable.items() if key != "radius"}
     filler = {"length_density": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "length": 1.0}
     cable = Cable(**{**filler, "shear_stiffness": NEARLY_RIGID, "axial_stiffness": NEARLY_RIGID, **known})
     effects = []
-    for declaration in study.effects:
+    for declaration in study.acting(pose):
         form, given = kind_format(declaration.kind), dict(declaration.parameters)
         for parameter in form.parameters:
             name = f"{declaration.kind}.{parameter.name}"
@@ -144,7 +204,7 @@ def template(study) -> CableModel:
                 shape = parameter.shapes(len(study.clamped_ends))[0]
                 given[parameter.name] = np.ones(shape) * 1e-3 if start is None else start
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
-    return CableModel(cable, jnp.asarray(study.gravity), ordered(effects))
+    return CableModel(cable, jnp.asarray(study.gravity_in(pose)), ordered(effects))
 
 
 def model_at(layout: Layout, model: CableModel, x) -> CableModel:
@@ -158,17 +218,31 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
         model = eqx.tree_at(lambda m: m.cable.length, model, length)
         at += 1
     if layout.gravity_tolerance > 0:
-        g = model.gravity
-        size = jnp.linalg.norm(g)
-        down = g / jnp.where(size > 0, size, 1.0)
-        across = jnp.linalg.svd(down[None, :])[2][1:]
-        tilt = lie.so3_exp(layout.gravity_tolerance * (x[at] * across[0] + x[at + 1] * across[1]))
-        model = eqx.tree_at(lambda m: m.gravity, model, tilt @ g)
+        turn = _tilt(model.gravity, x[at : at + layout.gravity_axes])
+        tilt = lie.so3_exp(layout.gravity_tolerance * turn)
+        model = eqx.tree_at(lambda m: m.gravity, model, tilt @ model.gravity)
+        at += layout.gravity_axes
+    if layout.density_tolerance > 0:
+        density = model.cable.length_density + layout.density_tolerance * x[at]
+        model = eqx.tree_at(lambda m: m.cable.length_density, model, density)
     return model
 
 
-def model_of(study: Study) -> CableModel:
-    """The study's model with every unknown at its value or guess; raises `StudyError` where one has neither."""
+def _tilt(gravity, x):
+    """The rotation vector of a tilt: across gravity where it has two numbers."""
+    if len(x) == 3:
+        return x
+    size = jnp.linalg.norm(gravity)
+    down = gravity / jnp.where(size > 0, size, 1.0)
+    across = jnp.linalg.svd(down[None, :])[2][1:]
+    return x[0] * across[0] + x[1] * across[1]
+
+
+def model_of(study: Study, pose: StudyPose | None = None) -> CableModel:
+    """The model of a pose with every unknown at its value or guess; raises `StudyError` where one has neither.
+
+    A pose may have its own gravity, and effects that act in it only. Without ``pose``: the model of a pose that has neither.
+    """
     check_study(study, "predict")
     for unknown in study.unknowns:
         if study.start_value(unknown.name) is None:
@@ -178,14 +252,16 @@ def model_of(study: Study) -> CableModel:
             )
     layout = layout_of(study)
     x = np.concatenate([start_vector(study, layout, {}), np.zeros(layout.shared - layout.unknowns)])
-    return model_at(layout, template(study), x)
+    return model_at(layout, template(study, pose), x)
 
 
 def _put(model, name, value, end):
     kind, dot, parameter = name.partition(".")
     if not dot:
         return eqx.tree_at(lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape))
-    i = next(k for k, e in enumerate(model.effects) if e.kind == kind)
+    i = next((k for k, e in enumerate(model.effects) if e.kind == kind), None)
+    if i is None:  # it acts in other poses only
+        return model
     old = getattr(model.effects[i], parameter)
     if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two
         value = old.at[end].set(value[0])
@@ -197,7 +273,11 @@ def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
     if not layout.local:
         return boundary
     z = z.reshape(2, 6) * boundary.held
-    turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
+    if layout.roll_tolerance is None:
+        turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
+    else:  # one after the other: a roll of whatever size leaves the tangent where the tilt puts it
+        tilt = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:].at[:, 2].set(0.0))
+        turn = tilt @ jax.vmap(lie.so3_exp)(layout.roll_tolerance * z[:, 3:].at[:, :2].set(0.0))
     return Boundary(boundary.position + layout.position_tolerance * z[:, :3], boundary.rotation @ turn, boundary.held)
 
 
@@ -207,7 +287,8 @@ def start_vector(study, layout: Layout, own: Mapping[str, float | np.ndarray]) -
     for slot in layout.slots:
         value = study.start_value(slot.name)
         if value is None:
-            value = own.get(slot.name, np.exp(np.add(slot.low, slot.high) / 2) if slot.log else 0.0)
+            middle = np.exp(np.add(slot.low, slot.high) / 2) if slot.log else np.zeros(slot.size)
+            value = own.get(slot.name, np.reshape(middle, slot.shape))
         value = np.broadcast_to(np.asarray(value, float), slot.shape).ravel()
         if slot.log and np.any(value <= 0):
             raise StudyError(study.folder or "study", f"unknown.{slot.name}", "a positive quantity needs a positive start.")

@@ -29,8 +29,9 @@ _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn u
 class Problem:
     """One study made ready for a fit.
 
-    ``layout`` maps the parameter vector to the model that begins as ``template``; ``poses`` are the ``fit`` poses and
-    ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is the scale of the residuals;
+    ``layout`` maps the parameter vector to models, which begin as ``template`` in poses that have nothing of their own;
+    ``poses`` are the ``fit`` poses and ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is
+    the scale of the residuals;
     ``evaluator`` gives residuals and their Jacobian, and counts the equilibria that it solved. ``slots``: energy laws of
     effects that may be added later, at zero amplitude.
     """
@@ -43,13 +44,13 @@ class Problem:
         self.layout, self.template = layout_of(study), template(study)
         guess = study.start_value("length") or 1.0
         self.length = float(study.cable.get("length", guess))
-        self.poses = poses_of(study.fit_poses, self.length, elements)
+        self.poses = poses_of(study, study.fit_poses, self.length, elements)
         self.held_out = _held_out(study, self.length, elements)
         self.evaluator = self.evaluator_of(self.poses, distance)
 
     def evaluator_of(self, poses: Poses, distance: str = "normal") -> Evaluator:
         """An evaluator of other poses, that has counted nothing yet."""
-        return Evaluator(self.layout, self.template, poses, self.elements, distance, self.slots)
+        return Evaluator(self.layout, poses, self.elements, distance, self.slots)
 
     def with_study(self, study: Study) -> "Problem":
         """The same of another study with the same unknowns; equilibria are counted on."""
@@ -85,11 +86,14 @@ class Problem:
         free = start_vector(_without_guesses(self.study), self.layout, own)
         return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
 
-    def minimise(self, method: str, progress: Progress = silent, beat: float = np.inf) -> Minimum:
+    def minimise(
+        self, method: str, progress: Progress = silent, beat: float = np.inf, start: np.ndarray | None = None
+    ) -> Minimum:
         """The minimum from the start that fits better, and from the other one too where that leaves doubt.
 
-        The slower methods use the first start only. Numbers with priors do not move yet. Of use is only a minimum below
-        ``beat``: what stays far above it is not followed to its end. Raises `NotSettledError` where no pose can be solved.
+        With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Numbers with
+        priors do not move yet. Of use is only a minimum below ``beat``: what stays far above it is not followed to its end.
+        Raises `NotSettledError` where no pose can be solved.
         """
         sigma = np.full(self.poses.count, 1e-3 * self.length)
         stated = [p.noise for p in self.study.fit_poses]
@@ -97,11 +101,12 @@ class Problem:
             sigma = np.array(stated, float)
         goal = replace(self.goal(sigma, progress), beat=beat)
         prior = np.zeros(self.layout.shared - self.layout.unknowns)
+        starts = self.starts() if start is None else [start]
         if method != "least-squares":
             run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
-            return self._finite(run(goal, np.r_[self.starts()[0], prior]))
+            return self._finite(run(goal, np.r_[starts[0], prior]))
         local = np.zeros((self.poses.count, self.layout.local))
-        begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in self.starts())]
+        begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in starts)]
         begun.sort(key=lambda start: goal.cost(start[1], start[0], local))
         found = []
         for x, evaluation in begun:
@@ -161,7 +166,7 @@ def unsettled(study_poses: Sequence[StudyPose], evaluation: Evaluation) -> dict[
 
 
 def _held_out(study, length, elements) -> Poses | None:
-    return poses_of(study.validate_poses, length, elements) if study.validate_poses else None
+    return poses_of(study, study.validate_poses, length, elements) if study.validate_poses else None
 
 
 def _without_guesses(study):

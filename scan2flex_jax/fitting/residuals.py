@@ -18,10 +18,9 @@ from jaxtyping import Float, Int
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
-from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, template, values_of
-from scan2flex_jax.fitting.poses import Poses, poses_of
+from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
+from scan2flex_jax.fitting.poses import Poses, check_distance, poses_of
 from scan2flex_jax.fitting.start import own_start
-from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
@@ -37,7 +36,6 @@ class ResidualFunction(eqx.Module):
     """
 
     layout: Layout = eqx.field(static=True)
-    template: CableModel
     poses: Poses
     real: Int[np.ndarray, " k"]
     noise: Float[Array, ""] | None
@@ -69,7 +67,7 @@ class ResidualFunction(eqx.Module):
         flat = jnp.where(solved, residual, jnp.inf).ravel()[self.real]
         if self.noise is None:
             return flat
-        return jnp.concatenate([flat / self.noise, x[self.layout.unknowns :]])
+        return jnp.concatenate([flat / self.noise, self.layout.prior.pull(x), x[self.layout.shared :]])
 
     def _solved(self, x):
         if jnp.shape(x) != (len(self.labels),):
@@ -79,19 +77,29 @@ class ResidualFunction(eqx.Module):
 
 @compiled
 def _residuals(function: ResidualFunction, x):
-    layout = function.layout
-    model = model_at(layout, function.template, x[: layout.shared])
-    laws = states.slots_of(model.effects)
-    own = x[layout.shared :].reshape(function.poses.count, layout.local)
+    layout, poses = function.layout, function.poses
+    own = x[layout.shared :].reshape(poses.count, layout.local)
+    targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked)
+    each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start, own))
 
-    def one(pose):
-        poses, z = pose
-        state = states.state_of(model, boundary_at(layout, poses.boundary, z), function.elements, laws)
-        target = states.Target(poses.points, poses.mask, poses.expected)
-        residual, (_, _, verdict) = states.shape(state, poses.start, target, function.distance)
-        return residual, verdict
+    def of_group(group):
+        model = model_at(layout, poses.templates[group], x[: layout.shared])
+        laws = states.slots_of(model.effects)
 
-    return jax.lax.map(one, (jax.tree.map(jnp.asarray, function.poses), own))
+        def one(pose):
+            boundary, target, start, z = pose
+            state = states.state_of(model, boundary_at(layout, boundary, z), function.elements, laws)
+            residual, (_, _, verdict) = states.shape(state, start, target, function.distance)
+            return residual, verdict
+
+        return jax.lax.map(one, each if len(poses.templates) == 1 else jax.tree.map(lambda v: v[members(group)], each))
+
+    def members(group):
+        return np.flatnonzero(np.array(poses.group) == group)
+
+    found = [of_group(group) for group in range(len(poses.templates))]
+    order = np.argsort(np.concatenate([members(group) for group in range(len(found))]))
+    return found[0] if len(found) == 1 else jax.tree.map(lambda *v: jnp.concatenate(v)[order], *found)
 
 
 def residual_function(
@@ -102,24 +110,25 @@ def residual_function(
     ``noise`` (m, one coordinate) divides the residuals and brings in the study's tolerances as standard normal priors: half the
     sum of squares is then the negative logarithm of a posterior density with white noise. Without it residuals are in m and
     what is known nearly is taken as exact. ``distance``: "closest" (to the closest point of the modelled curve; its square has
-    exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve. Raises
-    `Scan2FlexError`.
+    exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve or
+    markers. Raises `Scan2FlexError`.
     """
     check_study(study)
     if distance not in DISTANCES:
         raise Scan2FlexError(f"distance is {distance!r}: give one of {', '.join(DISTANCES)}.")
     if noise is not None and not 0.0 < noise < np.inf:
         raise Scan2FlexError(f"noise is {noise!r}: give a positive number in m, or None.")
+    check_distance(study, distance)
     layout = layout_of(study)
     if noise is None:
         layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0)
     if not layout.slots:
         raise Scan2FlexError("the study declares no unknown: declare what is to be estimated.")
     length = float(study.cable.get("length", study.start_value("length") or 1.0))
-    poses = poses_of(study.fit_poses, length, elements)
+    poses = poses_of(study, study.fit_poses, length, elements)
     real = np.flatnonzero(np.repeat(np.asarray(poses.mask).ravel() > 0, 3))
     spread = None if noise is None else jnp.asarray(noise, float)
-    function = ResidualFunction(layout, template(study), poses, real, spread, elements, distance)
+    function = ResidualFunction(layout, poses, real, spread, elements, distance)
     unknown = start_vector(study, layout, own_start(study, poses, length))
     rest = len(function.labels) - layout.unknowns
     return function, jnp.concatenate([jnp.asarray(unknown), jnp.zeros(rest)])

@@ -60,8 +60,8 @@ class Fit:
     at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
     poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
     of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
-    the study says, in words (`fitting.branches`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of
-    residuals and priors.
+    the study says, in words (`fitting.branches`). ``misfits``: fitted poses whose residual is no noise, in words. ``cost`` is
+    that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
     """
 
     study: Study = field(repr=False)
@@ -82,6 +82,7 @@ class Fit:
     cost: float
     data: str
     turned: tuple[str, ...] = ()
+    misfits: tuple[str, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -91,8 +92,8 @@ class Fit:
 
     @property
     def believable(self) -> bool:
-        """Whether the fit has settled, with every pose a stable equilibrium; else its numbers are not to be used."""
-        return bool(self.converged and all(p.stable for p in self.poses.values()))
+        """Whether the fit has settled, with every pose stable and near its curve; else its numbers are not to be used."""
+        return bool(self.converged and not self.misfits and all(p.stable for p in self.poses.values()))
 
     @property
     def calibrated(self) -> Study:

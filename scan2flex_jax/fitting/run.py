@@ -6,15 +6,17 @@ the priors that the noise gives their weight, and judge: intervals, what is open
 
 import time
 from collections.abc import Callable
-from contextlib import suppress
 
 import numpy as np
 
-from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.direct import Direct, measured_by
+from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import silent
+from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fitting.states import DISTANCES
@@ -32,6 +34,8 @@ _SAYABLE = 5.0  # standard deviation of a logarithm beyond which an interval is 
 _PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
 _FELT = 0.3  # of the noise: what tolerances and the estimates' errors do to a validate pose is spoken of beyond it
 _SLOW, _LONG = 3.0, 0.2  # correlated over white noise, and correlation over cable length, of a residual that is no noise
+_BEYOND = 3.0  # times the noise: a residual that is none
+_LARGE = 0.01  # of the length: a smooth residual beyond it is no noise that anybody left unsaid
 _MESH = 5.0e-5  # of the length: a residual this small may be the mesh's
 
 
@@ -60,7 +64,7 @@ def fit(
     began, progress = time.perf_counter(), progress or silent
     whole, scans, said = measured_by(study, data, method, distance, progress)
     problem = Problem(whole, elements, distance, slots)
-    problem, minimum = _on_its_branches(problem, problem.minimise(method, progress), method, progress)
+    problem, minimum = branches.on_its_branches(problem, problem.minimise(method, progress), method, progress)
     turned, whole = branches.sentences(whole, problem.study), problem.study
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
@@ -75,6 +79,7 @@ def fit(
         poses, solved = direct.pose_fits(minimum), direct.equilibria
         said = (*said, *direct.sentences())
     valid, verdict = _validity(poses, noise, stated, problem.length)
+    misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
     said = said if minimum.converged else (*said, _UNSETTLED)
     return Fit(
@@ -89,13 +94,14 @@ def fit(
         correlation=_correlation(known.covariance),
         poses=poses,
         noise=noise,
-        sentences=(*said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict),
+        sentences=(*said, *turned, *known.sentences, *_bound_sentences(estimates), *misfits, *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,
         cost=minimum.cost,
         turned=turned,
+        misfits=misfits,
     )
 
 
@@ -108,38 +114,10 @@ def _correlation(covariance):
     return correlation
 
 
-def _on_its_branches(problem, minimum, method, progress):
-    """The problem and its minimum with every pose, validate poses too, a full turn off where that is what was measured."""
-    while True:
-        own = branches.distances(minimum.evaluation, problem.poses.mask) / problem.length
-        vectors = [minimum.shared]
-        if np.any(own > branches.ASTRAY):
-            vectors += [np.r_[x, minimum.shared[len(x) :]] for x in problem.starts()]
-        turns = []
-        for x in vectors:  # all poses that are nearer with other turns, and each of them alone
-            nearer = branches.nearest(problem, problem.study.fit_poses, own > branches.FAR, x)
-            turns += [nearer, *({name: n} for name, n in nearer.items())]
-        found = []
-        for other in (t for i, t in enumerate(turns) if t and t not in turns[:i]):
-            tried = problem.with_study(branches.with_turns(problem.study, other))
-            with suppress(NotSettledError):  # nothing settles with these turns
-                found.append((tried, tried.minimise(method, progress, branches.BETTER * minimum.cost)))
-            problem.evaluator.equilibria = tried.evaluator.equilibria
-        best = min(found, key=lambda pair: pair[1].cost, default=None)
-        if best is None or best[1].cost > branches.BETTER * minimum.cost:
-            break
-        problem, minimum = best
-    if unseen := problem.study.validate_poses:
-        own = branches.distances(problem.predicted(minimum), problem.held_out.mask) / problem.length
-        seen = branches.nearest(problem, unseen, own > branches.FAR, minimum.shared, branches.BETTER)
-        problem.hold_out(branches.with_turns(problem.study, seen))
-    return problem, minimum
-
-
 def _from_curves(problem, minimum, stated, progress):
     """The minimum under its priors, the noise of the curves, and what is known of the estimates."""
     noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
-    if problem.layout.shared > problem.layout.unknowns or problem.layout.local:
+    if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
         noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
     return minimum, noise, uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), noise)
@@ -161,6 +139,7 @@ def _check(study, method, distance, data="curve"):
     if isinstance(study, Study) and not study.unknowns:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     check_study(study)
+    check_distance(study, distance)
 
 
 def _stated_noise(study):
@@ -227,6 +206,22 @@ def _bound_sentences(estimates):
     return [
         f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound
     ]
+
+
+def _misfits(study, poses, length):
+    """Fitted poses whose residual is no noise: far beyond the stated one whatever its correlation, or large and smooth."""
+    said = []
+    for pose in study.fit_poses:
+        own, noise = poses[pose.name].rms, np.sqrt(NORMALS) * min(white_noise(pose), _LARGE * length)
+        beside = f"pose {pose.name} is {1e3 * own:.2f} mm (RMS) off its measured curve"
+        if pose.noise is not None and own > _BEYOND * noise:
+            said.append(f"{beside}, beside {1e3 * noise:.2f} mm of stated noise: {_NO_NOISE}")
+        elif pose.noise is None and own > max(_LARGE * length, _BEYOND * noise):
+            said.append(f"{beside}, {100 * own / length:.1f} % of the length and no noise of points: {_NO_NOISE}")
+    return tuple(said)
+
+
+_NO_NOISE = "something is missing or misread, and the values are not to be believed"
 
 
 def _validity(poses, noise, stated, length):

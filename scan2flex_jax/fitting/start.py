@@ -24,27 +24,46 @@ _INSIDE_SHORT = 0.1  # the same of the measured part, where that is short
 
 
 def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
-    """`balance_start` of a study's poses at the density that the study gives, or guesses, for a cable of ``length`` (m)."""
+    """`balance_start` of a study's poses, and the density (kg/m) that it rests on, for a cable of ``length`` (m).
+
+    The density is the one that the study gives or guesses, where it does.
+    """
     known = {name: float(np.mean(value)) for name in STIFFNESSES if (value := study.known(name)) is not None}
     values = {**study.cable, **{u.name: study.start_value(u.name) for u in study.unknowns}}
-    density = float(values.get("length_density") or 1.0)
-    return balance_start(poses, density * np.asarray(study.gravity), length, known)
+    density = float(values.get("length_density") or _density_beside(study, length))
+    weights = np.array([density * np.asarray(study.gravity_in(pose)) for pose in study.fit_poses])
+    return {"length_density": density, **balance_start(poses, weights, length, known, _loaded_least(study))}
 
 
-def balance_start(poses: Poses, weight: np.ndarray, length: float, known: dict[str, float]) -> dict[str, float]:
+def _density_beside(study, length) -> float:
+    """A mass per length (kg/m) to begin from: a cable as heavy as what is known to hang on it, or 1 kg/m."""
+    masses = [float(m) for e in study.effects if e.kind == "point_mass" and (m := e.parameters.get("mass")) is not None]
+    return float(np.mean(masses)) / length if masses and np.mean(masses) > 0 else 1.0
+
+
+def _loaded_least(study) -> np.ndarray:
+    """Which fitted poses have the fewest effects: the balance of moments knows of none."""
+    effects = np.array([len(study.acting(pose)) for pose in study.fit_poses])
+    return effects == effects.min()
+
+
+def balance_start(
+    poses: Poses, weights: np.ndarray, length: float, known: dict[str, float], use: np.ndarray
+) -> dict[str, float]:
     """Bending and torsional stiffness (N m^2) that balance the measured curves best, where they are positive.
 
-    ``known`` holds those of the two that are not unknown; ``weight`` is per length (3,) in N/m, ``length`` in m.
+    ``known`` holds those of the two that are not unknown; ``weights`` (P, 3) are per length in N/m, ``length`` is in m, and
+    ``use`` (P,) says which poses count.
     """
-    own_weight = np.linalg.norm(weight) * length**3
+    own_weight = np.max(np.linalg.norm(weights, axis=1)) * length**3
     fallback = 0.03 * own_weight if own_weight > 0 else 1.0
-    blocks = [_pose_equations(poses, i, length, weight) for i in range(poses.count)]
+    blocks = [_pose_equations(poses, i, length, weights[i]) for i in np.flatnonzero(use)]
     columns, right = _assemble(blocks)
     free = [k for k, n in enumerate(STIFFNESSES) if n not in known]
     right = right - sum(columns[:, k] * known[n] for k, n in enumerate(STIFFNESSES) if n in known)
-    use = [k for k in free if np.linalg.norm(columns[:, k]) > 0] + list(range(2, columns.shape[1]))
-    solution = np.linalg.lstsq(columns[:, use], right, rcond=1e-10)[0]
-    found = {STIFFNESSES[k]: solution[use.index(k)] for k in free if k in use}
+    columns_used = [k for k in free if np.linalg.norm(columns[:, k]) > 0] + list(range(2, columns.shape[1]))
+    solution = np.linalg.lstsq(columns[:, columns_used], right, rcond=1e-10)[0]
+    found = {STIFFNESSES[k]: solution[columns_used.index(k)] for k in free if k in columns_used}
     bending = found.get("bending_stiffness", known.get("bending_stiffness", fallback))
     bending = bending if bending > 1e-3 * fallback else fallback
     torsion = found.get("torsional_stiffness", bending)
@@ -54,6 +73,8 @@ def balance_start(poses: Poses, weight: np.ndarray, length: float, known: dict[s
 
 def _pose_equations(poses, i, length, weight):
     mask = np.asarray(poses.mask[i]) > 0
+    if poses.marked is not None and np.any(own := mask & (np.asarray(poses.marked[i]) == 0)):
+        mask = own  # a curve tells its bends, and markers beside it are not in order with its points
     points, s = np.asarray(poses.points[i])[mask], np.asarray(poses.expected[i])[mask]
     keep = np.concatenate([[True], np.diff(s) > 1e-9 * length])
     points, s = points[keep], s[keep]
@@ -73,7 +94,8 @@ def _pose_equations(poses, i, length, weight):
     r = curve(at)
     lever = np.stack([np.cross(r - r[0], e) for e in np.eye(3)], axis=2)
     constant = np.broadcast_to(-np.eye(3), (len(at), 3, 3))
-    shared = np.stack([binormal, _twist_rate(poses, i, length) * t], axis=2)
+    twist = total_twist(np.asarray(poses.start.R[i])) / length  # of the start; zero where an end is free to turn
+    shared = np.stack([binormal, twist * t], axis=2)
     local = np.concatenate([constant, lever], axis=2)
     rows = 3 * len(at)
     return shared.reshape(rows, 2), local.reshape(rows, 6), np.cross(moment, weight).reshape(rows)
@@ -88,11 +110,10 @@ def _spline(s, points):
     return make_lsq_spline(s, points, knots, k=degree)
 
 
-def _twist_rate(poses, i, length):
-    """Twist (rad/m) of the start that follows the measured curve; zero where an end is free to turn."""
-    R = np.asarray(poses.start.R[i])
+def total_twist(R: np.ndarray) -> float:
+    """Twist (rad) of a cable with node frames ``R`` (n, 3, 3): what its frames turn about their tangents beyond transport."""
     relative = np.einsum("nji,njk->nik", R[:-1], R[1:])
-    return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])) / length)
+    return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])))
 
 
 def _assemble(blocks):

@@ -22,7 +22,13 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.compilation import compiled
-from scan2flex_jax.fitting.distance import closest_residuals, hausdorff_residuals, integrated_residuals, normal_residuals
+from scan2flex_jax.fitting.distance import (
+    closest_residuals,
+    hausdorff_residuals,
+    integrated_residuals,
+    marker_residuals,
+    normal_residuals,
+)
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect, overriding
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
@@ -47,13 +53,15 @@ class State(eqx.Module):
 
 
 class Shape(NamedTuple):
-    """One pose solved: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, verdict."""
+    """One pose solved: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, verdict, and which
+    points are markers (m,), None where the study has none."""
 
     residual: np.ndarray
     columns: np.ndarray | None
     s: np.ndarray
     configuration: Configuration
     verdict: Verdict
+    marked: Float[Array | np.ndarray, " m"] | None = None
 
 
 def slots_of(effects) -> tuple[AbstractEffect, ...]:
@@ -76,25 +84,30 @@ def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> Sta
 
 
 class Target(NamedTuple):
-    """What one pose is compared with: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m."""
+    """What one pose is compared with: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m.
+
+    ``marked`` (m,) is 1 for points whose arc length is known: `marker_residuals` are theirs, whatever the distance of others.
+    None: a study without markers, whose compiled functions know of none.
+    """
 
     points: Float[Array | np.ndarray, "m 3"]
     mask: Float[Array | np.ndarray, " m"]
     expected: Float[Array | np.ndarray, " m"]
+    marked: Float[Array | np.ndarray, " m"] | None = None
 
 
 def shape(state: State, start: Configuration, target: Target, distance: str):
     """Residual (m, 3) of a pose solved from ``start``, then ``(arc lengths (m), configuration, verdict)``; traceable."""
     e = solve_rod(state.rod, start)
-    view, points = state.view, target.points
-    r, s = DISTANCES[distance](
-        e.points,
-        e.configuration.R[:, :, 2],
-        state.rod.section.ds,
-        points,
-        target.expected,
-        lambda p: p @ view[:, :3].T + view[:, 3],
-    )
+    curve = e.points, e.configuration.R[:, :, 2], state.rod.section.ds, target.points, target.expected
+
+    def seen(points):
+        return points @ state.view[:, :3].T + state.view[:, 3]
+
+    r, s = DISTANCES[distance](*curve, seen)
+    if target.marked is not None:
+        r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve, seen), r)
+        s = jnp.where(target.marked > 0, target.expected, s)
     return r * target.mask[:, None], (s, jax.lax.stop_gradient(e.configuration), e.verdict)
 
 
@@ -117,7 +130,7 @@ def evaluate(
     """
     if tangents is None:
         r, _, rest = _evaluate(state, start, target, distance, None)
-        return _as_numpy(r, None, *rest)
+        return _as_numpy(r, None, *rest)._replace(marked=target.marked)
     count, columns = len(jax.tree.leaves(tangents)[0]), []
     for first in range(0, max(count, 1), width):
         part = tangents if count == width else jax.tree.map(partial(_rows, first, width), tangents)
@@ -125,7 +138,7 @@ def evaluate(
         columns.append(np.asarray(d))
         start = jax.tree.map(np.asarray, configuration)
     d = np.moveaxis(np.concatenate(columns)[:count], 0, -1)
-    return _as_numpy(r, d, s, start, verdict)
+    return _as_numpy(r, d, s, start, verdict)._replace(marked=target.marked)
 
 
 def no_tangents(state: State) -> State:

@@ -74,7 +74,7 @@ def _middle(e, poses, layout, sigma, noise, size):
         C = noise.covariance(e.s[i][real])
         for normal in range(J.shape[1]):
             B[np.ix_(own, own)] += J[:, normal].T @ C @ J[:, normal]
-    prior = np.r_[np.zeros(layout.unknowns), np.ones(size - layout.unknowns)]
+    prior = np.r_[layout.prior.precision(n), np.ones(size - n)]
     B[np.diag_indices_from(B)] += prior
     return B
 

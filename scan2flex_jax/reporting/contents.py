@@ -7,7 +7,6 @@ import hashlib
 import platform
 from dataclasses import dataclass, replace
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
+from scan2flex_jax.study.outputs import measured_files
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.values import Where
 from scan2flex_jax.study.write import NamedFiles, render, study_tables
@@ -199,12 +199,8 @@ def _inputs(study):
     """Names inside the study's folder and SHA-256 of all files that were read."""
     if study.folder is None:
         return ()
-    files = [study.folder / STUDY_FILE]
-    for pose in study.poses:
-        curve = None if pose.curve is None else pose.curve.path
-        files += [path for path in (curve, pose.scan, pose.guide_points_path) if path is not None]
     found = []
-    for path in dict.fromkeys(map(Path, files)):
+    for path in dict.fromkeys(measured_files(study)):
         if path.is_file():
             with path.open("rb") as stream:
                 digest = hashlib.file_digest(stream, "sha256").hexdigest()

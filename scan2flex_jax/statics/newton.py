@@ -36,6 +36,7 @@ MAX_STEPS = 200
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
 _PUSH = 0.2  # the same for a push off a saddle
 _SETTLED = 1.0e-2  # two steps below this, still indefinite, mean that a saddle attracts: after one the forces may be to blame
+_LEFT = 0.03  # of the largest force: what frames half-way leave between elements at a solution
 _ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 _HOLD = 1.0e-13  # stiffness that holds each motion of a node, over the largest of the rod: beyond rounding, below physics
 _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
@@ -63,8 +64,9 @@ class NewtonState(eqx.Module):
 class MixedNewton(AbstractRodSolver):
     """Newton's method with mixed stress-strain steps.
 
-    Converged when an undamped step moved no node by more than ``atol`` (rad, or parts of the length): convergence is
-    quadratic, so what is left is of the order of its square. The step after it only looks: it must find a positive definite
+    Converged when an undamped step with known section forces moved no node by more than ``atol`` (rad, or parts of the
+    length): convergence is quadratic then, so what is left is of the order of its square. A first step knows them where the
+    start is next to a solution. The step after it only looks: it must find a positive definite
     Hessian, and leaves the derivatives at the solution in the state.
     """
 
@@ -98,7 +100,7 @@ class MixedNewton(AbstractRodSolver):
         """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
         y = supported(rod, y)
         looking = state.size < self.atol
-        d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, state, looking))
+        d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, rod, y, state, looking))
         # a motion without stiffness (a rod that spins between ball joints) must not drown in rounding
         diagonal = d.diagonal + _hold(rod, d.diagonal)
         followed = _lent_forces(rod, d.elements, state.mode) * free_motions(rod)
@@ -109,6 +111,7 @@ class MixedNewton(AbstractRodSolver):
         definite = (negative == 0) & jnp.isfinite(size)
         done = looking & definite
         small = size < _SETTLED
+        known = ~state.first | _handed_on(rod, y, d.elements.n)
         push = definite & state.was_indefinite & small & state.settling
         home = jnp.sum(mode[:, :3] * vecmat(state.start - y.r, y.R))
         push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
@@ -126,7 +129,7 @@ class MixedNewton(AbstractRodSolver):
             first=state.first & ~definite,
             was_indefinite=~definite,
             settling=jnp.where(definite, small & ~push, state.settling),
-            size=jnp.where(definite & ~push & (state.lent == 0.0), size, 1.0),
+            size=jnp.where(definite & ~push & (state.lent == 0.0) & known, size, 1.0),
             negative=negative,
             done=done,
             finite=jnp.all(jnp.isfinite(moved.r)) & jnp.all(jnp.isfinite(moved.R)),
@@ -134,10 +137,18 @@ class MixedNewton(AbstractRodSolver):
         return moved, state
 
     @staticmethod
-    def _forces(state, looking, n):
-        """Section forces of the geometric stiffness: a start's stretching means nothing, a solution's forces are its own."""
-        predicted = jnp.where(state.first, n.at[:, :3].set(0.0), state.forces)
-        return jnp.where(looking, n, predicted)
+    def _forces(rod, y, state, looking, n):
+        """Section forces of the geometric stiffness: those of the strains at a solution and next to one; a drawn start's
+        stretching means nothing."""
+        of_start = jnp.where(_handed_on(rod, y, n), n, n.at[:, :3].set(0.0))
+        return jnp.where(looking, n, jnp.where(state.first, of_start, state.forces))
+
+
+def _handed_on(rod, y, n):
+    """Whether elements hand their forces on to the next but for the dead load between them, as they do next to a solution."""
+    f = 0.5 * (matvec(y.R[:-1], n[:, :3]) + matvec(y.R[1:], n[:, :3]))
+    left = f[1:] - f[:-1] + rod.load.force[1:-1]
+    return jnp.max(jnp.abs(left)) <= _LEFT * jnp.max(jnp.abs(f))
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:

@@ -18,6 +18,7 @@ from scan2flex_jax.study.kinds import (
 from scan2flex_jax.study.model import (
     Clamp,
     EffectDeclaration,
+    Markers,
     MeasuredCurve,
     Study,
     StudyPose,
@@ -36,6 +37,7 @@ __all__ = [
     "Clamp",
     "EffectDeclaration",
     "KindFormat",
+    "Markers",
     "MeasuredCurve",
     "ParameterFormat",
     "PoseFacts",

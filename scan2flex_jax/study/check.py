@@ -4,12 +4,15 @@ Every number is computed from the study. A warning never stops anything: it says
 know, in one sentence.
 """
 
+from typing import Annotated
+
 import numpy as np
 
 from scan2flex_jax.study.declared import unknown_formats
-from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, pose_facts
+from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts, all_plane, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
+from scan2flex_jax.study.sense import knows_a_force
 from scan2flex_jax.study.values import one_line
 
 GAP_WARNING = 0.01
@@ -47,8 +50,7 @@ def describe(study: Study) -> str:
     parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
     parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
     parts += ["", "Known only nearly (standard deviations)"]
-    given = {key: getattr(study.tolerance, key) for key in TOLERANCE}
-    nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in given.items() if value]
+    nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]
     parts += nearly or ["  nothing: all that is given counts as exact"]
     if study.effects:
         parts += ["", "Declared effects", *_effects(study)]
@@ -76,6 +78,8 @@ def _unknowns(study: Study) -> list[str]:
         between = "the package's own range"
         if unknown.low is not None and unknown.high is not None:
             between = f"range {_text(unknown.low)} to {_text(unknown.high)}"
+        if unknown.prior is not None:
+            between += f"; measured elsewhere as {_text(unknown.prior['mean'])} +- {_text(unknown.prior['std'])}"
         lines.append(f"  {unknown.name:<24} {formats[unknown.name].unit}; {begins}; {between}")
     return lines
 
@@ -87,7 +91,8 @@ def _effects(study: Study) -> list[str]:
         given = [p for p in form.parameters if p.name in effect.parameters]
         entries = [f"{p.name} {_text(effect.parameters[p.name])} {p.unit}" for p in given]
         asked = [f"{n} to be estimated" for n in form.names if f"{effect.kind}.{n}" in study.unknown_names]
-        lines.append(f"  {effect.kind} (on the {form.place}; {form.words}): {', '.join(entries + asked)}")
+        where = "" if effect.poses is None else f"; in {', '.join(map(one_line, effect.poses))} only"
+        lines.append(f"  {effect.kind} (on the {form.place}; {form.words}): {', '.join(entries + asked)}{where}")
     return lines
 
 
@@ -115,6 +120,9 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
         elif length is not None:
             short = float(np.max(length)) - facts.covered
             lines.append(f"    at end      stops {_mm(short)} short of the free end")
+    if pose.markers is not None:
+        s = pose.markers.arc_length
+        lines.append(f"    markers     {len(s)}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
         lines.append(f"    scan        {scan_name(study, pose)}, guide points {guides}")
@@ -122,7 +130,14 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
     lines.append(f"    noise       {noise}")
     if pose.repeat_of is not None:
         lines.append(f"    repeats     {one_line(pose.repeat_of)}")
-    return lines
+    return lines + _circumstances(pose)
+
+
+def _circumstances(pose: StudyPose) -> list[str]:
+    """Gravity, time and reset of a pose, where they were given."""
+    lines = [] if pose.gravity is None else [f"    gravity     {_text(pose.gravity)} m/s^2 in this pose"]
+    lines += [] if pose.time is None else [f"    measured    at {pose.time:.6g} s"]
+    return [*lines, "    before      the cable was taken out and straightened"] if pose.reset else lines
 
 
 def _mm(metres: float) -> str:
@@ -162,19 +177,28 @@ def _of_study(study: Study) -> list[str]:
         warnings.append("no validate pose: nothing will tell whether the estimates hold for another shape.")
     if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
         warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
-    size = float(np.linalg.norm(study.gravity))
-    if size and abs(size - GRAVITY) > 0.01 * GRAVITY:
-        warnings.append(f"gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit.")
+    warnings += _odd_gravity("", study.gravity)
+    for pose in study.poses:
+        warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
     length = study.cable.get("length")
     if length is not None and float(np.max(length)) > LONG:
         warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
     warnings += _heavy(study)
     scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
-    if scales <= set(study.unknown_names):
+    measured = any(unknown.prior is not None for unknown in study.unknowns if unknown.name in scales)
+    if scales <= set(study.unknown_names) and not measured and not knows_a_force(study):
         warnings.append("the density and both stiffnesses are unknown: shapes tell only their ratios.")
-    if study.tolerance.length and "length" in study.unknown_names:
-        warnings.append("length stands under [tolerance] and under [unknown]: one of them is enough.")
+    for name in ("length", "length_density"):
+        if getattr(study.tolerance, name) and name in study.unknown_names:
+            warnings.append(f"{name} stands under [tolerance] and under [unknown]: one of them is enough.")
     return warnings
+
+
+def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:
+    """Whether gravity is not that of Earth; none at all may be meant so."""
+    size = float(np.linalg.norm(gravity))
+    odd = size and abs(size - GRAVITY) > 0.01 * GRAVITY
+    return [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit."] if odd else []
 
 
 def _heavy(study: Study) -> list[str]:
@@ -189,11 +213,12 @@ def _heavy(study: Study) -> list[str]:
 
 def _stands(study: Study, pose: StudyPose) -> bool:
     """Whether a curve between two held ends rises above the line between them, against gravity."""
-    size, length = float(np.linalg.norm(study.gravity)), study.known("length")
+    gravity, length = study.gravity_in(pose), study.known("length")
+    size = float(np.linalg.norm(gravity))
     if pose.end is None or pose.curve is None or length is None or not size > 0:
         return False
     middle = 0.5 * (pose.start.position + pose.end.position)
-    fall = float((pose.curve.points.mean(axis=0) - middle) @ study.gravity) / size
+    fall = float((pose.curve.points.mean(axis=0) - middle) @ gravity) / size
     return fall < -ARCH * float(np.max(length))
 
 
@@ -214,7 +239,7 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
             warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve.")
     if length is not None:
         warnings += _length_warnings(facts, scale)
-    if facts.off_line < PLANE_LIMIT * scale:
+    if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
         warnings.append("the curve is nearly straight: it says little about stiffness.")
     return warnings
 

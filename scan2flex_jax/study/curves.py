@@ -12,7 +12,7 @@ import numpy as np
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.limits import CURVE_POINTS, curve_limit
-from scan2flex_jax.study.model import MeasuredCurve
+from scan2flex_jax.study.model import Markers, MeasuredCurve
 from scan2flex_jax.study.values import Where, shown
 
 BLOCKS = 64
@@ -25,6 +25,20 @@ def read_curve(path: Path, where: Where) -> MeasuredCurve:
     if names[0] == "s":
         return checked_curve(table[:, 1:], table[:, 0], path, where)
     return checked_curve(table, None, path, where)
+
+
+def read_markers(path: Path, where: Where) -> Markers:
+    """The points at known arc lengths in a CSV with the header `s,x,y,z`; `where` names the file for the user."""
+    _, table = _read_csv(path, ("s,x,y,z",), where)
+    return checked_markers(table[:, 1:], table[:, 0], path, where)
+
+
+def checked_markers(
+    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], path: Path | None, where: Where
+) -> Markers:
+    """The markers of a file, whose faults name the file and the column."""
+    with where.placed({"points": None, "arc_length": "s"}):
+        return Markers(points, s, path)
 
 
 def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:

@@ -37,7 +37,8 @@ def read_effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
         here = where.item(i + 1)
         kind = v.required(table, "kind", here, 'kind = "point_mass"')
         with here.placed():
-            effects.append(EffectDeclaration(kind, {key: value for key, value in table.items() if key != "kind"}))
+            given = {key: value for key, value in table.items() if key not in ("kind", "poses")}
+            effects.append(EffectDeclaration(kind, given, table.get("poses")))
     return tuple(effects)
 
 
@@ -55,6 +56,15 @@ def check_effects(study: Study, where: Where) -> None:
                 asked = f'unknown."{effect.kind}.{name}"'
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
         _coupled(effect, here)
+        _check_poses(effect, study, here.at("poses"))
+
+
+def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
+    """An effect acts in poses of the study."""
+    names = [pose.name for pose in study.poses]
+    for name in effect.poses or ():
+        if name not in names:
+            raise where.fail(f"no pose is called {v.shown(name)}: {v.suggestion(name, names)}")
 
 
 def _ends(study: Study, form: KindFormat, where: Where) -> int:
@@ -87,12 +97,13 @@ def read_unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]
     unknowns: list[Unknown] = []
     for name, body, here in _flat(v.sub_table(table, where, "[unknown.bending_stiffness]"), where):
         check_name(name, study, here)
-        v.allow(body, ("guess", "range"), here)
+        v.allow(body, ("guess", "range", "prior"), here)
         bounds = body.get("range", [None, None])
         if not isinstance(bounds, list) or len(bounds) != 2:
             raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
         with here.placed({"low": "range", "high": "range"}):
-            unknowns.append(Unknown(name, body.get("guess"), *bounds))
+            low, high = bounds
+            unknowns.append(Unknown(name, body.get("guess"), low, high, body.get("prior")))
     return tuple(unknowns)
 
 
@@ -102,7 +113,7 @@ def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, 
     for name, entry in table.items():
         here = where.at(name)
         body = v.sub_table(entry, here, example)
-        if any(isinstance(value, dict) for value in body.values()):
+        if any(isinstance(value, dict) for key, value in body.items() if key != "prior"):
             for parameter, inner in body.items():
                 yield f"{name}.{parameter}", v.sub_table(inner, here.at(parameter), example), here.at(parameter)
         else:
@@ -146,7 +157,18 @@ def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest:
         if np.any(np.asarray(low) >= np.asarray(high)):
             said = f"got low {_plain(low)} and high {_plain(high)}"
             raise key.fail(f"{said}: give range = [low, high] with low below high.")
+    _check_prior(unknown, shapes, form, longest, where.at("prior"))
     _check_start(unknown, study, where)
+
+
+def _check_prior(
+    unknown: Unknown, shapes: tuple[tuple[int, ...], ...], form: ParameterFormat, longest: float | None, where: Where
+) -> None:
+    """The mean is a value that the quantity may take, and the standard deviation is above zero."""
+    if unknown.prior is None:
+        return
+    v.check_domain(v.array(unknown.prior["mean"], shapes, where.at("mean")), form.domain, where.at("mean"), longest)
+    v.check_domain(v.array(unknown.prior["std"], shapes, where.at("std")), "positive", where.at("std"))
 
 
 def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
@@ -156,6 +178,7 @@ def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
         return
     if unknown.guess is None:
         place = replace(where, key=_given_key(unknown.name, study))
+        place = where.at("prior").at("mean") if study.given(unknown.name) is None else place
     for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
         if bound is None:
             continue

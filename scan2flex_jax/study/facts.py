@@ -25,12 +25,16 @@ STEEPEST = 3.0
 """Largest growth of curvature over the first chord that is allowed for, as a logarithm: a factor of 20."""
 
 
+FEWEST_BENT = 4
+"""Points that a space curve with curvature and twist takes: fewer tell nothing of its tangents, its bends or its plane."""
+
+
 @dataclass(frozen=True)
 class EndFacts:
     """How a curve meets one clamp.
 
     `gap` (m): from the clamp to the curve's end. `angle` and `angle_sd` (deg): between the curve's tangent and the
-    clamp's d3; None for a ball joint.
+    clamp's d3; None for a ball joint, and for a curve of too few points.
     """
 
     gap: float
@@ -67,7 +71,8 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     start = _end_facts(points, pose.start, 1.0)
     end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
     gaps = start.gap + (0.0 if end is None else end.gap)
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
+    spread = np.zeros(3)
+    spread[: len(points)] = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     return PoseFacts(
         points=len(points),
         arc_length=length,
@@ -113,7 +118,7 @@ def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) 
     """How a curve that begins at this clamp meets it; `sign` = -1 where d3 points back into the clamp's own side."""
     gap = float(np.linalg.norm(points[0] - clamp.position))
     d3 = clamp.tangent
-    if d3 is None:
+    if d3 is None or len(points) < FEWEST_BENT:
         return EndFacts(gap, None, None)
     tangent, sd = _tangent(points, gap)
     size = float(np.linalg.norm(tangent))
@@ -201,4 +206,6 @@ def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotat
 def all_plane(study: Study, facts: list[PoseFacts], limit: float) -> bool:
     """Whether every measured curve stays within `limit` (m, RMS) of a plane of its own, or within its stated noise."""
     noise = [pose.noise or 0.0 for pose in study.poses if pose.curve is not None]
+    if any(f.points < FEWEST_BENT for f in facts):
+        return False
     return bool(facts) and all(f.off_plane < max(limit, 2 * n) for f, n in zip(facts, noise, strict=True))

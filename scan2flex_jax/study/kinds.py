@@ -88,7 +88,9 @@ TOLERANCE = _by_name(
     ParameterFormat("length", "m", domain="nonnegative"),
     ParameterFormat("clamp_position", "m", domain="nonnegative"),
     ParameterFormat("clamp_rotation", "rad", domain="nonnegative"),
+    ParameterFormat("clamp_roll", "rad", domain="nonnegative"),
     ParameterFormat("gravity", "rad", domain="nonnegative"),
+    ParameterFormat("length_density", "kg/m", domain="nonnegative"),
 )
 
 DESCRIPTIVE_KINDS = ("distributed_load", "curvature_profile")

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, ENDS
-from scan2flex_jax.study.parts import Clamp, EffectDeclaration, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
+from scan2flex_jax.study.parts import Clamp, EffectDeclaration, Markers, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.records import (
     Compared,
     ReadOnly,
@@ -34,7 +34,7 @@ from scan2flex_jax.study.records import (
 )
 from scan2flex_jax.study.values import Where
 
-__all__ = ["Clamp", "EffectDeclaration", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
+__all__ = ["Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
 
 GRAVITY = (0.0, 0.0, -9.81)
 
@@ -121,6 +121,14 @@ class Study(Compared):
         held = {end: [getattr(pose, end) for pose in self.poses] for end in ENDS}
         return tuple(end for end in ENDS if any(c is not None and c.quaternion is not None for c in held[end]))
 
+    def acting(self, pose: StudyPose | None = None) -> tuple[EffectDeclaration, ...]:
+        """The effects that act in a pose; without one, those that act in every pose."""
+        return tuple(e for e in self.effects if e.poses is None or (pose is not None and pose.name in e.poses))
+
+    def gravity_in(self, pose: StudyPose | None = None) -> Annotated[np.ndarray, "3"]:
+        """Gravity (m/s^2) in a pose: its own, or the study's."""
+        return self.gravity if pose is None or pose.gravity is None else pose.gravity
+
     def pose(self, name: str) -> StudyPose:
         """The pose of this name."""
         for pose in self.poses:
@@ -133,9 +141,11 @@ class Study(Compared):
         return None if key in self.unknown_names else self.cable.get(key)
 
     def start_value(self, name: str) -> Value | None:
-        """Where the estimate of an unknown starts: its guess, else the value given, else None."""
-        guess = next((unknown.guess for unknown in self.unknowns if unknown.name == name), None)
-        return self.given(name) if guess is None else guess
+        """Where the estimate of an unknown starts: its guess, else the value given, else the mean of its prior, else None."""
+        unknown = next((unknown for unknown in self.unknowns if unknown.name == name), None)
+        values = [None if unknown is None else unknown.guess, self.given(name)]
+        values += [unknown.prior["mean"]] if unknown is not None and unknown.prior is not None else []
+        return next((value for value in values if value is not None), None)
 
     def given(self, name: str) -> Value | None:
         """The value given for a key of `[cable]` or for "kind.parameter", whether or not it is estimated."""

@@ -101,6 +101,7 @@ def measured_files(study: Study) -> list[Path]:
     files = [] if study.folder is None else [study.folder / STUDY_FILE]
     for pose in study.poses:
         files += [pose.curve.path] if pose.curve is not None and pose.curve.path is not None else []
+        files += [pose.markers.path] if pose.markers is not None and pose.markers.path is not None else []
         files += [path for path in (pose.scan, pose.guide_points_path) if path is not None]
     return [Path(path) for path in files]
 

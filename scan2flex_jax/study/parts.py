@@ -14,14 +14,24 @@ from numpy.typing import ArrayLike
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, TOLERANCE, kind_format, kind_names
-from scan2flex_jax.study.records import Compared, ReadOnly, converting, keep, of_kind, read_only, read_only_value, table_of
+from scan2flex_jax.study.records import (
+    Compared,
+    ReadOnly,
+    all_of_kind,
+    converting,
+    keep,
+    of_kind,
+    read_only,
+    read_only_value,
+    table_of,
+)
 from scan2flex_jax.study.rotations import checked_rotation, quaternion_of, rigid_motion
 from scan2flex_jax.study.values import Where
 
 Value = float | Annotated[np.ndarray, "..."]
 
-FEWEST_POINTS = 4
-"""A space curve with curvature and twist takes four points."""
+FEWEST_POINTS = 2
+"""Fewer have no direction, and no order from start to end."""
 ROLES = ("fit", "validate")
 MOST_TURNS = 1000
 _CLAMP = "a Clamp, as in Clamp.of((position, quaternion))"
@@ -100,13 +110,36 @@ class MeasuredCurve(Compared):
 
 @converting
 @dataclass(frozen=True, eq=False)
+class Markers(Compared):
+    """Points (m) that were tracked at known arc lengths (m), growing from the start: all three coordinates count."""
+
+    points: Annotated[np.ndarray, "n 3"]
+    arc_length: Annotated[np.ndarray, " n"]
+    path: Path | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check that points are finite and apart and the arc length grows from 0 on, and keep read-only copies."""
+        where = Where("Markers")
+        keep(self, points=read_only(arrays.points(self.points, 1, where.at("points"))))
+        s, key = arrays.arc_lengths(self.arc_length, len(self.points), where.at("arc_length")), where.at("arc_length")
+        if s[0] < 0:
+            raise key.fail(f"got {s[0]:g} m: count s from 0 at the start clamp.")
+        keep(self, arc_length=read_only(s))
+
+
+@converting
+@dataclass(frozen=True, eq=False)
 class Unknown(Compared):
-    """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit."""
+    """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit.
+
+    `prior`: what another measurement says of it, as {"mean": 0.1, "std": 0.01} in its own unit; None = nothing.
+    """
 
     name: str
     guess: Value | None = None
     low: Value | None = None
     high: Value | None = None
+    prior: dict[str, Value] | None = None
 
     def __post_init__(self) -> None:
         """Check that these are numbers; what they mean depends on the study."""
@@ -116,15 +149,29 @@ class Unknown(Compared):
             value = getattr(self, bound)
             if value is not None:
                 keep(self, **{bound: read_only_value(v.any_array(value, Where(f"Unknown {v.shown(name)}").at(bound)))})
+        if self.prior is not None:
+            keep(self, prior=_prior(self.prior, Where(f"Unknown {v.shown(name)}").at("prior")))
+
+
+def _prior(given: Any, where: Where) -> ReadOnly:
+    """Mean and standard deviation."""
+    table = table_of(given, where, '{"mean": 0.1, "std": 0.01}')
+    v.allow(table, ("mean", "std"), where)
+    values = {k: v.any_array(v.required(table, k, where, "{ mean = 0.1, std = 0.01 }"), where.at(k)) for k in ("mean", "std")}
+    return ReadOnly({name: read_only_value(value) for name, value in values.items()})
 
 
 @converting
 @dataclass(frozen=True, eq=False)
 class EffectDeclaration(Compared):
-    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out."""
+    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out.
+
+    `poses`: the names of the poses in which it acts, None = all of them.
+    """
 
     kind: str
     parameters: dict[str, Value] = field(default_factory=dict)
+    poses: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Check the kind and the names of its parameters; their values depend on the cable and its clamps."""
@@ -139,6 +186,19 @@ class EffectDeclaration(Compared):
         v.allow(given, kind_format(kind).names, where)
         parameters = {name: read_only_value(v.any_array(value, where.at(name))) for name, value in given.items()}
         keep(self, kind=kind, parameters=ReadOnly(parameters))
+        if self.poses is not None:
+            keep(self, poses=_pose_names(self.poses, where.at("poses")))
+
+
+def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
+    """Names of at least one pose, each once."""
+    names = all_of_kind(value, str, where, '"sag"')
+    if not names:
+        raise where.fail("got no pose: name the poses in which the effect acts, or leave the key out for all of them.")
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise where.fail(f"it names {v.shown(twice)} twice: leave one out.")
+    return names
 
 
 @converting
@@ -146,18 +206,28 @@ class EffectDeclaration(Compared):
 class Tolerance:
     """Standard deviations of what is known only nearly; 0 = exact.
 
-    `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt).
+    `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt), `clamp_roll`
+    (rad, about d3 of each clamp; None = `clamp_rotation`), `length_density` (kg/m).
     """
 
     length: float = 0.0
     clamp_position: float = 0.0
     clamp_rotation: float = 0.0
     gravity: float = 0.0
+    clamp_roll: float | None = None
+    length_density: float = 0.0
 
     def __post_init__(self) -> None:
         """Check that none is negative."""
         for name, form in TOLERANCE.items():
-            keep(self, **{name: v.quantity(getattr(self, name), form, Where("Tolerance").at(name))})
+            if name != "clamp_roll" or self.clamp_roll is not None:
+                keep(self, **{name: v.quantity(getattr(self, name), form, Where("Tolerance").at(name))})
+
+    @property
+    def given(self) -> dict[str, float]:
+        """Those that are not exact, and a roll that is said to be, by their names."""
+        entries = {name: getattr(self, name) for name in TOLERANCE}
+        return {name: value for name, value in entries.items() if value or (name == "clamp_roll" and value is not None)}
 
 
 @converting
@@ -166,7 +236,9 @@ class StudyPose(Compared):
     """One pose: how the cable was held, and what was measured of it.
 
     `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns beyond what the quaternions tell; `scan` = file
-    of a point cloud; `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown.
+    of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
+    deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) when it was
+    measured, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
     """
 
     name: str
@@ -180,6 +252,10 @@ class StudyPose(Compared):
     viewpoints: Annotated[np.ndarray, "v 3"] | None = None
     noise: float | None = None
     repeat_of: str | None = None
+    markers: Markers | None = None
+    gravity: Annotated[np.ndarray, "3"] | None = None
+    time: float | None = None
+    reset: bool = False
     guide_points_path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
@@ -195,6 +271,7 @@ class StudyPose(Compared):
             noise = v.number(self.noise, where.at("noise"))
             v.check_domain(noise, "positive", where.at("noise"))
             keep(self, noise=noise)
+        self._check_circumstances(where)
         self._check_shape(where)
 
     def _check_ends(self, where: Where) -> None:
@@ -204,10 +281,20 @@ class StudyPose(Compared):
             of_kind(self.end, Clamp, where.at("end"), _CLAMP)
         keep(self, turns=v.integer(self.turns, where.at("turns"), MOST_TURNS))
 
+    def _check_circumstances(self, where: Where) -> None:
+        """Gravity, time and what was done to the cable before."""
+        if self.gravity is not None:
+            keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
+        if self.time is not None:
+            keep(self, time=v.number(self.time, where.at("time")))
+        keep(self, reset=v.boolean(self.reset, where.at("reset")))
+
     def _check_shape(self, where: Where) -> None:
         """What was measured is of the right type."""
         if self.curve is not None:
             of_kind(self.curve, MeasuredCurve, where.at("curve"), "a MeasuredCurve, as in MeasuredCurve(points)")
+        if self.markers is not None:
+            of_kind(self.markers, Markers, where.at("markers"), "Markers, as in Markers(points, arc_length)")
         if self.scan is not None:
             scan = of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")
             keep(self, scan=Path(scan))

@@ -13,11 +13,11 @@ from typing import Annotated, Any, Protocol, runtime_checkable
 import numpy as np
 
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.curves import read_curve, read_guide_points
+from scan2flex_jax.study.curves import read_curve, read_guide_points, read_markers
 from scan2flex_jax.study.declared import read_effects, read_unknowns
 from scan2flex_jax.study.files import TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import TOLERANCE
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Tolerance
+from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance
 from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.study.values import Where
 
@@ -25,14 +25,15 @@ FORMAT = "scan2flex-study/1"
 STUDY_FILE = "study.toml"
 _TOP = ("format", "title", "gravity", "cable", "tolerance", "unknown", "pose", "effect")
 _POSE = (
-    "name", "role", "start", "end", "turns", "centre_curve", "scan", "guide_points", "viewpoints", "noise", "repeat_of",
+    "name", "role", "start", "end", "turns", "centre_curve", "scan", "markers", "guide_points", "viewpoints", "noise",
+    "repeat_of", "gravity", "time", "reset",
 )  # fmt: skip
 MOST_PARTS = 32
 """Parts of a dotted key. A study's keys have three at most, and the time that tomllib takes grows with their square or cube."""
 # possessive, so that the search takes a time in proportion to the text
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\\\n]*+(?:\\.[^"\\\n]*+)*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_PART}[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}", re.MULTILINE)
-_FILES = ("centre_curve", "scan", "guide_points")
+_FILES = ("centre_curve", "scan", "markers", "guide_points")
 
 
 @runtime_checkable
@@ -41,6 +42,9 @@ class StudyFiles(Protocol):
 
     def curve(self, name: str, where: Where) -> MeasuredCurve:
         """The centre curve of this name."""
+
+    def markers(self, name: str, where: Where) -> Markers:
+        """The markers of this name."""
 
     def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
         """The guide points of this name, and their file."""
@@ -63,6 +67,10 @@ class FolderFiles:
     def curve(self, name: str, where: Where) -> MeasuredCurve:
         """Read a CSV `x,y,z` or `s,x,y,z`."""
         return read_curve(existing(self.folder, name, where), self._where(name))
+
+    def markers(self, name: str, where: Where) -> Markers:
+        """Read a CSV `s,x,y,z`."""
+        return read_markers(existing(self.folder, name, where), self._where(name))
 
     def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
         """Read a CSV `x,y,z`."""
@@ -173,13 +181,15 @@ def _clamp(table: Any, where: Where) -> Clamp:
 
 
 def _shape(table: dict[str, Any], where: Where, files: StudyFiles) -> dict[str, Any]:
-    """What was measured of a pose: centre curve, scan, guide points and their file."""
+    """What was measured of a pose: centre curve, scan, markers, guide points and their file."""
     found: dict[str, Any] = {}
     names = {key: v.text(table[key], where.at(key)) for key in _FILES if key in table}
     if "centre_curve" in names:
         found["curve"] = files.curve(names["centre_curve"], where.at("centre_curve"))
     if "scan" in names:
         found["scan"] = files.scan(names["scan"], where.at("scan"))
+    if "markers" in names:
+        found["markers"] = files.markers(names["markers"], where.at("markers"))
     if "guide_points" in names:
         points, path = files.guide_points(names["guide_points"], where.at("guide_points"))
         found |= {"guide_points": points, "guide_points_path": path}

@@ -11,7 +11,7 @@ import numpy as np
 from scan2flex_jax.study.curves import arc_length
 from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
 from scan2flex_jax.study.kinds import kind_format
-from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.parts import third_column
 from scan2flex_jax.study.values import Where, shown, suggestion
 
@@ -25,6 +25,8 @@ CURVE_LEAST = 1 / 300
 """A measured curve shorter than this many L was written in another unit than L."""
 GUIDE_SLACK = 2.0
 """The same for guide points, which wander over the surface."""
+MARKER_SLACK = 0.1
+"""Of the arc length of the last marker: how far a marker may lie beyond the cable up to it, in a scan that is off."""
 THICK = 0.5
 """A radius larger than this many L was written in another unit than L."""
 STIFF_AXIAL = 1e3
@@ -34,6 +36,12 @@ ASTRAY, ALONG = 60.0, 30.0
 DEFAULT_AXIAL = 1e5
 """N, the axial stiffness of a cable that gives none."""
 _NO_GRAVITY = 1e-9
+_ROUNDED = 1e-6  # of a length that was written with few digits
+_FORCES = {
+    "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
+    "elastic_support": "stiffness",
+}  # fmt: skip
+"""Of effects whose size is a force, or a stiffness beside that of the cable: the parameter that tells it."""
 _UNITS = ((300.0, 3000.0, "millimetres", 1000), (30.0, 300.0, "centimetres", 100))
 
 
@@ -61,12 +69,14 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
 
 def _check_pose(study: Study, pose: StudyPose, purpose: Purpose, reach: float | None, where: Where) -> None:
     """A pose was measured, and its clamps and shapes are those of a cable that reaches so far (m)."""
-    if purpose == "fit" and pose.curve is None and pose.scan is None:
-        raise where.fail("it has no shape: give it a centre curve, a scan, or both.")
+    if purpose == "fit" and pose.curve is None and pose.scan is None and pose.markers is None:
+        raise where.fail("it has no shape: give it a centre curve, a scan, or markers.")
     if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
         raise where.at("turns").fail(f"got {pose.turns}, but an end turns freely: write turns only between two clamps.")
     if pose.curve is not None:
         _check_begin(pose.curve, where.at("curve"))
+    if pose.markers is not None:
+        _check_markers(study, pose, pose.markers, where.at("markers"))
     if reach is not None:
         _check_spans(pose, reach, where)
         _check_lengths(study, pose, reach, where)
@@ -76,6 +86,22 @@ def _check_begin(curve: MeasuredCurve, where: Where) -> None:
     """A measured arc length that starts at or after the start, up to what rounding and noise leave."""
     if curve.arc_length is not None and curve.arc_length[0] < -0.05 * (curve.arc_length[-1] - curve.arc_length[0]):
         raise where.fail(f"its s begins at {curve.arc_length[0]:g} m: count s from 0 at the start clamp.")
+
+
+def _check_markers(study: Study, pose: StudyPose, markers: Markers, where: Where) -> None:
+    """Markers lie on the cable, and no further from the start than it is long up to there."""
+    longest, s = longest_cable(study), markers.arc_length
+    if longest is not None and s[-1] > longest * (1 + _ROUNDED):
+        hint = unit_hint(s[-1] / longest)
+        raise where.at("s").fail(f"a marker is at s = {s[-1]:g} m on a cable of at most {longest:g} m: {hint}.")
+    if _reach(study) is None or any(kind_format(effect.kind).place == "observation" for effect in study.effects):
+        return
+    away = np.linalg.norm(markers.points - pose.start.position, axis=1)
+    far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1])
+    if len(far):
+        i = int(far[0])
+        said = f"marker {i + 1} is at s = {s[i]:g} m, but {away[i]:g} m away from the start clamp"
+        raise where.fail(f"{said}: {unit_hint(away[i] / max(s[i], 1e-12))}.")
 
 
 def _check_cable(study: Study, where: Where, purpose: Purpose) -> None:
@@ -113,20 +139,31 @@ def _check_roles(study: Study, where: Where) -> None:
 
 def _check_scale(study: Study, where: Where) -> None:
     """Without gravity, shapes of an unloaded rod depend on ratios of stiffnesses alone."""
-    if float(np.linalg.norm(study.gravity)) > _NO_GRAVITY:
+    if any(_has_gravity(study, pose) for pose in study.fit_poses) or knows_a_force(study):
         return
     if not {"bending_stiffness", "torsional_stiffness"} <= set(study.unknown_names):
         return
-    forces = {"uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness"}
-    for effect in study.effects:
-        parameter = forces.get(effect.kind)
-        known = f"{effect.kind}.{parameter}" not in study.unknown_names
-        if parameter is not None and known and np.any(np.asarray(effect.parameters.get(parameter, 0.0))):
-            return
     raise where.at("gravity").fail(
         "gravity is zero and both stiffnesses are unknown, so shapes tell only ratios: "
         "give gravity, a stiffness, or the effect of a known load."
     )
+
+
+def knows_a_force(study: Study) -> bool:
+    """Whether an effect of known size in a fitted pose sets the scale of forces, whatever the cable weighs."""
+    for effect in study.effects:
+        parameter = _FORCES.get(effect.kind)
+        if parameter is None or f"{effect.kind}.{parameter}" in study.unknown_names:
+            continue
+        poses = [pose for pose in study.fit_poses if effect in study.acting(pose)]
+        heavy = effect.kind != "point_mass" or any(_has_gravity(study, pose) for pose in poses)
+        if poses and heavy and np.any(np.asarray(effect.parameters.get(parameter, 0.0))):
+            return True
+    return False
+
+
+def _has_gravity(study: Study, pose: StudyPose) -> bool:
+    return float(np.linalg.norm(study.gravity_in(pose))) > _NO_GRAVITY
 
 
 def _reach(study: Study) -> float | None:

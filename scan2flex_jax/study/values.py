@@ -109,6 +109,13 @@ def text(value: Any, where: Where) -> str:
     return str(value)
 
 
+def boolean(value: Any, where: Where) -> bool:
+    """True or false."""
+    if not isinstance(value, bool | np.bool_):
+        raise where.fail(f"got {shown(value)}: write true or false.")
+    return bool(value)
+
+
 def pose_name(value: Any, where: Where) -> str:
     """The name of a pose, which is not blank."""
     if not text(value, where).strip():

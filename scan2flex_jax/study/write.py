@@ -15,15 +15,14 @@ import tomlkit
 from tomlkit.items import SingleKey
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.curves import checked_curve, checked_points
+from scan2flex_jax.study.curves import checked_curve, checked_markers, checked_points
 from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
-from scan2flex_jax.study.kinds import TOLERANCE
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, relative_name
+from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
 from scan2flex_jax.study.values import Where, one_line
 
 _Kind = TypeVar("_Kind")
-Content = MeasuredCurve | Path | Annotated[np.ndarray, "k 3"]
+Content = MeasuredCurve | Markers | Path | Annotated[np.ndarray, "k 3"]
 
 
 class NamedFiles:
@@ -56,6 +55,11 @@ class NamedFiles:
         """The centre curve of this name, checked as one that is read."""
         curve = _of_kind(self.contents[name], MeasuredCurve, where)
         return checked_curve(curve.points, curve.arc_length, curve.path, where)
+
+    def markers(self, name: str, where: Where) -> Markers:
+        """The markers of this name, checked as those that are read."""
+        markers = _of_kind(self.contents[name], Markers, where)
+        return checked_markers(markers.points, markers.arc_length, markers.path, where)
 
     def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
         """The guide points of this name."""
@@ -130,16 +134,20 @@ def _holds(folder: Path, name: str, content: Content) -> bool:
     """Whether the CSV in the folder reads as the same numbers."""
     files, where = FolderFiles(folder, folder), Where(name)
     try:
-        found = files.curve(name, where) if isinstance(content, MeasuredCurve) else files.guide_points(name, where)[0]
+        found: Content
+        if isinstance(content, MeasuredCurve):
+            found = files.curve(name, where)
+        else:
+            found = files.markers(name, where) if isinstance(content, Markers) else files.guide_points(name, where)[0]
     except StudyError:
         return False
     return _equal(found, content)
 
 
-def csv_text(content: MeasuredCurve | Annotated[np.ndarray, "k 3"]) -> str:
+def csv_text(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> str:
     """The text of a CSV whose digits give back every number exactly."""
     header, table = "x,y,z", content
-    if isinstance(content, MeasuredCurve):
+    if isinstance(content, MeasuredCurve | Markers):
         table = content.points
         if content.arc_length is not None:
             header, table = "s,x,y,z", np.column_stack([content.arc_length, content.points])
@@ -151,15 +159,13 @@ def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
     """The TOML tree of a study, as plain dicts, lists and numbers; files get their names in `files`."""
     tree: dict[str, Any] = {"format": FORMAT, "title": study.title, "gravity": _plain(study.gravity)}
     tree["cable"] = {key: _plain(value) for key, value in study.cable.items()}
-    tolerance = {key: getattr(study.tolerance, key) for key in TOLERANCE}
-    if any(tolerance.values()):
-        tree["tolerance"] = {key: float(value) for key, value in tolerance.items() if value}
+    if study.tolerance.given:
+        tree["tolerance"] = {key: float(value) for key, value in study.tolerance.given.items()}
     if study.unknowns:
         tree["unknown"] = {unknown.name: _unknown(unknown) for unknown in study.unknowns}
     tree["pose"] = [_pose(pose, files) for pose in study.poses]
     if study.effects:
-        effects = [{"kind": e.kind, **{k: _plain(value) for k, value in e.parameters.items()}} for e in study.effects]
-        tree["effect"] = effects
+        tree["effect"] = [_effect(effect) for effect in study.effects]
     return tree
 
 
@@ -167,11 +173,16 @@ def _plain(value: Any) -> Any:
     return np.asarray(value, dtype=np.float64).tolist()
 
 
+def _effect(effect: EffectDeclaration) -> dict[str, Any]:
+    table = {"kind": effect.kind, **{name: _plain(value) for name, value in effect.parameters.items()}}
+    return table if effect.poses is None else {**table, "poses": list(effect.poses)}
+
+
 def _unknown(unknown: Unknown) -> dict[str, Any]:
     table = {} if unknown.guess is None else {"guess": _plain(unknown.guess)}
     if unknown.low is not None and unknown.high is not None:
         table["range"] = [_plain(unknown.low), _plain(unknown.high)]
-    return table
+    return table if unknown.prior is None else {**table, "prior": {k: _plain(x) for k, x in unknown.prior.items()}}
 
 
 def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
@@ -186,6 +197,8 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
         table["centre_curve"] = files.add(pose.curve, pose.curve.path, f"{slug}.csv")
     if pose.scan is not None:
         table["scan"] = files.add(Path(pose.scan), Path(pose.scan), f"{slug}.ply")
+    if pose.markers is not None:
+        table["markers"] = files.add(pose.markers, pose.markers.path, f"{slug}-markers.csv")
     if pose.guide_points is not None:
         table["guide_points"] = files.add(pose.guide_points, pose.guide_points_path, f"{slug}-guides.csv")
     if pose.viewpoints is not None:
@@ -194,7 +207,14 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
         table["noise"] = float(pose.noise)
     if pose.repeat_of is not None:
         table["repeat_of"] = pose.repeat_of
-    return table
+    return table | _circumstances(pose)
+
+
+def _circumstances(pose: StudyPose) -> dict[str, Any]:
+    """Gravity, time and reset of a pose, where they were given."""
+    table = {} if pose.gravity is None else {"gravity": _plain(pose.gravity)}
+    table |= {} if pose.time is None else {"time": float(pose.time)}
+    return {**table, "reset": True} if pose.reset else table
 
 
 def _clamp(clamp: Clamp) -> dict[str, Any]:

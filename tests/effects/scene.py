@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import scan2flex_jax.effects as fx
-from scan2flex_jax.effects.catalogue import Context, catalogue
+from scan2flex_jax.effects.catalogue import catalogue
+from scan2flex_jax.effects.entry import Context
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel

@@ -44,6 +44,19 @@ def test_point_mass_on_the_tip():
     np.testing.assert_allclose(-end[2], mass * G * L**3 / (3 * EI), rtol=2e-3)
 
 
+def test_a_load_on_the_tip_moves_smoothly_to_its_place():
+    """Its place may be unknown: the tip's deflection F s^2 (3 L - s) / (6 EI) has the slope F L^2 / (2 EI) at the tip."""
+    force, step = 1e-4, 1e-3
+
+    def deflection(position):
+        load = scene.effect("point_load", position=position, force=jnp.array([0.0, 0.0, -force]))
+        return -tip(load, gravity=NOWHERE)[2]
+
+    np.testing.assert_allclose(deflection(L), force * L**3 / (3 * EI), rtol=2e-3)
+    slope = (deflection(L) - deflection(L - step)) / step
+    np.testing.assert_allclose(slope, force * L**2 / (2 * EI), rtol=5e-3)
+
+
 def test_point_mass_is_a_point_load_straight_down():
     mass = scene.active("point_mass")
     load = scene.effect("point_load", position=mass.position, force=mass.mass * scene.DOWN)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.branches import drawn
 from scan2flex_jax.fitting import branches, fit
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import load_study
@@ -54,16 +55,47 @@ def test_distances_are_those_of_solved_poses():
     assert np.isinf(branches.distances(unsolved, problem.poses.mask)).tolist() == [False, True, False]
 
 
+def folder_of(*names):
+    folder = Path(os.environ.get("SCAN2FLEX_DATA", "-")).joinpath(*names)
+    if not folder.is_dir():
+        pytest.skip(f"{'/'.join(names)} is not here: name the folder above {names[0]}/ in SCAN2FLEX_DATA")
+    return folder
+
+
+def errors(f, EI, GJ):
+    """Of the logarithms of the estimates, in standard errors."""
+    found = zip((f.estimates["bending_stiffness"], f.estimates["torsional_stiffness"]), (EI, GJ), strict=True)
+    return [np.log(e.value / true) / (np.log(e.high / e.low) / 3.92) for e, true in found]
+
+
+@pytest.mark.parametrize(
+    ("name", "turned", "EI", "GJ"), [("study-a", {"p2": -1}, 0.18969, 0.06414), ("study-b", {"p1": 1}, 0.31253, 0.07321)]
+)
+def test_a_fit_that_a_wrong_turn_drew_far_from_the_truth_finds_back(name, turned, EI, GJ):
+    """The stiffnesses of the wrong branch leave its pose nearer than the right turns there would: they are wrong too."""
+    f = fit(load_study(folder_of("branches", name)))
+    assert {n: t for n, t in turns(f.study).items() if t} == turned
+    assert np.max(np.abs(errors(f, EI, GJ))) < 2.5
+    assert f.believable
+
+
+@pytest.mark.parametrize(("number", "turned"), [(7, {"p3"}), (1, {"p2", "p3"})], ids=["far from noise", "almost noise"])
+def test_turns_of_simulated_studies_are_found_where_other_stiffnesses_imitate_them(number, turned):
+    """In the first a residual is left, in the second other turns and a GJ of a third make almost the same torques."""
+    study, truth = drawn(number)
+    f = fit(study)
+    before = turns(study)
+    assert {n for n, t in turns(f.study).items() if t != before[n]} == turned
+    assert np.max(np.abs(errors(f, truth["EI"], truth["GJ"]))) < 2.5
+
+
 @pytest.mark.parametrize(
     ("case", "turned", "plain"),
     [("d28", {"p1"}, (0.0010020547, 0.00147397422)), ("d27", {"p3", "p5"}, (0.119947439, 0.101332972))],
 )
 def test_poses_of_an_independent_simulator_are_put_on_their_branch(case, turned, plain):
     """Practice studies in whose poses a turn more is a matter of convention; ``plain`` is what their makers' own rod fits."""
-    folder = Path(os.environ.get("SCAN2FLEX_DATA", "-")) / "practice" / "cases" / case
-    if not folder.is_dir():
-        pytest.skip("the practice studies are not here: name the folder above practice/ in SCAN2FLEX_DATA")
-    f = fit(load_study(folder))
+    f = fit(load_study(folder_of("practice", "cases", case)))
     assert len(f.turned) == len(turned)
     assert {name for name in turned if any(f"pose {name} " in s for s in f.turned)} == turned
     found = [f.estimates[name].value for name in ("bending_stiffness", "torsional_stiffness")]

@@ -13,6 +13,7 @@ from . import scenes
 
 COUNTS = (4, 5, 6, 7, 8, 12)
 NOISE = 5e-4  # m
+TRUE = (scenes.EI, scenes.GJ)
 
 
 def few(n, power, noise=0.0):
@@ -28,12 +29,20 @@ def few(n, power, noise=0.0):
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
-@pytest.mark.parametrize("n", COUNTS)
+@pytest.mark.parametrize("n", (3, *COUNTS))
 def test_few_points_are_fitted(n, power):
     f = fit(few(n, power))
     assert f.converged
     np.testing.assert_allclose(f.estimates["bending_stiffness"].value, scenes.EI, rtol=1e-4)
     np.testing.assert_allclose(f.estimates["torsional_stiffness"].value, scenes.GJ, rtol=1e-3)
+
+
+def test_two_points_inside_each_curve_are_fitted():
+    study = scenes.example()
+    inner = [replace(p, curve=MeasuredCurve(p.curve.points[[len(p.curve.points) // 3, -len(p.curve.points) // 3]]), noise=NOISE)
+             for p in study.poses]  # fmt: skip
+    f = fit(replace(study, poses=tuple(inner)))
+    np.testing.assert_allclose([f.estimates[f"{n}_stiffness"].value for n in ("bending", "torsional")], TRUE, rtol=1e-3)
 
 
 @pytest.mark.slow

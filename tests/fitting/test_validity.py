@@ -48,3 +48,27 @@ def test_spread_adds_variances_and_leaves_out_what_is_not_determined():
     J = np.zeros((5, 2, layout.shared + layout.local))
     J[:, 0, 0], J[:, 0, 1], J[:, 1, -1] = 3.0, 7.0, 4.0
     assert unseen_spread(layout, J, np.diag([0.25, np.inf])) == pytest.approx(np.sqrt(1.5**2 + 4.0**2))
+
+
+@pytest.mark.parametrize(("stated", "offset", "believed"), [(NOISE, 0.003, False), (NOISE, 0.0, True), (None, 0.003, True)])
+def test_a_residual_far_beyond_the_stated_noise_is_not_believed(stated, offset, believed):
+    """Curves that bulge smoothly: with a noise stated they contradict it, without one a few millimetres may be noise."""
+    f = fit(bulging(offset, stated))
+    assert f.believable is believed
+    said = [s for s in f.sentences if "of stated noise" in s]
+    assert bool(said) is not believed
+    assert all("pose plane is" in s or "pose twist-90 is" in s for s in said)
+
+
+@pytest.mark.parametrize(("stated", "believed"), [(None, False), (0.02, True)])
+def test_a_smooth_residual_beyond_one_percent_of_the_length_is_noise_only_if_stated(stated, believed):
+    f = fit(bulging(0.03, stated))
+    assert f.believable is believed
+    assert any("% of the length and no noise of points" in s for s in f.sentences) is not believed
+
+
+def bulging(height, stated):
+    """Two poses whose curves lie ``height`` (m) aside at a quarter and at three quarters of the length."""
+    study = scenes.study_of(poses=("plane", "twist-90"))
+    aside = height * np.sin(3 * np.pi * scenes.STATIONS)[:, None] * np.array([0.0, 0.6, 0.8])
+    return scenes.measured(study, [c + aside for c in scenes.exact_curves(study, TRUE)], NOISE, stated=stated)

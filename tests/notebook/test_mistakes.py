@@ -77,7 +77,7 @@ MISTAKES = {
         lambda: made(poses=[pose(points=np.ma.masked_greater(POINTS, 0.45))]),
         "Study: pose[p1].points: point 31 is [nan, ",
     ),
-    "two points": (lambda: made(poses=[pose(points=POINTS[[0, -1]])]), "Study: pose[p1].points: got 2 points: give at least 4"),
+    "one point": (lambda: made(poses=[pose(points=POINTS[:1])]), "Study: pose[p1].points: got 1 point: give at least 2"),
     "texts": (lambda: made(poses=[pose(points=POINTS.astype(str))]), "points: got an array of <U32: give points in metres"),
     "ragged": (lambda: made(poses=[pose(points=[[0, 0, 0], [1, 2]])]), "points: got [[0, 0, 0], [1, 2]]: give points in"),
     "complex": (lambda: made(poses=[pose(points=POINTS + 0j)]), "points: got an array of complex128: give points in metres"),

@@ -1,0 +1,25 @@
+"""What all pages of tables are made with: the record of a benchmark, a table in Markdown, and the line below it."""
+
+import json
+
+from benchmarks.record import RESULTS
+
+
+def load(name: str) -> dict:
+    """The record of one benchmark."""
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
+def table(head, rows) -> str:
+    """Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(str(x) for x in line)} |\n" for line in lines)
+
+
+def made_on(entry) -> str:
+    """Where and when the figures were made, a sentence below the table."""
+    m = entry["machine"]
+    return (
+        f"\n{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "
+        f"CPU, float64; {entry['date'][:10]}.\n"
+    )

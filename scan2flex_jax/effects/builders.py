@@ -1,0 +1,121 @@
+"""What the catalogue entries of several kinds share: plain parameters, spans, places along the cable, the two ends.
+
+`plain`, `span` and `vectors` give several fields of a `CatalogueEntry` at once, as keywords. Where an effect has one value per
+end, the site says which ends may have it (``ends``: 1 or 0 for start and end); amplitudes of the others do nothing.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, loaded_places, positions
+from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.study.kinds import ENDS
+
+AXES = ("about d1", "about d2", "about d3")
+XYZ = ("x", "y", "z")
+Make = Callable[..., AbstractEffect]  # the class of a kind
+_WIDTHS = (0.08, 0.18, 0.35)  # of the length: of the spans to scan
+_STRONG = 0.5  # of a logarithm: spans that differ less are told from each other by their signatures
+
+
+def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:
+    """``build``, ``to_parameters`` and ``from_parameters`` of a kind whose one parameter is the amplitude itself."""
+
+    def value(a):
+        return np.asarray(a).reshape(shape) if shape else float(np.asarray(a)[0])
+
+    return {
+        "build": lambda a, site, context: (cls(a.reshape(shape)),),
+        "to_parameters": lambda a, site, context: {name: value(a)},
+        "from_parameters": lambda p, context: (np.asarray(p[name], float).reshape(-1), {}),
+    }
+
+
+def span(cls: Make, varies: Varied, carried: Callable[[Any], Any]) -> dict[str, Any]:
+    """The same for a span whose amplitude is the logarithm of its factor; ``carried(factor)``: what it has more per length."""
+
+    def other_widths(a, site, c, places):
+        """From a strong span that a refit ended at to spans of other widths that carry as much in all."""
+        width, factor = float(site["width"]), float(np.exp(a[0]))
+        if abs(a[0]) < _STRONG:
+            return []
+        order = sorted((w * c.length for w in _WIDTHS), key=lambda w: abs(np.log(w / width)))
+        out: list = []
+        for other in order[1:]:
+            wanted, trial = carried(factor) * width / other, np.geomspace(0.06, 17.0, 400)
+            best = trial[np.argmin(np.abs(carried(trial) - wanted))]
+            out.append((np.log([best]), {**site, "width": other}, {}))
+        return out
+
+    return {
+        "varies": varies,
+        "moving": {"position": along_cable, "width": lambda c: (0.5 * (_WIDTHS[0] * c.length), 1.5 * (_WIDTHS[-1] * c.length))},
+        "other_starts": other_widths,
+        "amplitudes": ("log factor",),
+        "build": lambda a, site, context: (cls(site["position"], site["width"], jnp.exp(a[0])),),
+        "to_parameters": lambda a, site, context: {**_floats(site), "factor": float(np.exp(a[0]))},
+        "from_parameters": lambda p, context: (
+            np.log([float(p["factor"])]),
+            {"position": float(p["position"]), "width": float(p["width"])},
+        ),
+        "sites": lambda c: tuple(
+            {"position": s, "width": w * c.length} for w in _WIDTHS for s in positions(c, 17)
+        ),
+        "bounds_of": lambda c: (np.log([0.05]), np.log([20.0])),
+    }  # fmt: skip
+
+
+def _floats(site):
+    return {name: float(x) for name, x in site.items()}
+
+
+def places(context: Context) -> tuple[Site, ...]:
+    """Sites of what acts at one place (m): evenly along the cable."""
+    return tuple({"position": s} for s in loaded_places(context))
+
+
+def clamped(context: Context) -> list[int]:
+    """Which ends have a clamp: 0 for the start, 1 for the end."""
+    return [i for i, end in enumerate(ENDS) if end in context.clamped_ends]
+
+
+def ends(context: Context) -> tuple[Site, ...]:
+    """Sites of what acts at clamps: all of them, then each."""
+    held = np.array([float(end in context.clamped_ends) for end in ENDS])
+    sites = [held * np.array(mask) for mask in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))]
+    kept = {tuple(mask): {"ends": mask} for mask in sites if mask.any()}
+    return tuple(kept.values())
+
+
+def ends_without(per_end: int) -> Callable[[Site], np.ndarray]:
+    """Which amplitudes do nothing, ``per_end`` of them each: those of the ends that a site leaves out."""
+    return lambda site: np.repeat(np.asarray(site["ends"]) == 0, per_end)
+
+
+def both_ends(given: np.ndarray, context: Context) -> np.ndarray:
+    """Values of the clamped ends, or of both, as rows of start and end; an end without a clamp has zeros."""
+    full = np.zeros((2, *given.shape[1:]))
+    full[clamped(context) if len(given) < 2 else [0, 1]] = given
+    return full
+
+
+def vectors(name: str, cls: Make) -> dict[str, Any]:
+    """``build`` and the rest of a kind with one vector per end."""
+
+    def rows(a, site, c):
+        return (np.asarray(a).reshape(2, 3) * np.asarray(site["ends"])[:, None])[clamped(c)]
+
+    def back(p, c):
+        full = both_ends(np.asarray(p[name], float), c)
+        return full.reshape(-1), {"ends": np.any(full != 0, axis=1).astype(float)}
+
+    return {
+        "build": lambda a, site, c: (cls(a.reshape(2, 3) * jnp.asarray(site["ends"])[:, None]),),
+        "to_parameters": lambda a, site, c: {name: rows(a, site, c)},
+        "from_parameters": back,
+        "sites": ends,
+        "inactive_of": ends_without(3),
+    }

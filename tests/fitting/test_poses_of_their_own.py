@@ -1,0 +1,171 @@
+"""Poses that differ in what acts in them: a known weight hung in some, and a rig that was turned in others.
+
+Shapes come from other solvers: the clamped pose from `cosserat_bvp`, the cantilevers from the plane elastica
+EI theta'' = (w (L - s) + P) cos(theta), theta(0) = theta'(L) = 0, with the angle theta above the horizontal, the weight w per
+length and the load P at the tip.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, fit, predict, residual_function
+from scan2flex_jax.diagnosis.gates import mesh_error
+from scan2flex_jax.diagnosis.sensitivity import Bench, Component
+from scan2flex_jax.effects.catalogue import entry_of
+from tests.reference import clamped_cases
+
+EI, GJ, DENSITY, G = 0.1, 0.25, 0.2, 9.81  # those of the reference poses
+MASS, PLACE = 0.05, 1.0  # kg, m: at the very tip
+CABLE = {"length": 1.0, "shear_stiffness": 1e5, "axial_stiffness": 1e5}
+NAMES = ("length_density", "bending_stiffness", "torsional_stiffness")
+WEIGHT = EffectDeclaration("point_mass", {"position": PLACE, "mass": MASS}, ("hung",))
+STATIONS = np.linspace(0.02, 0.98, 60)
+TURN = Rotation.from_rotvec([0.7, -1.1, 0.4])
+
+
+def clamp(position, frame):
+    return Clamp.of((position, frame))
+
+
+@cache
+def cantilever(load):
+    """Points (60, 3) of a level cantilever along x, with a load (N) at its tip."""
+
+    def slope(s, y):
+        return np.array([y[1], (DENSITY * G * (1 - s) + load) * np.cos(y[0]) / EI, np.cos(y[0]), np.sin(y[0])])
+
+    def ends(a, b):
+        return np.array([a[0], b[1], a[2], a[3]])
+
+    s = np.linspace(0, 1, 101)
+    found = solve_bvp(slope, ends, s, np.array([-np.minimum(4 * s, 1.4), 0 * s, s, -s]), tol=1e-9, max_nodes=20000)
+    assert found.success
+    x, z = found.sol(STATIONS)[2:]
+    return np.stack([x, 0 * x, z], axis=1)
+
+
+@cache
+def twisted():
+    """Points of the clamped reference pose P2."""
+    return clamped_cases.solve_case("P2").positions(STATIONS)
+
+
+def study(unknown=NAMES, effects=(WEIGHT,), **cable):
+    """A clamped pose, and a cantilever with and without the weight."""
+    start = clamp(np.zeros(3), clamped_cases.START_FRAME)
+    p2 = clamped_cases.CASES["P2"]
+    poses = (
+        StudyPose("twisted", "fit", start, clamp(p2.end, p2.end_frame), curve=MeasuredCurve(twisted())),
+        StudyPose("free", "fit", start, curve=MeasuredCurve(cantilever(0.0))),
+        StudyPose("hung", "fit", start, curve=MeasuredCurve(cantilever(MASS * G))),
+    )
+    return Study("weight", [0, 0, -G], {**CABLE, **cable}, poses, unknowns=tuple(map(Unknown, unknown)), effects=effects)
+
+
+def turned(pose):
+    """The same pose seen from a frame that was turned with the rig."""
+    ends = {}
+    for end in ("start", "end"):
+        held = getattr(pose, end)
+        if held is not None:
+            w, x, y, z = held.quaternion
+            ends[end] = Clamp.of((TURN.apply(np.array(held.position)), TURN * Rotation.from_quat([x, y, z, w])))
+    gravity = TURN.apply([0, 0, -G])
+    return replace(pose, curve=MeasuredCurve(TURN.apply(np.array(pose.curve.points))), gravity=gravity, **ends)
+
+
+@cache
+def fitted():
+    return fit(study())
+
+
+def test_a_known_weight_replaces_the_scale():
+    found = fitted().estimates
+    for name, truth in zip(NAMES, (DENSITY, EI, GJ), strict=True):
+        assert found[name].identifiable
+        assert found[name].value == pytest.approx(truth, rel=0.02)
+    assert not [said for said in fitted().sentences if "ratio" in said]
+
+
+def test_without_the_weight_only_ratios_are_determined():
+    bare = study(effects=())
+    found = fit(replace(bare, poses=bare.poses[:2]))
+    assert not found.estimates["bending_stiffness"].identifiable
+    assert [said for said in found.sentences if "only the ratio" in said]
+
+
+def test_the_mass_may_be_unknown_where_the_density_is_known():
+    effect = EffectDeclaration("point_mass", {"position": PLACE}, ("hung",))
+    found = fit(study(("bending_stiffness", "torsional_stiffness", "point_mass.mass"), (effect,), length_density=DENSITY))
+    assert found.estimates["point_mass.mass"].value == pytest.approx(MASS, rel=0.01)
+    assert found.calibrated.effects[0].poses == ("hung",)
+
+
+def test_a_mass_is_found_at_the_very_tip():
+    effect = EffectDeclaration("point_mass", {}, ("hung",))
+    guesses = (Unknown("point_mass.mass", guess=0.02), Unknown("point_mass.position", guess=0.7))
+    stiff = {"length_density": DENSITY, "bending_stiffness": EI, "torsional_stiffness": GJ}
+    found = fit(replace(study((), (effect,), **stiff), unknowns=guesses)).estimates
+    assert found["point_mass.mass"].value == pytest.approx(MASS, rel=0.01)
+    assert found["point_mass.position"].value == pytest.approx(PLACE, abs=0.01)
+
+
+def test_loads_are_looked_for_up_to_a_free_tip():
+    bench = Bench(fitted().problem, fitted().minimum)
+    entry = entry_of("point_mass")
+    assert max(site["position"] for site in entry.sites(bench.context)) == PLACE == entry.moving["position"](bench.context)[1]
+    held = replace(bench.context, free_end=False)
+    assert max(site["position"] for site in entry.sites(held)) == 0.95
+
+
+def test_a_turned_rig_changes_nothing():
+    straight = fitted()
+    poses = straight.study.poses
+    found = fit(replace(straight.study, poses=(turned(poses[0]), poses[1], turned(poses[2]))))
+    for name in NAMES:
+        assert found.estimates[name].value == pytest.approx(straight.estimates[name].value, rel=1e-5)
+    assert found.problem.poses.group == (0, 1, 2)
+
+
+def test_each_pose_is_predicted_with_what_acts_in_it():
+    shapes = predict(fitted().calibrated)
+    for name, load in (("free", 0.0), ("hung", MASS * G)):
+        np.testing.assert_allclose(shapes[name].points[-1], 2 * cantilever(load)[-1] - cantilever(load)[-2], atol=0.03)
+        carried = -(DENSITY * G + load) * np.array([0, 0, 1.0])
+        np.testing.assert_allclose(shapes[name].reaction_force[0], -carried, atol=0.01)
+
+
+def test_the_residual_function_solves_each_pose_with_its_own_model():
+    both = study()
+    function, _ = residual_function(both, noise=1e-3)
+    x = jnp.log(jnp.array([DENSITY, EI, GJ]))
+    alone = []
+    for pose in both.poses:
+        effects = tuple(e for e in both.effects if pose.name in e.poses)
+        one, _ = residual_function(replace(both, poses=(pose,), effects=effects), noise=1e-3)
+        alone.append(np.asarray(one(x)))
+    np.testing.assert_allclose(function(x), np.concatenate(alone), atol=1e-6)
+    assert np.max(np.abs(function(x))) < 0.2  # of a noise of 1 mm
+
+
+def test_the_search_for_effects_sees_each_pose_with_its_own_model():
+    problem, minimum = fitted().problem, fitted().minimum
+    bench = Bench(problem, minimum)
+    vector = np.r_[minimum.shared, minimum.local.ravel()]
+    shapes = bench.shapes((), vector)
+    for shape, residual in zip(shapes, minimum.evaluation.residual, strict=True):
+        np.testing.assert_allclose(shape.residual, residual, atol=1e-8)
+    mass = Component("point_mass", {"position": np.array(0.5)})
+    columns, _ = bench.catalogue_columns(vector, [mass], bench.start)
+    step = 1e-4  # kg: far above what the solver leaves
+    heavier = bench.shapes((mass,), np.r_[vector, step, 0.5], derivative=False)
+    for column, before, after in zip(columns, shapes, heavier, strict=True):
+        slope = (after.residual - before.residual) / step
+        np.testing.assert_allclose(column[..., 0], slope, atol=0.01 * np.abs(column).max())
+    assert np.all(mesh_error(problem, minimum) < 1e-4)
