@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.attacks.attempt import REFUSED, Place, RefusedError, Try, WrongError
 from benchmarks.attacks.scene import ALONG_X, ELEMENTS
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import boundary_of, fit, model_of
+from scan2flex_jax.fitting import boundary_of, model_of
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
@@ -111,11 +111,6 @@ def _checked(make: Callable[[], Study], copy: Path) -> Callable[[], None]:
             raise WrongError("a saved study is another one")
 
     return act
-
-
-def refused_by_fit(study: Study) -> None:
-    """A fit refuses what it cannot use before it computes anything."""
-    fit(study, elements=ELEMENTS)
 
 
 def _leaves(tree) -> list[np.ndarray]:
