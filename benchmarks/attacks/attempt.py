@@ -103,6 +103,8 @@ class Place:
         """Make a try, judge it, and put everything back."""
         clean = snapshot(self.watched)
         outcome, said, fault = _outcome(one.prepare, one.longest) if one.prepare else (WORKED, "", None)
+        if outcome == REFUSED:
+            outcome, fault = FAILURE, ("a preparation that is refused", said)
         before = snapshot(self.watched)
         memory, began = reset_memory(), time.monotonic()
         if outcome == WORKED:

@@ -32,10 +32,9 @@ ODD: dict[str, Any] = {
     "5e-324": 5e-324, "1e16": 1e16, "float32": np.float32(0.1), "int8": np.int8(1), "0-d array": np.array(0.1),
     "one entry": [0.1], "two": [0.1, 0.2], "three": [0.1, 0.2, 0.3], "three zeros": np.zeros(3), "four ones": np.ones(4),
     "four zeros": np.zeros(4), "rows": np.ones((5, 3)), "rows of four": np.ones((5, 4)), "3 by 3": np.eye(3),
-    "4 by 4": np.eye(4),
-    "5-d": np.ones((1,) * 5), "dict": {"a": 1.0}, "path": Path("/dev/zero"), "dots": "../../x", "bools": [True, False, True],
-    "int64": np.arange(3), "big": np.full(3, 1e200), "a line": np.linspace(0, 1, 12)[:, None] * [1.0, 0.0, 0.0],
-    "one place": np.zeros((12, 3)),
+    "4 by 4": np.eye(4), "5-d": np.ones((1,) * 5), "dict": {"a": 1.0}, "path": Path("/dev/zero"), "dots": "../../x",
+    "bools": [True, False, True], "int64": np.arange(3), "big": np.full(3, 1e200),
+    "a line": np.linspace(0, 1, 12)[:, None] * [1.0, 0.0, 0.0], "one place": np.zeros((12, 3)),
 }  # fmt: skip
 _PARTS: dict[str, tuple[Callable[[Study], Any], Callable[[Study, Any], Study]]] = {
     "Study": (lambda s: s, lambda s, x: x),
