@@ -19,12 +19,13 @@ def check_start(start: Any, nodes: int, turns: Any) -> None:
     reals(start.R, "the rotations of start", (nodes, 3, 3))
 
 
-def above_zero(value: Any, name: str) -> int:
-    """A whole number above zero, numpy's too; raises `Scan2FlexError`."""
+def whole_number(value: Any, name: str, least: int = 1) -> int:
+    """A whole number of at least ``least``, numpy's too; raises `Scan2FlexError`."""
     try:
-        number = 0 if isinstance(value, bool) else operator.index(value)
+        number = least - 1 if isinstance(value, bool) else operator.index(value)
     except TypeError:
-        number = 0
-    if number < 1:
-        raise Scan2FlexError(f"{name} is {' '.join(repr(value).split())[:60]}: give a whole number above zero.")
+        number = least - 1
+    if number < least:
+        shown = " ".join(repr(value).split())[:60]
+        raise Scan2FlexError(f"{name} is {shown}: give a whole number of at least {least}.")
     return number

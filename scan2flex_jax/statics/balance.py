@@ -8,6 +8,7 @@ from scan2flex_jax.rod.assembly import Derivatives
 from scan2flex_jax.rod.model import Rod
 
 DEFAULT_ELEMENTS = 40
+FEWEST_ELEMENTS = 2  # one has no node between its ends
 BALANCE = 1.0e-6  # `imbalance` of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
 _ROUNDING = 1.0e-8  # force, over the axial stiffness, that positions rounded to 1e-16 leave at a tolerance of BALANCE
 

@@ -20,8 +20,8 @@ from scan2flex_jax.rod.assembly import out_of_balance, section_forces
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.energy import potential_energy
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
-from scan2flex_jax.statics.arguments import above_zero, check_start
-from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
+from scan2flex_jax.statics.arguments import check_start, whole_number
+from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS, FEWEST_ELEMENTS
 from scan2flex_jax.statics.implicit import settled
 from scan2flex_jax.statics.newton import MixedNewton
 from scan2flex_jax.statics.scaled import ScaledMinimiser
@@ -113,6 +113,7 @@ def solve_rod(
     A solve that fails is told by the `Verdict` of the answer, so that one rod of a batch harms no other; with ``throw`` it
     raises `Scan2FlexError`, under `jax.jit` equinox's runtime error. Differentiable to any order in every array of ``rod``.
     """
+    whole_number(rod.elements, "the number of elements of the rod", FEWEST_ELEMENTS)
     check_start(start, rod.elements + 1, turns)
     found = _solve_rod(rod, start, turns, _rod_solver(solver), _allowed(max_steps))
     return _raised(found) if throw else found
@@ -134,7 +135,7 @@ def equilibrium(
     ``start`` pins the branch; left out, it is a generic sag along gravity with ``turns`` full turns of twist. The other
     arguments are those of `solve_rod`. Differentiable to any order in every array of ``model`` and ``boundary``.
     """
-    elements = above_zero(elements, "elements")
+    elements = whole_number(elements, "elements", FEWEST_ELEMENTS)
     check_start(start, elements + 1, turns)
     found = _equilibrium(model, boundary, start, turns, elements, _rod_solver(solver), _allowed(max_steps))
     return _raised(found) if throw else found
@@ -172,7 +173,7 @@ def _raised(found: Equilibrium) -> Equilibrium:
 
 
 def _allowed(max_steps: int | None) -> int | None:
-    return None if max_steps is None else above_zero(max_steps, "max_steps")
+    return None if max_steps is None else whole_number(max_steps, "max_steps")
 
 
 def _rod_solver(solver: object) -> AbstractRodSolver:

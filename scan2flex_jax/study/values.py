@@ -82,7 +82,7 @@ def shown(value: Any) -> str:
 
 def suggestion(name: str, names: Iterable[str]) -> str:
     """A hint for a name that is not among `names`: the nearest one, else all of them."""
-    names = list(names)
+    names = [one_line(known) for known in names]
     near = difflib.get_close_matches(name[:80], names, 1, 0.6)
     return f"did you mean {near[0]}?" if near else f"use one of {', '.join(names)}." if names else "leave it out."
 

@@ -37,10 +37,16 @@ def test_what_is_no_number_of_a_rod(value):
 
 
 @pytest.mark.parametrize("value", [0, -1, 1.5, "8", True, np.nan, np.ones(3)])
-def test_counts_are_whole_numbers_above_zero(value):
-    for name in ("elements", "max_steps"):
-        with pytest.raises(Scan2FlexError, match=f"{name} is .*: give a whole number above zero"):
+def test_counts_are_whole_numbers(value):
+    for name, least in (("elements", 2), ("max_steps", 1)):
+        with pytest.raises(Scan2FlexError, match=f"{name} is .*: give a whole number of at least {least}"):
             equilibrium(MODEL, BOUNDARY, **{name: value})
+
+
+def test_one_element_is_no_rod():
+    for solve in (lambda: equilibrium(MODEL, BOUNDARY, elements=1), lambda: solve_rod(discretise(MODEL, BOUNDARY, 1))):
+        with pytest.raises(Scan2FlexError, match="at least 2"):
+            solve()
 
 
 def test_numpy_counts_and_lists_of_traced_numbers_are_taken():

@@ -324,6 +324,12 @@ def test_a_study_of_many_poses_is_read(tmp_path):
     assert len(load_study(write_sample(tmp_path, text)).poses) == 902
 
 
+def test_names_that_are_suggested_are_printable(tmp_path):
+    folder = write_sample(tmp_path, STUDY.replace('name = "sag"', r'name = "\u0000\u001b[2J"'))
+    error = fails(folder)
+    assert error.key == "pose[again].repeat_of" and str(error).isprintable() and r"\x00\x1b[2J" in error.sentence
+
+
 @pytest.mark.parametrize("name", ["study.toml", "Study.TOML", "./study.toml"])
 def test_the_study_itself_is_no_measurement(tmp_path, name):
     folder = write_sample(tmp_path, STUDY.replace('scan = "sag.xyz"', f'scan = "{name}"'))
