@@ -55,7 +55,7 @@ def _environments(out: Path) -> dict[str, dict[str, object]]:
     caches = (out / "file", out / "loop", "/dev/null", LONG)
     none = {"SCAN2FLEX_CACHE": None, "XDG_CACHE_HOME": None, "TMPDIR": out / "temporary"}
     return {
-        **{f"HOME = {Path(home).name}": {**none, "HOME": home} for home in ("/none", "/proc/none/x", out / "file", out / "loop")},
+        **{f"HOME = {Path(home).name}": {**none, "HOME": home} for home in ("/proc/none", out / "file", out / "loop")},
         "HOME and TMPDIR take nothing": {**none, "HOME": "/proc/none", "TMPDIR": "/proc/none"},
         "XDG_CACHE_HOME is a file": {**none, "XDG_CACHE_HOME": out / "file"},
         **{f"SCAN2FLEX_CACHE = {Path(c).name[:9]}": {**none, "SCAN2FLEX_CACHE": c} for c in caches},
@@ -136,7 +136,7 @@ def _users(study: Path, out: Path) -> dict[str, tuple[Callable[[], None], str]]:
     installed = {"PYTHONPATH": out / "installed", "PYTHONDONTWRITEBYTECODE": None}
 
     def act(user: int, changes: dict | None = None):
-        env = {"HOME": "/nonexistent", "SCAN2FLEX_CACHE": None, "TMPDIR": out / f"of-{user}", **(changes or {})}
+        env = {"HOME": "/proc/none", "SCAN2FLEX_CACHE": None, "TMPDIR": out / f"of-{user}", **(changes or {})}
 
         def simulated():
             (out / f"of-{user}").mkdir(mode=0o700)
@@ -146,7 +146,7 @@ def _users(study: Path, out: Path) -> dict[str, tuple[Callable[[], None], str]]:
         return simulated
 
     def words(*given: object):
-        env = environment(HOME="/nonexistent", SCAN2FLEX_CACHE="off")
+        env = environment(HOME="/proc/none", SCAN2FLEX_CACHE="off")
         return lambda: said(start(*given, before=_another(NOBODY), env=env))
 
     taken = out / "taken" / "study"
