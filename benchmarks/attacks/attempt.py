@@ -102,11 +102,13 @@ class Place:
     def attempt(self, one: Try, tally: Tally) -> None:
         """Make a try, judge it, and put everything back."""
         clean = snapshot(self.watched)
-        if one.prepare is not None:
-            one.prepare()
+        outcome, said, fault = _outcome(one.prepare, one.longest) if one.prepare else (WORKED, "", None)
+        if outcome == REFUSED:
+            outcome, fault = FAILURE, ("a preparation that is refused", said)
         before = snapshot(self.watched)
         memory, began = reset_memory(), time.monotonic()
-        outcome, said, fault = _outcome(one)
+        if outcome == WORKED:
+            outcome, said, fault = _outcome(one.act, one.longest)
         took, memory = time.monotonic() - began, memory_mb() - memory
         after = snapshot(self.watched)
         if outcome not in (FAILURE, NOT_RUN):
@@ -116,12 +118,12 @@ class Place:
         tally.add(one, FAILURE if fault and outcome != NOT_RUN else outcome, fault, took, memory)
 
 
-def _outcome(one: Try) -> tuple[str, str, tuple[str, str] | None]:
-    """What came of a try, what was said, and what is wrong with it: ``(kind, example)``."""
+def _outcome(act: Callable[[], object], longest: float) -> tuple[str, str, tuple[str, str] | None]:
+    """What came of an act, what was said, and what is wrong with it: ``(kind, example)``."""
     outcome, said, fault = FAILURE, "", None
-    signal.setitimer(signal.ITIMER_REAL, one.longest)
+    signal.setitimer(signal.ITIMER_REAL, longest)
     try:
-        one.act()
+        act()
         outcome = WORKED
     except (Scan2FlexError, RefusedError) as refusal:
         said = str(refusal)
@@ -135,7 +137,7 @@ def _outcome(one: Try) -> tuple[str, str, tuple[str, str] | None]:
     except NotRunError as why:
         outcome, fault = NOT_RUN, ("not run", str(why))
     except Hang:
-        fault = "a hang", f"more than {one.longest:g} s"
+        fault = "a hang", f"more than {longest:g} s"
     except Exception as error:
         fault = _fault(error)
     finally:
@@ -261,7 +263,8 @@ def command(*words: object) -> Said:
     """A command in this process, as the program runs it."""
     out, err, code = io.StringIO(), io.StringIO(), 0
     called = mock.patch.object(sys, "argv", ["scan2flex", *map(str, words)])
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), called:
+    ended = mock.patch("scan2flex_jax.cli.app.os._exit", sys.exit)  # it does not wait for threads; here they go on
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), called, ended:
         try:
             main()
         except SystemExit as end:

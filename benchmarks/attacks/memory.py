@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.attacks.attempt import REFUSED, Place, RefusedError, Try, WrongError
 from benchmarks.attacks.scene import ALONG_X, ELEMENTS
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import boundary_of, fit, model_of
+from scan2flex_jax.fitting import boundary_of, model_of
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
@@ -32,10 +32,9 @@ ODD: dict[str, Any] = {
     "5e-324": 5e-324, "1e16": 1e16, "float32": np.float32(0.1), "int8": np.int8(1), "0-d array": np.array(0.1),
     "one entry": [0.1], "two": [0.1, 0.2], "three": [0.1, 0.2, 0.3], "three zeros": np.zeros(3), "four ones": np.ones(4),
     "four zeros": np.zeros(4), "rows": np.ones((5, 3)), "rows of four": np.ones((5, 4)), "3 by 3": np.eye(3),
-    "4 by 4": np.eye(4),
-    "5-d": np.ones((1,) * 5), "dict": {"a": 1.0}, "path": Path("/dev/zero"), "dots": "../../x", "bools": [True, False, True],
-    "int64": np.arange(3), "big": np.full(3, 1e200), "a line": np.linspace(0, 1, 12)[:, None] * [1.0, 0.0, 0.0],
-    "one place": np.zeros((12, 3)),
+    "4 by 4": np.eye(4), "5-d": np.ones((1,) * 5), "dict": {"a": 1.0}, "path": Path("/dev/zero"), "dots": "../../x",
+    "bools": [True, False, True], "int64": np.arange(3), "big": np.full(3, 1e200),
+    "a line": np.linspace(0, 1, 12)[:, None] * [1.0, 0.0, 0.0], "one place": np.zeros((12, 3)),
 }  # fmt: skip
 _PARTS: dict[str, tuple[Callable[[Study], Any], Callable[[Study, Any], Study]]] = {
     "Study": (lambda s: s, lambda s, x: x),
@@ -111,11 +110,6 @@ def _checked(make: Callable[[], Study], copy: Path) -> Callable[[], None]:
             raise WrongError("a saved study is another one")
 
     return act
-
-
-def refused_by_fit(study: Study) -> None:
-    """A fit refuses what it cannot use before it computes anything."""
-    fit(study, elements=ELEMENTS)
 
 
 def _leaves(tree) -> list[np.ndarray]:

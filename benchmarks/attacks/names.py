@@ -19,18 +19,14 @@ from scan2flex_jax.study import MeasuredCurve, load_study, save_study
 OTHER = "one-forces"
 NAMES = (
     "../esc", "../../esc", "../../../../../../esc", "/etc/passwd", "..", ".", "...", " x", "a/../../b", "a/b", "C:\\x",
-    "\\\\host\\share",
-    "-rf", "--json", "~root", "~", "nul", "CON", "aux.csv", "com1", "LPT9.x", "x" * 5000, "\N{SNOWMAN}" * 300, "a\0b", "a\nb",
-    "a\rb",
-    "\x1b[2J", "\x1b]0;title\a", "\x07", "\u202egnp", "\u2028", "\ufeffa", "a:b", "what?", "*", "name.", "name ", "$\\frac{$",
-    "$x$",
-    "$$", "\\frac", "_hidden", "%s%n", "{}", "{{ 7*7 }}", "{% raw %}", "<b>bold</b>", "</script><script>alert(1)</script>",
-    "<img src=x onerror=alert(1)>", '" onmouseover="alert(1)', "&lt;", "javascript:alert(1)", "[bold]x[/bold]",
-    "[link=file:///]x",
-    "study", "study.toml", "pose-0.csv", ".scan2flex-written", "one", "\N{COMBINING ACUTE ACCENT}", "e\u0301",
-    "\N{LATIN SMALL LIGATURE FI}", "\N{PILE OF POO}", "'; DROP TABLE", "`id`", "$(id)", "| head", "#", "a,b", "a;b", '"', "'",
-    "\t",
-    "nan", "None", "0", "[[pose]]", "a.b", "=1+1", "\N{ZERO WIDTH SPACE}", "\N{ARABIC LETTER BEH}", "\x7f", "\x85",
+    "\\\\host\\share", "-rf", "--json", "~root", "~", "nul", "CON", "aux.csv", "com1", "LPT9.x", "x" * 5000,
+    "\N{SNOWMAN}" * 300, "a\0b", "a\nb", "a\rb", "\x1b[2J", "\x1b]0;title\a", "\x07", "\u202egnp", "\u2028", "\ufeffa", "a:b",
+    "what?", "*", "name.", "name ", "$\\frac{$", "$x$", "$$", "\\frac", "_hidden", "%s%n", "{}", "{{ 7*7 }}", "{% raw %}",
+    "<b>bold</b>", "</script><script>alert(1)</script>", "<img src=x onerror=alert(1)>", '" onmouseover="alert(1)', "&lt;",
+    "javascript:alert(1)", "[bold]x[/bold]", "[link=file:///]x", "study", "study.toml", "pose-0.csv", ".scan2flex-written",
+    "one", "\N{COMBINING ACUTE ACCENT}", "e\u0301", "\N{LATIN SMALL LIGATURE FI}", "\N{PILE OF POO}", "'; DROP TABLE", "`id`",
+    "$(id)", "| head", "#", "a,b", "a;b", '"', "'", "\t", "nan", "None", "0", "[[pose]]", "a.b", "=1+1", "\N{ZERO WIDTH SPACE}",
+    "\N{ARABIC LETTER BEH}", "\x7f", "\x85",
 )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.limits import Limit
 from scan2flex_jax.study.values import Where, one_line, shown
 
+STUDY_FILE = "study.toml"
 TOML_LIMIT = 10_000_000
 """Bytes of a study.toml; a thousand poses take well below one million."""
 CSV_LIMIT = 200_000_000
@@ -92,6 +93,8 @@ def inside(folder: Path, name: str, where: Where) -> Path:
 def existing(folder: Path, name: str, where: Where) -> Path:
     """The resolved path of a regular, non-empty file inside `folder`."""
     path = inside(folder, name, where)
+    if path.relative_to(folder.resolve()).as_posix().lower() == STUDY_FILE:
+        raise where.fail(f"got {shown(name)}, which is the study itself: name the file of what was measured.")
     try:
         if not path.is_file():
             found = "is no regular file" if path.exists() else "is not there"

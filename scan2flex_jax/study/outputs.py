@@ -20,12 +20,11 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.files import TOML_LIMIT, is_stream, write_atomic, writing_error
+from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, is_stream, write_atomic, writing_error
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 
 LIST = ".scan2flex-written"
-STUDY_FILE = "study.toml"
 _LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: a process killed in between wrote one of them
 _LONGEST_LINE = 20_000  # of a TOML that is looked through
 _FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links

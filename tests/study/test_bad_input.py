@@ -322,3 +322,10 @@ def test_a_study_of_many_poses_is_read(tmp_path):
     text = STUDY.replace("[[effect]]", more + "[[effect]]", 1).replace("title = ", "# " + 20 * "a.b. " + "\ntitle = ")
     assert len(text) > 150_000
     assert len(load_study(write_sample(tmp_path, text)).poses) == 902
+
+
+@pytest.mark.parametrize("name", ["study.toml", "Study.TOML", "./study.toml"])
+def test_the_study_itself_is_no_measurement(tmp_path, name):
+    folder = write_sample(tmp_path, STUDY.replace('scan = "sag.xyz"', f'scan = "{name}"'))
+    error = fails(folder)
+    assert error.key == "pose[sag].scan" and "which is the study itself" in error.sentence
