@@ -135,7 +135,8 @@ def _line(row) -> str:
     """What came of one study, in a line."""
     if "refused" in row:
         return f"refused: {row['refused']}"
-    z = ", ".join(f"{k} {row[k]['value']:.4g} (z {row[k]['z']})" for k in UNKNOWNS.values())
+    off = {k: "not determined" if row[k]["z"] is None else f"z {row[k]['z']:+.1f}" for k in UNKNOWNS.values()}
+    z = ", ".join(f"{k} {row[k]['value']:.4g} ({said})" for k, said in off.items())
     return f"{'believed' if row['believed'] else 'not believed'}: {z}, rms {row['rms'] / row['truth']['noise']:.1f} of noise"
 
 

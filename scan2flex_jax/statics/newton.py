@@ -148,7 +148,7 @@ def _handed_on(rod, y, n):
     """Whether elements hand their forces on to the next but for the dead load between them, as they do next to a solution."""
     f = 0.5 * (matvec(y.R[:-1], n[:, :3]) + matvec(y.R[1:], n[:, :3]))
     left = f[1:] - f[:-1] + rod.load.force[1:-1]
-    return jnp.max(jnp.abs(left)) <= _LEFT * jnp.max(jnp.abs(f))
+    return jnp.max(jnp.abs(left), initial=0.0) <= _LEFT * jnp.max(jnp.abs(f))
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:

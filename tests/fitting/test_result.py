@@ -30,10 +30,18 @@ def test_real_studies_are_fitted_and_not_believed(real):
 
 
 def test_a_fit_that_has_not_settled_is_not_to_be_believed(real):
-    assert real.believable
-    assert not replace(real, converged=False).believable
-    name, pose = next(iter(real.poses.items()))
-    assert not replace(real, poses=real.poses | {name: replace(pose, stable=False)}).believable
+    near = replace(real, misfits=())
+    assert near.believable
+    assert not replace(near, converged=False).believable
+    name, pose = next(iter(near.poses.items()))
+    assert not replace(near, poses=near.poses | {name: replace(pose, stable=False)}).believable
+
+
+def test_a_pose_far_from_its_curve_is_not_to_be_believed(real):
+    """Both plain rods leave a smooth residual of more than 1 % of the length, and neither study states a noise."""
+    assert not real.believable
+    assert set(real.misfits) <= set(real.sentences)
+    assert all("% of the length and no noise of points" in s for s in real.misfits)
 
 
 def check_object(data):
