@@ -20,6 +20,7 @@ from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.names import file_stems
 from scan2flex_jax.study.outputs import write_file
+from scan2flex_jax.study.sense import check_study
 
 _ENDINGS = (".csv", "-forces.csv")
 _FINEST = 4000  # points of a curve that is searched for places where it passes through itself
@@ -71,6 +72,7 @@ def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> 
 
 def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
     """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
+    check_study(study, "predict")
     radius = study.cable.get("radius")
     return {pose.name: _one_pose(study, pose, elements, None if radius is None else float(radius)) for pose in study.poses}
 

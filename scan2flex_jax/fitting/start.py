@@ -37,7 +37,7 @@ def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
 
 def _density_beside(study, length) -> float:
     """A mass per length (kg/m) to begin from: a cable as heavy as what is known to hang on it, or 1 kg/m."""
-    masses = [float(m) for e in study.effects if e.kind == "point_mass" and (m := e.parameters.get("mass")) is not None]
+    masses = [float(m) for e in study.effects if (m := e.parameters.get("mass")) is not None]
     return float(np.mean(masses)) / length if masses and np.mean(masses) > 0 else 1.0
 
 

@@ -69,7 +69,8 @@ def own_table():
 def bench():
     """The numbers and the scales of a study of one pose and one unknown; nothing is solved on it."""
     slot = SimpleNamespace(low=(-5.0,), high=(5.0,), log=True, size=1, name="bending_stiffness", at=0)
-    layout = SimpleNamespace(shared=1, local=0, unknowns=1, slots=(slot,))
+    none = SimpleNamespace(at=np.zeros(0, int), mean=np.zeros(0), std=np.zeros(0), precision=np.zeros)
+    layout = SimpleNamespace(shared=1, local=0, unknowns=1, slots=(slot,), prior=none)
     minimum = SimpleNamespace(shared=np.zeros(1))
     made = Bench.__new__(Bench)
     made.layout, made.poses, made.context, made.minimum = layout, SimpleNamespace(count=1), scene.CONTEXT, minimum
