@@ -25,7 +25,7 @@ def left_out(stage, found: Refit) -> np.ndarray:
     for i, rows in enumerate(white.rows):
         H = white.J[rows] @ covariance @ white.J[rows].T
         r = np.linalg.lstsq(np.eye(len(rows)) - H, white.r[rows], rcond=1e-10)[0]
-        out.append(np.sqrt(white.squares(i, r) / len(white.factors[i])))
+        out.append(np.sqrt(white.squares(i, r) / len(white.metrics[i].factor)))
     return np.array(out)
 
 
@@ -64,4 +64,4 @@ def constancy(stage, found: Refit) -> float | None:
 
 
 def _white(stage, found):
-    return whiten(found.shapes, stage.bench.real, Numbers(stage.bench, found.components), found.vector, stage.noise)
+    return whiten(found.shapes, stage.bench.real, Numbers(stage.bench, found.components), found.vector, found.law)

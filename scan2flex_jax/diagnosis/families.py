@@ -17,9 +17,8 @@ import numpy as np
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile
 from scan2flex_jax.effects.distributed_load import DistributedLoad
 from scan2flex_jax.effects.entry import Varied
+from scan2flex_jax.fitting.discrepancy import POINTS, smooth_root
 
-POINTS = 9  # of a field along the cable
-_SMOOTH = 0.2  # of the length: over which a field's values are alike
 _AMPLITUDES = np.geomspace(0.05, 300.0, 28)  # of a times the largest d
 POSE_LOADS = "pose loads"  # can stand for contact and for much else: it describes, and takes no effect's place
 WORDS = {
@@ -75,13 +74,6 @@ def family_of(name: str, columns: np.ndarray, base: np.ndarray, mix: np.ndarray 
     U, d, _ = np.linalg.svd(Z, full_matrices=False)
     keep = d > 1e-6 * max(d[0], 1e-300)
     return Family(name, U[:, keep], d[keep])
-
-
-def smooth_root(points: int, per_point: int) -> np.ndarray:
-    """Root of the covariance of a field on ``points`` with ``per_point`` independent components."""
-    s = np.linspace(0, 1, points)
-    K = np.exp(-0.5 * ((s[:, None] - s) / _SMOOTH) ** 2) + 1e-6 * np.eye(points)
-    return np.kron(np.linalg.cholesky(K), np.eye(per_point))
 
 
 def ghost_columns(bench, vector, start) -> dict:

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from scan2flex_jax.diagnosis.refit import configurations
-from scan2flex_jax.diagnosis.residual import Whitened, orthonormal, whiten
+from scan2flex_jax.diagnosis.residual import Law, Whitened, orthonormal, whiten
 from scan2flex_jax.diagnosis.result import Explanation
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.errors import Scan2FlexError
@@ -193,7 +193,7 @@ def _scanned(stage, pose):
     poses = replace(poses, start=settled)
     other = Bench(bench.problem, bench.minimum, poses)
     own = _own(other, stage)
-    white = whiten(other.shapes((), own), other.real, Numbers(other, ()), own, stage.noise)
+    white = whiten(other.shapes((), own), other.real, Numbers(other, ()), own, Law(stage.noise))
     return other, white
 
 

@@ -18,10 +18,9 @@ import numpy as np
 
 from scan2flex_jax.diagnosis.evidence import SCALES, averaged
 from scan2flex_jax.diagnosis.prior import Prior
-from scan2flex_jax.diagnosis.residual import whiten
+from scan2flex_jax.diagnosis.residual import Law, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.effects.entry import Context
-from scan2flex_jax.fitting.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
@@ -37,8 +36,8 @@ class Refit:
     """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance.
 
     ``log_evidence`` (nats): over the base model, the plain rod with the same noise; 0 for the base itself, NaN until a refit
-    was compared with its base (`over`). ``log_marginal``: the logarithm of the marginal likelihood, up to a constant that
-    all models with one noise share, so that only differences mean anything.
+    was compared with its base (`over`). ``log_marginal``: the logarithm of the marginal likelihood under the
+    ``law`` of the residual and of the prior of that law's sizes, up to a constant that all models share.
     """
 
     components: tuple[Component, ...]
@@ -49,6 +48,7 @@ class Refit:
     log_marginal: float
     covariance: np.ndarray
     converged: bool
+    law: Law
     log_evidence: float
 
     @property
@@ -70,24 +70,24 @@ class Refit:
         return self.vector[Numbers(bench, self.components).amplitudes(k)]
 
 
-def refit(bench: Bench, components, noise, guess, amplitudes=(), *, most: int = _MOST, least: float = np.inf) -> Refit:
+def refit(bench: Bench, components, law: Law, guess, amplitudes=(), *, most: int = _MOST, least: float = np.inf) -> Refit:
     """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum.
 
     Entries may then propose other starts; the likeliest end is returned. A descent that cannot come near the cost ``least``
     is given up before its end.
     """
-    found = _refit(bench, tuple(components), noise, guess, amplitudes, None, most, least)
+    found = _refit(bench, tuple(components), law, guess, amplitudes, None, most, least)
     ends = [found]
     for other, begin, base in _other_starts(bench, found):
         least = min(least, found.cost)
-        ends.append(_refit(bench, other, noise, base, begin, configurations(found.shapes), 2 * most, least))
+        ends.append(_refit(bench, other, law, base, begin, configurations(found.shapes), 2 * most, least))
     return max(ends, key=lambda f: f.log_marginal)
 
 
-def again(bench: Bench, before: Refit, noise, least: float = np.inf) -> Refit:
-    """A refit anew with another noise, from where it ended before."""
+def again(bench: Bench, before: Refit, law: Law, least: float = np.inf) -> Refit:
+    """A refit anew under another law of the residual, from where it ended before."""
     n, prior = Numbers(bench, before.components), Prior(bench, before.components)
-    return _descend(bench, before.components, n, prior, noise, before.vector, configurations(before.shapes), _MOST, least)
+    return _descend(bench, before.components, n, prior, law, before.vector, configurations(before.shapes), _MOST, least)
 
 
 def _other_starts(bench, found):
@@ -108,13 +108,13 @@ def _other_starts(bench, found):
             yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]], base
 
 
-def _refit(bench, components, noise, guess, amplitudes, start, most, least):
+def _refit(bench, components, law, guess, amplitudes, start, most, least):
     n, prior = Numbers(bench, components), Prior(bench, components)
     vector = np.zeros(n.count)
     vector[: n.base] = guess[: n.base]
     for k, (c, a) in enumerate(zip(components, amplitudes, strict=True)):
         vector[n.amplitudes(k)] = a
-        site = c.entry.start_site(c.site, noise.total)
+        site = c.entry.start_site(c.site, law.noise.total)
         vector[n.site(k)] = [float(site[name]) for name in c.moving]
     steps = max([1, *(len(c.entry.continuation) for c in components)])
     for step in range(steps):
@@ -122,18 +122,19 @@ def _refit(bench, components, noise, guess, amplitudes, start, most, least):
             if c.entry.continuation:
                 vector[n.amplitudes(k)] = c.entry.continued(step, bench.context)
         vector = np.clip(vector, prior.low, prior.high)
-        for law in _tempered(noise):
-            near = least if law is noise and step == steps - 1 else np.inf  # costs of another law do not compare
-            found = _descend(bench, components, n, prior, law, vector, start, most, near)
+        for each in _tempered(law):
+            near = least if each is law and step == steps - 1 else np.inf  # costs of another law do not compare
+            found = _descend(bench, components, n, prior, each, vector, start, most, near)
             vector, start = found.vector, configurations(found.shapes)
     return found
 
 
-def _tempered(noise: Noise) -> tuple[Noise, ...]:
-    """The noise, after a whiter one where it is smooth: its metric makes a narrow valley that a start from afar is lost in."""
-    if noise.white > _WHITE * noise.correlated:
-        return (noise,)
-    return replace(noise, white=_WHITE * noise.correlated), noise
+def _tempered(law: Law) -> tuple[Law, ...]:
+    """The law, after a whiter one where its noise is smooth: such a metric makes a valley too narrow for a start from afar."""
+    white, correlated = law.noise.white, law.noise.correlated
+    if law.curvature or white > _WHITE * correlated:
+        return (law,)
+    return replace(law, noise=replace(law.noise, white=_WHITE * correlated)), law
 
 
 def configurations(shapes):
@@ -142,19 +143,19 @@ def configurations(shapes):
     return type(c)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
 
 
-def _cost(bench, shapes, n, prior, noise, vector):
+def _cost(bench, shapes, n, prior, law, vector):
     if any(int(s.verdict.code) != 0 or not np.all(np.isfinite(s.residual)) for s in shapes):
         return np.inf, None
-    white = whiten(shapes, bench.real, n, vector, noise)
+    white = whiten(shapes, bench.real, n, vector, law)
     own = prior.precision.copy()
     own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
     return float(white.r @ white.r + own @ vector**2 + prior.weak @ (vector - prior.centre) ** 2), white
 
 
-def _descend(bench, components, n, prior, noise, vector, start, most, least):
+def _descend(bench, components, n, prior, law, vector, start, most, least):
     def at(x, begin):
         shapes = bench.shapes(components, x, begin)
-        return (x, shapes, *_cost(bench, shapes, n, prior, noise, x))
+        return (x, shapes, *_cost(bench, shapes, n, prior, law, x))
 
     vector, shapes, cost, white = at(vector, start)
     damping, converged = 1e-4, False
@@ -182,7 +183,7 @@ def _descend(bench, components, n, prior, noise, vector, start, most, least):
             damping = max(10.0 * damping, 1e-3)
         if converged:
             break
-    return _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
+    return _finish(bench, components, n, prior, law, vector, shapes, white, cost, converged)
 
 
 class _Step:
@@ -228,7 +229,7 @@ class _Step:
         return move * min(shrink, 1.0 / max(logs, 1.0))
 
 
-def _finish(bench, components, n, prior, vector, shapes, white, cost, converged):
+def _finish(bench, components, n, prior, law, vector, shapes, white, cost, converged):
     final, chi2, evidence = [], np.inf, -np.inf
     covariance = np.full((n.count, n.count), np.nan)
     for k, c in enumerate(components):
@@ -244,13 +245,14 @@ def _finish(bench, components, n, prior, vector, shapes, white, cost, converged)
         whole, added = (A + np.diag(prior.weak))[inside], np.arange(n.count)[free] >= n.base
         evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + _over_scales(n, prior, whole, vector, free, components)
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
+        evidence += law.log_prior - white.log_det
         evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
         correlation, scale = _scaled(A[inside])  # intervals are the data's, not the weak prior's
         covariance[inside] = np.linalg.inv(correlation) / np.outer(scale, scale)
         chi2 = float(white.r @ white.r)
     return Refit(
         components=tuple(final), vector=vector, shapes=shapes, cost=cost, chi2=chi2, log_marginal=float(evidence),
-        covariance=covariance, converged=converged, log_evidence=np.nan if components else 0.0,
+        covariance=covariance, converged=converged, law=law, log_evidence=np.nan if components else 0.0,
     )  # fmt: skip
 
 

@@ -9,32 +9,127 @@ Noise is estimated by restricted likelihood in the complement of base columns *a
 so that an effect in the data does not make the noise look larger.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import linalg
 
+from scan2flex_jax.fitting.discrepancy import SPREAD
 from scan2flex_jax.fitting.distance import NORMALS
-from scan2flex_jax.fitting.noise import Noise, most_likely, spacing_of
+from scan2flex_jax.fitting.noise import (
+    Noise,
+    Residual,
+    most_likely,
+    most_likely_with_discrepancy,
+    nearest,
+    plane_of,
+    projected,
+    restricted_likelihood,
+    scanner_prior,
+    spacing_of,
+    too_large,
+)
 
 _MOST = 64  # points of a pose that enter the likelihood of the noise
 _RANK = 24  # directions of all signatures together that are kept out of the noise
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
-_USUAL, _FACTOR = 1e-3, np.log(5.0)  # noise over length of a scan, and by what factor (one sigma) scans differ
+_STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 
 @dataclass(frozen=True)
+class Law:
+    """The distribution of the residual of each pose: the sensor's ``noise``, and a discrepancy of the pose's own.
+
+    ``curvature`` (1/m) is the size of that discrepancy, and ``scatter`` per pose the columns (m, 3, k) that it moves the
+    residual along (`fitting.discrepancy`); without them there is none. ``log_prior`` (nats): the prior density of the sizes.
+    ``planes``: 1 where the poses were measured in one plane, and a residual across it is zero by construction.
+    """
+
+    noise: Noise
+    curvature: float = 0.0
+    scatter: tuple[np.ndarray, ...] = ()
+    log_prior: float = 0.0
+    planes: int = NORMALS
+
+    def of_pose(self, i: int, shape, keep) -> "Metric":
+        """The metric of pose ``i``, of whose points ``keep`` are real."""
+        marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
+        factor = linalg.cholesky(self.noise.covariance(shape.s[keep]), lower=True)
+        along = np.zeros((0, 0))
+        if len(marks):
+            along = linalg.cholesky(self.noise.covariance(shape.s[keep][marks]), lower=True)
+        flat = plane_of(shape.residual[keep]) if self.planes == 1 else None
+        sensor = Metric(factor, marks, along, flat)
+        if not self.curvature:
+            return sensor
+        U, d, _ = np.linalg.svd(sensor.white(self.scatter[i][keep]), full_matrices=False)
+        return replace(sensor, U=U, spread=self.curvature * d)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What makes the residual of one pose white: rows of both normals of all points, then of the tangents at markers.
+
+    ``plane`` (2,): the one normal that counts, of a flat pose. ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's covariance, of points and of the ``marks``
+    among them. In rows that those have made white, the discrepancy adds ``spread**2`` of variance along each column of ``U``.
+    """
+
+    factor: np.ndarray
+    marks: np.ndarray
+    along: np.ndarray
+    plane: np.ndarray | None = None
+    U: np.ndarray | None = None
+    spread: np.ndarray | None = None
+
+    @property
+    def normals(self) -> int:
+        """Rows of the normals."""
+        return len(self.factor) * (NORMALS if self.plane is None else 1)
+
+    @property
+    def rows(self) -> int:
+        """How many in all."""
+        return self.normals + len(self.marks)
+
+    @property
+    def log_det(self) -> float:
+        """Half the logarithm of the determinant of the covariance."""
+        total = self.normals * np.mean(np.log(np.diag(self.factor))) + np.sum(np.log(np.diag(self.along)))
+        return float(total + (0.0 if self.spread is None else 0.5 * np.sum(np.log1p(self.spread**2))))
+
+    def white(self, columns: np.ndarray) -> np.ndarray:
+        """White rows of columns (m, 3, K)."""
+        normal = columns[:, :NORMALS] if self.plane is None else projected(columns, self.plane)[:, :1]
+        rows = _whiten(self.factor, normal)
+        if len(self.marks):
+            tangent = linalg.solve_triangular(self.along, columns[self.marks, NORMALS], lower=True)
+            rows = np.concatenate([rows, tangent])
+        return self._scaled(rows, -0.5)
+
+    def back(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normal components (m, 2, K) and those along the tangents of markers (k, K), in m, of white rows (n, K)."""
+        normal, tangent = np.split(self._scaled(rows, 0.5), [self.normals])
+        m = len(self.factor)
+        normal = (self.factor @ normal.reshape(m, -1)).reshape(m, -1, rows.shape[1])
+        return normal if self.plane is None else normal * self.plane[:, None], self.along @ tangent
+
+    def _scaled(self, rows, power):
+        if self.U is None or self.spread is None:
+            return rows
+        return rows + self.U @ (((1.0 + self.spread**2) ** power - 1.0)[:, None] * (self.U.T @ rows))
+
+
+@dataclass(frozen=True)
 class Whitened:
-    """Residual ``r`` (n,), columns ``J`` (n, b) of all base numbers, and per pose the factor L of its points, that of its
-    markers and which points they are, and its rows: of both normals, then of the tangents at markers."""
+    """Residual ``r`` (n,), columns ``J`` (n, b) of all base numbers, and per pose its metric, its rows, and which of its
+    points are real."""
 
     r: np.ndarray
     J: np.ndarray
-    factors: tuple
-    tangents: tuple
+    metrics: tuple[Metric, ...]
     rows: tuple
     real: tuple
     priors: int
@@ -42,20 +137,22 @@ class Whitened:
     @property
     def normals(self) -> tuple[np.ndarray, ...]:
         """Per pose the rows of both normals."""
-        return tuple(rows[: NORMALS * len(factor)] for rows, factor in zip(self.rows, self.factors, strict=True))
+        return tuple(rows[: m.normals] for rows, m in zip(self.rows, self.metrics, strict=True))
+
+    @property
+    def log_det(self) -> float:
+        """Half the logarithm of the determinant of the covariance of all poses."""
+        return sum(m.log_det for m in self.metrics)
 
     def squares(self, i: int, values: np.ndarray) -> float:
         """Sum of the squared lengths (m^2) of all residuals of pose ``i``, from its whitened rows."""
-        factor, (_, along) = self.factors[i], self.tangents[i]
-        normal, tangential = np.split(values, [NORMALS * len(factor)])
-        return float(np.sum((factor @ normal.reshape(len(factor), NORMALS)) ** 2) + np.sum((along @ tangential) ** 2))
+        return float(sum(np.sum(part**2) for part in self.metrics[i].back(values[:, None])))
 
     def stack(self, columns) -> np.ndarray:
         """Columns (m, 3, K) per pose, whitened and stacked, (n, K)."""
         out = np.zeros((len(self.r), columns[0].shape[-1]))
-        parts = zip(self.factors, self.tangents, self.rows, self.real, columns, strict=True)
-        for factor, tangents, rows, real, c in parts:
-            out[rows] = _whiten_pose(factor, tangents, c[real])
+        for metric, rows, real, c in zip(self.metrics, self.rows, self.real, columns, strict=True):
+            out[rows] = metric.white(c[real])
         return out
 
     @property
@@ -64,45 +161,32 @@ class Whitened:
         return orthonormal(self.J, _OPEN)
 
 
-def whiten(shapes, real, numbers, vector, noise: Noise) -> Whitened:
+def whiten(shapes, real, numbers, vector, law: Law) -> Whitened:
     """From solved shapes (columns of the base numbers first) at ``vector``."""
-    factors, tangents, rows, at = [], [], [], 0
-    for shape, keep in zip(shapes, real, strict=True):
-        factors.append(linalg.cholesky(noise.covariance(shape.s[keep]), lower=True))
-        tangents.append(_tangents(shape, keep, noise))
-        count = NORMALS * int(keep.sum()) + len(tangents[-1][0])
-        rows.append(np.arange(at, at + count))
-        at += count
-    known = np.r_[numbers.nearly_known]
+    metrics = tuple(law.of_pose(i, shape, keep) for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)))
+    ends = np.cumsum([m.rows for m in metrics])
+    rows = tuple(np.arange(end - m.rows, end) for m, end in zip(metrics, ends, strict=True))
+    at, known = int(ends[-1]), np.r_[numbers.nearly_known]
     r, J = np.zeros(at + len(known)), np.zeros((at + len(known), numbers.count))
     for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
-        r[rows[i]] = _whiten_pose(factors[i], tangents[i], shape.residual[keep][:, :, None])[:, 0]
         own = numbers.of_pose(i)
-        J[np.ix_(rows[i], own)] = _whiten_pose(factors[i], tangents[i], shape.columns[keep][:, :, : len(own)])
+        both = np.concatenate([shape.residual[keep][:, :, None], shape.columns[keep][:, :, : len(own)]], axis=-1)
+        white = metrics[i].white(both)
+        r[rows[i]], J[np.ix_(rows[i], own)] = white[:, 0], white[:, 1:]
     r[at:] = (vector[known] - numbers.prior_mean) / numbers.prior_std
     J[at + np.arange(len(known)), known] = 1.0 / numbers.prior_std
-    return Whitened(r, J, tuple(factors), tuple(tangents), tuple(rows), tuple(real), len(known))
-
-
-def _tangents(shape, keep, noise):
-    """Which of a pose's points are markers, and the factor of their covariance: what they tell along the cable."""
-    marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
-    return marks, linalg.cholesky(noise.covariance(shape.s[keep][marks]), lower=True) if len(marks) else np.zeros((0, 0))
-
-
-def _whiten_pose(factor, tangents, columns):
-    """Rows of one pose from columns (m, 3, K): both normals of all points, then the tangents of markers."""
-    marks, along = tangents
-    normal = _whiten(factor, columns[:, :NORMALS])
-    if not len(marks):
-        return normal
-    return np.concatenate([normal, linalg.solve_triangular(along, columns[marks, NORMALS], lower=True)])
+    return Whitened(r, J, metrics, rows, tuple(real), len(known))
 
 
 def _whiten(factor, columns):
     """Both normals, one after the other."""
-    m, _, k = columns.shape
-    return linalg.solve_triangular(factor, columns.reshape(m, -1), lower=True).reshape(m * NORMALS, k)
+    m, c, k = columns.shape
+    return linalg.solve_triangular(factor, columns.reshape(m, -1), lower=True).reshape(m * c, k)
+
+
+def _three(normals):
+    """Columns (m, 2, k) along the normals with none along the tangent."""
+    return np.concatenate([normals, np.zeros_like(normals[:, :1])], axis=1)
 
 
 def orthonormal(X: np.ndarray, small: float = 1e-10) -> np.ndarray:
@@ -130,56 +214,60 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
 class Complement:
     """Restricted likelihood of the noise in the complement of the model's numbers (under their priors) and signatures.
 
-    ``signatures`` (per pose (m, 2, K)) are directions that carry them. Poses that were scanned again (``repeats``, groups of
-    indices) share a residual of any shape, of which only their differences are noise. Long curves are thinned first.
+    ``signatures`` (per pose (m, 2, K)) are directions that carry them; none for the noise beside one model alone. Poses that
+    were scanned again (``repeats``, groups of indices) share a residual of any shape, of which only their differences are
+    noise. ``scatter``: per pose the columns of its discrepancy. Long curves are thinned first.
     """
 
-    def __init__(self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=()):
+    def __init__(self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS):
         """Thinned curves and columns, each with where its columns stand."""
-        self.length, self.stated, self.curves = length, stated, []
-        extra = signatures[0].shape[-1]
-        self.columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
+        self.length, self.stated, self.planes, self.poses = length, stated, planes, []
+        extra = signatures[0].shape[-1] if signatures else 0
+        columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
             own = numbers.of_pose(i)
-            X = np.concatenate([shape.columns[keep][:, :NORMALS, : len(own)], signatures[i]], axis=-1)
-            thin = np.unique(np.round(np.linspace(0, len(X) - 1, min(len(X), _MOST))).astype(int))
-            order = np.argsort(shape.s[keep], kind="stable")[thin]
+            X = shape.columns[keep][:, :, : len(own)]
+            X = np.concatenate([X, _three(signatures[i])], axis=-1) if signatures else X
             at = np.r_[own, numbers.count + np.arange(extra)]
             for k in [k for k, group in enumerate(repeats) if i in group]:
                 hats = np.clip(1 - np.abs(shape.s[keep][:, None] * (_KNOTS - 1) / length - np.arange(_KNOTS)), 0, 1)
-                X = np.concatenate([X, np.einsum("mk,ab->mabk", hats, np.eye(NORMALS)).reshape(len(X), NORMALS, -1)], axis=-1)
+                both = np.einsum("mk,ab->mabk", hats, np.eye(NORMALS)).reshape(len(X), NORMALS, -1)
+                X = np.concatenate([X, _three(both)], axis=-1)
                 at = np.r_[at, numbers.count + extra + k * NORMALS * _KNOTS + np.arange(NORMALS * _KNOTS)]
-            self.curves.append((shape.s[keep][order], shape.residual[keep][order][:, :NORMALS], X[order], at))
-        self.prior = np.zeros(self.columns)
-        self.prior[numbers.nearly_known] = numbers.prior_std**-2
-        self.vector = np.r_[vector, np.zeros(self.columns - numbers.count)]
-        self.vector[numbers.nearly_known] -= numbers.prior_mean
-        size = np.sqrt(np.mean([np.mean(r**2) for _, r, _, _ in self.curves]))
+            Z = scatter[i][keep] if len(scatter) else None
+            marked = None if shape.marked is None or signatures else np.asarray(shape.marked)[keep] > 0
+            pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked).thinned(_MOST)
+            self.poses.append(pose.in_plane() if planes == 1 else pose)
+        self.precision, self.pull = np.zeros(columns), np.zeros(columns)
+        known = numbers.nearly_known
+        self.precision[known] = numbers.prior_std**-2
+        self.pull[known] = self.precision[known] * (vector[known] - numbers.prior_mean)
+        size = np.sqrt(np.mean([np.mean(p.r[:, :-1] ** 2) for p in self.poses]))
         self.size = max(size, 1e-12 * length)
-        self.shortest = max(spacing_of([s for s, *_ in self.curves]), 0.01 * length)
+        self.shortest = max(spacing_of([p.s for p in self.poses]), 0.01 * length)
 
-    def __call__(self, noise: Noise, u) -> float:
+    def __call__(self, noise: Noise, u, curvature: float = 0.0) -> float:
         """Negative log likelihood with weak priors at ``u`` = logarithms of white, correlated (m) and length (m) of a noise."""
-        total = 0.0
-        XX, Xr = np.diag(self.prior), self.prior * self.vector
-        for s, r, X, at in self.curves:
-            factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
-            both = _whiten(factor, np.concatenate([r[:, :, None], X], axis=-1))
-            total += NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * both[:, 0] @ both[:, 0]
-            XX[np.ix_(at, at)] += both[:, 1:].T @ both[:, 1:]
-            Xr[at] += both[:, 1:].T @ both[:, 0]
-        scale = np.sqrt(np.diag(XX)) + 1e-150
-        values, vectors = np.linalg.eigh(XX / np.outer(scale, scale))
-        keep = values > 1e-9 * values[-1]
-        projected = vectors[:, keep].T @ (Xr / scale)
-        total += -0.5 * np.sum(projected**2 / values[keep]) + 0.5 * np.sum(np.log(values[keep])) + np.sum(np.log(scale))
-        return total + self._prior(u, noise)
+        given = self.poses, noise, self.precision, self.pull, curvature
+        return restricted_likelihood(*given) + self._prior(u, noise)
+
+    def law(self, noise: Noise, usual: float, scatter) -> Law:
+        """The most likely noise and discrepancy, begun at a noise; ``usual`` (1/m) as in `fitting.discrepancy`."""
+        noise = nearest(self._of_a_scanner, noise)
+        found, curvature, _ = most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length)
+        u = np.log([found.white, found.correlated, found.correlation_length])
+        prior = self._prior(u, found) + (0.0 if self.stated else too_large(found, self.length))
+        prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
+        return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes)
+
+    def _of_a_scanner(self, noise, u, curvature=0.0):
+        """The same, with no noise larger than those of scanners unless it was stated."""
+        return self(noise, u, curvature) + (0.0 if self.stated else too_large(noise, self.length))
 
     def _prior(self, u, noise):
         L = self.length
         prior = 0.5 * ((u[2] - np.log(0.07 * L)) / 0.6) ** 2 + 0.02 * (u[1] - u[0]) ** 2
-        expected, spread = (self.stated, 0.15) if self.stated else (_USUAL * L, _FACTOR)
-        prior += 0.5 * (np.log(noise.total / expected) / spread) ** 2
+        prior += 0.5 * (np.log(noise.total / self.stated) / _STATED) ** 2 if self.stated else scanner_prior(noise, L)
         beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(0.3 * L)) ** 2
         return prior + 1e3 * beyond
 
@@ -206,18 +294,15 @@ class Complement:
         return [Noise.at(v, noise.smoothness) for v in found]
 
 
-def noise_like(white: Whitened, shapes, noises, count: int, rng) -> np.ndarray:
+def noise_like(white: Whitened, shapes, laws, count: int, rng) -> np.ndarray:
     """``count`` draws (n, count) of pure noise of the given laws, whitened as the residual was; priors' rows too."""
     out = rng.standard_normal((len(white.r), count))
-    share = np.array_split(np.arange(count), len(noises))
-    for noise, mine in zip(noises, share, strict=True):
-        parts = zip(white.factors, white.tangents, white.rows, white.normals, white.real, shapes, strict=True)
-        for factor, (marks, along), rows, normals, real, shape in parts:
-            L = linalg.cholesky(noise.covariance(shape.s[real]), lower=True)
-            drawn = (L @ out[np.ix_(normals, mine)].reshape(len(L), -1)).reshape(len(L), NORMALS, len(mine))
-            out[np.ix_(normals, mine)] = _whiten(factor, drawn)
-            if len(marks):
-                last = np.ix_(rows[len(normals) :], mine)
-                L = linalg.cholesky(noise.covariance(shape.s[real][marks]), lower=True)
-                out[last] = linalg.solve_triangular(along, L @ out[last], lower=True)
+    share = np.array_split(np.arange(count), len(laws))
+    for law, mine in zip(laws, share, strict=True):
+        for i, (metric, rows, real) in enumerate(zip(white.metrics, white.rows, white.real, strict=True)):
+            normal, tangent = law.of_pose(i, shapes[i], real).back(out[np.ix_(rows, mine)])
+            drawn = np.zeros((len(normal), NORMALS + 1, len(mine)))
+            drawn[:, :NORMALS] = normal
+            drawn[metric.marks, NORMALS] = tangent
+            out[np.ix_(rows, mine)] = metric.white(drawn)
     return out

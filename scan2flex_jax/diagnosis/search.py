@@ -214,7 +214,7 @@ def refit_beside(
     ``settled`` are not refitted again.
     """
     numbers = Numbers(stage.bench, first.components)
-    white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.noise)
+    white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.law)
     Q = orthonormal(white.J)
     y = white.r - Q @ (Q.T @ white.r)
     best: dict = {}
@@ -275,9 +275,9 @@ def _relative(stage, components, amplitudes, near=None):
     or from the base."""
     before = stage.known.get(frozenset(c.kind for c in components))
     if before is not None and np.isfinite(before.cost) and near is None:
-        found = again(stage.bench, before, stage.noise, stage.least)
+        found = again(stage.bench, before, stage.law, stage.least)
     else:
         guess = (near or stage.base).vector
-        found = refit(stage.bench, components, stage.noise, guess, amplitudes, least=stage.least)
+        found = refit(stage.bench, components, stage.law, guess, amplitudes, least=stage.least)
     stage.least = min(stage.least, found.cost)
     return found.over(stage.base, stage.bench.context)

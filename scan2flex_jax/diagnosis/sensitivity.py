@@ -21,7 +21,7 @@ from scan2flex_jax.diagnosis.slots import empty_slots, load_of_fields
 from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
-from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.rod.effect import overriding
@@ -152,6 +152,14 @@ class Bench:
             tangents = _field(*given, jnp.asarray(x), self.nulls)
             out.append(self._solve(state, jax.tree.map(np.asarray, tangents), i, one(start, i)).columns)
         return out
+
+    def scatter(self, components, vector, start) -> tuple[np.ndarray, ...]:
+        """Per pose the columns (m, 3, k) of its discrepancy at an equilibrium (`fitting.discrepancy`), in m per 1/m."""
+        numbers, out = Numbers(self, components), []
+        for i in range(self.poses.count):
+            state, _ = self._state(components, vector[numbers.of_pose(i)], i)
+            out.append(self._solve(state, discrepancy.directions(state), i, one(start, i)).columns)
+        return tuple(out)
 
     def _solve(self, state, tangents, i, start):
         self.solves += 1

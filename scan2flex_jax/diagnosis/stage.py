@@ -6,8 +6,9 @@ import numpy as np
 
 from scan2flex_jax.diagnosis import evidence, families, score
 from scan2flex_jax.diagnosis.refit import Refit, refit
-from scan2flex_jax.diagnosis.residual import Complement, Whitened, noise_like, orthonormal, signature_basis, whiten
+from scan2flex_jax.diagnosis.residual import Complement, Law, Whitened, noise_like, orthonormal, signature_basis, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers, all_components
+from scan2flex_jax.fitting.discrepancy import planes_of
 from scan2flex_jax.fitting.noise import Noise
 
 NOISE_LAWS = 8  # noises drawn beside the estimated one, for what the test does not know of the noise
@@ -23,7 +24,7 @@ class Stage:
     """
 
     bench: Bench
-    noise: Noise
+    law: Law
     base: Refit
     components: list[Component]
     groups: list[score.Group]
@@ -34,7 +35,13 @@ class Stage:
     y: np.ndarray
     Q: np.ndarray
     known: dict[frozenset[str], Refit]
+    of: "Signatures"
     least: float = np.inf
+
+    @property
+    def noise(self) -> Noise:
+        """The sensor's."""
+        return self.law.noise
 
 
 @dataclass
@@ -51,6 +58,7 @@ class Signatures:
     stated: float | None
     seed: int
     repeats: tuple[list[int], ...]
+    planes: int
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of some model, beside its own columns and all signatures."""
@@ -70,12 +78,13 @@ def signatures(bench: Bench, minimum, stated: float | None, seed: int = 0) -> tu
     numbers = Numbers(bench, ())
     size = np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(shapes, bench.real, strict=True)]))
     plain = Noise(max(size, 1e-9), 1e-3 * max(size, 1e-9), 0.05 * bench.context.length)
-    white = whiten(shapes, bench.real, numbers, vector, plain)
+    white = whiten(shapes, bench.real, numbers, vector, Law(plain))
     every = np.concatenate([white.stack(columns), white.stack(fields["curvature"]), white.stack(fields["load"])], axis=1)
     basis = signature_basis(every, white.base)
     parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
     repeats = repeated(bench.problem.study.fit_poses)
-    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats)
+    planes = planes_of(bench.context.points, bench.context.gravity)
+    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes)
     return found, found.complement(shapes, numbers, vector)
 
 
@@ -91,20 +100,21 @@ def repeated(poses) -> tuple[list[int], ...]:
 
 def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
     """The base refitted in the metric of the noise, and the groups beyond it; ``known`` refits are begun from."""
-    bench, noise = of.bench, complement.estimate
-    base = refit(bench, (), noise, of.vector, most=6)
-    white = whiten(base.shapes, bench.real, Numbers(bench, ()), base.vector, noise)
+    noise, law = complement.estimate, Law(complement.estimate)
+    base = refit(of.bench, (), law, of.vector, most=6)
+    rng = np.random.default_rng(of.seed)
+    drawn = [Law(noise) for noise in complement.draws(noise, NOISE_LAWS, rng)]
+    bench = of.bench
+    white = whiten(base.shapes, bench.real, Numbers(bench, ()), base.vector, law)
     S, Q = -white.stack(of.columns), white.base
     groups = [
         score.group_of(k, S[:, of.owner == k], c.entry.size(bench.context), Q, c.entry.one_sided)
         for k, c in enumerate(of.components)
     ]
-    rng = np.random.default_rng(of.seed)
-    laws = [noise, *complement.draws(noise, NOISE_LAWS, rng)]
-    draws = noise_like(white, base.shapes, laws, score.DRAWS, rng)
+    draws = noise_like(white, base.shapes, [law, *drawn], score.DRAWS, rng)
     found = families.families(white, of.fields, S, of.owner, of.components, Q)
     y, draws = (x - Q @ (Q.T @ x) for x in (white.r, draws))
-    return Stage(bench, noise, base, of.components, groups, found, of.fields, white, draws, y, Q, known or {})
+    return Stage(bench, law, base, of.components, groups, found, of.fields, white, draws, y, Q, known or {}, of)
 
 
 def sharpened(of: Signatures, found) -> Stage | None:
@@ -150,5 +160,5 @@ def one_step(stage: Stage):
 def test_after(stage: Stage, found: Refit) -> score.Test:
     """The global test with the effect in the model."""
     numbers = Numbers(stage.bench, found.components)
-    white = whiten(found.shapes, stage.bench.real, numbers, found.vector, stage.noise)
+    white = whiten(found.shapes, stage.bench.real, numbers, found.vector, stage.law)
     return test(stage, orthonormal(white.J), white.r)

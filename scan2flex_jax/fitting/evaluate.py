@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.compilation import lightly_compiled
-from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fitting.poses import Poses
 from scan2flex_jax.rod.model import CableModel, Configuration
@@ -86,6 +86,19 @@ class Evaluator:
         state, tangents = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
         found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
+
+
+    def scatter(self, shared, local, start) -> list[np.ndarray]:
+        """Per pose the columns (m, 3, k) of its discrepancy (`fitting.discrepancy`) at equilibria, in m per 1/m."""
+        out = []
+        for i in range(self.poses.count):
+            x = np.concatenate([shared, local[i]])
+            rows = -(-len(x) // self.width) * self.width
+            boundary = one(self.poses.boundary, i)
+            state, _ = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
+            given = discrepancy.directions(state), one(start, i), target_of(self.poses, i), self.distance, self.width
+            out.append(states.evaluate(state, *given).columns)
+        return out
 
 
 def target_of(poses: Poses, i: int) -> states.Target:

@@ -10,16 +10,24 @@ Thompson (1971) for the restricted likelihood.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, optimize
 
+from scan2flex_jax.fitting.discrepancy import SPREAD
 from scan2flex_jax.fitting.distance import NORMALS
 
 _MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
+USUAL, FACTOR = 1e-3, np.log(5.0)  # noise over length of a scan, and by what factor (one sigma) scans differ
+LARGEST = 5e-3  # of the length: noise of a scan
 _SMOOTHNESS = (1.5, 2.5, np.inf)
 _FLOOR = 0.1  # white part over the size of the residual: nothing finer is asked of a model of the cable
+_OPEN = 1e-9  # of the largest eigenvalue of the scaled information: a direction that no pose feels
 _MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that is smooth over the whole cable, no more
+_WORTH = 2.0  # nats that a discrepancy has to gain
+_FINEST = 1e-5  # of the length: no sensor's noise is smaller
+_TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
 _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in units of the size, and the length
 
@@ -83,11 +91,47 @@ def most_likely(negative, size: float, length: float) -> Noise:
     return Noise.at(u, smoothness)
 
 
+def nearest(negative, noise: Noise) -> Noise:
+    """The noise that minimises ``negative(noise, u)`` nearest to another, of the same smoothness."""
+    u = np.log([noise.white, noise.correlated, noise.correlation_length])
+    found = _nearest(lambda v, smoothness: negative(Noise.at(v, smoothness), v), noise.smoothness, u, _WIDE)
+    return Noise.at(found[2], noise.smoothness)
+
+
 def _nearest(objective, smoothness, u, reach):
     """``(value, smoothness, u)`` of the minimum from ``u``, by a simplex that reaches ``reach`` in each logarithm."""
     options = {"xatol": 1e-2, "fatol": 1e-2, "maxiter": 120, "initial_simplex": u + np.vstack([np.zeros(3), reach * np.eye(3)])}
     f = optimize.minimize(objective, u, args=(smoothness,), method="Nelder-Mead", options=options)
     return f.fun, smoothness, f.x
+
+
+def most_likely_with_discrepancy(negative, noise: Noise, usual: float, length: float) -> tuple[Noise, float, float]:
+    """``(noise, curvature, value)`` that minimise ``negative(noise, u, curvature)`` plus the prior of the curvature (1/m).
+
+    ``usual`` is the median of that prior, which is log-normal. A discrepancy that explains no more than `_WORTH` nats beside
+    ``noise``, the most likely one without it, is none: the curvature is then zero, and ``value`` that of ``noise``.
+    """
+    def objective(v):
+        found = Noise.at(v[:3], noise.smoothness)
+        low = max(0.0, np.log(_FINEST * length) - v[0]) ** 2 + max(0.0, np.log(_FINEST * length) - v[1]) ** 2
+        prior = 0.5 * ((v[3] - np.log(usual)) / SPREAD) ** 2
+        return negative(found, v[:3], float(np.exp(v[3]))) + prior + 1e3 * low
+
+    u = np.log([noise.white, noise.correlated, noise.correlation_length])
+    least = np.log(_FINEST * length)
+    starts = [
+        np.r_[np.maximum(u[:2] + np.log(finer), least), u[2], np.log(larger * usual)]
+        for finer, larger in ((1.0, 1.0), (0.3, 4.0), (0.1, 20.0))
+    ]
+    ends = []
+    for start in sorted(starts, key=objective)[:_TRIED]:
+        simplex = start + np.vstack([np.zeros(4), _WIDE * np.eye(4)])
+        options = {"xatol": 2e-2, "fatol": 2e-2, "maxiter": 200, "initial_simplex": simplex}
+        ends.append(optimize.minimize(objective, start, method="Nelder-Mead", options=options))
+    found, without = min(ends, key=lambda end: end.fun), negative(noise, u, 0.0)
+    if found.fun > without - _WORTH:
+        return noise, 0.0, float(without)
+    return Noise.at(found.x[:3], noise.smoothness), float(np.exp(found.x[3])), float(found.fun)
 
 
 def white_noise(pose) -> float:
@@ -103,26 +147,82 @@ def white_noise(pose) -> float:
     return float(np.sqrt(np.mean(fourth**2) / 70.0)) if len(fourth) else np.inf
 
 
-def estimate_noise(curves, length: float, stated: float | None = None) -> Noise:
-    """Restricted maximum likelihood.
+class Residual(NamedTuple):
+    """What a likelihood of the noise needs of one pose: arc lengths ``s`` (m,), residual ``r`` (m, c), columns ``X`` (m, c, k)
+    of the numbers that stand ``at`` (k,) in the vector of all, and those of its discrepancy, ``Z`` (m, c, q); lengths in m.
 
-    ``curves`` holds per pose ``(s (m,), residual (m, 2), sensitivities (m, 2, p))``; ``stated`` is the total that the user
-    states (m), held to within 15 %.
-    """
-    thin = [_thin(*c) for c in curves]
-    r = np.concatenate([r.ravel() for _, r, _ in thin])
-    X = np.concatenate([X.reshape(NORMALS * len(X), X.shape[2]) for _, _, X in thin])
+    The components c are those along the normals, two or the one in the plane of a picture, and the last one that along the
+    tangent, which counts for points that are ``marked`` (m,)."""
+
+    s: np.ndarray
+    r: np.ndarray
+    X: np.ndarray
+    at: np.ndarray
+    Z: np.ndarray | None = None
+    marked: np.ndarray | None = None
+
+    def thinned(self, most: int = _MOST) -> "Residual":
+        """With at most ``most`` points, in their order along the cable."""
+        order = np.argsort(self.s, kind="stable")
+        keep = order[np.unique(np.round(np.linspace(0, len(order) - 1, min(len(order), most))).astype(int))]
+        Z = None if self.Z is None else self.Z[keep]
+        marked = None if self.marked is None else self.marked[keep]
+        return Residual(self.s[keep], self.r[keep], self.X[keep], self.at, Z, marked)
+
+    def in_plane(self) -> "Residual":
+        """With the normal in its plane alone, of a pose that was measured in one."""
+        u = plane_of(self.r)
+        Z = None if self.Z is None else projected(self.Z, u)
+        return self._replace(r=projected(self.r, u), X=projected(self.X, u), Z=Z)
+
+
+def estimate_noise(poses: list[Residual], length: float, stated: float | None = None) -> Noise:
+    """Restricted maximum likelihood; ``stated`` is the total that the user states (m), held to within 15 %."""
+    thin, free = [p.thinned() for p in poses], np.zeros(poses[0].X.shape[-1])
+    r = np.concatenate([p.r[:, :-1].ravel() for p in thin])
+    X = np.concatenate([p.X[:, :-1].reshape(-1, len(free)) for p in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
-    shortest = max(spacing_of([s for s, _, _ in thin]), 0.01 * length)
+    return most_likely(_with_priors(thin, length, stated), stated or size, length)
 
-    def negative(noise, u):
+
+def noise_and_discrepancy(
+    poses: list[Residual], noise: Noise, length: float, stated: float | None, usual: float
+) -> tuple[Noise, float]:
+    """Noise and size (1/m) of the discrepancy by restricted maximum likelihood, begun at the ``noise`` that is likeliest alone.
+
+    ``usual`` (1/m): the median of the prior of that size.
+    """
+    likely = _with_priors([p.thinned() for p in poses], length, stated)
+
+    def negative(noise, u, curvature=0.0):
+        return likely(noise, u, curvature) + (0.0 if stated else scanner_prior(noise, length) + too_large(noise, length))
+
+    return most_likely_with_discrepancy(negative, noise, usual, length)[:2]
+
+
+def scanner_prior(noise: Noise, length: float) -> float:
+    """Negative log prior of the noise of a scan that nobody stated."""
+    return 0.5 * (np.log(noise.total / (USUAL * length)) / FACTOR) ** 2
+
+
+def too_large(noise: Noise, length: float) -> float:
+    """Negative log prior beside a discrepancy: what exceeds `LARGEST` is no noise that anybody left unsaid."""
+    return 1e2 * max(0.0, np.log(noise.total / (LARGEST * length))) ** 2
+
+
+def _with_priors(poses, length, stated):
+    """The negative log likelihood of a noise at ``u`` and a discrepancy, with weak priors."""
+    free = np.zeros(poses[0].X.shape[-1])
+    shortest = max(spacing_of([p.s for p in poses]), 0.01 * length)
+
+    def negative(noise, u, curvature=0.0):
         prior = 0.5 * ((u[2] - np.log(0.07 * length)) / 0.8) ** 2 + 0.02 * ((u[1] - u[0]) ** 2)
         prior += 0.5 * ((np.log(noise.total) - np.log(stated)) / 0.15) ** 2 if stated else 0.0
         bound = 1e3 * max(0.0, np.log(shortest) - u[2]) ** 2 + 1e3 * max(0.0, u[2] - np.log(0.5 * length)) ** 2
-        return restricted_likelihood(thin, noise) + prior + bound
+        return restricted_likelihood(poses, noise, free, free, curvature) + prior + bound
 
-    return most_likely(negative, stated or size, length)
+    return negative
 
 
 def spacing_of(stations) -> float:
@@ -131,26 +231,57 @@ def spacing_of(stations) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-def restricted_likelihood(curves, noise: Noise) -> float:
-    """Negative logarithm of the restricted likelihood of the curves' residuals (up to a constant)."""
-    columns = curves[0][2].shape[2]
-    XX, Xr, total = np.zeros((columns, columns)), np.zeros(columns), 0.0
-    for s, r, X in curves:
-        factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
-        white = linalg.solve_triangular(factor, np.column_stack([r, X.reshape(len(s), -1)]), lower=True, check_finite=False)
-        wr, wX = white[:, :NORMALS], white[:, NORMALS:].reshape(len(s), NORMALS, columns)
-        total += NORMALS * np.sum(np.log(np.diag(factor))) + 0.5 * np.sum(wr**2)
-        XX += np.einsum("mnp,mnq->pq", wX, wX)
-        Xr += np.einsum("mnp,mn->p", wX, wr)
-    if columns == 0:
-        return total
-    values, vectors = np.linalg.eigh(XX)
-    keep = values > 1e-10 * max(values[-1], 1e-300)
-    projected = vectors[:, keep].T @ Xr
-    return total - 0.5 * np.sum(projected**2 / values[keep]) + 0.5 * np.sum(np.log(values[keep]))
+def plane_of(residual: np.ndarray) -> np.ndarray:
+    """The direction (2,) among the normals in which the residual (m, 3) of a flat pose lies."""
+    return np.linalg.svd(residual[:, :NORMALS], full_matrices=False)[2][0]
 
 
-def _thin(s, r, X):
-    order = np.argsort(s, kind="stable")
-    keep = order[np.unique(np.round(np.linspace(0, len(s) - 1, min(len(s), _MOST))).astype(int))]
-    return s[keep], r[keep], X[keep]
+def projected(columns: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Columns (m, 3, ...) with the one normal ``u`` in place of both, (m, 2, ...)."""
+    return np.concatenate([np.einsum("mc...,c->m...", columns[:, :NORMALS], u)[:, None], columns[:, NORMALS:]], axis=1)
+
+
+def _white_rows(noise, s, columns, marked):
+    """White rows of columns (m, c, K), and half the log determinant of their covariance."""
+    factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
+    normals = columns.shape[1] - 1
+    normal = np.ascontiguousarray(columns[:, :normals]).reshape(len(s), -1)
+    rows = linalg.solve_triangular(factor, normal, lower=True, check_finite=False).reshape(normals * len(s), -1)
+    log_det = normals * np.sum(np.log(np.diag(factor)))
+    if marked is None or not np.any(marked):
+        return rows, log_det
+    factor = linalg.cholesky(noise.covariance(s[marked]), lower=True, check_finite=False)
+    along = linalg.solve_triangular(factor, columns[marked, -1], lower=True, check_finite=False)
+    return np.concatenate([rows, along]), log_det + np.sum(np.log(np.diag(factor)))
+
+
+def restricted_likelihood(
+    poses: list[Residual], noise: Noise, precision: np.ndarray, pull: np.ndarray, curvature: float = 0.0
+) -> float:
+    """Negative logarithm of the restricted likelihood of the poses' residuals (up to a constant).
+
+    The numbers (K,) behind the columns have a normal prior of this ``precision`` (K,), 0 for none, whose gradient is ``pull``
+    (K,). ``curvature`` (1/m) is the size of the discrepancy (`fitting.discrepancy`).
+    """
+    XX, Xr, total = np.diag(precision), pull.copy(), 0.0
+    for s, r, X, at, Z, marked in poses:
+        parts = [r[:, :, None], X] if Z is None or not curvature else [r[:, :, None], X, curvature * Z]
+        both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked)
+        wr, wX, wZ = both[:, 0], both[:, 1 : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
+        total += log_det + 0.5 * wr @ wr
+        XX[np.ix_(at, at)] += wX.T @ wX
+        Xr[at] += wX.T @ wr
+        if wZ.shape[1]:  # Woodbury's identity: the discrepancy has few directions
+            root = linalg.cholesky(np.eye(wZ.shape[1]) + wZ.T @ wZ, lower=True, check_finite=False)
+            less = linalg.solve_triangular(root, wZ.T @ both[:, : 1 + X.shape[-1]], lower=True, check_finite=False)
+            total += np.sum(np.log(np.diag(root))) - 0.5 * less[:, 0] @ less[:, 0]
+            XX[np.ix_(at, at)] -= less[:, 1:].T @ less[:, 1:]
+            Xr[at] -= less[:, 1:].T @ less[:, 0]
+    if not len(Xr):
+        return float(total)
+    scale = np.sqrt(np.maximum(np.diag(XX), 0.0)) + 1e-150
+    values, vectors = np.linalg.eigh(XX / np.outer(scale, scale))
+    keep = values > _OPEN * values[-1]
+    projected = vectors[:, keep].T @ (Xr / scale)
+    total += -0.5 * np.sum(projected**2 / values[keep]) + 0.5 * np.sum(np.log(values[keep])) + np.sum(np.log(scale))
+    return float(total)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
@@ -60,8 +61,8 @@ class Fit:
     at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
     poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
     of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
-    the study says, in words (`fitting.branches`). ``misfits``: fitted poses whose residual is no noise, in words. ``cost`` is
-    that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
+    the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose. ``misfits``:
+    fitted poses whose residual is no noise, in words. ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
     """
 
     study: Study = field(repr=False)
@@ -74,6 +75,7 @@ class Fit:
     correlation: np.ndarray
     poses: dict[str, PoseFit]
     noise: Noise
+    discrepancy: Discrepancy
     sentences: tuple[str, ...]
     valid: bool | None
     converged: bool
@@ -122,6 +124,7 @@ class Fit:
             },
             "poses": {name: p.to_json() for name, p in self.poses.items()},
             "noise": self.noise.to_json(),
+            "discrepancy": self.discrepancy.to_json(),
             "converged": self.converged,
             **({} if self.valid is None else {"valid": self.valid}),
             "messages": list(self.sentences),

@@ -12,6 +12,7 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.direct import Direct, measured_by
+from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.noise import white_noise
@@ -20,7 +21,7 @@ from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fitting.states import DISTANCES
-from scan2flex_jax.fitting.statistics import noise_of, uncertainty, unseen_spread
+from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
 from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
@@ -71,16 +72,18 @@ def fit(
         minimum, said = problem.seen_by_normals(minimum), (*said, _HAUSDORFF)
     stated = _stated_noise(study)
     if scans is None:
-        minimum, noise, known = _from_curves(problem, minimum, stated, progress)
+        minimum, noise, sensor, discrepancy, known = _from_curves(problem, minimum, stated, progress)
         poses, solved = _pose_fits(problem, minimum, known.covariance), problem.evaluator.equilibria
     else:
         direct = Direct(problem, scans, progress)
         minimum, noise, known = direct.fit(minimum)
+        sensor, discrepancy = noise, Discrepancy(length=problem.length)
         poses, solved = direct.pose_fits(minimum), direct.equilibria
         said = (*said, *direct.sentences())
-    valid, verdict = _validity(poses, noise, stated, problem.length)
+    valid, verdict = _validity(poses, noise, stated, problem.length, discrepancy)
     misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
+    verdict = (*_differs(discrepancy), *verdict)
     said = said if minimum.converged else (*said, _UNSETTLED)
     return Fit(
         study=study if scans else whole,
@@ -93,8 +96,9 @@ def fit(
         labels=problem.layout.labels,
         correlation=_correlation(known.covariance),
         poses=poses,
-        noise=noise,
-        sentences=(*said, *turned, *known.sentences, *_bound_sentences(estimates), *misfits, *verdict),
+        noise=sensor,
+        discrepancy=discrepancy,
+        sentences=(*misfits, *said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
@@ -116,11 +120,13 @@ def _correlation(covariance):
 
 def _from_curves(problem, minimum, stated, progress):
     """The minimum under its priors, the noise of the curves, and what is known of the estimates."""
-    noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
+    noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated)
     if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
-        noise = noise_of(minimum.evaluation, problem.poses, problem.layout, problem.length, stated)
-    return minimum, noise, uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), noise)
+        noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated)
+    sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated)
+    known = uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), sensor, discrepancy)
+    return minimum, noise, sensor, discrepancy, known
 
 
 _UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
@@ -224,14 +230,23 @@ def _misfits(study, poses, length):
 _NO_NOISE = "something is missing or misread, and the values are not to be believed"
 
 
-def _validity(poses, noise, stated, length):
-    """Does the model predict the poses that were never fitted, to within the noise, their tolerances and the estimates' errors?
+def _differs(discrepancy):
+    """What differs from pose to pose, in words."""
+    if not discrepancy.curvature:
+        return ()
+    said = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
+    return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals carry that",)
+
+
+def _validity(poses, noise, stated, length, discrepancy):
+    """Does the model predict the poses that were never fitted, to within the noise, the poses' discrepancy, their tolerances and
+    the estimates' errors?
 
     Without a stated noise the fit's own residual stands for it; when that varies slowly along the cable it is no scanner's
     noise, and nothing that it leaves can be called "within the noise".
     """
     rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
-    floor = np.sqrt(2.0) * noise.total
+    floor = max(np.sqrt(2.0) * noise.total, discrepancy.rms if discrepancy.relative < _LARGE else 0.0)
     slow = noise.correlated > _SLOW * noise.white and noise.correlation_length > _LONG * length
     if stated is None and slow and floor > _MESH * length:
         left = f"the residual varies slowly along the cable ({1e3 * floor:.2f} mm), unlike the noise of a scanner"

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.fitting.discrepancy import Discrepancy, planes_of, usual_size
 from scan2flex_jax.fitting.least_squares import UNSEEN, normal_equations
-from scan2flex_jax.fitting.noise import Noise, estimate_noise
+from scan2flex_jax.fitting.noise import Noise, Residual, estimate_noise, noise_and_discrepancy
 from scan2flex_jax.fitting.parameters import Layout
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
@@ -27,22 +27,43 @@ class Uncertainty:
     sentences: tuple[str, ...]
 
 
-def noise_of(evaluation, poses, layout: Layout, length: float, stated: float | None) -> Noise:
+def noise_of(evaluation, poses, length: float, stated: float | None) -> Noise:
     """Noise estimated from an evaluation's residuals (see `fitting.noise`)."""
-    curves = []
+    return estimate_noise(_residuals(evaluation, poses), length, stated)
+
+
+def discrepancy_of(problem, minimum, noise: Noise, stated: float | None) -> tuple[Noise, Discrepancy]:
+    """The sensor's noise and what differs from pose to pose, estimated together, from the ``noise`` that is likeliest alone."""
+    poses, length, e = problem.poses, problem.length, minimum.evaluation
+    columns = problem.evaluator.scatter(minimum.shared, minimum.local, e.configuration)
+    columns = tuple(Z[np.asarray(mask) > 0] for Z, mask in zip(columns, poses.mask, strict=True))
+    points = np.concatenate([np.asarray(p)[np.asarray(m) > 0] for p, m in zip(poses.points, poses.mask, strict=True)])
+    planes, usual = planes_of(points, problem.study.gravity), usual_size(e.configuration)
+    residuals = _residuals(e, poses, columns)
+    residuals = [r.in_plane() for r in residuals] if planes == 1 else residuals
+    found, curvature = noise_and_discrepancy(residuals, noise, length, stated, usual)
+    return found, Discrepancy(curvature, length, columns if curvature else ())
+
+
+def _residuals(evaluation, poses, discrepancy=None) -> list[Residual]:
+    out = []
     for i in range(poses.count):
         real = np.asarray(poses.mask[i]) > 0
         s, r, J = evaluation.s[i][real], evaluation.residual[i][real], evaluation.jacobian[i][real]
-        curves.append((s, r[:, :NORMALS], J[:, :NORMALS]))
-    return estimate_noise(curves, length, stated)
+        Z = None if discrepancy is None else discrepancy[i]
+        marked = None if poses.marked is None or discrepancy is None else np.asarray(poses.marked[i])[real] > 0
+        out.append(Residual(s, r, J, np.arange(J.shape[-1]), Z, marked))
+    return out
 
 
-def uncertainty(minimum, poses, layout: Layout, sigma: np.ndarray, noise: Noise) -> Uncertainty:
+def uncertainty(
+    minimum, poses, layout: Layout, sigma: np.ndarray, noise: Noise, discrepancy: Discrepancy | None = None
+) -> Uncertainty:
     """Covariance and open directions at a minimum."""
     e = minimum.evaluation
     scaled = e.jacobian / sigma[:, None, None, None]
     JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
-    B = _middle(e, poses, layout, sigma, noise, len(JJ))
+    B = _middle(e, poses, layout, sigma, noise, len(JJ), discrepancy)
     scale = np.sqrt(np.diag(JJ))
     hidden = scale <= UNSEEN * np.max(scale)
     unseen = hidden[: layout.unknowns]
@@ -63,8 +84,8 @@ def uncertainty(minimum, poses, layout: Layout, sigma: np.ndarray, noise: Noise)
     return Uncertainty(covariance, ~(lost | vague), tuple(sentences))
 
 
-def _middle(e, poses, layout, sigma, noise, size):
-    """``J' C J / s^4`` with the priors' unit variances."""
+def _middle(e, poses, layout, sigma, noise, size, discrepancy):
+    """``J' C J / s^4`` with the priors' unit variances; C: the sensor's, and that of the pose's discrepancy."""
     n, k = layout.shared, layout.local
     B = np.zeros((size, size))
     for i in range(poses.count):
@@ -74,6 +95,9 @@ def _middle(e, poses, layout, sigma, noise, size):
         C = noise.covariance(e.s[i][real])
         for normal in range(J.shape[1]):
             B[np.ix_(own, own)] += J[:, normal].T @ C @ J[:, normal]
+        if discrepancy is not None and discrepancy.curvature:
+            moved = discrepancy.curvature * np.einsum("mnk,mnq->kq", J, discrepancy.columns[i])
+            B[np.ix_(own, own)] += moved @ moved.T
     prior = np.r_[layout.prior.precision(n), np.ones(size - n)]
     B[np.diag_indices_from(B)] += prior
     return B

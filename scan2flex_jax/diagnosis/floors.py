@@ -1,0 +1,114 @@
+"""Each model against its own floor: the noise and the discrepancy of the poses that are likeliest beside that model.
+
+Where nothing in the catalogue brings the residual down to the sensor's noise, models are compared by their marginal likelihoods
+with the law of the residual at its best for each: a rod that lacks much has a large discrepancy, and an effect counts by how
+much of that it takes away. Before anything is refitted, the evidence of a signature is its best on a *ladder* of laws, from that
+of the baseline model down to the sensor's noise alone, so that an effect has credit for the discrepancy that it makes needless.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2flex_jax.diagnosis import evidence
+from scan2flex_jax.diagnosis.refit import Refit, again, configurations
+from scan2flex_jax.diagnosis.residual import Complement, Law, orthonormal, whiten
+from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
+from scan2flex_jax.diagnosis.stage import Signatures
+from scan2flex_jax.fitting.discrepancy import SPREAD, usual_size
+from scan2flex_jax.fitting.noise import Noise
+
+_ROUNDS = 3  # of a refit and of its law in turn
+_RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # discrepancy and noise over those of a model
+_FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # more, of a noise that was not stated
+_SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
+
+
+def own_floor(of: Signatures, found: Refit, noise: Noise) -> Refit:
+    """A refit under the law that is likeliest beside it, begun at ``noise``."""
+    for _ in range(_ROUNDS):
+        if not np.isfinite(found.cost):
+            return found
+        before, found = found, again(of.bench, found, law_beside(of, found, noise))
+        noise = found.law.noise
+        if abs(found.log_marginal - before.log_marginal) < 1.0 and found.converged:
+            break
+    return found
+
+
+def law_beside(of: Signatures, found: Refit, noise: Noise) -> Law:
+    """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``."""
+    bench, solved = of.bench, configurations(found.shapes)
+    scatter = bench.scatter(found.components, found.vector, solved)
+    given = found.shapes, bench.real, Numbers(bench, found.components), found.vector, ()
+    rest = bench.context.length, of.stated, of.repeats, scatter, of.planes
+    return Complement(*given, *rest).law(noise, usual_size(bench.start), scatter)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What one step says of every component of the catalogue beside a model: log evidence (nats) over that model at its own
+    floor, amplitudes, and the law at which the evidence is largest."""
+
+    values: np.ndarray
+    amplitudes: list[np.ndarray]
+    laws: list[Law]
+
+    def table(self, components: list[Component], skip=()) -> dict[str, tuple[float, int]]:
+        """Per kind the mean evidence over its places, and the best of its components."""
+        kinds = [c.kind for c in components]
+        out = {}
+        for kind in dict.fromkeys(kinds):
+            own = [g for g in range(len(kinds)) if kinds[g] == kind]
+            if kind not in skip:
+                out[kind] = (evidence.averaged(self.values[own]), max(own, key=lambda g: self.values[g]))
+        return out
+
+
+def scores(of: Signatures, found: Refit) -> Scores:
+    """Scores of the catalogue beside a refit, on the ladder of laws below its own."""
+    laws = _ladder(of, found.law)
+    totals, amplitudes, base = [], [], []
+    for law in laws:
+        evidence_, a, without = _at(of, found, law)
+        totals.append(without + evidence_)
+        amplitudes.append(a)
+        base.append(without)
+    best = np.argmax(totals, axis=0)
+    values = np.max(totals, axis=0) - max(base)
+    return Scores(values, [amplitudes[k][g] for g, k in enumerate(best)], [laws[k] for k in best])
+
+
+def _ladder(of, law):
+    rungs = _RUNGS if of.stated else _RUNGS + _FINER
+    usual, least = usual_size(of.bench.start), _SMALLEST * of.bench.context.length
+    b = law.curvature or usual
+    scatter = law.scatter or of.bench.scatter((), of.vector, of.bench.start)
+    out = [law]
+    for smaller, finer in rungs[0 if not law.curvature else 1 :]:
+        n = law.noise
+        noise = replace(n, white=max(finer * n.white, least), correlated=max(finer * n.correlated, least))
+        prior = -0.5 * (np.log(smaller * b / usual) / SPREAD) ** 2
+        out.append(Law(noise, smaller * b, scatter, law.log_prior + prior, law.planes))
+    return out
+
+
+def _at(of, found, law):
+    """``(log evidence of each component, its amplitudes, log likelihood without any)`` under one law."""
+    bench, numbers = of.bench, Numbers(of.bench, found.components)
+    white = whiten(found.shapes, bench.real, numbers, found.vector, law)
+    Q = orthonormal(white.J)
+    y = white.r - Q @ (Q.T @ white.r)
+    S = -white.stack(of.columns)
+    S -= Q @ (Q.T @ S)
+    values, amplitudes = np.full(len(of.components), -np.inf), []
+    for g, c in enumerate(of.components):
+        size = c.entry.size(bench.context)
+        X = S[:, of.owner == g] * size
+        A, b = X.T @ X, X.T @ y
+        values[g] = evidence.log_evidence(A, b, c.entry.one_sided)
+        amplitudes.append(np.clip(evidence.one_step(A, b) * size, *c.entry.bounds(bench.context)))
+    scale = np.linalg.norm(white.J, axis=0) + 1e-150
+    known = np.linalg.svd(white.J / scale, compute_uv=False)
+    information = np.sum(np.log(known[known > 1e-7 * known[0]])) + np.sum(np.log(scale[scale > 1e-100]))
+    return values, amplitudes, law.log_prior - white.log_det - 0.5 * float(y @ y) - information

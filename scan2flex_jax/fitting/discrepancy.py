@@ -1,0 +1,111 @@
+"""The discrepancy of a pose: what differs from pose to pose and is not the sensor's.
+
+Real cables have strands, friction and a history, and clamps are never seated twice alike. Each pose therefore has a random
+natural curvature of its own, a Gaussian process along s in material axes, and clamps that are turned by random small angles:
+
+    kappa_0(s) ~ b^2 k(|s - s'|/L),    rotation of a clamp ~ (b L SEAT)^2,
+
+so that one size ``b`` (1/m) is estimated for both. The equilibrium carries it to the shape: with the columns ``Z`` (m per unit
+of b) of `columns_of` the covariance of a pose is that of its sensor and ``b^2 Z Z'``. It respects clamps and balance, and
+extrapolates to poses that were not measured. References: Girolami et al., "The statistical finite element method" (2021);
+Sargsyan, Huan and Najm, "Embedded model error representation" (2019).
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from scan2flex_jax.fitting import states
+
+POINTS = 9  # of the random curvature along the cable
+SMOOTH = 0.2  # of the length: over which its values are alike
+SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
+_FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
+USUAL, SPREAD = 0.03, 1.5  # median of b over the curvature of the poses, and standard deviation of its logarithm
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """What differs from pose to pose: ``curvature`` (1/m), its size ``b``; ``rms`` (m), by how much it moves the points of a
+    pose; ``length`` (m) of the cable. ``columns``: per pose (m, 3, k), in m per 1/m; none where there is no discrepancy."""
+
+    curvature: float = 0.0
+    length: float = 1.0
+    columns: tuple[np.ndarray, ...] = field(default=(), repr=False)
+
+    @property
+    def by_pose(self) -> np.ndarray:
+        """The RMS distance (m) by which it moves each pose."""
+        return self.curvature * np.array([np.sqrt(np.mean(np.sum(Z**2, axis=(1, 2)))) for Z in self.columns])
+
+    @property
+    def rms(self) -> float:
+        """The RMS distance (m) over all poses; 0 where there is none."""
+        return float(np.sqrt(np.mean(self.by_pose**2))) if self.curvature else 0.0
+
+    @property
+    def relative(self) -> float:
+        """The same over the length of the cable."""
+        return self.rms / self.length
+
+    def to_json(self) -> dict:
+        """As in the study format."""
+        return {"rms": self.rms, "relative": self.relative, "curvature": self.curvature}
+
+
+def smooth_root(points: int, per_point: int) -> np.ndarray:
+    """Root of the covariance of a field on ``points`` along the cable with ``per_point`` independent components."""
+    s = np.linspace(0, 1, points)
+    K = np.exp(-0.5 * ((s[:, None] - s) / SMOOTH) ** 2) + 1e-6 * np.eye(points)
+    return np.kron(np.linalg.cholesky(K), np.eye(per_point))
+
+
+@lru_cache
+def _curvatures(elements: int) -> np.ndarray:
+    """Natural curvature (k, elements, 3) of all elements for each independent component of the field of unit size."""
+    s = (np.arange(elements) + 0.5) / elements * (POINTS - 1)
+    hats = np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(POINTS)))
+    field = smooth_root(POINTS, 3).T.reshape(-1, POINTS, 3)
+    return np.einsum("ep,kpc->kec", hats, field)
+
+
+def directions(state: states.State) -> states.State:
+    """Tangents of a state, on a leading axis: those of the curvature at unit size, then those of the clamps."""
+    section, boundary = state.rod.section, state.rod.boundary
+    elements = len(np.asarray(section.s))
+    length = float(section.ds) * elements
+    field, held = _curvatures(elements), np.asarray(boundary.held)[:, 3:]
+    count = len(field) + held.size
+    natural = np.zeros((count, elements, 6))
+    natural[: len(field), :, 3:] = field
+    rotation = np.zeros((count, 2, 3, 3))
+    for k, (end, axis) in enumerate(np.ndindex(2, 3)):
+        turn = SEAT * length * held[end, axis] * np.asarray(boundary.rotation)[end] @ _HAT[axis]
+        rotation[len(field) + k, end] = turn
+    still = jax.tree.map(lambda x: np.zeros((count, *np.shape(x))), eqx.filter(state, eqx.is_inexact_array))
+    return eqx.tree_at(lambda t: (t.rod.section.natural, t.rod.boundary.rotation), still, (natural, rotation))
+
+
+_HAT = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # [e_k] x
+
+
+def usual_size(configurations) -> float:
+    """The size ``b`` (1/m) that is expected of poses: a few per cent of the curvatures that they have."""
+    r, R = np.asarray(configurations.r), np.asarray(configurations.R)
+    ds = np.linalg.norm(np.diff(r, axis=1), axis=2)
+    bend = np.linalg.norm(np.cross(R[:, :-1, :, 2], R[:, 1:, :, 2]), axis=2)
+    return USUAL * max(float(np.sqrt(np.mean((bend / ds) ** 2))), 1e-3 / float(np.sum(ds[0])))
+
+
+def planes_of(points, gravity) -> int:
+    """In how many directions across the cable points (n, 3) may err: one where all lie in a plane with gravity, else two."""
+    spread = np.asarray(points) - np.mean(points, axis=0)
+    size = np.linalg.svd(spread, compute_uv=False)
+    if size[2] > _FLAT * size[0]:
+        return 2
+    weight = np.asarray(gravity) / max(float(np.linalg.norm(gravity)), 1e-12)
+    across = np.linalg.svd(spread, full_matrices=False)[2][2]
+    return 1 if abs(weight @ across) < _FLAT else 2
