@@ -31,7 +31,9 @@ def weighed_badly(factor, std):
 
 
 def test_a_prior_of_the_density_scales_every_stiffness():
-    found = fit(weighed_badly(1.1, 0.01 * DENSITY), elements=scenes.ELEMENTS).estimates
+    lines = []
+    found = fit(weighed_badly(1.1, 0.01 * DENSITY), elements=scenes.ELEMENTS, progress=lines.append).estimates
+    assert lines[-1].startswith("with priors: iteration ")  # its cost holds the priors too
     np.testing.assert_allclose(found["length_density"].value, 1.1 * DENSITY, rtol=2e-4)
     for name, truth in TRUE.items():
         np.testing.assert_allclose(found[name].value, 1.1 * truth, rtol=2e-3)
