@@ -10,6 +10,7 @@ from scan2flex_jax.cli.options import (
     Elements,
     Force,
     JsonFile,
+    Quiet,
     StudyFolder,
     draw_explanation,
     explained,
@@ -31,6 +32,7 @@ def explain(
     ] = None,
     elements: Elements = 40,
     force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Find which physics the model lacks, with the error before and after.
 
@@ -43,7 +45,7 @@ def explain(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, *(explanation_pictures(figures) if figures else ()))
     prepare_jax()
-    result = explained(loaded, elements)
+    result = explained(loaded, elements, quiet=quiet)
     if json:
         outputs.write_json(json, result.to_json())
     if figures and result.fit is not None:
@@ -54,7 +56,9 @@ def explain(
         raise typer.Exit(NOT_TO_BELIEVE)
 
 
-def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40, force: Force = False) -> None:
+def plan(
+    study: StudyFolder, json: JsonFile = None, elements: Elements = 40, force: Force = False, quiet: Quiet = False
+) -> None:
     """Rank poses that could be scanned next by what they would settle.
 
     The clamps of the first poses are varied: twisted, rolled, nearer, aside. Poses of your own: `scan2flex_jax.plan` in Python.
@@ -70,8 +74,8 @@ def plan(study: StudyFolder, json: JsonFile = None, elements: Elements = 40, for
     prepare_jax()
     from scan2flex_jax.diagnosis import plan as rank  # noqa: PLC0415
 
-    result = explained(loaded, elements)
-    with progress("solving poses that could be scanned"):
+    result = explained(loaded, elements, quiet=quiet)
+    with progress("solving poses that could be scanned", quiet):
         ranked = rank(result)
     say("\n" + ranked.summary())
     if json:

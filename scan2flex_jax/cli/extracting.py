@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Force, JsonFile, StudyFolder, drawing, extracted, folder_to_write
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Force, JsonFile, Quiet, StudyFolder, drawing, extracted, folder_to_write
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.cli.terminal import say
 
@@ -19,6 +19,7 @@ def extract(
     figures: Annotated[Path | None, typer.Option(help="Folder for a picture per pose.", callback=folder_to_write)] = None,
     json: JsonFile = None,
     force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Find the centre curves of scanned poses and write them into the study.
 
@@ -36,7 +37,7 @@ def extract(
     pictures = {n: figures / f"{stem}.png" for n, stem in file_stems(scanned, (".png",)).items()} if figures else {}
     outputs.claim(*pictures.values(), json)
     prepare_jax()
-    found, curves = extracted(loaded)
+    found, curves = extracted(loaded, quiet)
     save_study(found, save or study)
     for name, one in curves.items():
         say(f"{name}: {one.arc_length[-1]:.4f} m of centre curve" + "".join(f"; {w}" for w in one.warnings))

@@ -11,6 +11,7 @@ from scan2flex_jax.cli.options import (
     Elements,
     Force,
     JsonFile,
+    Quiet,
     StudyFolder,
     choices,
     draw_explanation,
@@ -54,6 +55,7 @@ def fit(
     ] = None,
     elements: Elements = 40,
     force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Estimate the unknowns of a study from its shapes.
 
@@ -68,7 +70,7 @@ def fit(
     prepare_jax()
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
-    with progress(f"fitting {loaded.title}") as tell:
+    with progress(f"fitting {loaded.title}", quiet) as tell:
         result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
     say(result.summary())
     if json:
@@ -120,6 +122,7 @@ def demo(
         "scan2flex-demo"
     ),
     force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Fit two studies that come with the package, and find what the rod lacks for the real wire.
 
@@ -142,13 +145,13 @@ def demo(
     ahead.start(wire)  # beside the fits: half of the time is compilation, on the second core
     plot = drawing()
     for name, loaded in zip(names, (cable, wire), strict=True):
-        with progress(f"fitting {name}") as tell:
+        with progress(f"fitting {name}", quiet) as tell:
             result = run(loaded, progress=tell, slots=empty_slots_of(loaded))  # compiled for the search too
         say(result.summary())
         plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
         outputs.write_json(out / f"{name}.json", result.to_json())
         say(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
-    result = explained(wire, 40, ahead)
+    result = explained(wire, 40, ahead, quiet)
     if result.fit is not None:
         draw_explanation(result, out, outputs.write)
         say(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")

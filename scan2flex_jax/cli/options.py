@@ -64,6 +64,7 @@ JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the result 
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files that scan2flex did not write; files of a study are never replaced.")
 ]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on standard error.")]
 Elements = Annotated[int, typer.Option(min=8, max=5000, help="Elements of the rod.")]
 
 
@@ -77,22 +78,22 @@ def interactive() -> bool:
     return sys.stdin.isatty()
 
 
-def explained(study, elements: int, ahead=None):
+def explained(study, elements: int, ahead=None, quiet: bool = False):
     """The explanation of a study; its summary is printed. ``ahead`` (an `AheadCompiler`) may have begun to compile."""
     from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
 
-    with progress(f"explaining {study.title}") as tell:
+    with progress(f"explaining {study.title}", quiet) as tell:
         result = run(study, elements=elements, progress=tell, ahead=ahead or AheadCompiler())
     say(result.summary())
     return result
 
 
-def extracted(study):
+def extracted(study, quiet: bool = False):
     """``(study with curves, curves by pose)``."""
     from scan2flex_jax.scan import extract_study  # noqa: PLC0415
 
-    with progress("extracting centre curves") as tell:
+    with progress("extracting centre curves", quiet) as tell:
         return extract_study(study, progress=lambda name, i, n: tell(f"{name} ({i} of {n})"))
 
 

@@ -2,12 +2,12 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from rich.text import Text
 
 from scan2flex_jax.cli.cache import cache_folder, keep_compiled
-from scan2flex_jax.cli.terminal import ERRORS, printable
+from scan2flex_jax.cli.terminal import ERRORS, printable, tell_line
 
 __all__ = ["ERRORS", "prepare_jax", "progress"]
 
@@ -25,8 +25,16 @@ def prepare_jax() -> None:
 
 
 @contextlib.contextmanager
-def progress(what: str) -> Iterator:
-    """A status line on standard error while something runs; yields the function that changes its text. Brackets in it (a title
-    of a study) are no markup."""
-    with ERRORS.status(Text(printable(what))) as status:
-        yield lambda message: status.update(Text(printable(f"{what}: {message}")))
+def progress(what: str, quiet: bool = False) -> Iterator[Callable[[str], None]]:
+    """Progress on standard error while something runs; yields the function that tells it.
+
+    On a terminal it is one line that changes, elsewhere (a log, a pipe) a line for each message, without control codes; with
+    ``quiet``, nothing. Brackets in it (a title of a study) are no markup.
+    """
+    if quiet:
+        yield lambda message: None
+    elif ERRORS.is_terminal:
+        with ERRORS.status(Text(printable(what))) as status:
+            yield lambda message: status.update(Text(printable(f"{what}: {message}")))
+    else:
+        yield lambda message: tell_line(f"{what}: {message}")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, StudyFolder, choices, file_to_write
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, Quiet, StudyFolder, choices, file_to_write
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import say
 
@@ -21,6 +21,7 @@ def report(
     json: JsonFile = None,
     elements: Elements = 40,
     force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write one self-contained page: poses in 3D, errors, estimates, what the model lacks, forces, what to scan next.
 
@@ -42,7 +43,7 @@ def report(
 
     require_libraries()
     result: Fit | Explanation
-    with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}") as tell:
+    with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}", quiet) as tell:
         if no_explain:
             result = fit(loaded, elements=elements, progress=tell)
         else:

@@ -1,5 +1,6 @@
 """What a user sees: text of a study that cannot move the cursor, and an output that may be closed or full."""
 
+import contextlib
 import os
 import sys
 
@@ -23,6 +24,12 @@ def say(text: str = "", *, err: bool = False) -> None:
         typer.echo(printable(text), err=err)
     except BrokenPipeError:
         close_output()
+
+
+def tell_line(text: str) -> None:
+    """One line on standard error that is there at once; where nobody reads it, nothing is lost."""
+    with contextlib.suppress(OSError, ValueError):  # ValueError: a stream that was closed
+        print(printable(text), file=sys.stderr, flush=True)
 
 
 def complain(sentence: str) -> None:

@@ -32,8 +32,8 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Described:
-    """A ghost field that may describe what no effect explains: as the ``parameter`` (``unit``) of an effect that cannot be
-    declared, at `POINTS` places, three components each."""
+    """A ghost field that may describe what no effect explains: as the ``parameter`` (``unit``) of an effect at `POINTS`
+    places, three components each."""
 
     effect: type[CurvatureProfile] | type[DistributedLoad]
     parameter: str

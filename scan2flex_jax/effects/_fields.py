@@ -15,6 +15,11 @@ def parameter(*shape: int, default=None):
     return eqx.field(converter=convert) if default is None else eqx.field(converter=convert, default=default)
 
 
+def places():
+    """A field that holds growing arc lengths, or None: evenly from 0 to L."""
+    return eqx.field(converter=lambda s: None if s is None else jnp.asarray(s, float), default=None)
+
+
 def values(*trailing: int):
     """A field that holds rows of shape ``trailing``, as many as are given."""
 

@@ -50,6 +50,10 @@ def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str]
     if missing or unknown:
         fault = f"lacks {', '.join(missing)}" if missing else f"has no parameter {', '.join(unknown)}"
         raise Scan2FlexError(f"The effect {kind} {fault}: give {', '.join(format.names)}.")
+    counts = {p.name: len(np.atleast_1d(parameters[p.name])) for p in format.parameters if p.per_point}
+    if len(set(counts.values())) > 1:
+        given = ", ".join(f"{count} of {name}" for name, count in counts.items())
+        raise Scan2FlexError(f"The effect {kind} has {given}: give as many of each.")
     inert = getattr(cls, "inert", INERT)
     return cls(**{p.name: _given(p, parameters[p.name], clamped_ends, inert, format) for p in format.parameters})
 
@@ -75,7 +79,7 @@ def ordered(effects: Iterable[AbstractEffect]) -> tuple[AbstractEffect, ...]:
 def _given(parameter: ParameterFormat, value: Any, clamped_ends: Sequence[str], inert: float, format: KindFormat):
     """The field of one parameter: its value, spread over both ends where it has one per end."""
     value = jnp.asarray(value, float)
-    shapes = parameter.shapes(len(clamped_ends))
+    shapes = parameter.shapes(len(clamped_ends), value.shape[0] if value.ndim else 0)
     if value.shape not in shapes:
         wanted = " or ".join(map(str, shapes))
         raise Scan2FlexError(f"{format.kind}.{parameter.name} has shape {value.shape}: give {wanted}.")

@@ -97,6 +97,25 @@ def hat_field(section: Section, values: Float[Array, "m ..."], length) -> Float[
     return jnp.tensordot(hats, values, 1)
 
 
+def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array, " m"] | None, length):
+    """A field in the middles of the elements: smooth between given places ``s`` (m), or a `hat_field` where they are None.
+
+    The smooth curve is the natural cubic spline; beyond the first and the last place it keeps their values.
+    """
+    if s is None:
+        return hat_field(section, values, length)
+    h, at = jnp.diff(s), jnp.clip(section.s, s[0], s[-1])
+    slope = jnp.diff(values, axis=0) / h[:, None]
+    bend = jnp.zeros_like(values)  # second derivative at the places
+    if len(h) > 1:
+        A = jnp.diag(2.0 * (h[:-1] + h[1:])) + jnp.diag(h[1:-1], 1) + jnp.diag(h[1:-1], -1)
+        bend = bend.at[1:-1].set(jnp.linalg.solve(A, 6.0 * jnp.diff(slope, axis=0)))
+    i = jnp.clip(jnp.searchsorted(s, at, side="right") - 1, 0, len(h) - 1)
+    t, left, right = (at - s[i])[:, None], (s[i + 1] - at)[:, None], bend[i + 1]
+    straight = values[i] + slope[i] * t
+    return straight - t * left / 6.0 * (bend[i] + right + (left * bend[i] + t * right) / h[i][:, None])
+
+
 def scaled_bending(section: Section, factor: Float[Array, " n"]) -> Float[Array, "n 6 6"]:
     """Section stiffness with EI and GJ times ``factor``, and their couplings to stretching times its root."""
     root = jnp.where(jnp.arange(6) < 3, 1.0, jnp.sqrt(factor)[:, None])

@@ -24,7 +24,7 @@ import numpy as np
 
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.distance import NORMALS
-from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.least_squares import levenberg_marquardt, prefixed
 from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
@@ -134,6 +134,7 @@ def _full_turns(problem, minimum, method, progress):
 
 def _fitted(problem, choices, method, progress, beat):
     """Problem and minimum of each choice with which anything settles; counts what the caller solves with them too."""
+    progress = prefixed(progress, "other turns")
     for choice in choices:
         tried = problem.with_study(with_turns(problem.study, choice.turns))
         with suppress(NotSettledError):

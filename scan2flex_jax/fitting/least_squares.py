@@ -37,6 +37,11 @@ def silent(message: str) -> None:
     """The progress of a call that tells nobody."""
 
 
+def prefixed(progress: Progress, prefix: str) -> Progress:
+    """The progress of a part of a call: its costs may have another unit than those of the call itself."""
+    return lambda message: progress(f"{prefix}: {message}")
+
+
 @dataclass
 class Minimum:
     """Where a method ended: shared and local numbers, the evaluation there, its cost, and why it stopped."""

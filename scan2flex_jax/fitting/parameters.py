@@ -155,8 +155,7 @@ def layout_of(study) -> Layout:
 
 def _slot(study, unknown, at):
     form = _format(unknown.name)
-    given = [v for v in (unknown.guess, study.given(unknown.name)) if v is not None]
-    shape = np.shape(given[0]) if given else form.shapes(len(study.clamped_ends))[0]
+    shape = _whole_shape(study, unknown.name, form)
     log = form.domain == "positive"
     default = DEFAULT_RANGE.get(unknown.name) or _ANY.get(form.domain, (-1e6, 1e6))
     if form.domain == "along_cable":
@@ -170,6 +169,15 @@ def _slot(study, unknown, at):
     end = ENDS.index(study.clamped_ends[0]) if study.clamped_ends else 0
     prior = None if unknown.prior is None else _prior_in_x(unknown.prior, shape, log)
     return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end, prior)
+
+
+def _whole_shape(study, name, form):
+    """The shape of an unknown: the plainest, or that of the values said of it; one number stands for all entries."""
+    unknown = next(u for u in study.unknowns if u.name == name)
+    said = [study.start_value(name), unknown.low, unknown.high, *(unknown.prior or {}).values()]
+    shapes = form.shapes(len(study.clamped_ends), study.places_of(name))
+    shape = np.broadcast_shapes(*(np.shape(v) for v in said if v is not None))
+    return shape if shape in shapes else shapes[0]
 
 
 def _prior_in_x(prior, shape, log):
@@ -200,9 +208,8 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
         for parameter in form.parameters:
             name = f"{declaration.kind}.{parameter.name}"
             if parameter.name not in given and name in study.unknown_names:
-                start = study.start_value(name)
-                shape = parameter.shapes(len(study.clamped_ends))[0]
-                given[parameter.name] = np.ones(shape) * 1e-3 if start is None else start
+                start, shape = study.start_value(name), _whole_shape(study, name, parameter)
+                given[parameter.name] = np.broadcast_to(1e-3 if start is None else start, shape)
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
     return CableModel(cable, jnp.asarray(study.gravity_in(pose)), ordered(effects))
 

@@ -11,7 +11,16 @@ import numpy as np
 
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator
-from scan2flex_jax.fitting.least_squares import Goal, Minimum, Progress, bfgs, levenberg_marquardt, nelder_mead, silent
+from scan2flex_jax.fitting.least_squares import (
+    Goal,
+    Minimum,
+    Progress,
+    bfgs,
+    levenberg_marquardt,
+    nelder_mead,
+    prefixed,
+    silent,
+)
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
@@ -147,7 +156,8 @@ class Problem:
 
     def with_priors(self, minimum: Minimum, noise: Noise, progress: Progress = silent) -> Minimum:
         """The fit again, with the nearly known numbers free under their priors."""
-        return self._finite(levenberg_marquardt(self.goal(self.scale(noise), progress), minimum.shared, minimum.local))
+        goal = self.goal(self.scale(noise), prefixed(progress, "with priors"))
+        return self._finite(levenberg_marquardt(goal, minimum.shared, minimum.local))
 
     def _finite(self, minimum):
         if np.isfinite(minimum.cost):

@@ -161,8 +161,8 @@ def _plain(value):
 
 def in_words(e: Estimate) -> str:
     """A value with its interval and unit, and what has to be known of it."""
-    value = np.atleast_1d(e.value)
-    low, high = (None if x is None else np.atleast_1d(x) for x in (e.low, e.high))
+    value = np.ravel(e.value)
+    low, high = (None if x is None else np.ravel(x) for x in (e.low, e.high))
     parts = []
     for i, v in enumerate(value):
         span = " (no error bar)"

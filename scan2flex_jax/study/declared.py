@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, KindFormat, ParameterFormat, kind_format, kind_names
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
 from scan2flex_jax.study.values import Where
 
+FEWEST_PLACES = 2
+"""Of a field along the cable: with fewer it does not vary, and has a kind of its own."""
 _ROUNDING = 1e-9
 """Of a bound: how far a start may lie beyond it. An estimate at its bound comes back through a logarithm."""
 
@@ -47,16 +50,26 @@ def check_effects(study: Study, where: Where) -> None:
     longest = longest_cable(study)
     for i, effect in enumerate(study.effects):
         form, here = kind_format(effect.kind), where.item(i + 1)
-        ends = _ends(study, form, here)
+        ends, points = _ends(study, form, here), _field_points(effect, form, here)
         for parameter in form.parameters:
             name, key = parameter.name, here.at(parameter.name)
             if name in effect.parameters:
-                v.quantity(effect.parameters[name], parameter, key, ends, longest)
+                v.quantity(effect.parameters[name], parameter, key, ends, longest, points)
             elif f"{effect.kind}.{name}" not in study.unknown_names:
-                asked = f'unknown."{effect.kind}.{name}"'
-                raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it, or declare {asked}.")
+                asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
+                raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
         _coupled(effect, here)
         _check_poses(effect, study, here.at("poses"))
+
+
+def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
+    """On how many points a field is given; its places grow along the cable."""
+    if not any(parameter.per_point for parameter in form.parameters) or "s" not in effect.parameters:
+        return 0
+    count = int(np.size(effect.parameters["s"]))
+    if count < FEWEST_PLACES:
+        raise where.at("s").fail(f"got {count} place{'s' * (count != 1)}: give at least {FEWEST_PLACES}.")
+    return len(arrays.arc_lengths(effect.parameters["s"], count, where.at("s")))
 
 
 def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
@@ -88,7 +101,8 @@ def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     formats = {name: form for name, form in CABLE.items() if form.estimable}
     for effect in study.effects:
         for parameter in kind_format(effect.kind).parameters:
-            formats[f"{effect.kind}.{parameter.name}"] = parameter
+            if parameter.estimable:
+                formats[f"{effect.kind}.{parameter.name}"] = parameter
     return formats
 
 
@@ -137,7 +151,8 @@ def check_name(name: str, study: Study, where: Where) -> None:
     if name not in formats:
         if name in CABLE:
             raise where.fail(f"centre curves do not show the {name}: give it in [cable].")
-        needed = f"; an effect of kind {kind} must be declared first" if "." in name and kind in kind_names() else ""
+        absent = kind in kind_names() and all(effect.kind != kind for effect in study.effects)
+        needed = f"; an effect of kind {kind} must be declared first" if "." in name and absent else ""
         raise where.fail(f"nothing is called {v.shown(name)}{needed}: {v.suggestion(name, formats)}")
     if "." in name and sum(effect.kind == kind for effect in study.effects) > 1:
         raise where.fail(f"two effects are of kind {kind}, so the name could mean either: leave one of them out.")
@@ -145,7 +160,7 @@ def check_name(name: str, study: Study, where: Where) -> None:
 
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
     """The range is a range of values that the quantity may take, and the start lies in it."""
-    shapes = form.bound_shapes(len(study.clamped_ends))
+    shapes = form.bound_shapes(len(study.clamped_ends), study.places_of(unknown.name))
     domain = "any" if form.domain == "unit" else form.domain
     low, high, key = unknown.low, unknown.high, where.at("range")
     for bound, place in ((unknown.guess, where.at("guess")), (low, key), (high, key)):

@@ -23,7 +23,8 @@ class ParameterFormat:
     """One quantity: `unit` as text ("-" for none), `shape` of one value, `domain` of its entries.
 
     `pair`: two entries, about d1 and d2, may stand in place of a scalar. `per_end`: one value of `shape` for each end
-    that has a clamp, in the order start, end. `estimable`: it may stand under `[unknown]`.
+    that has a clamp, in the order start, end. `per_point`: one value of `shape` for each point of a field along the cable.
+    `estimable`: it may stand under `[unknown]`.
     """
 
     name: str
@@ -32,18 +33,21 @@ class ParameterFormat:
     domain: Domain = "any"
     pair: bool = False
     per_end: bool = False
+    per_point: bool = False
     estimable: bool = True
 
-    def shapes(self, ends: int = 2) -> tuple[tuple[int, ...], ...]:
-        """The shapes that a whole value may have in a study with `ends` clamps; the plainest first."""
+    def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
+        """The shapes that a whole value may have, with `ends` clamps or `points` of a field; the plainest first."""
+        if self.per_point:
+            return ((points, *self.shape),)
         if self.per_end:
             counts = (2,) if ends >= 2 else (1, 2)
             return tuple((count, *self.shape) for count in counts)
         return (self.shape, (2,)) if self.pair else (self.shape,)
 
-    def bound_shapes(self, ends: int = 2) -> tuple[tuple[int, ...], ...]:
+    def bound_shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
         """The shapes of a guess or of one end of a range: a whole value, or a scalar for every entry alike."""
-        return tuple(dict.fromkeys(((), self.shape, *self.shapes(ends))))
+        return tuple(dict.fromkeys(((), self.shape, *self.shapes(ends, points))))
 
 
 @dataclass(frozen=True)
@@ -94,14 +98,14 @@ TOLERANCE = _by_name(
 )
 
 DESCRIPTIVE_KINDS = ("distributed_load", "curvature_profile")
-"""What the package may answer when no kind explains the shapes; they describe, and cannot be declared."""
+"""Fields along the cable: what the package may answer when no kind explains the shapes. They can be declared like any kind."""
 
 _KINDS: dict[str, KindFormat] = {}
 
 
 def register_kind(kind: KindFormat) -> KindFormat:
     """Add a kind to the table; the same kind twice is no fault, another one of the same name is."""
-    if kind.kind in DESCRIPTIVE_KINDS or _KINDS.get(kind.kind, kind) != kind:
+    if _KINDS.get(kind.kind, kind) != kind:
         raise Scan2FlexError(f"The effect kind {kind.kind!r} is taken: give the new kind another name.")
     _KINDS[kind.kind] = kind
     return kind
@@ -155,6 +159,13 @@ _TABLE: tuple[tuple[Any, ...], ...] = (
      ParameterFormat("length", "m", domain="positive")),
     ("scan_scale", "observation", "every measured coordinate is off by one factor", _FACTOR),
     ("scan_offset", "observation", "measured shapes are shifted", ParameterFormat("offset", "m", (3,))),
+)
+_PLACES = ParameterFormat("s", "m", domain="along_cable", per_point=True, estimable=False)
+_TABLE += (
+    ("distributed_load", "energy", "a dead load that varies along the cable", _PLACES,
+     ParameterFormat("force", "N/m", (3,), per_point=True)),
+    ("curvature_profile", "energy", "the cable is bent at rest, differently along s", _PLACES,
+     ParameterFormat("curvature", "1/m", (3,), per_point=True)),
 )
 for _kind, _place, _words, *_parameters in _TABLE:
     register_kind(KindFormat(_kind, _place, tuple(_parameters), _words))

@@ -121,6 +121,10 @@ class Study(Compared):
         held = {end: [getattr(pose, end) for pose in self.poses] for end in ENDS}
         return tuple(end for end in ENDS if any(c is not None and c.quaternion is not None for c in held[end]))
 
+    def places_of(self, name: str) -> int:
+        """On how many places along the cable "kind.parameter" of a field is given; 0 for what is no field."""
+        return int(np.size(places)) if (places := self.given(f"{name.partition('.')[0]}.s")) is not None else 0
+
     def acting(self, pose: StudyPose | None = None) -> tuple[EffectDeclaration, ...]:
         """The effects that act in a pose; without one, those that act in every pose."""
         return tuple(e for e in self.effects if e.poses is None or (pose is not None and pose.name in e.poses))

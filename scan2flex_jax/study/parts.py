@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, TOLERANCE, kind_format, kind_names
+from scan2flex_jax.study.kinds import TOLERANCE, kind_format, kind_names
 from scan2flex_jax.study.records import (
     Compared,
     ReadOnly,
@@ -177,8 +177,6 @@ class EffectDeclaration(Compared):
         """Check the kind and the names of its parameters; their values depend on the cable and its clamps."""
         key = Where("EffectDeclaration").at("kind")
         kind = v.text(self.kind, key)
-        if kind in DESCRIPTIVE_KINDS:
-            raise key.fail(f"{kind} describes a residual and names nothing: declare a kind that can act.")
         if kind not in kind_names():
             raise key.fail(f"unknown kind {v.shown(kind)}: {v.suggestion(kind, kind_names())}")
         where = Where(f"EffectDeclaration {v.shown(kind)}")

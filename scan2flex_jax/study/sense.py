@@ -39,7 +39,7 @@ _NO_GRAVITY = 1e-9
 _ROUNDED = 1e-6  # of a length that was written with few digits
 _FORCES = {
     "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
-    "elastic_support": "stiffness",
+    "elastic_support": "stiffness", "distributed_load": "force",
 }  # fmt: skip
 """Of effects whose size is a force, or a stiffness beside that of the cable: the parameter that tells it."""
 _UNITS = ((300.0, 3000.0, "millimetres", 1000), (30.0, 300.0, "centimetres", 100))

@@ -262,10 +262,10 @@ def check_domain(value: Any, domain: Domain, where: Where, longest: float | None
 
 
 def quantity(
-    value: Any, form: ParameterFormat, where: Where, ends: int = 2, longest: float | None = None
+    value: Any, form: ParameterFormat, where: Where, ends: int = 2, longest: float | None = None, points: int = 0
 ) -> float | Annotated[np.ndarray, "..."]:
-    """The value of a declared quantity in a study with `ends` clamps."""
-    result = array(value, form.shapes(ends), where)
+    """The value of a declared quantity in a study with `ends` clamps, or of a field on `points`."""
+    result = array(value, form.shapes(ends, points), where)
     if form.domain == "unit":
         return unit(np.asarray(result), where, "vector")
     check_domain(result, form.domain, where, longest)

@@ -26,6 +26,7 @@ DOWN = jnp.array([0.3, -0.5, -9.8])
 CABLE = Cable(1.0, 0.1, 0.02, 0.015, axial_stiffness=1.0e4)
 NORMAL, ANCHOR = [0.1, 0.2, 1.0], [0.3, 0.25, 0.05]
 ROWS = np.array([[0.4, -0.3, 0.2], [-0.2, 0.5, 0.1], [0.3, 0.2, -0.4]])
+PLACES = np.array([0.1, 0.45, 0.9])
 PAIR = np.array([[0.06, -0.04, 0.05], [0.03, 0.05, -0.02]])
 
 # kind -> (null, active): the parameters that differ stand in `active`
@@ -55,8 +56,8 @@ VALUES = {
     "tension_stiffening": ({"gain": 0.0}, {"gain": 4.0e-4}),
     "elastic_support": ({"normal": NORMAL, "offset": -0.2, "stiffness": 0.0}, {"stiffness": 4.0}),
     "memory_set": ({"memory": 0.0, "previous": ROWS}, {"memory": 0.5}),
-    "distributed_load": ({"values": 0.0 * ROWS}, {"values": 0.3 * ROWS}),
-    "curvature_profile": ({"values": 0.0 * ROWS}, {"values": ROWS}),
+    "distributed_load": ({"s": PLACES, "force": 0.0 * ROWS}, {"force": 0.3 * ROWS}),
+    "curvature_profile": ({"s": PLACES, "curvature": 0.0 * ROWS}, {"curvature": ROWS}),
 }
 KINDS = tuple(VALUES)
 BASE_VALUES = {kind: null for kind, (null, _) in VALUES.items()}

@@ -9,8 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.special import fresnel
 
-from scan2flex_jax.effects._span import bell_means, box_means, series_factor
+from scan2flex_jax.effects._span import bell_means, box_means, field_along, series_factor
 from scan2flex_jax.effects.support_plane import CONTACT, ROUNDING
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.cable import Cable
@@ -71,7 +73,7 @@ def test_uniform_load_is_a_tilt_of_gravity():
 
 def test_distributed_load_of_one_value_is_a_uniform_load():
     load = scene.active("uniform_load")
-    field = scene.effect("distributed_load", values=np.tile(load.force, (3, 1)))
+    field = scene.effect("distributed_load", force=np.tile(load.force, (3, 1)))
     np.testing.assert_allclose(scene.solved(field)[0], scene.solved(load)[0], atol=1e-12)
 
 
@@ -206,12 +208,45 @@ def test_couplings_stand_where_the_format_says():
     np.testing.assert_array_equal(K, K.T)
 
 
+def test_a_field_is_the_natural_spline_of_its_places():
+    rod = discretise(CableModel(scene.CABLE, DOWN), scene.pose(), 200)
+    s, rows = np.array([0.1, 0.3, 0.35, 0.8]), np.random.default_rng(0).standard_normal((4, 3))
+    spline = CubicSpline(s, rows, bc_type="natural")
+    found = field_along(rod.section, jnp.asarray(rows), jnp.asarray(s), L)
+    np.testing.assert_allclose(found, spline(np.clip(rod.section.s, 0.1, 0.8)), atol=1e-12)
+    two = field_along(rod.section, jnp.asarray(rows[:2]), jnp.asarray(s[:2]), L)
+    np.testing.assert_allclose(two[:, 0], np.interp(rod.section.s, s[:2], rows[:2, 0]), atol=1e-14)
+
+
+def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
+    """Curvature k s about d2: the tip is at the Fresnel integrals, R(L) turned by k L^2 / 2.
+
+    An element has the curvature of its middle, which puts its end off by k h^3 / 12 across: k h^2 L / 12 for all of them.
+    """
+    k = 2.5
+    profile = scene.effect("curvature_profile", s=[0.0, L], curvature=[[0, 0, 0], [0, k * L, 0]])
+    points, _, found = scene.solved(profile, gravity=NOWHERE, loaded=False, **LEVEL)
+    R = found.configuration.R
+    np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array([0.0, k * L**2 / 2, 0.0])), atol=1e-9)
+    sine, cosine = fresnel(L * np.sqrt(k / np.pi))
+    tip_at = np.sqrt(np.pi / k) * (cosine * R[0][:, 2] + sine * R[0][:, 0])
+    assert np.linalg.norm(points[-1] - tip_at) < k * (L / scene.ELEMENTS) ** 2 * L / 12
+
+
+def test_a_load_that_grows_along_the_cable():
+    """A line load q s / L bends the tip of a cantilever by 11 q L^4 / (120 EI)."""
+    q = 1e-4
+    load = scene.effect("distributed_load", s=[0.0, L], force=[[0, 0, 0], [0, 0, -q]])
+    end = tip(load, gravity=NOWHERE)
+    np.testing.assert_allclose(-end[2], 11 * q * L**4 / (120 * EI), rtol=4e-3)
+
+
 def test_natural_curvature_of_a_free_cable():
     curvature = np.array([0.5, -1.0, 0.8])
     for effect in (
         scene.effect("natural_curvature", curvature=curvature),
         scene.effect("memory_set", memory=0.5, previous=np.tile(2 * curvature, (4, 1))[:3]),
-        scene.effect("curvature_profile", values=np.tile(curvature, (3, 1))),
+        scene.effect("curvature_profile", curvature=np.tile(curvature, (3, 1))),
     ):
         _, _, found = scene.solved(effect, gravity=NOWHERE, loaded=False, **LEVEL)
         R = found.configuration.R

@@ -59,6 +59,7 @@ def test_order_of_clamp_effects_does_not_matter():
         ("kink", {"position": 0.1}, "lacks angle, width"),
         ("point_mass", {"position": 0.1, "mass": 0.1, "colour": 1.0}, "has no parameter colour"),
         ("uniform_load", {"force": [1.0, 2.0]}, "has shape"),
+        ("distributed_load", {"s": [0.0, 1.0], "force": [[0.0, 0.0, 1.0]]}, "has 2 of s, 1 of force"),
     ],
 )
 def test_faults_are_one_sentence(kind, parameters, message):

@@ -7,12 +7,13 @@ import pytest
 
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template, values_of
-from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown
+from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown, load_study, save_study
 
 from . import scenes
 
 MASS = EffectDeclaration("point_mass", {"position": 0.4})
 GRIP = EffectDeclaration("clamp_rotation", {})
+FIELD = EffectDeclaration("curvature_profile", {"s": [0.1, 0.5, 0.9]})
 YIELD = EffectDeclaration("elastic_clamp", {})
 SLIGHT = Tolerance(clamp_position=1e-3, clamp_rotation=0.02)
 TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
@@ -52,6 +53,45 @@ def test_vector_unknowns():
     np.testing.assert_allclose(f.estimates["bending_stiffness"].value, truth["bending_stiffness"], rtol=1e-4)
     np.testing.assert_allclose(f.estimates["natural_curvature"].value, truth["natural_curvature"], atol=1e-3)
     assert f.correlation.shape == (5, 5) and f.estimates["natural_curvature"].unit == "1/m"
+
+
+@pytest.mark.parametrize(
+    ("unknown", "shape"),
+    [
+        (Unknown("natural_curvature", guess=0.1), (3,)),
+        (Unknown("curvature_profile.curvature", guess=0.1), (3, 3)),
+        (Unknown("curvature_profile.curvature", guess=[0.1, 0.0, 0.2]), (3, 3)),
+        (Unknown("clamp_rotation.rotation", guess=[0.1, 0.0, 0.2]), (2, 3)),
+        (Unknown("bending_stiffness", guess=0.1), ()),
+        (Unknown("bending_stiffness", guess=0.1, low=[0.01, 0.02], high=1.0), (2,)),
+        (Unknown("bending_stiffness", prior={"mean": [0.1, 0.2], "std": 0.01}), (2,)),
+    ],
+    ids=lambda x: getattr(x, "name", x),
+)
+def test_one_number_may_stand_for_all_entries_and_stays_a_start(unknown, shape):
+    study = scenes.study_of([unknown], effects=[e for e in (GRIP, FIELD) if unknown.name.startswith(e.kind)])
+    layout = layout_of(study)
+    (slot,) = layout.slots
+    assert slot.shape == shape and len(slot.low) == slot.size
+    start = start_vector(study, layout, {})
+    assert model_at(layout, template(study), start) is not None
+    np.testing.assert_allclose(values_of(layout, start)[slot.name], np.broadcast_to(study.start_value(slot.name), shape))
+
+
+def test_a_field_along_the_cable(tmp_path):
+    name = "curvature_profile.curvature"
+    study = scenes.study_of((Unknown("bending_stiffness"), Unknown(name)), effects=[FIELD])
+    truth = {"bending_stiffness": 0.1, name: np.array([[0.5, -0.2, 0.1], [-0.3, 0.4, 0.0], [0.2, 0.1, -0.3]])}
+    f = fit(scenes.measured(study, scenes.exact_curves(study, truth)), elements=scenes.ELEMENTS)
+    np.testing.assert_allclose(f.estimates["bending_stiffness"].value, 0.1, rtol=1e-3)
+    np.testing.assert_allclose(f.estimates[name].value, truth[name], atol=0.01)
+    assert f.estimates[name].unit == "1/m" and len(f.labels) == 10
+    line = next(line for line in f.summary().splitlines() if name in line)
+    assert line.count("[") == 9 and line.endswith("1/m")  # an interval for each of nine numbers
+    save_study(f.calibrated, tmp_path)
+    again = load_study(tmp_path)
+    assert again == f.calibrated
+    np.testing.assert_array_equal(again.effects[0].parameters["s"], [0.1, 0.5, 0.9])
 
 
 def test_parameters_of_effects():

@@ -81,11 +81,14 @@ def test_integrated_distance_recovers_too():
     assert f.distance == "integrated"
 
 
-def test_progress_is_told():
+def test_progress_says_which_descent_it_is_of():
+    """The costs of the search for other turns are in units of another noise: its lines begin with what they are."""
     lines = []
     fit(scenes.example(), progress=lines.append)
     costs = [float(line.rsplit("cost ", 1)[1]) for line in lines if line.startswith("iteration")]
     assert len(costs) >= 2 and costs == sorted(costs, reverse=True)
+    other = [line for line in lines if not line.startswith("iteration")]
+    assert other and all(line.startswith("other turns: iteration ") for line in other)
 
 
 def test_new_values_compile_nothing(unguessed):

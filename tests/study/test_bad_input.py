@@ -16,6 +16,9 @@ Q = "quaternion = [0.7071068, 0.0, 0.7071068, 0.0]"
 START = f"start = {{ position = [0.0, 0.0, 0.0], {Q} }}\nend = {{ position = [0.5, 0.0, 0.0], {Q}"
 SHAPES = 'centre_curve = "shapes/sag.csv"\nscan = "sag.xyz"\nguide_points = "sag-guides.csv"\n'
 
+GRIP = 'kind = "elastic_clamp"\nstiffness = [1.0, 2.0]'
+FIELD = 'kind = "curvature_profile"\ncurvature = [[0, 1, 0], [0, 2, 0]]\n'
+
 TOML = [
     ("prior a number", "guess = 0.1", "prior = 0.1", "unknown.bending_stiffness.prior", "dict"),
     ("prior without std", "guess = 0.1", "prior = { mean = 0.1 }", "unknown.bending_stiffness.prior.std", "missing"),
@@ -111,7 +114,13 @@ TOML = [
     ("no scan", '"sag.xyz"', '"sag.ply"', "pose[sag].scan", "not there"),
     ("kind", 'kind = "point_mass"', 'kind = "pointmass"', "effect[1].kind", "point_mass"),
     ("no kind", 'kind = "point_mass"\n', "", "effect[1].kind", "missing"),
-    ("descriptive", 'kind = "point_mass"', 'kind = "distributed_load"', "effect[1].kind", "describes"),
+    ("field without places", GRIP, FIELD, "effect[2].s", "give it."),
+    ("field at one place", GRIP, FIELD + "s = [0.1]", "effect[2].s", "at least 2"),
+    ("field of other places", GRIP, FIELD + "s = [0.1, 0.2, 0.3]", "effect[2].curvature", "3 lists of 3 numbers"),
+    ("field backwards", GRIP, FIELD + "s = [0.3, 0.2]", "effect[2].s", "does not grow"),
+    ("field off the cable", GRIP, FIELD + "s = [0.3, 1.2]", "effect[2].s", "on the cable"),
+    ("unknown places", GRIP, FIELD + 's = [0.1, 0.2]\n[unknown."curvature_profile.s"]',
+     "unknown.curvature_profile.s", "nothing"),
     ("effect key", "position = 0.42", "positoin = 0.42", "effect[1].positoin", "position"),
     ("effect lacks", "position = 0.42", "", "effect[1].position", "needs"),
     ("effect off the cable", "position = 0.42", "position = 0.95", "effect[1].position", "on the cable"),
