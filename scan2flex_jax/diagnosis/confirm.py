@@ -9,6 +9,8 @@ order,
 Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), eq. 2.2.24; a test holds it against refits.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import stats
 
@@ -16,6 +18,8 @@ from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
+
+_LEAST_GAIN = 0.05  # of a logarithm: errors that differ by less are alike
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
@@ -37,6 +41,55 @@ def unseen(stage, found: Refit) -> float | None:
     if not found.components or stage.bench.poses.count < 2:
         return None
     return float(np.exp(np.mean(np.log(left_out(stage, found) / left_out(stage, stage.base)))))
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One model against another in poses left out in turn: ``gain``, the mean logarithm of the ratio of their errors (positive
+    where the first is better), its standard error ``std`` over the poses, and ``ratio`` of the RMS over all of them."""
+
+    gain: float
+    std: float
+    ratio: float
+
+    @property
+    def better(self) -> bool:
+        """Whether the first predicts better, by more than the uncertainty of the comparison."""
+        return self.gain > max(self.std, _LEAST_GAIN)
+
+    @property
+    def worse(self) -> bool:
+        """Whether it predicts worse, likewise."""
+        return -self.gain > max(self.std, _LEAST_GAIN)
+
+
+def compared(stage, found: Refit, other: Refit) -> Comparison:
+    """A refit against another, paired over the poses; from a single pose nothing is known."""
+    a, b = left_out(stage, found), left_out(stage, other)
+    if len(a) < 2 or not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
+        return Comparison(0.0, np.inf, 1.0)
+    logs = np.log(b / a)
+    ratio = float(np.sqrt(np.sum(a**2) / np.sum(b**2)))
+    return Comparison(float(np.mean(logs)), float(np.std(logs, ddof=1) / np.sqrt(len(logs))), ratio)
+
+
+def scatter(stage, found: Refit, k: int) -> float | None:
+    """Relative scatter between poses of the size of component ``k``: the standard deviation of the size that each pose by itself
+    asks for over the size, poses that hardly feel it weighing little. None where its size is not estimated, or from one pose.
+
+    A first-order step along the size, with all other numbers where they are.
+    """
+    numbers, frozen = Numbers(stage.bench, found.components), Prior(stage.bench, found.components).frozen
+    at = numbers.amplitudes(k)
+    size = found.vector[at]
+    if np.any(frozen[at]) or not np.any(size) or stage.bench.poses.count < 2:
+        return None
+    white = _white(stage, found)
+    column = white.J[:, at] @ size  # per relative change of the size
+    weight = np.array([column[rows] @ column[rows] for rows in white.rows])
+    asked = np.array([-column[rows] @ white.r[rows] for rows in white.rows]) / np.maximum(weight, 1e-300)
+    mean = np.sum(weight * asked) / np.sum(weight)
+    return float(np.sqrt(np.sum(weight * (asked - mean) ** 2) / np.sum(weight)))
 
 
 def constancy(stage, found: Refit) -> float | None:

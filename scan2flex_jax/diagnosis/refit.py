@@ -164,6 +164,7 @@ def _descend(bench, components, n, prior, law, vector, start, most, least):
         vector[amplitudes] *= 0.3
         (vector, shapes, cost, white), damping = at(vector, start), damping * 10
     iteration = hopeless = 0
+    first = back = bool(components)
     while np.isfinite(cost) and iteration < most and damping < _GIVE_UP:
         iteration += 1
         step = _Step(white, n, prior, vector, damping)
@@ -174,6 +175,8 @@ def _descend(bench, components, n, prior, law, vector, start, most, least):
         if np.isfinite(trial[2]) and trial[2] > cost + _ENOUGH:
             bent = at(step.bent(trial[3]), configurations(shapes))
             trial = min(trial, bent, key=lambda found: found[2])
+        if not trial[2] < cost and first:  # a pose may have snapped: the measured curves lead back
+            trial, first = min(trial, at(step.end, bench.poses.start), key=lambda found: found[2]), False
         cost2 = trial[2]
         if cost2 < cost:
             converged = bool(cost - cost2 < _ENOUGH)
@@ -181,6 +184,10 @@ def _descend(bench, components, n, prior, law, vector, start, most, least):
         else:
             converged = bool(np.isfinite(cost2)) and cost2 - cost < _ENOUGH
             damping = max(10.0 * damping, 1e-3)
+        if converged and back:
+            back, returned = False, at(vector, bench.poses.start)
+            if returned[2] < cost - _ENOUGH:  # the branch that was measured is another one
+                (vector, shapes, cost, white), converged, damping = returned, False, 1e-4
         if converged:
             break
     return _finish(bench, components, n, prior, law, vector, shapes, white, cost, converged)

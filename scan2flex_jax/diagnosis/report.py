@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import locate
+from scan2flex_jax.diagnosis import confirm, locate
 from scan2flex_jax.diagnosis.families import DESCRIBED
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.result import PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.result import Estimate, unit_of
 from scan2flex_jax.study.kinds import kind_names
@@ -149,3 +150,19 @@ def description(found) -> Ranked:
 def settle_sentences(kinds) -> tuple[str, ...]:
     """The measurements that would tell these kinds apart."""
     return tuple(dict.fromkeys(f"{kind}: {entry_of(kind).settle}" for kind in kinds))
+
+
+def discrepancy(bench, found: Refit) -> Discrepancy:
+    """What differs from pose to pose beside a refit."""
+    scatter = tuple(Z[keep] for Z, keep in zip(found.law.scatter, bench.real, strict=True)) if found.law.scatter else ()
+    return Discrepancy(found.law.curvature, bench.context.length, scatter)
+
+
+def scatter(found, refitted: Refit) -> dict[str, float]:
+    """The relative scatter between poses of every size that was estimated, by the name of its parameter."""
+    out, bench = {}, found.stage.bench
+    for k, c in enumerate(refitted.components):
+        value = confirm.scatter(found.stage, refitted, k)
+        names = [name for name in parameters_of(bench, refitted, k) if name not in (*c.site, "s")]
+        out |= {f"{c.kind}.{name}": value for name in names if value is not None}
+    return out

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from scan2flex_jax.fitting.discrepancy import SPREAD
+from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import (
     Noise,
@@ -60,7 +60,10 @@ class Law:
         factor = linalg.cholesky(self.noise.covariance(shape.s[keep]), lower=True)
         along = np.zeros((0, 0))
         if len(marks):
-            along = linalg.cholesky(self.noise.covariance(shape.s[keep][marks]), lower=True)
+            C = self.noise.covariance(shape.s[keep][marks])
+            if self.curvature:
+                C = C + np.diag(foreshortening(self.curvature, self.scatter[i][keep], shape.s[keep])[marks] ** 2)
+            along = linalg.cholesky(C, lower=True)
         flat = plane_of(shape.residual[keep]) if self.planes == 1 else None
         sensor = Metric(factor, marks, along, flat)
         if not self.curvature:

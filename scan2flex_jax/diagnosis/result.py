@@ -7,8 +7,9 @@ import numpy as np
 
 from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
-from scan2flex_jax.diagnosis.verdict import INCONCLUSIVE, LEAD_FAVOURED, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import Estimate, Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -75,8 +76,8 @@ class PoseChange:
 class Explanation:
     """What physics the model lacks, with the evidence, the refitted model, and the error before and after.
 
-    ``ranking`` holds every kind, the most likely first; ``chosen`` the effects of the refitted model (none, one or
-    several); ``estimates`` are those after; ``families`` log evidence of each family of ghost fields; ``sentences`` say in
+    ``ranking`` holds every kind, the most likely first; ``chosen`` the effects that were found (none, one or
+    several), ``added`` those of the refitted model, which may stand there without being established; ``estimates`` are those after; ``families`` log evidence of each family of ghost fields; ``sentences`` say in
     words what was found, ``settle`` what measurement would decide a tie. ``load`` is the equivalent load field (N/m) that all
     poses share and ``pose_loads`` that of each fitted pose: where something acts, not what. ``description`` stands in for an
     effect where none explains the shapes: a field that describes and is not physics. ``study`` has the effects declared.
@@ -91,8 +92,11 @@ class Explanation:
     fit: Fit | None = field(repr=False, default=None)
     p_value: float = 1.0
     noise: Noise | None = None
+    discrepancy: Discrepancy | None = None
+    scatter: dict[str, float] = field(default_factory=dict)
     ranking: tuple[Ranked, ...] = ()
     chosen: tuple[Ranked, ...] = ()
+    added: tuple[Ranked, ...] = ()
     p_after: float | None = None
     estimates: dict[str, Estimate] = field(default_factory=dict)
     poses: dict[str, PoseChange] = field(default_factory=dict)
@@ -127,7 +131,7 @@ class Explanation:
 
     def shifts(self) -> dict[str, Any]:
         """By how many standard errors (those after) each estimate moved; without those whose error is not known."""
-        if self.fit is None or not self.chosen:
+        if self.fit is None or not self.added:
             return {}
         known = {n: e for n, e in self.estimates.items() if e.std is not None and np.all(np.asarray(e.std) > 0)}
         return {n: (np.asarray(e.value) - np.asarray(self.fit.estimates[n].value)) / e.std for n, e in known.items()}
@@ -149,6 +153,7 @@ class Explanation:
             "ranking": [r.to_json() for r in self.ranking],
             "chosen": [{"kind": r.kind, "parameters": _plain(r.parameters)} for r in self.chosen],
             "verdict": self.verdict,
+            **self._discrepancy(),
             "before": self._errors(False) | {"estimates": before},
             "after": self._errors(True) | {"estimates": after, "shift_in_std": _plain(self.shifts())},
             "families": {k: float(v) for k, v in self.families.items()},
@@ -159,6 +164,11 @@ class Explanation:
             "messages": list(self.sentences),
             "seconds": float(self.seconds),
         }
+
+    def _discrepancy(self):
+        if self.discrepancy is None:
+            return {}
+        return {"discrepancy": self.discrepancy.to_json() | {"scatter": {k: float(v) for k, v in self.scatter.items()}}}
 
     def _errors(self, after):
         values = {f"rms_{role}": self.rms(role, after) for role in ("fit", "validate")}
@@ -171,8 +181,8 @@ class Explanation:
         return self.verdict != UNSOLVED
 
     def in_words(self, r: Ranked) -> str:
-        """The verdict of a kind in words that stand alone: of two kinds, less likely is not the same as not seen."""
-        if r.verdict == INCONCLUSIVE and r.log_evidence > LEAD_FAVOURED:
+        """The verdict of a kind in words that stand alone."""
+        if r.verdict == TOO_LITTLE:
             return "explains too little" if self.verdict == UNEXPLAINED else "less likely"
         return r.verdict
 
@@ -185,7 +195,7 @@ class Explanation:
         for r in self.ranking[:8] if self.concluded else ():
             tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
             lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
-        lines += [""] + [f"  {_effect_line(r)}" for r in self.chosen] + [""] * bool(self.chosen)
+        lines += [""] + [f"  {_effect_line(r)}" for r in self.added] + [""] * bool(self.added)
         shifts = self.shifts()
         for name, e in self.estimates.items():
             shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""

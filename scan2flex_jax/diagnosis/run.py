@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2flex_jax.compilation import make_room
-from scan2flex_jax.diagnosis import confirm, gates, locate, report, search, stage, verdict
+from scan2flex_jax.diagnosis import confirm, gates, locate, partial, report, search, stage, verdict
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.evidence import one_step
 from scan2flex_jax.diagnosis.families import WORDS
@@ -26,6 +26,7 @@ from scan2flex_jax.study.sense import check_study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
+_LIKELY = 8.0  # nats behind the likeliest model: one whose estimates count where nothing was found
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
@@ -63,6 +64,8 @@ def explain(
             break
         say("again with less noise")
         found = search.search(sharper, say)
+    if found.verdict == verdict.UNEXPLAINED and not base.coarse:
+        found = partial.search(found, say)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     warnings: tuple[str, ...] = ()
@@ -147,27 +150,34 @@ def _explanation(base, found, warnings, began):
     study, other = fitted.problem.study, None
     if study.validate_poses:
         other = Bench(bench.problem, fitted.minimum, bench.problem.held_out)
-    refitted = found.best if found.verdict in (verdict.EXPLAINED, verdict.TIE) else plain
-    ranking = _ranking(found, other)
-    chosen, tied = _chosen(bench, refitted, ranking), found.tied if refitted.kinds else [plain]
-    estimates = report.estimates(bench, tied, refitted)
+    refitted, ranking = _refitted(found), _ranking(found, other)
+    added = _chosen(bench, refitted, ranking)
+    chosen = added if found.verdict in verdict.FOUND else ()
+    estimates = report.estimates(bench, _likely(found), refitted)
     poses = _poses(study, found.stage, other, refitted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
+    discrepancy = report.discrepancy(bench, refitted)
     return Explanation(
-        study=report.declared(study, estimates, chosen) if chosen else fitted.calibrated,
+        study=report.declared(study, estimates, added) if added else fitted.calibrated,
         fit=fitted,
         verdict=found.verdict,
         p_value=found.test.p_value,
         p_after=found.after.p_value if found.after else None,
-        noise=found.stage.noise,
+        noise=refitted.law.noise,
+        discrepancy=discrepancy,
+        scatter=report.scatter(found, refitted),
+        added=added,
         ranking=ranking,
         chosen=chosen,
         estimates=estimates,
         poses=poses,
         families=found.test.family_gain,
         settle=report.settle_sentences({k for r in tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
-        sentences=(*_sentences(found, chosen, description), *_confirmed(poses, chosen), *fitted.turned, *warnings),
+        sentences=(
+            *_sentences(found, chosen, description), *_before_and_after(poses, added, found), *_left(found, discrepancy),
+            *_confirmed(poses, chosen), *fitted.turned, *warnings,
+        ),
         gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
         seconds=time.perf_counter() - began,
         load=locate.common_field(found.stage, locate.LOAD),
@@ -175,6 +185,26 @@ def _explanation(base, found, warnings, began):
         description=description,
         search=found,
     )
+
+
+def _refitted(found):
+    """The model of "after": the best one, also where it is not established, unless it predicts poses left out no better."""
+    if found.verdict in verdict.FOUND:
+        return found.best
+    if found.verdict != verdict.UNEXPLAINED or not found.best.components:
+        return found.stage.base
+    return found.best if confirm.compared(found.stage, found.best, found.stage.base).better else found.stage.base
+
+
+def _likely(found):
+    """The models over which intervals are taken: those that are tied, or where nothing was found all that are likely."""
+    if found.verdict in verdict.FOUND:
+        return found.tied
+    if found.verdict != verdict.UNEXPLAINED:
+        return [found.stage.base]
+    most = max((r.log_evidence for r in found.refits.values()), default=0.0)
+    near = [r for r in found.refits.values() if r.log_evidence > most - _LIKELY]
+    return [*near, found.stage.base] if most < _LIKELY or not near else near
 
 
 def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
@@ -225,7 +255,7 @@ def _ranking(found, other):
 
 def _judged(kind, best, tie_kinds, found, value):
     """``(verdict, tied with)`` of a kind."""
-    if found.verdict in (verdict.EXPLAINED, verdict.TIE) and kind in tie_kinds:
+    if found.verdict in verdict.FOUND and kind in tie_kinds:
         if found.lead == verdict.TIED:
             beyond = (*search.outside(found.best), *search.field_beside(found)) if kind in best else ()
             return verdict.TIED, (*(k for k in dict.fromkeys(tie_kinds) if k != kind), *beyond)
@@ -247,14 +277,44 @@ def _sentences(found, chosen, description):
         field = f"{description.kind} describes it along the cable: a field with a band, not physics"
         return (text + tail, *_not_enough(found), field)
     names = " and ".join(r.kind for r in chosen)
+    if found.best.law.curvature:
+        return (f"something is missing (p = {p:.3f}); {names} explains most of it; what is left is more than noise",
+                *_never_told(chosen))  # fmt: skip
     return (f"something is missing (p = {p:.3f}); {names} explains it; what is left is noise", *_never_told(chosen))
+
+
+def _before_and_after(poses, added, found):
+    """By how much the error falls with the model that was added, and its standing."""
+    fitted = [p for p in poses.values() if p.role == "fit"]
+    count = np.array([len(p.residual) for p in fitted])
+
+    def over(values):
+        return 1e3 * float(np.sqrt(np.sum(np.array(values) ** 2 * count) / np.sum(count)))
+
+    if not added:
+        return ()
+    was, now = over([p.rms_before for p in fitted]), over([p.rms for p in fitted])
+    text = f"with {' and '.join(r.kind for r in added)} the error falls from {was:.2f} to {now:.2f} mm"
+    unseen = [(p.left_out_before, p.left_out) for p in fitted]
+    if len(fitted) > 1 and all(b is not None and np.isfinite(b) and np.isfinite(a) for b, a in unseen):
+        text += f", in poses left out from {over([b for b, _ in unseen]):.2f} to {over([a for _, a in unseen]):.2f} mm"
+    standing = "" if found.verdict in verdict.FOUND else "; it is not established, and no more than the best model so far"
+    return (text + standing,)
+
+
+def _left(found, discrepancy):
+    """What differs from pose to pose beside the model, in words."""
+    if not discrepancy.curvature or found.verdict not in (*verdict.FOUND, verdict.UNEXPLAINED):
+        return ()
+    size = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
+    return (f"beyond the sensor's noise each pose differs in its own way ({size}): friction, handling, or what is not in the list",)
 
 
 def _if_noise(found):
     """What has to be believed of the scan where smooth errors as large as shapes pass for noise."""
     n, stage = found.stage.noise, found.stage
     stated = all(pose.noise is not None for pose in stage.bench.problem.study.fit_poses)
-    if stated or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
+    if stated or found.best.law.curvature or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
         return ()
     errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
     return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)
@@ -275,15 +335,17 @@ def _not_enough(found):
     names, said = " and ".join(found.best.kinds), []
     if not names:
         return ()
-    if found.after.p_value <= verdict.ALARM:
-        said.append(f"leaves structure (p = {found.after.p_value:.3f})")
-    if verdict.varies(found.constancy, len(found.best.kinds)):
-        said.append(f"would need another size in each pose (p = {found.constancy:.3f})")
-    if found.field[1] > found.best.log_evidence + verdict.FIELD_LEADS:
-        said.append(f"is less likely than a field, by {found.field[1] - found.best.log_evidence:.1f} nats")
-    if found.unseen is not None and found.unseen > verdict.WORSE:
-        said.append(f"predicts a pose left out {found.unseen:.1f} times as badly as the plain rod")
+    if found.best.log_evidence < verdict.LEAD_NAMED:
+        said.append(f"leads by {found.best.log_evidence:.1f} nats, too little")
+    against = confirm.compared(found.stage, found.best, found.stage.base)
+    if against.ratio > verdict.MUCH or not against.better:
+        said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
+    said += [f"would need another size in each pose ({k}: {100 * v:.0f} % of it)" for k, v in found.scatter.items() if _differs(v)]
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
+
+
+def _differs(scatter):
+    return scatter is not None and scatter > verdict.ONE_SIZE
 
 
 def _confirmed(poses, chosen):

@@ -34,7 +34,7 @@ class Found:
     """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
     the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
     over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
-    verdict and that of the best alone."""
+    ``scatter`` of its sizes between poses, the verdict and that of the best alone."""
 
     stage: Stage
     test: Test
@@ -47,6 +47,7 @@ class Found:
     after: Test | None = None
     constancy: float | None = None
     unseen: float | None = None
+    scatter: dict[str, float | None] = field(default_factory=dict)
     field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
@@ -103,6 +104,7 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     first = found.tied[0]
     if first is not found.best and len(first.kinds) == len(found.best.kinds):
         found.best, found.after = first, test_after(stage, first)
+    found.scatter = {c.kind: confirm.scatter(stage, found.best, k) for k, c in enumerate(found.best.components)}
     found.constancy, found.unseen = confirm.constancy(stage, found.best), confirm.unseen(stage, found.best)
     fields = {f.name: float(f.gain(stage.y[:, None])[0]) for f in stage.families if f.name != POSE_LOADS}
     found.field = max(fields.items(), key=lambda item: item[1])

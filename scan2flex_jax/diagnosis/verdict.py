@@ -6,10 +6,13 @@ method's prototype, where 13 of 14 wrong first places led by less than three).
 
 from dataclasses import dataclass
 
-NAMED, FAVOURED, TIED, ABSENT, INCONCLUSIVE = "named", "favoured", "tied", "absent", "inconclusive"
-NONE, EXPLAINED, TIE, UNEXPLAINED, UNSOLVED = (
-    "no missing effect", "explained", "tied", "unexplained", "not in equilibrium",
+NAMED, FAVOURED, TIED, TOO_LITTLE, ABSENT, INCONCLUSIVE = (
+    "named", "favoured", "tied", "too little", "absent", "inconclusive",
 )  # fmt: skip
+NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (
+    "no missing effect", "explained", "partly explained", "tied", "unexplained", "not in equilibrium",
+)  # fmt: skip
+FOUND = (EXPLAINED, PARTLY, TIE)
 ALARM = 0.05  # level of the tests of the plain rod and of what is left beside an effect
 _ONE_SIZE = 0.02  # that of one effect having one size in all poses; several, which are sought longer, are tested at ALARM
 LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
@@ -17,6 +20,8 @@ FIELD_LEADS = 20.0  # nats by which a field must be likelier than the best kinds
 WORSE = 2.0  # times the plain rod's error in poses left out in turn: what predicts so badly explains nothing
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
+MUCH = 0.7  # of the error in poses left out: what leaves more of it takes too little away to be found
+ONE_SIZE = 0.6  # relative scatter of a size between poses from which on it is no size
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
 
 
@@ -86,5 +91,7 @@ def whole(test, after, candidates, constancy: float | None = None, field: float 
 
 
 def of_kind(log_evidence: float, visible: float) -> str:
-    """Verdict of a kind that is not among the best: absent, or not to be seen in these poses."""
-    return ABSENT if visible >= _SEEN and log_evidence < LEAD_FAVOURED else INCONCLUSIVE
+    """Verdict of a kind that is not among the best: too little, absent, or not to be seen in these poses."""
+    if visible < _SEEN:
+        return INCONCLUSIVE
+    return ABSENT if log_evidence < LEAD_FAVOURED else TOO_LITTLE

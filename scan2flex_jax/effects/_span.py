@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scan2flex_jax.rod.effect import Section
 
 EDGE = 0.02  # of L: the length over which an edge is smoothed (study format)
+POINTS, SMOOTH = 9, 0.2  # of a random field: points along the cable, and the part of its length over which it is alike
 NARROWEST = 0.005  # of L: a quarter of the smoothing, below which a width changes nothing that a shape could show
 _POINTS, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True))
 
@@ -120,3 +121,11 @@ def scaled_bending(section: Section, factor: Float[Array, " n"]) -> Float[Array,
     """Section stiffness with EI and GJ times ``factor``, and their couplings to stretching times its root."""
     root = jnp.where(jnp.arange(6) < 3, 1.0, jnp.sqrt(factor)[:, None])
     return section.stiffness * root[:, :, None] * root[:, None, :]
+
+
+def smooth_root(points: int, per_point: int) -> Float[np.ndarray, "k k"]:
+    """Root of the covariance of a random field of unit size on ``points`` evenly along the cable, with ``per_point``
+    independent components: a squared exponential over `SMOOTH` of the length."""
+    s = np.linspace(0, 1, points)
+    K = np.exp(-0.5 * ((s[:, None] - s) / SMOOTH) ** 2) + 1e-6 * np.eye(points)
+    return np.kron(np.linalg.cholesky(K), np.eye(per_point))

@@ -10,6 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from scan2flex_jax.effects._span import POINTS, smooth_root
 from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, loaded_places, positions
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS
@@ -32,6 +33,28 @@ def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:
         "to_parameters": lambda a, site, context: {name: value(a)},
         "from_parameters": lambda p, context: (np.asarray(p[name], float).reshape(-1), {}),
     }
+
+
+def along(name: str, cls: Make) -> dict[str, Any]:
+    """The same of a field along the cable: amplitudes are those of the independent components of a smooth random field."""
+    root, count = smooth_root(POINTS, 3), 3 * POINTS
+
+    def at(length):
+        return np.linspace(0.0, 1.0, POINTS) * length
+
+    return {
+        "field": True,
+        "amplitudes": tuple(f"component {k}" for k in range(count)),
+        "build": lambda a, site, c: (cls(**{name: (jnp.asarray(root) @ a).reshape(POINTS, 3), "s": at(c.length)}),),
+        "to_parameters": lambda a, site, c: {"s": at(float(c.length)), name: (root @ np.asarray(a)).reshape(POINTS, 3)},
+        "from_parameters": lambda p, c: (np.linalg.solve(root, _at_points(p[name], p["s"], c.length).ravel()), {}),
+    }
+
+
+def _at_points(values, s, length):
+    """A field at the points of `along`, linear between its own places."""
+    values, where = np.asarray(values, float), np.linspace(0.0, length, POINTS)
+    return np.stack([np.interp(where, np.asarray(s), values[:, k]) for k in range(3)], axis=1)
 
 
 def span(cls: Make, varies: Varied, carried: Callable[[Any], Any]) -> dict[str, Any]:

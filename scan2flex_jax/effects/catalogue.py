@@ -39,7 +39,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import KindFormat, register_kind
 
-# The order decides between kinds that fit equally well. No entry: a field that describes and names nothing.
+# The order decides between kinds that fit equally well.
 EFFECTS: tuple[tuple[type[AbstractEffect], CatalogueEntry | None], ...] = (
     (natural_curvature.NaturalCurvature, natural_curvature.ENTRY),
     (kink.Kink, kink.ENTRY),
@@ -66,8 +66,8 @@ EFFECTS: tuple[tuple[type[AbstractEffect], CatalogueEntry | None], ...] = (
     (length_error.LengthError, length_error.ENTRY),
     (scan_scale.ScanScale, scan_scale.ENTRY),
     (scan_offset.ScanOffset, scan_offset.ENTRY),
-    (distributed_load.DistributedLoad, None),
-    (curvature_profile.CurvatureProfile, None),
+    (distributed_load.DistributedLoad, distributed_load.ENTRY),
+    (curvature_profile.CurvatureProfile, curvature_profile.ENTRY),
 )
 for _class, _ in EFFECTS:
     register_effect(_class)
@@ -85,13 +85,22 @@ def add_kind(cls: type[AbstractEffect], format: KindFormat, entry: CatalogueEntr
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
-    """All kinds that can be scanned for."""
+    """All kinds that can be scanned for: those that are no fields."""
+    return tuple(entry for entry in _entries() if not entry.field)
+
+
+def fields() -> tuple[CatalogueEntry, ...]:
+    """The kinds that take any form along the cable."""
+    return tuple(entry for entry in _entries() if entry.field)
+
+
+def _entries():
     return (*(entry for _, entry in EFFECTS if entry is not None), *_ADDED.values())
 
 
 def entry_of(kind: str) -> CatalogueEntry:
     """The entry of one kind."""
-    for entry in catalogue():
+    for entry in _entries():
         if entry.kind == kind:
             return entry
     raise Scan2FlexError(f"The catalogue has no kind {kind!r}: it has {', '.join(e.kind for e in catalogue())}.")

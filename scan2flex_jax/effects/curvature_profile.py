@@ -7,11 +7,14 @@ s = 0 to L, linear between them. Null: 0.
 from typing import ClassVar
 
 import equinox as eqx
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import places, values
-from scan2flex_jax.effects._span import field_along
+from scan2flex_jax.effects._span import POINTS, field_along
+from scan2flex_jax.effects.builders import along
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -26,3 +29,13 @@ class CurvatureProfile(AbstractEffect):
         """Sections with the field added to their natural curvature."""
         field = field_along(section, self.curvature, self.s, length)
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(field))
+
+
+ENTRY = CatalogueEntry(
+    "curvature_profile", "energy",
+    size=lambda c: np.full(3 * POINTS, 0.5 / c.length),  # as natural curvature that is alike all along
+    **along("curvature", CurvatureProfile),
+    signature="a bow that differs along the cable and turns with it when both clamps are rolled",
+    settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",
+    same_shapes=(SameShapes("natural_curvature", "when it is alike all along"),),
+)  # fmt: skip

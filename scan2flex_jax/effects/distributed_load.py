@@ -6,11 +6,14 @@ linear between them. Null: 0.
 
 from typing import ClassVar
 
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects._fields import places, values
-from scan2flex_jax.effects._span import field_along
+from scan2flex_jax.effects._span import POINTS, field_along
+from scan2flex_jax.effects.builders import along
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 
@@ -26,3 +29,13 @@ class DistributedLoad(AbstractEffect):
         """The load on all elements."""
         length = section.ds * section.s.shape[0]
         return distributed_load(section, field_along(section, self.force, self.s, length))
+
+
+ENTRY = CatalogueEntry(
+    "distributed_load", "energy",
+    size=lambda c: np.full(3 * POINTS, 0.3 * c.force / c.length),  # as a load that is alike all along
+    **along("force", DistributedLoad),
+    signature="the cable is pulled the same way in every pose, more at some places than at others",
+    settle="turn the rig, so that gravity comes from another side of the cable",
+    same_shapes=(SameShapes("uniform_load", "when it is alike all along"),),
+)  # fmt: skip

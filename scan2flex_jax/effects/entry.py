@@ -9,7 +9,8 @@ Each kind's file ends in its ``ENTRY``; `catalogue` lists them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from dataclasses import field as default
 from typing import Any, Literal
 
 import numpy as np
@@ -44,10 +45,10 @@ class Context:
     lowest_range: tuple[float, float] = (-1.0, 0.0)
     radius: float | None = None
     axial_stiffness: float = 1.0e5
-    centre: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    points: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    centre: np.ndarray = default(default_factory=lambda: np.zeros(3))
+    points: np.ndarray = default(default_factory=lambda: np.zeros((0, 3)))
     clamped_ends: Sequence[str] = ENDS
-    previous: Any = field(default_factory=lambda: np.zeros((2, 3)))
+    previous: Any = default(default_factory=lambda: np.zeros((2, 3)))
     free_end: bool = False
 
     @property
@@ -115,7 +116,8 @@ class CatalogueEntry:
 
     For verdicts: ``same_shapes`` are what shapes alone cannot tell from it; ``varies`` is the property of the cable that it
     makes vary along s: several effects of one property are pieces of a field, which describes it and names nothing.
-    ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
+    A ``field`` takes any form along the cable: it is not scanned for like the other kinds, and named only where it predicts
+    poses that it never saw. ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
     """
 
     kind: str
@@ -130,12 +132,13 @@ class CatalogueEntry:
     sites: Callable[[Context], tuple[Site, ...]] = lambda context: ({},)
     one_sided: tuple[bool, ...] = ()
     bounds_of: Callable[[Context], tuple[np.ndarray, np.ndarray]] | None = None
-    moving: Mapping[str, Range] = field(default_factory=dict)
+    moving: Mapping[str, Range] = default(default_factory=dict)
     start_site: Callable[[Site, float], Site] = lambda site, noise: site
     inactive_of: Callable[[Site], np.ndarray] | None = None
     continuation: tuple[float, ...] = ()
     same_shapes: tuple[SameShapes, ...] = ()
     varies: Varied | None = None
+    field: bool = False
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = lambda amplitude, site, context: {}
     other_starts: Callable[[Any, Site, Context, Any], list] = lambda amplitude, site, context, places: []
 

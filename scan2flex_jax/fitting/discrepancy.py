@@ -18,12 +18,12 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from scan2flex_jax.effects._span import POINTS, smooth_root
 from scan2flex_jax.fitting import states
 
-POINTS = 9  # of the random curvature along the cable
-SMOOTH = 0.2  # of the length: over which its values are alike
 SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
 _FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
+_NEAR = 0.05  # of the length
 USUAL, SPREAD = 0.03, 1.5  # median of b over the curvature of the poses, and standard deviation of its logarithm
 
 
@@ -56,13 +56,6 @@ class Discrepancy:
         return {"rms": self.rms, "relative": self.relative, "curvature": self.curvature}
 
 
-def smooth_root(points: int, per_point: int) -> np.ndarray:
-    """Root of the covariance of a field on ``points`` along the cable with ``per_point`` independent components."""
-    s = np.linspace(0, 1, points)
-    K = np.exp(-0.5 * ((s[:, None] - s) / SMOOTH) ** 2) + 1e-6 * np.eye(points)
-    return np.kron(np.linalg.cholesky(K), np.eye(per_point))
-
-
 @lru_cache
 def _curvatures(elements: int) -> np.ndarray:
     """Natural curvature (k, elements, 3) of all elements for each independent component of the field of unit size."""
@@ -90,6 +83,15 @@ def directions(state: states.State) -> states.State:
 
 
 _HAT = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # [e_k] x
+
+
+def foreshortening(curvature: float, columns: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Standard deviation (m) along the tangent, at arc lengths ``s`` (m), of what a discrepancy does to second order.
+
+    Points (m, c, k) that go aside by ``d`` come nearer to the start by about ``d^2/s``, which the columns do not hold.
+    """
+    aside = curvature**2 * np.sum(columns[:, :-1] ** 2, axis=(1, 2))
+    return aside / np.maximum(s, _NEAR * np.max(s))
 
 
 def usual_size(configurations) -> float:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg, optimize
 
-from scan2flex_jax.fitting.discrepancy import SPREAD
+from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening
 from scan2flex_jax.fitting.distance import NORMALS
 
 _MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
@@ -241,7 +241,7 @@ def projected(columns: np.ndarray, u: np.ndarray) -> np.ndarray:
     return np.concatenate([np.einsum("mc...,c->m...", columns[:, :NORMALS], u)[:, None], columns[:, NORMALS:]], axis=1)
 
 
-def _white_rows(noise, s, columns, marked):
+def _white_rows(noise, s, columns, marked, nearer):
     """White rows of columns (m, c, K), and half the log determinant of their covariance."""
     factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
     normals = columns.shape[1] - 1
@@ -250,7 +250,8 @@ def _white_rows(noise, s, columns, marked):
     log_det = normals * np.sum(np.log(np.diag(factor)))
     if marked is None or not np.any(marked):
         return rows, log_det
-    factor = linalg.cholesky(noise.covariance(s[marked]), lower=True, check_finite=False)
+    C = noise.covariance(s[marked]) + (0.0 if nearer is None else np.diag(nearer[marked] ** 2))
+    factor = linalg.cholesky(C, lower=True, check_finite=False)
     along = linalg.solve_triangular(factor, columns[marked, -1], lower=True, check_finite=False)
     return np.concatenate([rows, along]), log_det + np.sum(np.log(np.diag(factor)))
 
@@ -266,7 +267,8 @@ def restricted_likelihood(
     XX, Xr, total = np.diag(precision), pull.copy(), 0.0
     for s, r, X, at, Z, marked in poses:
         parts = [r[:, :, None], X] if Z is None or not curvature else [r[:, :, None], X, curvature * Z]
-        both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked)
+        nearer = None if len(parts) < 3 else foreshortening(curvature, Z, s)
+        both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked, nearer)
         wr, wX, wZ = both[:, 0], both[:, 1 : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
         total += log_det + 0.5 * wr @ wr
         XX[np.ix_(at, at)] += wX.T @ wX
