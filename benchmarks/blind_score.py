@@ -85,7 +85,8 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
             out["validate_over_floor"] = after["rms_validate"] / floor
             out["validate_better"] = after["rms_validate"] < before["rms_validate"]
     places = {e["kind"]: e["position"] for e in answer.get("effect", []) if "position" in e}
-    errors = {r["kind"]: r.get("std", {}).get("position") for r in result.get("ranking", [])}
+    told = [*result.get("ranking", []), *result.get("chosen", [])]  # a chosen effect may stand low in the ranking, which is cut
+    errors = {r["kind"]: r.get("std", {}).get("position") for r in told}
     length, off_by = answer.get("true_length", answer.get("length")), []
     for c in result.get("chosen", []):
         if c["kind"] in places and "position" in c["parameters"]:
