@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import background_score, blind_score, coverage, scan_alarms
+from benchmarks import background_score, blind_score, coverage, scan_alarms, tables
 from benchmarks.blind import effects
 
 NULLS = {
@@ -86,6 +86,10 @@ def test_the_table_counts_misses_against_all_cases():
     assert table["background_validate_within_1.3"] == {"share": 0.5, "of": 4}
     assert table["background_coverage_95_plain_fit_alone"] == {"share": 0.0, "of": 2}
     assert table["truth_in_tie_set"]["of"] == 0  # pure cases are counted apart
+
+
+def test_every_line_of_the_page_is_in_the_table():
+    assert {key for key, *_ in tables._BACKGROUND} < set(background_score.table([]))
 
 
 def test_coverage_tells_warned_and_withheld_values_apart():

@@ -62,16 +62,18 @@ def test_every_third_pose_by_angle_is_fitted(series):
     assert roles == ["fit", "validate", "validate", "fit", "validate", "validate", "fit"]
 
 
-@pytest.mark.parametrize("known_weight", [False, True])
-def test_both_series_make_one_study(series, known_weight):
-    study = tw.together(*series, None, known_weight)
+@pytest.mark.parametrize("how", tw.TOGETHER.values(), ids=tw.TOGETHER)
+def test_both_series_make_one_study(series, how):
+    study = tw.together(*series, None, **how)
     check_study(study)
-    load, weight, curved = study.effects
+    load, weight, curved, *soft = study.effects
+    known_weight = how.get("known_weight", False)
     assert load.parameters["force"] == pytest.approx([0, 0, -9.81 * 0.02])
     assert set(weight.poses) == {p.name for p in study.poses if p.name.startswith("black_weighted")}
     assert curved.kind == "natural_curvature"
     asked = "length_density" if known_weight else "point_mass.mass"
-    assert set(study.unknown_names) == {"bending_stiffness", asked, "natural_curvature.curvature"}
+    law = {f"nonlinear_bending.{name}" for name in tw.SOFTENING} if soft else set()
+    assert set(study.unknown_names) == {"bending_stiffness", asked, "natural_curvature.curvature"} | law
     if known_weight:
         assert weight.parameters["mass"] == pytest.approx(0.1)
 

@@ -26,9 +26,11 @@ MOVES = (0.003, 0.015)  # of L: by how much the curvature moves each curve, log-
 REACH = (0.1, 0.5)  # of L: the correlation length, uniform
 SEAT = np.radians(0.3)  # standard deviation of a seat, about each axis of each clamp
 STRENGTH = (3.0, 30.0)  # of the effect beside the background, log-uniform
+MOST_MOVED = 0.4  # of L: by how much such an effect may move a point
+LARGER = dict.fromkeys(("natural_curvature", "kink", "point_mass", "point_load", "uniform_load", "tether"), 2.0)
 SHORT = 0.95  # a kind that cannot be as strong as drawn may fall short, down to this share of the least strength
 FEWEST_FIT = 4
-COSINES = 13  # the last has 1 % of the variance of the first at the shortest correlation length
+COSINES = 13  # the last has half a per cent of the variance of the first at the shortest correlation length
 ALIKE, TRIES = 0.03, 8  # the distance asked for is met to this, in so many steps
 REDRAWS = 8  # of a curvature that makes a pose jump before it has moved so far
 FINE = 4000  # samples of a curve to which distances are measured
@@ -108,10 +110,11 @@ def _meet(base, poses, series, moves):
 def draw_effect(rng, base, lens, moves, kinds):
     """The truth (one effect or none) with its strengths beside a background that moves curves by `moves` (m)."""
     unit = moves / (np.sqrt(2) * lens.noise.sigma)  # of a strength in `cases`, which is per coordinate and beside the noise
-    strength, truth, strengths = strength_on(base, lens), [], []
+    strength, truth, strengths = strength_on(base, lens, MOST_MOVED), [], []
     for kind in kinds:
         goal = unit * np.exp(rng.uniform(*np.log(STRENGTH)))
-        effect = scaled(rng, kind, base, strength, (unit * SHORT * STRENGTH[0], goal))
+        bounds = unit * SHORT * STRENGTH[0], goal
+        effect = scaled(rng, kind, base, strength, bounds, larger=LARGER.get(kind, 1.0))
         if effect is None:
             return None
         truth.append(effect)

@@ -183,15 +183,15 @@ def compared(scene, y, kinds):
     return base if base.ok.all() else None
 
 
-def strength_on(base, lens):
-    """The strength of a truth beside the noise of `lens`, as a function; its value is `None` where a pose jumps."""
+def strength_on(base, lens, most=MOST_MOVED):
+    """The strength of a truth beside the noise of `lens`, as a function; `None` where a point moves by more than `most` L."""
     targets = [base.shape(lens, p) for p in range(len(lens.matrices))]
     J = base.columns(lens, base.stiffness_changes(), correlated=False)
 
     def strength(truth):
         model = Model(base.scene, truth, base.F.sigma, base.y)
         moved = np.abs(model.y[..., :3] - base.y[..., :3]).max()
-        if not model.ok.all() or moved > MOST_MOVED * base.scene.cable.length:
+        if not model.ok.all() or moved > most * base.scene.cable.length:
             return None
         d = left_over(J, model.residual(lens, targets, correlated=False))
         return np.sqrt((d**2).sum() / lens.count / 2)
@@ -207,13 +207,16 @@ def with_rivals(base, seen, drawn, of):
     return None if found is None else (truth, answer | found[0], found[1])
 
 
-def scaled(rng, kind, base, strength, bounds):
-    """A drawn effect of at least the first of `bounds` in strength, and near the second where that can be had."""
+def scaled(rng, kind, base, strength, bounds, *, larger=1.0):
+    """A drawn effect of at least the first of `bounds` in strength, and near the second where that can be had.
+
+    `larger`: by what factor its amplitude may exceed what `draws` finds sensible.
+    """
     enough, goal = bounds
     draw = draws.catalogue if kind in effects.CATALOGUE else draws.hidden
     for _ in range(4):
         make, first, most = draw(rng, kind, base)
-        out = draws.settle(lambda a, make=make: rounded(make(a)), first, most, lambda e: strength([e]), goal)
+        out = draws.settle(lambda a, make=make: rounded(make(a)), first, larger * most, lambda e: strength([e]), goal)
         if out is not None and enough < out[1] < 1.3 * goal:
             return out[0]
     return None
