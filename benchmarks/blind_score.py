@@ -3,7 +3,8 @@
     python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--jobs 2] [--record blind]
 
 Answers are read only after all cases are diagnosed. ``accept`` in an answer lists the kinds that shapes alone cannot tell
-from the truth; a case counts as found when the tie set holds an accepted kind.
+from the truth; a case counts as found when the tie set holds an accepted kind. Cases that `benchmarks.blind.generate
+--background` made have a class, and lines in the table, of their own (`background_score`).
 """
 
 import argparse
@@ -16,6 +17,8 @@ import tomllib
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
+from benchmarks import background_score
+from benchmarks.background_score import NAMED, covered, share
 from benchmarks.record import record
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
@@ -45,6 +48,7 @@ def diagnose(folder: Path, options: dict | None = None) -> dict:
         return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
     out = found.to_json()
     out["poses_fitted"] = len(study.fit_poses)
+    out["plain_estimates"] = {} if found.fit is None else found.fit.to_json()["estimates"]
     out["floor"] = 2**0.5 * found.noise.total if found.noise else None
     out["ranking"] = out.get("ranking", [])[:6]
     return out
@@ -66,7 +70,7 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
         "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"),
         "tolerances": tolerances, "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
     }  # fmt: skip
-    named = result.get("verdict") == "explained"
+    named = result.get("verdict") in NAMED
     out["detected"] = bool(result.get("test", {}).get("significant"))
     out["in_tie_set"] = bool(ties & accept) if chosen else False
     out["top_1"] = bool(chosen) and chosen[0] in accept
@@ -81,7 +85,8 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
             out["validate_over_floor"] = after["rms_validate"] / floor
             out["validate_better"] = after["rms_validate"] < before["rms_validate"]
     places = {e["kind"]: e["position"] for e in answer.get("effect", []) if "position" in e}
-    errors = {r["kind"]: r.get("std", {}).get("position") for r in result.get("ranking", [])}
+    told = [*result.get("ranking", []), *result.get("chosen", [])]  # a chosen effect may stand low in the ranking, which is cut
+    errors = {r["kind"]: r.get("std", {}).get("position") for r in told}
     length, off_by = answer.get("true_length", answer.get("length")), []
     for c in result.get("chosen", []):
         if c["kind"] in places and "position" in c["parameters"]:
@@ -89,22 +94,20 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
     if off_by:
         worst, error = max(off_by)
         out |= {"place_off_by": worst, "place_std": error, "place_covered": worst <= 1.96 * error}
-    for name in ("bending_stiffness", "torsional_stiffness"):
-        e, true = result.get("estimates", {}).get(name, {}), answer.get(f"true_{name}")
-        if "low" in e and true is not None:
-            out[f"covers_{name}"] = bool(e["low"] <= true <= e["high"])
+    out |= covered("covers", result.get("estimates", {}), answer)
+    if "background" in answer:
+        out |= background_score.row(result, answer, out["in_tie_set"]) | {"class": f"background {out['class']}"}
     return out
 
 
 def table(rows: list[dict]) -> dict:
     """Shares over the cases of each class, with their counts."""
 
-    def share(rows, key):
-        known = [r[key] for r in rows if r.get(key) is not None]
-        return {"share": sum(known) / len(known), "of": len(known)} if known else {"share": None, "of": 0}
+    def known(rows, key):
+        return share(r[key] for r in rows if r.get(key) is not None)
 
     def under(rows, key, most):
-        return share([{"f": r[key] < most} for r in rows if key in r], "f")
+        return share(r[key] < most for r in rows if key in r)
 
     def of(name):
         return [r for r in rows if r["class"] == name and not r.get("fault")]
@@ -114,31 +117,31 @@ def table(rows: list[dict]) -> dict:
     strong = [r for r in one if r["strength"] > 1.5]
     right = [r for r in one if r["top_1"]]
     chosen = [r for r in one + two if r["chosen"]]
-    covers = [{"c": r[k]} for r in right for k in r if k.startswith("covers_")]
     mean = lambda rows, f: sum(map(f, rows)) / len(rows) if rows else None  # noqa: E731
     return {
         "cases": len(rows), "faults": sum(bool(r.get("fault")) for r in rows),
-        "false_alarms": share(none, "detected"),
-        "detected": share(one, "detected"),
-        "detected_above_0.7": share([r for r in one + two if r["strength"] > 0.7], "detected"),
-        "truth_in_tie_set": share(one, "in_tie_set"),
-        "truth_in_tie_set_6_poses": share([r for r in one if (r["poses"] or 0) >= 6], "in_tie_set"),
-        "truth_in_tie_set_when_detected": share(found, "in_tie_set"),
+        "false_alarms": known(none, "detected"),
+        "detected": known(one, "detected"),
+        "detected_above_0.7": known([r for r in one + two if r["strength"] > 0.7], "detected"),
+        "truth_in_tie_set": known(one, "in_tie_set"),
+        "truth_in_tie_set_6_poses": known([r for r in one if (r["poses"] or 0) >= 6], "in_tie_set"),
+        "truth_in_tie_set_when_detected": known(found, "in_tie_set"),
         "mean_tie_set": mean([r for r in one if r["chosen"]], lambda r: len(r["ties"])),
-        "top_1": share(one, "top_1"), "top_1_above_1.5": share(strong, "top_1"),
-        "named_and_wrong": share(one + off + none, "named_and_wrong"),
-        "both_of_a_pair": share(two, "both"), "both_tied": share(two, "both_tied"), "one_of_a_pair": share(two, "in_tie_set"),
-        "off_catalogue_flagged": share([{"f": r["verdict"] == "unexplained"} for r in off], "f"),
-        "off_catalogue_flagged_or_right": share([{"f": r["verdict"] == "unexplained" or r["in_tie_set"]} for r in off], "f"),
-        "off_catalogue_field": share([{"f": r["verdict"] == "unexplained" or r["field_beside"]} for r in off], "f"),
+        "top_1": known(one, "top_1"), "top_1_above_1.5": known(strong, "top_1"),
+        "named_and_wrong": known(one + off + none, "named_and_wrong"),
+        "both_of_a_pair": known(two, "both"), "both_tied": known(two, "both_tied"), "one_of_a_pair": known(two, "in_tie_set"),
+        "off_catalogue_flagged": share(r["verdict"] == "unexplained" for r in off),
+        "off_catalogue_flagged_or_right": share(r["verdict"] == "unexplained" or r["in_tie_set"] for r in off),
+        "off_catalogue_field": share(r["verdict"] == "unexplained" or r["field_beside"] for r in off),
         "fit_within_5_percent": under(right, "fit_over_floor", 1.05),
-        "validate_better": share(chosen, "validate_better"),
+        "validate_better": known(chosen, "validate_better"),
         "validate_within_1.15": under(right, "validate_over_floor", 1.15),
         "validate_within_1.15_no_tolerance": under([r for r in right if not r["tolerances"]], "validate_over_floor", 1.15),
-        "coverage_95": share(covers, "c"),
+        "coverage_95": share(r[k] for r in right for k in r if k.startswith("covers_")),
         "place_within_2_percent": under(one + two, "place_off_by", 0.02),
         "place_within_2_percent_if_seen": under([r for r in one + two if r.get("place_std", 1.0) < 0.01], "place_off_by", 0.02),
-        "place_covered": share(one + two, "place_covered"),
+        "place_covered": known(one + two, "place_covered"),
+        **(background_score.table(rows) if any("background" in r for r in rows) else {}),
         "seconds_mean": mean([r for r in rows if r.get("seconds")], lambda r: r["seconds"]),
         "seconds_most": max((r["seconds"] for r in rows if r.get("seconds")), default=None),
     }  # fmt: skip

@@ -18,6 +18,7 @@ from .shapes import INTERVALS, Lens, Model, Tolerance, left_over
 
 STRENGTH = (0.4, 4.0)  # log-uniform
 PAIR_STRENGTH = (0.7, 4.0)  # of each of two effects
+FEWEST_FIT, MOST_FIT = 3, 8  # poses that are fitted; two more are validate poses
 MESH_ERROR = 1e-5  # of L: largest change of the shape when the mesh is doubled
 CONTACT_INTERVALS = 224  # a plane bends the cable over a few hundredths of L
 MOST_MOVED = 0.2  # of L: an effect that moves a point further has jumped to another branch
@@ -29,7 +30,32 @@ def make_case(key, kinds, off, most_points):
     """One attempt: `key` seeds it, `kinds` are the true catalogue kinds, `off` a hidden kind or none."""
     began = time.perf_counter()
     rng = np.random.default_rng(key)
-    cable, fit = design.draw_cable(rng), int(rng.integers(3, 9))
+    posed = pose_cable(rng, kinds, FEWEST_FIT)
+    if posed is None:
+        return None
+    scene, y, fit = posed
+    tolerance = draw_tolerance(rng) if not {*kinds, off} & SHAPE_IMMUNE else Tolerance()
+    true = deviate(rng, scene, tolerance)
+    noise, s = draw_noise(rng, scene.cable.length), draw_points(rng, scene.cable.length, fit + 2, most_points)
+    found = choose_effects(rng, (true, y, fit), (s, scene.cable.length, noise, tolerance), kinds, off)
+    if found is None or not visible(*found[:2]):
+        return None
+    truth, answer, tables = found
+    seen = observe(true, y, truth, [at / scene.cable.length for at in s])
+    if seen is None:
+        return None
+    case = {"nominal": scene, "fit": fit, "tolerance": tolerance, "noise": noise, "s": s, "effects": truth, "tables": tables}
+    case |= measure(rng, case, seen)
+    answer |= facts(true, scene, noise, s, seen)
+    answer |= {"off_catalogue": off or "none", "family": effects.FAMILY.get(off, "none")}
+    answer |= {"arc_length_given": case["arc_length"], "noise_stated": case["stated"], "seed": list(key),
+               "seconds": round(time.perf_counter() - began, 2)}
+    return rng, case | {"answer": answer}
+
+
+def pose_cable(rng, kinds, fewest):
+    """A cable in `fit` (`fewest` to 8) and two validate poses, placed in the scan frame: `(scene, y, fit)`."""
+    cable, fit = design.draw_cable(rng), int(rng.integers(fewest, MOST_FIT + 1))
     drawn = design.draw_poses(rng, cable, fit + 2)
     if drawn is None:
         return None
@@ -38,28 +64,20 @@ def make_case(key, kinds, off, most_points):
     if "support_plane" in kinds and not lower_onto_plane(rng, scene, y, fit):
         return None
     round_clamps(scene)
-    tolerance = draw_tolerance(rng) if not {*kinds, off} & SHAPE_IMMUNE else Tolerance()
-    true = deviate(rng, scene, tolerance)
-    noise, s = draw_noise(rng, cable.length), draw_points(rng, cable.length, fit + 2, most_points)
-    found = choose_effects(rng, (true, y, fit), (s, cable.length, noise, tolerance), kinds, off)
-    if found is None:
-        return None
-    truth, answer, tables = found
-    if truth and answer["plain_left"] < 2 * rivals.NATS:
-        return None  # nobody could see it: as good as nothing missing, of which there are cases enough
-    seen = observe(true, y, truth, [at / cable.length for at in s])
-    if seen is None:
-        return None
-    points = [x + noise.draw(rng, at) for x, at in zip(seen["shapes"], s, strict=True)]
+    return scene, y, fit
+
+
+def visible(truth, answer):
+    """Whether anybody could see the effect: else the case is as good as nothing missing, of which there are enough."""
+    return not truth or answer["plain_left"] >= 2 * rivals.NATS
+
+
+def measure(rng, case, seen):
+    """What the sensor gives, and whether its noise and the arc lengths are stated."""
+    points = [x + case["noise"].draw(rng, at) for x, at in zip(seen["shapes"], case["s"], strict=True)]
     stated, marked = rng.random() < 0.5, rng.random() < 0.15
-    arc_length = marked and "length_error" not in kinds and not tolerance.length
-    answer |= facts(true, scene, noise, s, seen)
-    answer |= {"off_catalogue": off or "none", "family": effects.FAMILY.get(off, "none")}
-    answer |= {"arc_length_given": arc_length, "noise_stated": stated, "seed": list(key),
-               "seconds": round(time.perf_counter() - began, 2)}
-    case = {"nominal": scene, "fit": fit, "tolerance": tolerance, "noise": noise, "s": s, "points": points,
-            "stated": stated, "arc_length": arc_length, "answer": answer, "effects": truth, "tables": tables}
-    return rng, case
+    known = not case["tolerance"].length and all(e["kind"] != "length_error" for e in case["effects"])
+    return {"points": points, "stated": stated, "arc_length": marked and known}
 
 
 def round_clamps(scene):
@@ -138,29 +156,15 @@ def rounded(effect):
 def choose_effects(rng, posed, measured, kinds, off):
     """The truth at its strengths, and what the answer says of it: `(effects, answer, tables)`."""
     (scene, y, fit), (s, length, noise, tolerance) = posed, measured
-    L = scene.cable.length
-    sigma = mesh(INTERVALS if "support_plane" not in kinds else 2 * INTERVALS, L)
-    fine = mesh(design.FINE, L)
-    base = Model(scene, [], sigma, interpolate(fine, y, sigma))
-    if not base.ok.all():
+    base = compared(scene, y, kinds)
+    if base is None:
         return None
-    lens = Lens(sigma, length, s[:fit], noise)
-    targets = [base.shape(lens, p) for p in range(fit)]
-    J = base.columns(lens, base.stiffness_changes(), correlated=False)
-
-    def strength(truth):
-        model = Model(scene, truth, sigma, base.y)
-        moved = np.abs(model.y[..., :3] - base.y[..., :3]).max()
-        if not model.ok.all() or moved > MOST_MOVED * L:
-            return None
-        d = left_over(J, model.residual(lens, targets, correlated=False))
-        return np.sqrt((d**2).sum() / lens.count / 2)
-
+    lens = Lens(base.F.sigma, length, s[:fit], noise)
     low, high = PAIR_STRENGTH if len(kinds) == 2 else STRENGTH
-    truth, strengths = [], []
+    strength, truth, strengths = strength_on(base, lens), [], []
     for kind in [*kinds, *([off] if off else [])]:
         goal = np.exp(rng.uniform(*np.log((low, high))))
-        effect = _scaled(rng, kind, base, strength, goal)
+        effect = scaled(rng, kind, base, strength, (0.9 * max(min(goal, 1.0), STRENGTH[0]), goal))
         if effect is None:
             return None
         truth.append(effect)
@@ -168,17 +172,52 @@ def choose_effects(rng, posed, measured, kinds, off):
     total = strength(truth) if truth else 0.0
     if total is None:
         return None
-    answer = {"kinds": list(kinds), "plain_over_noise": round(float(total), 3), "strengths": strengths}
+    return with_rivals(base, (lens, tolerance), (truth, strengths, round(float(total), 3)), (kinds, off))
+
+
+def compared(scene, y, kinds):
+    """The plain rod on the mesh on which shapes are compared; `None` where it is not solved."""
+    L = scene.cable.length
+    sigma = mesh(INTERVALS if "support_plane" not in kinds else 2 * INTERVALS, L)
+    base = Model(scene, [], sigma, interpolate(mesh(design.FINE, L), y, sigma))
+    return base if base.ok.all() else None
+
+
+def strength_on(base, lens, most=MOST_MOVED):
+    """The strength of a truth beside the noise of `lens`, as a function; `None` where a point moves by more than `most` L."""
+    targets = [base.shape(lens, p) for p in range(len(lens.matrices))]
+    J = base.columns(lens, base.stiffness_changes(), correlated=False)
+
+    def strength(truth):
+        model = Model(base.scene, truth, base.F.sigma, base.y)
+        moved = np.abs(model.y[..., :3] - base.y[..., :3]).max()
+        if not model.ok.all() or moved > most * base.scene.cable.length:
+            return None
+        d = left_over(J, model.residual(lens, targets, correlated=False))
+        return np.sqrt((d**2).sum() / lens.count / 2)
+
+    return strength
+
+
+def with_rivals(base, seen, drawn, of):
+    """A truth, drawn with its strengths (of each effect, and of all), and its rivals: `(effects, answer, tables)`."""
+    (lens, tolerance), (truth, strengths, total), (kinds, off) = seen, drawn, of
+    answer = {"kinds": list(kinds), "plain_over_noise": total, "strengths": strengths}
     found = find_rivals(base, lens, tolerance, truth, own=not off)
     return None if found is None else (truth, answer | found[0], found[1])
 
 
-def _scaled(rng, kind, base, strength, goal):
+def scaled(rng, kind, base, strength, bounds, *, larger=1.0):
+    """A drawn effect of at least the first of `bounds` in strength, and near the second where that can be had.
+
+    `larger`: by what factor its amplitude may exceed what `draws` finds sensible.
+    """
+    enough, goal = bounds
     draw = draws.catalogue if kind in effects.CATALOGUE else draws.hidden
     for _ in range(4):
         make, first, most = draw(rng, kind, base)
-        out = draws.settle(lambda a, make=make: rounded(make(a)), first, most, lambda e: strength([e]), goal)
-        if out is not None and out[1] > 0.9 * min(goal, 1.0) and out[1] > 0.9 * STRENGTH[0] and out[1] < 1.3 * goal:
+        out = draws.settle(lambda a, make=make: rounded(make(a)), first, larger * most, lambda e: strength([e]), goal)
+        if out is not None and enough < out[1] < 1.3 * goal:
             return out[0]
     return None
 
@@ -238,7 +277,7 @@ def observe(scene, y, truth, at):
         return None
     nodes, views = finer.y[..., :3], [observation_matrix(double, x) for x in at]
     shapes = [finer.scale * view @ nodes[p] + finer.offset for p, view in enumerate(views)]
-    return {"shapes": shapes, "square": square, "twist": twist, "error": error}
+    return {"shapes": shapes, "square": square, "twist": twist, "error": error, "model": finer}
 
 
 def facts(true, nominal, noise, s, seen):

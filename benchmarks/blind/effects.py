@@ -1,8 +1,9 @@
 """Physics beyond the plain rod: each kind of effect as a function that changes `Parts`.
 
 An effect is a dictionary as in a study's `[[effect]]` table: `kind` and its parameters, in SI units. The first group is
-the catalogue of the study format; the second, `HIDDEN`, lies outside of it. Per-pose parameters of hidden kinds have
-one entry per pose. Spans are boxes with edges smoothed over 2 % of L; dead loads keep their direction in the world.
+the catalogue of the study format; the second, `HIDDEN`, lies outside of it; `SCATTER` differs from pose to pose and lies
+under an effect. Per-pose parameters of these have one entry per pose. Spans are boxes with edges smoothed over 2 % of L;
+dead loads keep their direction in the world.
 """
 
 import numpy as np
@@ -128,8 +129,7 @@ def _taper_mass(x, exponent):
 
 def _pose_loads(x, harmonics):
     """Per pose, force densities (N/m) of `cos(k pi s / L)`, k = 0, 1, 2: `harmonics` is (P, 3, 3)."""
-    waves = np.cos(np.pi * np.arange(3)[:, None] * x.s / x.length)
-    x.line = x.line + np.einsum("pki,ks->psi", np.asarray(harmonics), waves)
+    x.line = x.line + np.einsum("pki,ks->psi", np.asarray(harmonics), cosines(x, 3))
 
 
 def _pose_reseating(x, rotation):
@@ -146,11 +146,23 @@ def _bending_friction(x, moment, scale, sign):
     x.friction = laws.Friction(moment / x.cable.bending, scale, np.asarray(sign, float)[:, None])
 
 
+def cosines(x, count):
+    """`cos(k pi s / L)`, k = 0, 1, ..., at the sample points: (count, len(s))."""
+    return np.cos(np.pi * np.arange(count)[:, None] * x.s / x.length)
+
+
+def _pose_curvature(x, harmonics):
+    """Per pose, natural curvature (1/m) in the material frame as a cosine series: `harmonics` is (P, K, 3)."""
+    harmonics = np.asarray(harmonics)
+    x.natural = x.natural + np.einsum("pki,ks->psi", harmonics, cosines(x, harmonics.shape[1]))
+
+
 HIDDEN = {
     "wavy_bending": _wavy_bending, "wavy_curvature": _wavy_curvature, "wavy_mass": _wavy_mass,
     "taper_stiffness": _taper_stiffness, "taper_mass": _taper_mass, "pose_loads": _pose_loads,
     "pose_reseating": _pose_reseating, "point_couple": _point_couple, "bending_friction": _bending_friction,
 }  # fmt: skip
+SCATTER = {"pose_curvature": _pose_curvature, "pose_reseating": _pose_reseating}
 FAMILY = {
     "wavy_bending": "material stiffness", "wavy_curvature": "material curvature", "wavy_mass": "dead mass",
     "taper_stiffness": "material stiffness", "taper_mass": "dead mass", "pose_loads": "pose-specific loads",
@@ -164,7 +176,7 @@ def build(scene, effects, sigma):
     parts = Parts(scene, sigma, lengths[0] if lengths else scene.cable.length)
     for effect in effects:
         arguments = {name: value for name, value in effect.items() if name != "kind"}
-        (CATALOGUE.get(effect["kind"]) or HIDDEN[effect["kind"]])(parts, **arguments)
+        (CATALOGUE | HIDDEN | SCATTER)[effect["kind"]](parts, **arguments)
     return parts.fields(scene), parts.scale, parts.offset
 
 

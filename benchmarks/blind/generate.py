@@ -3,7 +3,8 @@
 A fifth of the cases miss nothing, half miss one catalogue effect (all kinds in turn), 15 % two, and 15 % an effect
 outside of the catalogue; their order is random. Cases whose answer exists are left alone, so that a run can be resumed;
 a design that fails its checks is drawn again. `--only b003 b007` makes these cases only; `--kinds none kink
-point_mass+tether off:wavy_mass` makes exactly these truths instead of the mix.
+point_mass+tether off:wavy_mass` makes exactly these truths instead of the mix. `--background` makes the class of cases with
+a background (`background.py`) instead: a third with nothing else, and one catalogue effect in the others.
 """
 
 import argparse
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import cases, effects, studies
+from . import background, cases, effects, studies
 
 ATTEMPTS = 60
 NEVER_TOGETHER = [{"nonlinear_bending", "anisotropic_bending"}, {"nonlinear_bending", "bend_twist_coupling"}]
@@ -45,22 +46,37 @@ def plain(kinds):
     return tuple(str(k) for k in kinds)
 
 
+def attempt(key, kinds, off, arguments):
+    """One attempt at a case: `(rng, case)` or `None`."""
+    try:
+        if arguments.background:
+            return background.make_case(key, plain(kinds), arguments.points)
+        return cases.make_case(key, plain(kinds), off and str(off), arguments.points)
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return None
+
+
+def truths_of(arguments):
+    if arguments.kinds:
+        return [parse(t) for t in arguments.kinds]
+    mix = background.schedule if arguments.background else schedule
+    return mix(arguments.count, arguments.seed)
+
+
 def run(arguments):
-    truths = [parse(t) for t in arguments.kinds] if arguments.kinds else schedule(arguments.count, arguments.seed)
+    truths = truths_of(arguments)
+    if arguments.background and any(off or len(kinds) > 1 for kinds, off in truths):
+        sys.exit("with --background, each of --kinds is `none` or one kind of the catalogue")
     for index, (kinds, off) in enumerate(truths):
         name = f"{arguments.prefix}{index + 1:03d}"
         if (arguments.only and name not in arguments.only) or (Path(arguments.answers) / f"{name}.toml").exists():
             continue
-        for attempt in range(ATTEMPTS):
-            key = arguments.seed, index, attempt
-            try:
-                made = cases.make_case(key, plain(kinds), off and str(off), arguments.points)
-            except (np.linalg.LinAlgError, FloatingPointError):
-                made = None
+        for trial in range(ATTEMPTS):
+            made = attempt((arguments.seed, index, trial), kinds, off, arguments)
             if made is not None:
                 rng, case = made
                 studies.write(rng, {"id": name, **case}, arguments.cases, arguments.answers)
-                print(f"{name}: attempt {attempt + 1}, {case['answer']['seconds']} s", flush=True)
+                print(f"{name}: attempt {trial + 1}, {case['answer']['seconds']} s", flush=True)
                 break
         else:
             print(f"{name}: no design in {ATTEMPTS} attempts", file=sys.stderr, flush=True)
@@ -74,6 +90,7 @@ def main():
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--only", nargs="*", help="names of cases, such as b003")
     parser.add_argument("--kinds", nargs="*", help="truths, one per case, instead of the mix")
+    parser.add_argument("--background", action="store_true", help="cases with a background")
     parser.add_argument("--points", type=int, default=250, help="most points per pose")
     parser.add_argument("--prefix", default="b")
     run(parser.parse_args())

@@ -1,10 +1,11 @@
 """Which kinds of effect do the noise-free shapes not tell from the truth?
 
-Two stages, both with the true covariance of the noise, with EI and GJ free, and with the stated tolerances as priors:
+Two stages, both with the true covariance of the noise, with EI and GJ free, and with the stated tolerances (and the
+background, where there is one) as priors:
 
 1. to first order about the plain rod's best fit, every kind at every place is a handful of columns; all places come
    from one basis (a bump of curvature, stiffness, mass or force in each mesh interval) by linear algebra: `screen`;
-2. the kinds that leave little are refitted in full (Levenberg-Marquardt, the rod solved anew at each step): `refit`.
+2. the kinds that leave little are refitted in full (`refits`).
 
 `left` is `-2 log L` of what remains; the truth itself leaves nothing. A kind is accepted when it leaves less than
 `2 * NATS`. A tether (which a weak long spring turns into a point load) and a support plane are tried only as truths.
@@ -15,142 +16,16 @@ from dataclasses import replace
 import numpy as np
 
 from . import effects as fx
+from .refits import EDGE_RANGE, NATS, Fit, refit
 from .rod import back_substitute, intervals
-from .shapes import EPS, Model
+from .shapes import EPS
 
-NATS = 3.0
 REFITS = 7  # rivals refitted per case, those that leave least to first order
 HOPE = 0.4  # of the plain misfit: a rival that leaves more to first order (and more than the truth) is not refitted
-MARQUARDT_STEPS = 14
 RIDGE = 1e-5  # of the mean square of the columns: holds back what EI and GJ absorb (a vertical load) to first order
 UNMIXED = {"nonlinear_bending", "anisotropic_bending", "bend_twist_coupling"}  # never together: one law at a time
 SPANS = (0.03, 0.06, 0.1, 0.16, 0.25, 0.35)  # widths over L that are scanned
 KINK_SPANS = (0.03, 0.06, 0.1, 0.16)
-EDGE_RANGE = 0.03  # of L: places this close to a clamp are not scanned
-
-
-def free_numbers(kind, cable):
-    """Per parameter: (size, lowest, highest, scale); `None` for a scale means that its logarithm is free."""
-    L, W = cable.length, cable.length * cable.density * 9.81
-    p = ((), EDGE_RANGE * L, (1 - EDGE_RANGE) * L, 0.02 * L)
-    span, line = ((), 0.02 * L, 0.5 * L, 0.03 * L), W / L
-    return {
-        "natural_curvature": {"curvature": ((3,), -6 / L, 6 / L, 0.3 / L)},
-        "kink": {"position": p, "angle": ((3,), -2, 2, 0.05), "width": ((), 0.02 * L, 0.2 * L, 0.02 * L)},
-        "anisotropic_bending": {"ratio": ((), 0.15, 7, None), "angle": ((), -4, 4, 0.3)},
-        "bend_twist_coupling": {"coupling": ((2,), -0.65, 0.65, 0.05)},
-        "nonlinear_bending": {"slip_curvature": ((), 0.3 / L, 60 / L, None), "ratio": ((), 0.02, 1.0, 0.1)},
-        "stiffness_profile": {"position": p, "width": span, "factor": ((), 0.05, 20, None)},
-        "extensibility": {"axial_stiffness": ((), 5 * W, 1e5 * W, None)},
-        "point_mass": {"position": p, "mass": ((), 0, 2 * W / 9.81, 0.05 * W / 9.81)},
-        "density_profile": {"position": p, "width": span, "factor": ((), 0, 12, 0.2)},
-        "uniform_load": {"force": ((3,), -line, line, 0.03 * line)},
-        "point_load": {"position": p, "force": ((3,), -2 * W, 2 * W, 0.03 * W)},
-        "elastic_clamp": {"stiffness": ((2,), 0.5 * cable.bending / L, 1e5 * cable.bending / L, None)},
-        "clamp_rotation": {"rotation": ((2, 3), -0.6, 0.6, 0.02)},
-        "clamp_offset": {"offset": ((2, 3), -0.08 * L, 0.08 * L, 3e-3 * L)},
-        "length_error": {"length": ((), 0.9 * L, 1.1 * L, 4e-3 * L)},
-        "scan_scale": {"factor": ((), 0.9, 1.1, 4e-3)},
-        "scan_offset": {"offset": ((3,), -0.08 * L, 0.08 * L, 3e-3 * L)},
-    }.get(kind)
-
-
-class Fit:
-    """Least squares over log EI, log GJ and the free numbers of some effects, tolerances as priors."""
-
-    def __init__(self, model, lens, targets, tolerance, effects=()):
-        self.lens, self.targets, self.effects = lens, targets, list(effects)
-        self.cable, self.model = model.scene.cable, model
-        self.nuisance = model.nuisances(lens, tolerance)
-        self.table = [(i, name, *v) for i, e in enumerate(effects)
-                      for name, v in (free_numbers(e["kind"], self.cable) or {}).items()]
-
-    def start(self):
-        z = [0.0, 0.0]
-        for i, name, _, _, _, scale in self.table:
-            value = np.asarray(self.effects[i][name], float).ravel()
-            z += list(np.log(np.maximum(value, 1e-12)) if scale is None else value / scale)
-        return np.array(z)
-
-    def amplitudes(self):
-        """Which free numbers are zero when the effect is absent."""
-        absent = {"angle", "curvature", "force", "mass", "coupling", "rotation", "offset"}
-        flags = [False, False]
-        for i, name, size, *_ in self.table:
-            zero = name in absent and not (name == "angle" and self.effects[i]["kind"] == "anisotropic_bending")
-            flags += int(np.prod(size)) * [zero]
-        return np.array(flags)
-
-    def bounds(self):
-        low, high = [-4.0, -4.0], [4.0, 4.0]
-        for _, _, size, a, b, scale in self.table:
-            n = int(np.prod(size))
-            low += n * [np.log(a) if scale is None else a / scale]
-            high += n * [np.log(b) if scale is None else b / scale]
-        return np.array(low), np.array(high)
-
-    def unpack(self, z):
-        scene = replace(self.model.scene, cable=replace(
-            self.cable, bending=self.cable.bending * np.exp(z[0]), torsion=self.cable.torsion * np.exp(z[1])))
-        effects, k = [dict(e) for e in self.effects], 2
-        for i, name, size, _, _, scale in self.table:
-            n = int(np.prod(size))
-            value = z[k : k + n]
-            effects[i][name] = (np.exp(value) if scale is None else value * scale).reshape(size)
-            k += n
-        return scene, effects
-
-    def at(self, z, y):
-        model = Model(*self.unpack(z), self.model.F.sigma, y)
-        return model if model.ok.all() else None
-
-    def misfit(self, model):
-        """Residual with the nuisances marginalised."""
-        return self.free(model.residual(self.lens, self.targets)[:, None])[:, 0]
-
-    def free(self, columns):
-        """Apply `C^-1/2`, `C = I + S S^T`: marginalise the nuisances."""
-        if not self.nuisance.shape[1]:
-            return columns
-        if not hasattr(self, "_svd"):
-            U, s, _ = np.linalg.svd(self.nuisance, full_matrices=False)
-            self._svd = U, 1 / np.sqrt(1 + s**2) - 1
-        U, w = self._svd
-        return columns + U @ (w[:, None] * (U.T @ columns))
-
-    def columns(self, model, z):
-        changes = [fx.build(*self.unpack(z + 1j * EPS * e), model.F.sigma) for e in np.eye(len(z))]
-        return self.free(model.columns(self.lens, changes))
-
-    def run(self, enough=2 * NATS / 2, steps=MARQUARDT_STEPS):
-        """Levenberg-Marquardt within bounds; `(left, model, z)`. Stops early when the fit is good, or hopeless."""
-        low, high = self.bounds()
-        damping = 1e-3
-        for share in (1.0, 0.4, 0.1, 0.0):  # of the first-order effect, where all of it is too much for Newton
-            z = np.clip(self.start() * np.where(self.amplitudes(), share, 1.0), low, high)
-            model = self.at(z, self.model.y)
-            if model is not None:
-                break
-        else:
-            return np.inf, None, z
-        d = self.misfit(model)
-        for _ in range(steps):
-            J = self.columns(model, z)
-            stuck = True
-            for _ in range(5):
-                stack = np.concatenate([J, np.sqrt(damping) * np.diag(np.linalg.norm(J, axis=0) + 1e-9)])
-                step = -np.linalg.lstsq(stack, np.concatenate([d, np.zeros(len(z))]), rcond=None)[0]
-                new = np.clip(z + step * min(1.0, 3 / max(np.abs(step).max(), 1e-9)), low, high)
-                trial = self.at(new, model.y)
-                e = None if trial is None else self.misfit(trial)
-                if e is not None and e @ e < d @ d:
-                    stuck = e @ e > 0.995 * (d @ d)
-                    z, model, d, damping = new, trial, e, max(damping / 8, 1e-9)
-                    break
-                damping *= 8
-            if d @ d < enough or stuck:
-                break
-        return float(d @ d), model, z
 
 
 def screen(model, lens, targets, fit):
@@ -281,7 +156,7 @@ def accepted(model, lens, targets, tolerance, truths):
     each kind leaves (refitted or to first order), what the rod without it leaves, and its EI and GJ.
     """
     partners = model.effects
-    left0, plain, _ = Fit(model, lens, targets, tolerance, partners).run(steps=8)
+    left0, plain = refit(model, lens, targets, tolerance, partners, steps=8)
     if plain is None:
         return None
     fit = Fit(plain, lens, targets, tolerance, plain.effects)
@@ -292,7 +167,7 @@ def accepted(model, lens, targets, tolerance, truths):
     refits = {}
     for kind in order:
         effect = found[kind][1]
-        better = Fit(plain, lens, targets, tolerance, [*plain.effects, effect]).run()[0]
+        better, _ = refit(plain, lens, targets, tolerance, [*plain.effects, effect])
         refits[kind] = min(better, left0)
     good = [k for k, v in refits.items() if v < 2 * NATS]
     return {"accept": [*truths, *good], "plain": left0, "first_order": left, "refitted": refits,

@@ -21,12 +21,16 @@ EPS = rod.STEP
 
 @dataclass
 class Tolerance:
-    """Standard deviations stated in a study (zero: exact): m, m, rad, rad."""
+    """Standard deviations (zero: exact) in m, m, rad, rad, as a study states them; `curvature` is never stated.
+
+    `curvature` (P, K), 1/m: of the cosines of each pose's own natural curvature, each of three components.
+    """
 
     length: float = 0.0
     clamp_position: float = 0.0
     clamp_rotation: float = 0.0
     gravity: float = 0.0
+    curvature: np.ndarray | None = None
 
 
 class Lens:
@@ -122,6 +126,8 @@ class Model:
             if tolerance.clamp_rotation:
                 own += [replace(self.F, **{name: (x, qt.product(q, qt.exp(tolerance.clamp_rotation * e + 0 * x)))})
                         for e in eye]
+        if tolerance.curvature is not None:
+            own += self._own_curvatures(tolerance.curvature[: len(lens.matrices)])
         blocks = []
         if common:
             blocks.append(self.columns(lens, [(F, 1.0, 0.0) for F in common]))
@@ -130,6 +136,16 @@ class Model:
             pose = np.repeat(np.arange(len(lens.matrices)), [3 * len(m) for m in lens.matrices])
             blocks += [C * (pose == p)[:, None] for p in range(len(lens.matrices))]
         return np.concatenate(blocks, axis=1) if blocks else np.zeros((3 * lens.count, 0))
+
+    def _own_curvatures(self, size):
+        """Unit deviations of the cosine series of each pose's natural curvature; `size` is (P, K)."""
+        out = []
+        for k, axis in np.ndindex(size.shape[1], 3):
+            harmonics = np.zeros((*size.shape, 3))
+            harmonics[:, k, axis] = size[:, k]
+            own = {"kind": "pose_curvature", "harmonics": 1j * EPS * harmonics}
+            out.append(fx.build(self.scene, [*self.effects, own], self.F.sigma)[0])
+        return out
 
 
 def left_over(columns, d):

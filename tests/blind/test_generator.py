@@ -179,6 +179,7 @@ NULLS = [
     {"kind": "pose_reseating", "rotation": np.zeros((2, 2, 3))},
     {"kind": "point_couple", "position": 0.4, "couple": [0.0, 0, 0]},
     {"kind": "bending_friction", "moment": 0.0, "scale": 1.0, "sign": [1, -1]},
+    {"kind": "pose_curvature", "harmonics": np.zeros((2, 4, 3))},
 ]  # fmt: skip
 
 
@@ -193,7 +194,7 @@ def test_an_effect_of_null_size_changes_nothing(poses, null):
 
 
 def test_every_kind_has_a_null():
-    assert {e["kind"] for e in NULLS} == {*effects.CATALOGUE, *effects.HIDDEN}
+    assert {e["kind"] for e in NULLS} == {*effects.CATALOGUE, *effects.HIDDEN, *effects.SCATTER}
 
 
 def test_identities_between_effects(poses):

@@ -1,0 +1,100 @@
+"""Scores of blind cases with a background: each pose deviates by itself, beneath an effect or with nothing else.
+
+An effect counts as *named* when the answer is "explained" or "partly explained"; where there is background alone, nothing may
+be. The size of an effect is its main parameter as a vector that is zero where the effect is absent, so that 15 % of it means
+the same for a factor of 1.1 as for one of 3; it is looked up in the chosen effects first, then in the ranking. What *attained*
+means stands in the answer: the RMS distance of validate poses from the true effect's curves without background.
+"""
+
+from statistics import median
+
+import numpy as np
+
+NAMED = ("explained", "partly explained")
+SIZE, VALIDATE = 0.15, 1.3  # what is asked for: the size to within, and validate poses within this of what is attained
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+
+
+def _anisotropy(p):
+    """Axes of bending are the same after a quarter turn with the inverse ratio."""
+    return np.log(p["ratio"]) * np.array([np.cos(2 * p["angle"]), np.sin(2 * p["angle"])])
+
+
+SIZES = {
+    "natural_curvature": lambda p, L: p["curvature"], "kink": lambda p, L: p["angle"],
+    "anisotropic_bending": lambda p, L: _anisotropy(p), "bend_twist_coupling": lambda p, L: p["coupling"],
+    "nonlinear_bending": lambda p, L: 1 - p["ratio"], "stiffness_profile": lambda p, L: np.log(p["factor"]),
+    "extensibility": lambda p, L: 1 / p["axial_stiffness"], "point_mass": lambda p, L: p["mass"],
+    "density_profile": lambda p, L: p["factor"] - 1, "uniform_load": lambda p, L: p["force"],
+    "point_load": lambda p, L: p["force"], "tether": lambda p, L: p["stiffness"],
+    "elastic_clamp": lambda p, L: 1 / np.asarray(p["stiffness"], float),
+    "clamp_rotation": lambda p, L: p["rotation"], "clamp_offset": lambda p, L: p["offset"],
+    "length_error": lambda p, L: p["length"] - L, "scan_scale": lambda p, L: p["factor"] - 1,
+    "scan_offset": lambda p, L: p["offset"],
+}  # fmt: skip
+"""By kind, the size of an effect in a cable of length L (m); a support plane has none."""
+
+
+def size_off_by(kind: str, found: dict, true: dict, length: float) -> float | None:
+    """Relative error of an effect's size; None for a kind without one. An end that only one of them has counts as zero."""
+    if kind not in SIZES:
+        return None
+    a, b = (np.ravel(np.asarray(SIZES[kind](p, length), float)) for p in (found, true))
+    count = max(len(a), len(b))
+    a, b = (np.pad(x, (0, count - len(x))) for x in (a, b))
+    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
+
+
+def row(result: dict, answer: dict, in_tie_set: bool) -> dict:
+    """What one case with a background counts for, beside what `blind_score.score` says of every case."""
+    out = {"background": answer["background"], "named": bool(result.get("chosen")) and result.get("verdict") in NAMED}
+    after = result.get("after", {}).get("rms_validate")
+    if after is not None:
+        out["validate_over_attained"] = after / answer["attained_validate"]
+    rms = result.get("discrepancy", {}).get("rms")
+    if rms is not None:
+        out["discrepancy_over_true"] = rms / answer["background"]
+    out |= covered("plain_covers", result.get("plain_estimates", {}), answer)
+    if answer["kinds"] and in_tie_set:
+        true = next(e for e in answer["effect"] if e["kind"] == answer["kinds"][0])
+        every = [*result.get("chosen", []), *result.get("ranking", [])]
+        found = next((e["parameters"] for e in every if e["kind"] == true["kind"]), None)
+        out["size_off_by"] = found and size_off_by(true["kind"], found, true, answer["true_length"])
+    return out
+
+
+def covered(prefix: str, estimates: dict, answer: dict) -> dict:
+    """Whether the intervals of the stiffnesses hold the truth, where there are intervals."""
+    out = {}
+    for name in STIFFNESSES:
+        e, true = estimates.get(name, {}), answer.get(f"true_{name}")
+        if "low" in e and true is not None:
+            out[f"{prefix}_{name}"] = bool(e["low"] <= true <= e["high"])
+    return out
+
+
+def table(rows: list[dict]) -> dict:
+    """Shares over the cases with a background, with their counts; a case that ended by a fault counts as missed."""
+    rows = [r for r in rows if r["class"].startswith("background")]
+    one, none = ([r for r in rows if r["class"] == f"background {n}"] for n in ("one", "none"))
+    sized = [r for r in one if r["truth"][0] in SIZES]
+    ratios = [r["discrepancy_over_true"] for r in rows if "discrepancy_over_true" in r]
+    out = {
+        "background_cases": len(rows),
+        "background_alone_named": share(r.get("named", False) for r in none),
+        "background_in_tie_set": share(r["in_tie_set"] for r in one),
+        "background_named_and_wrong": share(r["named_and_wrong"] for r in rows),
+        "background_size_within_15_percent": share((r.get("size_off_by") or np.inf) < SIZE for r in sized),
+        "background_validate_within_1.3": share(r.get("validate_over_attained", np.inf) < VALIDATE for r in one),
+        "background_discrepancy_over_true_median": median(ratios) if ratios else None,
+    }
+    for words, prefix in (("coverage_95", "covers_"), ("coverage_95_plain_fit", "plain_covers_")):
+        for name, some in (("alone", none), ("with_effect", one)):
+            out[f"background_{words}_{name}"] = share(v for r in some for k, v in r.items() if k.startswith(prefix))
+    return out
+
+
+def share(values) -> dict:
+    """How many of them are true, with their count."""
+    known = [bool(v) for v in values]
+    return {"share": sum(known) / len(known) if known else None, "of": len(known)}

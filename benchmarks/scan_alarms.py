@@ -1,0 +1,195 @@
+"""Does a scan raise alarms of its own, and does it hide what curves would show?
+
+    python -m benchmarks.scan_alarms --json FILE [--none 40] [--strong 20] [--seed 1] [--only n001,e003] [--record]
+
+Cables, poses and true shapes come from the independent rod of `benchmarks.blind`; the package's scanner sees them from one to
+three sides, with clamp blocks, its noise, outliers and hidden backs. `none` studies miss nothing: any verdict but "no missing
+effect" is an alarm. `strong` ones miss one effect of 4 to 10 times the noise of `SENSED`; the same poses as curves with white
+noise of that size stand beside, and the scan should name what they name. What is in the file of an earlier run is kept.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from benchmarks.background_score import NAMED, share
+from benchmarks.blind import cases, effects, rod
+from benchmarks.blind.noise import Noise
+from benchmarks.blind.scene import observation_matrix
+from benchmarks.blind.shapes import Lens
+from benchmarks.record import record
+
+SENSED = 5e-4  # m, of one coordinate of the curves that stand beside
+STRENGTH = (4.0, 10.0)  # beside it, log-uniform, as `blind.cases` measures it
+POINTS, FINE = 120, 401  # of a curve, and of the shape that the scanner sees
+RADIUS = (0.004, 0.012)  # m
+MOST_POSES = 5  # that are fitted: each takes seconds to extract
+ATTEMPTS = 60
+CLEAR = "no missing effect"
+
+
+def make(key, kinds):
+    """A cable with true shapes: `(scene, fit, truth, shapes (P, FINE, 3), radius)`, or None where a draw fails."""
+    rng = np.random.default_rng(key)
+    posed = cases.pose_cable(rng, kinds, cases.FEWEST_FIT)
+    if posed is None or posed[2] > MOST_POSES:
+        return None
+    scene, y, fit = posed
+    base, truth = cases.compared(scene, y, kinds), []
+    if base is None:
+        return None
+    s = [np.linspace(0, scene.cable.length, POINTS)] * fit
+    strength = cases.strength_on(base, Lens(base.F.sigma, scene.cable.length, s, Noise(SENSED)))
+    for kind in kinds:
+        goal = np.exp(rng.uniform(*np.log(STRENGTH)))
+        effect = cases.scaled(rng, kind, base, strength, (0.9 * STRENGTH[0], goal))
+        if effect is None:
+            return None
+        truth.append(effect)
+    seen = cases.observe(scene, y, truth, [np.linspace(0, 1, FINE)] * len(y))
+    return None if seen is None else (scene, fit, truth, np.array(seen["shapes"]), rng.uniform(*RADIUS))
+
+
+def eyes(rng, shape, count):
+    """Viewpoints (count, 3), m: around the cable, about as far off as it is long."""
+    middle, size = shape.mean(axis=0), np.ptp(shape, axis=0).max()
+    first = rng.normal(size=3)
+    out = []
+    for k in range(count):
+        way = first if k == 0 else rng.normal(size=3) - 0.7 * first
+        out.append(middle + rng.uniform(1.0, 1.5) * (size + 0.2) * way / np.linalg.norm(way))
+    return np.array(out)
+
+
+def scanned(rng, shape, radius, ends, path):
+    """A scan of one shape written to ``path``: its viewpoints, and guide points on the side that the first one sees."""
+    import trimesh  # noqa: PLC0415 - the environment must be set first
+
+    from scan2flex_jax.scan import scanner  # noqa: PLC0415
+
+    views = eyes(rng, shape, int(rng.integers(1, 4)))
+    outward = [shape[0] - shape[1], shape[-1] - shape[-2]]
+    clutter = [scanner.clamp_block(shape[k], way / np.linalg.norm(way), radius)
+               for k, way, held in zip((0, -1), outward, ends, strict=True) if held]  # fmt: skip
+    cloud = scanner.scan(shape, radius, views, scanner.STRUCTURED_LIGHT, int(rng.integers(2**31)), clutter=clutter)
+    trimesh.PointCloud(cloud.points).export(path)
+    at = np.linspace(0.03 * FINE, 0.97 * FINE, 8).astype(int)
+    tangent = np.gradient(shape, axis=0)[at]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    look = views[0] - shape[at]
+    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
+    on = shape[at] + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
+    return {"scan": path, "viewpoints": views, "guide_points": on + 0.3 * radius * rng.normal(size=on.shape)}
+
+
+def studies(key, made, folder):
+    """The study of scans, and the one of curves with white noise, of the same poses."""
+    from scan2flex_jax.study import Study  # noqa: PLC0415
+
+    (scene, fit, _, shapes, radius), rng, poses = made, np.random.default_rng([*key, 1]), {"scan": [], "curve": []}
+    view = observation_matrix(np.linspace(0, 1, FINE), np.linspace(0, 1, POINTS))
+    for p, shape in enumerate(shapes):
+        held = {"name": f"p{p + 1}", "role": "fit" if p < fit else "validate"}
+        held["start"] = (scene.start[0][p], scene.start[1][p])
+        if scene.end_kind[p] != rod.FREE:
+            held["end"] = (scene.end[0][p], scene.end[1][p] if scene.end_kind[p] == rod.CLAMP else None)
+        ends = True, scene.end_kind[p] == rod.CLAMP
+        poses["scan"].append(held | scanned(rng, shape, radius, ends, folder / f"p{p + 1}.ply"))
+        poses["curve"].append(held | {"points": view @ shape + SENSED * rng.normal(size=(POINTS, 3))})
+    cable = {"length": scene.cable.length, "radius": radius, "length_density": scene.cable.density}
+    unknowns, told = ("bending_stiffness", "torsional_stiffness"), {"gravity": scene.gravity}
+    return {data: Study.from_arrays(cable, some, unknowns, title=data, **told) for data, some in poses.items()}
+
+
+def answered(study) -> dict:
+    """What `explain` says, or how it failed."""
+    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
+
+    began = perf_counter()
+    try:
+        told = explain(study).to_json()
+    except Exception as fault:  # a benchmark counts failures
+        return {"verdict": "fault", "fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": perf_counter() - began}
+    kept = ("verdict", "chosen", "estimates", "test", "noise", "discrepancy", "before", "after")
+    return {k: told[k] for k in kept if k in told} | {"seconds": perf_counter() - began}
+
+
+def one(seed, index, kinds) -> dict:
+    """One case: its truth and both answers; a draw that fails a check is drawn again."""
+    for attempt in range(ATTEMPTS):
+        key = [seed, index, attempt]
+        made = make(key, kinds)
+        if made is not None:
+            break
+    else:
+        return {"kinds": list(kinds), "scan": {"verdict": "fault", "fault": f"no design in {ATTEMPTS} attempts"}}
+    cable = made[0].cable
+    true = {"bending_stiffness": cable.bending, "torsional_stiffness": cable.torsion}
+    out = {"kinds": list(kinds), "truth": made[2], "true": true}
+    with tempfile.TemporaryDirectory() as folder:
+        for data, study in studies(key, made, Path(folder)).items():
+            out[data] = answered(study)
+    return out
+
+
+def table(rows: dict) -> dict:
+    """Alarms of studies with nothing missing, and how many of the others are named as from curves."""
+    none = [r for r in rows.values() if not r["kinds"]]
+    some = [r for r in rows.values() if r["kinds"]]
+    return {
+        "nothing_missing": len(none),
+        **{f"alarms_{data}": share(r[data]["verdict"] != CLEAR for r in none if data in r) for data in ("scan", "curve")},
+        "strong": len(some),
+        **{f"named_{data}": share(bool(named(r, data)) for r in some) for data in ("scan", "curve")},
+        **{f"right_{data}": share(named(r, data) == set(r["kinds"]) for r in some) for data in ("scan", "curve")},
+        "named_as_from_curves": share(bool(named(r, "curve")) and named(r, "scan") == named(r, "curve") for r in some),
+    }
+
+
+def named(row, data) -> set:
+    """The kinds that an answer names."""
+    told = row.get(data, {})
+    return {c["kind"] for c in told.get("chosen", [])} if told.get("verdict") in NAMED else set()
+
+
+def wanted(args) -> dict:
+    """Name, place in the seed's sequence, and kinds of each case."""
+    kinds = list(np.random.default_rng([args.seed, 0, 0, 3]).permutation(list(effects.CATALOGUE)))
+    out = {f"n{k + 1:03d}": (k, ()) for k in range(args.none)}
+    out |= {f"e{k + 1:03d}": (1000 + k, (str(kinds[k % len(kinds)]),)) for k in range(args.strong)}
+    only = set(filter(None, args.only.split(",")))
+    return {name: case for name, case in out.items() if not only or name in only}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, required=True, help="results so far: a run that was stopped goes on from it")
+    parser.add_argument("--none", type=int, default=40, help="studies with nothing missing")
+    parser.add_argument("--strong", type=int, default=20, help="studies with a strong effect")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="", help="names of cases, such as n001,e002")
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/scan_alarms.json")
+    args = parser.parse_args()
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
+
+    prepare_jax()
+    rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
+    for name, (index, kinds) in wanted(args).items():
+        if name in rows:
+            continue
+        rows[name] = one(args.seed, index, kinds)
+        args.json.write_text(json.dumps({"table": table(rows), "rows": rows}, indent=1) + "\n")
+        told = {d: (rows[name][d]["verdict"], sorted(named(rows[name], d))) for d in ("scan", "curve") if d in rows[name]}
+        sys.stderr.write(f"{name} {list(kinds)} {told}\n")
+    if args.record:
+        record("scan_alarms", {"table": table(rows), "rows": rows})
+    sys.stdout.write(json.dumps(table(rows), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

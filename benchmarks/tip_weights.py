@@ -1,0 +1,274 @@
+"""Weights at the tips of real cables, left undeclared: are they found, how heavy, and what poses never seen gain.
+
+    git clone https://github.com/sebtiburzio/PAC_model_matlab
+    git clone https://github.com/sebtiburzio/floating_PAC_model
+    python -m benchmarks.tip_weights PAC_model_matlab [--parameters floating_PAC_model] [--json FILE] [--only orange]
+
+Two cables, each without and with a weight in the fitting at its free end, 23 static poses of each series: the clamp turned in
+a vertical plane, a marker in the middle and one at the end (MSc thesis TU Delft, arXiv 2402.16114). The repositories have no
+licence, so nothing of them is kept here: the record holds what this package makes of them.
+
+How a row is read (x to the side, z up, metres, radians): the clamp is turned by `Gamma` about y from a cable that hangs down,
+`X, Z` are the markers in the turned frame, at L/2 and L. The plain rod says whether that is right: read with the other sign of
+`Gamma`, or of gravity, it must fit worse (`reading` in the record). Poses are planar, so GJ is a given number that they do not
+feel. Sorted by angle, every third pose is fitted from the first on; the others have no part in anything but `validate`.
+
+Six questions per cable, each with the noise of a marker unstated and as 1 mm:
+
+* `without`: what is missing when only the fitting is on (it is known, 0.03 kg of point mass at the tip);
+* `with`: the weight on and undeclared, EI and natural curvature from `without` as an experimenter would carry them over;
+* `with, alone`: the same poses with nothing carried over;
+* `both`: both series in one study, the weight an unknown point mass that acts in its own poses;
+* `both, softening`: the same with bending that softens with curvature, which bears on the mass;
+* `known weight`: both series, the weight declared and the cable never weighed.
+"""
+
+import argparse
+import csv
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from benchmarks.record import record
+
+CABLES = ("black", "orange")
+FOLDER = "fixed_base/data_in/0802-equilibrium_data"
+EVERY = 3  # of the poses, sorted by angle, is fitted
+NOISE = {"noise unstated": None, "noise 1 mm": 1e-3}
+GRAVITY = 9.81
+GJ = 0.1  # N m^2
+SOFTENING = {"slip_curvature": 2.0, "ratio": 0.6}  # starts: 1/m, -
+CARRIED = 0.04  # least relative standard deviation with which EI is carried over to another series
+TOGETHER = {"both": {}, "both, softening": {"softening": True}, "known weight": {"known_weight": True}}
+HANGING = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])  # columns d1, d2, d3: down; d2 = y bends it in plane
+
+
+@dataclass(frozen=True)
+class Series:
+    """One cable with one weight: what is stated of it (kg, kg, m, m, 1/m), and per pose angle (rad) and markers (n, 2, 2)."""
+
+    name: str
+    mass: float
+    end_mass: float
+    length: float
+    diameter: float
+    rest_curvature: float
+    angles: np.ndarray
+    markers: np.ndarray
+
+
+def read(cable, weighted, measured: Path, stated: Path) -> Series:
+    """A series of the clones, its poses sorted by angle; its rest curvature is the authors', averaged along the cable."""
+    name = f"{cable}_{'' if weighted else 'un'}weighted"
+    table = measured / FOLDER / f"{name}_equilibria" / "theta_equilibria.csv"
+    numbers = stated / "object_parameters" / f"{name}.txt"
+    for path in (table, numbers):
+        if not path.is_file():
+            sys.exit(f"{path} is missing: name the clones of PAC_model_matlab and, with --parameters, floating_PAC_model")
+    mass, end_mass, length, diameter, _, constant, linear, *_ = map(float, numbers.read_text().strip().split(","))
+    with table.open(newline="") as file:
+        rows = sorted(csv.DictReader(file), key=lambda row: float(row["Gamma"]))
+    markers = [[[float(row[f"{axis}_{place}"]) for axis in "XZ"] for place in ("mid", "end")] for row in rows]
+    angles = np.array([float(row["Gamma"]) for row in rows])
+    bent = (constant + linear / 2) / length
+    return Series(name, mass, end_mass, length, diameter, bent, angles, np.array(markers))
+
+
+def turned(angle):
+    """Rotation about y."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def poses_of(series: Series, noise, sign=1.0) -> list[dict]:
+    """The poses as `Study.from_arrays` takes them; ``sign`` turns the angles round."""
+    from scan2flex_jax.study import Markers  # noqa: PLC0415 - the environment must be set first
+
+    out, s = [], [series.length / 2, series.length]
+    for k, (angle, seen) in enumerate(zip(series.angles, series.markers, strict=True)):
+        R = turned(sign * angle)
+        points = np.stack([seen[:, 0], np.zeros(2), seen[:, 1]], axis=1) @ R.T
+        role = "validate" if k % EVERY else "fit"
+        held = {"start": ([0.0, 0.0, 0.0], R @ HANGING), "markers": Markers(points, s)}
+        out.append({"name": f"{series.name}-{k:02d}", "role": role, "noise": noise, **held})
+    return out
+
+
+def cable_of(series: Series) -> dict:
+    """What is stated of a cable."""
+    known = {"length": series.length, "radius": series.diameter / 2, "length_density": series.mass / series.length}
+    return known | {"torsional_stiffness": GJ}
+
+
+def study_of(series: Series, fitting: float, noise, unknowns=("bending_stiffness",), effects=(), **reading):
+    """One series, its fitting (kg) declared at the tip."""
+    from scan2flex_jax.study import EffectDeclaration, Study  # noqa: PLC0415
+
+    held = EffectDeclaration("point_mass", {"position": series.length, "mass": fitting})
+    gravity = [0.0, 0.0, -GRAVITY * reading.pop("down", 1.0)]
+    poses = poses_of(series, noise, **reading)
+    return Study.from_arrays(
+        cable_of(series), poses, unknowns, title=series.name, gravity=gravity, effects=(held, *effects)
+    )  # fmt: skip
+
+
+def carried_over(found) -> dict:
+    """EI with its prior, and the natural curvature, of an explanation of the series without the weight."""
+    from scan2flex_jax.study import EffectDeclaration, Unknown  # noqa: PLC0415
+
+    EI = found.estimates["bending_stiffness"]
+    std = max(CARRIED * EI.value, EI.std or 0.0)
+    bent = [EffectDeclaration(c.kind, c.parameters) for c in found.chosen if c.kind == "natural_curvature"]
+    return {"unknowns": [Unknown("bending_stiffness", prior={"mean": EI.value, "std": std})], "effects": tuple(bent)}
+
+
+def together(without: Series, with_weight: Series, noise, known_weight=False, softening=False):
+    """Both series in one study: natural curvature unknown, and the weight's mass or, where it is known, the cable's.
+
+    Two point masses cannot share an unknown's name, so the fitting is declared as the dead load that it is.
+    """
+    from scan2flex_jax.study import EffectDeclaration, Study, Unknown  # noqa: PLC0415
+
+    L, extra = without.length, with_weight.end_mass - without.end_mass
+    cable, unknowns = cable_of(without), ["bending_stiffness"]
+    weight = {"position": L, "mass": extra}
+    if known_weight:
+        unknowns.append(Unknown("length_density", guess=cable["length_density"]))
+    else:
+        weight.pop("mass")
+        unknowns.append(Unknown("point_mass.mass", guess=extra))
+    heavy = poses_of(with_weight, noise)
+    effects = [
+        EffectDeclaration("point_load", {"position": L, "force": [0.0, 0.0, -GRAVITY * without.end_mass]}),
+        EffectDeclaration("point_mass", weight, tuple(p["name"] for p in heavy)),
+        EffectDeclaration("natural_curvature", {}),
+    ]
+    if softening:
+        effects.append(EffectDeclaration("nonlinear_bending", {}))
+        unknowns += [Unknown(f"nonlinear_bending.{name}", guess=value) for name, value in SOFTENING.items()]
+    unknowns.append(Unknown("natural_curvature.curvature", guess=[0.0, without.rest_curvature, 0.0]))
+    poses = [*poses_of(without, noise), *heavy]
+    return Study.from_arrays(cable, poses, unknowns, title=f"{without.name}, both", effects=effects)
+
+
+def of_explanation(found, seconds) -> dict:
+    """What an explanation says, in figures."""
+    told = found.to_json()
+    kept = ("verdict", "chosen", "estimates", "before", "after", "discrepancy", "noise", "test", "settle")
+    out = {key: told[key] for key in kept if key in told} | {"seconds": seconds, "sentences": list(found.sentences)}
+    return out | {"ranking": told.get("ranking", [])[:5]}
+
+
+def of_fit(found, seconds) -> dict:
+    """What a fit says, in figures; RMS distances in m."""
+    told = found.to_json()
+    out = {key: told[key] for key in ("estimates", "noise", "discrepancy") if key in told}
+    after = {f"rms_{role}": found.rms(role) for role in ("fit", "validate") if np.isfinite(found.rms(role))}
+    return out | {"after": after, "sentences": list(found.sentences), "valid": found.valid, "seconds": seconds}
+
+
+def asked(call, tell) -> tuple:
+    """`call()` and its figures, or the sentence with which it failed."""
+    began = perf_counter()
+    try:
+        found = call()
+    except Exception as fault:  # a benchmark counts failures
+        return None, {"failed": f"{type(fault).__name__}: {fault}"[:300], "seconds": perf_counter() - began}
+    return found, tell(found, perf_counter() - began)
+
+
+def reading(series: Series) -> dict:
+    """RMS distance (m) that the plain rod leaves with the angles, and gravity, read one way and the other."""
+    from scan2flex_jax.fitting import fit  # noqa: PLC0415
+
+    out = {}
+    for words, how in {"as read": {}, "angles reversed": {"sign": -1.0}, "gravity upward": {"down": -1.0}}.items():
+        _, told = asked(lambda how=how: fit(study_of(series, series.end_mass, None, **how)), of_fit)
+        out[words] = told.get("after", told)
+    return out
+
+
+def questions(without: Series, weighed: Series, noise) -> dict:
+    """All six, of one cable."""
+    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
+    from scan2flex_jax.fitting import fit  # noqa: PLC0415
+
+    fitting, out = without.end_mass, {}
+    found, out["without"] = asked(lambda: explain(study_of(without, fitting, noise)), of_explanation)
+    if found is not None and found.estimates:
+        known = carried_over(found)
+        _, out["with"] = asked(lambda: explain(study_of(weighed, fitting, noise, **known)), of_explanation)
+    _, out["with, alone"] = asked(lambda: explain(study_of(weighed, fitting, noise)), of_explanation)
+    for words, how in TOGETHER.items():
+        _, out[words] = asked(lambda how=how: fit(together(without, weighed, noise, **how)), of_fit)
+    for name, told in out.items():
+        sys.stderr.write(f"{without.name}, {name}: {line(told, fitting)}\n")
+    return out
+
+
+def line(told, fitting) -> str:
+    """One answer in words."""
+    if "failed" in told:
+        return f"FAILED {told['failed']}"
+    parts = [told.get("verdict", "fitted"), *(named(c, fitting) for c in told.get("chosen", []))]
+    parts += [f"{n} {e['value']:.4g} ({e.get('low')} to {e.get('high')})" for n, e in told["estimates"].items()
+              if np.ndim(e["value"]) == 0]  # fmt: skip
+    for when in ("before", "after"):
+        rms = told.get(when, {})
+        millimetres = [f"{role} {1e3 * rms[key]:.1f}" for role in ("fit", "left_out", "validate")
+                       if (key := f"rms_{role}") in rms]  # fmt: skip
+        parts += [f"{when}: {', '.join(millimetres)} mm"] if millimetres else []
+    return "; ".join(parts)
+
+
+def named(chosen, fitting) -> str:
+    """A chosen effect with 95 % intervals; of a point mass with the fitting that was declared."""
+    parts, std = [], chosen.get("std", {})
+    for name, value in chosen["parameters"].items():
+        half = 1.96 * np.asarray(std.get(name, np.nan), float)
+        more = fitting if name == "mass" else 0.0
+        parts.append(f"{name} {np.round(np.asarray(value) + more, 4)} +- {np.round(half, 4)}")
+    return f"{chosen['kind']}: {', '.join(parts)}"
+
+
+def main() -> None:
+    """All cables that were asked for; what is in the file of an earlier run is kept."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("clone", type=Path, help="work tree of PAC_model_matlab")
+    parser.add_argument("--parameters", type=Path, help="work tree of floating_PAC_model; left out: it lies beside the other")
+    parser.add_argument("--json", type=Path, help="results so far: a run that was stopped goes on from it")
+    parser.add_argument("--only", choices=CABLES, help="one of the cables")
+    parser.add_argument("--noise", choices=NOISE, help="one of the noises")
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/tip_weights.json")
+    args = parser.parse_args()
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
+
+    prepare_jax()
+    stated = args.parameters or args.clone.resolve().parent / "floating_PAC_model"
+    out = json.loads(args.json.read_text()) if args.json and args.json.exists() else {}
+    for cable in [args.only] if args.only else CABLES:
+        without, weighed = (read(cable, weighted, args.clone, stated) for weighted in (False, True))
+        entry = out.setdefault(cable, {"stated": stated_of(without, weighed), "reading": {}})
+        entry["reading"] = entry["reading"] or reading(without)
+        for words in [args.noise] if args.noise else NOISE:
+            if words not in entry:
+                entry[words] = questions(without, weighed, NOISE[words])
+                if args.json:
+                    args.json.write_text(json.dumps(out, indent=1) + "\n")
+    if args.record:
+        record("tip_weights", {"source": "github.com/sebtiburzio/PAC_model_matlab, floating_PAC_model"} | out)
+
+
+def stated_of(without: Series, weighed: Series) -> dict:
+    """What the authors state, to stand beside what is found."""
+    bent = {s.name: s.rest_curvature for s in (without, weighed)}
+    masses = {s.name: s.end_mass for s in (without, weighed)}
+    return {"length": without.length, "mass": without.mass, "end_mass": masses, "rest_curvature": bent}
+
+
+if __name__ == "__main__":
+    main()
