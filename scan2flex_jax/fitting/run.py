@@ -81,7 +81,7 @@ def fit(
     valid, verdict = _validity(poses, noise, stated, problem.length)
     misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
-    said = said if minimum.converged else (*said, _UNSETTLED)
+    said = (*said, *study.assumptions, *([] if minimum.converged else [_UNSETTLED]))
     return Fit(
         study=study if scans else whole,
         problem=problem,
