@@ -1,8 +1,17 @@
 """Double precision for every test, the shapes written in the package's annotations checked at every call, and one cache of
-compiled functions for all processes of a run."""
+compiled functions for all processes of a run.
+
+A test runs a function a few times only and mostly waits for its compilation: XLA compiles without optimisation, in a third of
+the time, for code that takes half as long again. Flags in `XLA_FLAGS` have the last word:
+`XLA_FLAGS=--xla_backend_optimization_level=3 pytest` tests what a user runs, as `.ci/package.py` and the benchmarks do.
+"""
 
 import gc
+import os
 from pathlib import Path
+
+# read when JAX first compiles; of two values of a flag the last one counts
+os.environ["XLA_FLAGS"] = f"--xla_backend_optimization_level=0 {os.environ.get('XLA_FLAGS', '')}".strip()
 
 import jax
 import pytest

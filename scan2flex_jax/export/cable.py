@@ -25,7 +25,8 @@ _SAME = 1e-9  # part by which sections may differ and still be one cable's
 class HungCable:
     """A cable in one pose: ``stiffness`` (n, 6, 6) of shear, stretch, bending, twist (N, N m^2), ``natural`` strain (n, 6)
     (-, 1/m), ``density`` (n,) kg/m, nodes ``s`` (m), ``position`` (m) and ``rotation`` (columns d1, d2, d3), supports ``held``
-    (2, 6), ``gravity`` m/s^2, ``radius`` (m, None where the study has none)."""
+    (2, 6), ``gravity`` m/s^2, ``radius`` (m, None where the study has none); ``assumed``: the stiffnesses that the study
+    leaves out."""
 
     title: str
     pose: str
@@ -40,6 +41,7 @@ class HungCable:
     rotation: np.ndarray
     held: np.ndarray
     beyond: tuple[str, ...]
+    assumed: tuple[str, ...] = ()
 
     @property
     def elements(self) -> int:
@@ -84,6 +86,7 @@ def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable
     return HungCable(
         study.title, chosen.name, float(e.rod.length), np.asarray(model.gravity), None if radius is None else float(radius),
         K, natural, density, np.asarray(e.s), r, R, np.asarray(e.rod.boundary.held), _beyond(e, model),
+        study.assumed_rigid,
     )  # fmt: skip
 
 

@@ -86,11 +86,14 @@ if __name__ == "__main__":
 '''
 _THIN = 5e-3  # of the length: radius where the study has none; only pictures know it
 _SECONDS = 3.0
+_SOFTER = 300.0  # times: assumed stiffness of shear and stretch, which would make time steps 17 times as short
 
 
 def to_pyelastica(cable: HungCable, file: str = "cable.py") -> str:
     """The script as text; raises `Scan2FlexError` for a cable that is not uniform."""
     K, natural, density = cable.uniform("PyElastica")
+    soft = ["shear_stiffness" in cable.assumed] * 2 + ["axial_stiffness" in cable.assumed] + [False] * 3
+    K = np.where(soft, K / _SOFTER, K)
     ds = cable.length / cable.elements
     d3 = cable.rotation[:, :, 2]
     r, reach = cable.position, 0.5 * ds * d3[[0, -1]]

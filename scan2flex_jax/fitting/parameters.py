@@ -18,8 +18,8 @@ from scan2flex_jax.effects import effect_of, ordered
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.cable import NEARLY_RIGID, Cable
-from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.model import CableModel, with_rigid
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.sense import check_study
@@ -88,7 +88,8 @@ class SharedPrior:
 class Layout:
     """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known.
 
-    The scan frame is tilted about the two axes across gravity, or about three where poses differ in gravity.
+    The scan frame is tilted about the two axes across gravity, or about three where poses differ in gravity. ``rigid``: the
+    stiffnesses that the study leaves out.
     """
 
     slots: tuple[Slot, ...]
@@ -99,6 +100,7 @@ class Layout:
     roll_tolerance: float | None = None
     density_tolerance: float = 0.0
     gravity_axes: int = 2
+    rigid: tuple[str, ...] = ()
 
     @property
     def unknowns(self) -> int:
@@ -150,7 +152,8 @@ def layout_of(study) -> Layout:
     t = study.tolerance
     length, density = (0.0 if n in study.unknown_names else getattr(t, n) for n in ("length", "length_density"))
     axes = 2 if all(pose.gravity is None for pose in study.poses) else 3
-    return Layout(tuple(slots), length, t.gravity, t.clamp_position, t.clamp_rotation, t.clamp_roll, density, axes)
+    clamps = t.clamp_position, t.clamp_rotation, t.clamp_roll
+    return Layout(tuple(slots), length, t.gravity, *clamps, density, axes, study.assumed_rigid)
 
 
 def _slot(study, unknown, at):
@@ -201,7 +204,7 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
     """
     known = {key: value for key, value in study.cable.items() if key != "radius"}
     filler = {"length_density": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "length": 1.0}
-    cable = Cable(**{**filler, "shear_stiffness": NEARLY_RIGID, "axial_stiffness": NEARLY_RIGID, **known})
+    cable = Cable(**{**filler, **known})
     effects = []
     for declaration in study.acting(pose):
         form, given = kind_format(declaration.kind), dict(declaration.parameters)
@@ -232,7 +235,7 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
     if layout.density_tolerance > 0:
         density = model.cable.length_density + layout.density_tolerance * x[at]
         model = eqx.tree_at(lambda m: m.cable.length_density, model, density)
-    return model
+    return with_rigid(model, layout.rigid)
 
 
 def _tilt(gravity, x):

@@ -84,7 +84,7 @@ def fit(
     misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
     verdict = (*_differs(discrepancy), *verdict)
-    said = said if minimum.converged else (*said, _UNSETTLED)
+    said = (*said, *study.assumptions, *([] if minimum.converged else [_UNSETTLED]))
     return Fit(
         study=study if scans else whole,
         problem=problem,

@@ -3,6 +3,9 @@
 Symbols: strains in material axes, ``Gamma = R^T r' - e3`` (shear about d1, d2, stretch about d3, -) and
 ``Omega`` with ``hat(Omega) = R^T R'`` (curvature about d1, d2, twist about d3, 1/m); their natural values
 ``Gamma_0, Omega_0``; stiffness ``K_Gamma = diag(GA1, GA2, EA)`` (N) and ``K_Omega = diag(EI1, EI2, GJ)`` (N m^2).
+
+A cable without ``GA`` and ``EA`` is practically unshearable and inextensible (paper, Section 5.1), by `rigid_stiffness`: one
+number of N for all would stretch a heavy cable by more than a scanner's noise.
 """
 
 from collections.abc import Sequence
@@ -17,7 +20,9 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.reals import reals
 
-NEARLY_RIGID = 1.0e5  # N: shear and axial stiffness of a cable seen to be nearly inextensible (paper, Section 5.1)
+_RIGID = 1.0e7  # times the forces in a cable: no point moves by 1e-6 of the length, and strains keep nine digits beside it
+_BENDING_FORCES = 10.0  # times EI / L^2: the forces that bend a cable through some radians
+_EARTH = 9.81  # m/s^2
 
 Quantity = ArrayLike | Sequence[float]  # what stands for an array: a number, a list, an array of numpy or jax
 
@@ -27,7 +32,8 @@ class Cable(eqx.Module):
 
     Units are SI: length m, length_density kg/m, shear and axial stiffness N, bending and torsional stiffness N m^2,
     natural curvature 1/m about d1, d2, d3, natural stretch (-) along d1, d2, d3. A single shear or bending stiffness
-    stands for both axes.
+    stands for both axes. Without ``shear_stiffness`` or ``axial_stiffness`` the cable is practically unshearable or
+    inextensible under its own weight on Earth (`rigid_stiffness`).
     """
 
     length: Float[Array, ""]
@@ -45,8 +51,8 @@ class Cable(eqx.Module):
         length_density: Quantity,
         bending_stiffness: Quantity,
         torsional_stiffness: Quantity,
-        shear_stiffness: Quantity = NEARLY_RIGID,
-        axial_stiffness: Quantity = NEARLY_RIGID,
+        shear_stiffness: Quantity | None = None,
+        axial_stiffness: Quantity | None = None,
         natural_curvature: Quantity = 0.0,
         natural_stretch: Quantity = 0.0,
     ) -> None:
@@ -55,13 +61,25 @@ class Cable(eqx.Module):
         self.length_density = _array(length_density, "length_density", ())
         self.bending_stiffness = _array(bending_stiffness, "bending_stiffness", (2,))
         self.torsional_stiffness = _array(torsional_stiffness, "torsional_stiffness", ())
-        self.shear_stiffness = _array(shear_stiffness, "shear_stiffness", (2,))
-        self.axial_stiffness = _array(axial_stiffness, "axial_stiffness", ())
+        weight = self.length_density * self.length * _EARTH
+        rigid = rigid_stiffness(self.length, self.bending_stiffness, weight)
+        self.shear_stiffness = _array(rigid if shear_stiffness is None else shear_stiffness, "shear_stiffness", (2,))
+        self.axial_stiffness = _array(rigid if axial_stiffness is None else axial_stiffness, "axial_stiffness", ())
         self.natural_curvature = _array(natural_curvature, "natural_curvature", (3,))
         self.natural_stretch = _array(natural_stretch, "natural_stretch", (3,))
 
     def __check_init__(self):
         require_float64()
+
+
+def rigid_stiffness(length: Array, bending_stiffness: Array, force: Array) -> Float[Array, ""]:
+    """Shear and axial stiffness (N) of a practically unshearable, inextensible cable: ``1e7 (force + 10 EI / L^2)``.
+
+    ``force`` (N) is what the cable carries: its weight and the loads on it. What such a cable gives moves no point by more
+    than 1e-6 of the length, unless it is taut: tension above ten times these forces. No derivative passes through it.
+    """
+    bending = _BENDING_FORCES * jnp.max(bending_stiffness) / length**2
+    return jax.lax.stop_gradient(jnp.asarray(_RIGID * (force + bending)))
 
 
 def _array(value: Quantity, name: str, shape: tuple[int, ...]) -> Array:

@@ -6,7 +6,7 @@ rigid motions; with the element's law (`element_law`) positions are of fourth or
 Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -18,11 +18,13 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.cable import Cable, Quantity
+from scan2flex_jax.rod.cable import Cable, Quantity, rigid_stiffness
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 from scan2flex_jax.rod.reals import reals
+
+_COARSE = 8  # elements on which loads are added up
 
 
 class Configuration(NamedTuple):
@@ -85,11 +87,27 @@ class Rod(eqx.Module):
 
 def discretise(model: CableModel, boundary: Boundary, elements: int) -> Rod:
     """The rod of ``elements`` elements that ``model`` makes between the supports of ``boundary``."""
+    for effect in model.effects:
+        boundary = effect.clamps(boundary)
+    section, load = _loaded_sections(model, elements)
+    return Rod(section, load, boundary, model.effects)
+
+
+def with_rigid(model: CableModel, names: Sequence[str]) -> CableModel:
+    """The model whose cable has the `rigid_stiffness` of its weight and dead loads as these stiffnesses, each by its name."""
+    if not names:
+        return model
+    _, load = _loaded_sections(jax.lax.stop_gradient(model), _COARSE)
+    rigid = rigid_stiffness(model.cable.length, model.cable.bending_stiffness, jnp.sum(jnp.linalg.norm(load.force, axis=1)))
+    values = [jnp.broadcast_to(rigid, getattr(model.cable, name).shape) for name in names]
+    return eqx.tree_at(lambda m: [getattr(m.cable, name) for name in names], model, values)
+
+
+def _loaded_sections(model, elements):
+    """Sections of the rod, and the dead loads on its nodes."""
     cable = model.cable
     for effect in model.effects:
         cable = effect.cable(cable)
-    for effect in model.effects:
-        boundary = effect.clamps(boundary)
     section = _plain_section(cable, elements)
     for effect in model.effects:
         section = effect.section(section, cable.length)
@@ -98,7 +116,7 @@ def discretise(model: CableModel, boundary: Boundary, elements: int) -> Rod:
     load = distributed_load(section, section.density[:, None] * model.gravity)
     for effect in model.effects:
         load = load + effect.dead_load(section, model.gravity)
-    return Rod(section, load, boundary, model.effects)
+    return section, load
 
 
 def _plain_section(cable: Cable, n: int) -> Section:

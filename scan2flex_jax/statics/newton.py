@@ -159,8 +159,10 @@ def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
 
 
 def _hold(rod, diagonal):
-    """The small stiffness that keeps a motion without any out of the rounding; alike for rad and parts of the length."""
-    unit = jnp.array([1.0, 1.0, 1.0, rod.length, rod.length, rod.length]) / rod.length
+    """The small stiffness that keeps a motion without any out of the rounding; alike for rad and parts of an element, whose
+    turning stretches it by no more: a rod that hardly stretches is soft against turning beside its stretching."""
+    ds = rod.section.ds
+    unit = jnp.array([1.0, 1.0, 1.0, ds, ds, ds]) / ds
     largest = jnp.max(jnp.abs(diagonal) / jnp.outer(unit, unit))
     return _HOLD * largest * jnp.diag(unit**2)
 

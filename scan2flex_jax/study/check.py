@@ -48,6 +48,7 @@ def describe(study: Study) -> str:
     parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Known of the cable"]
     known = {key: value for key, value in study.cable.items() if key not in study.unknown_names}
     parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
+    parts += [f"  {sentence}" for sentence in study.assumptions]
     parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
     parts += ["", "Known only nearly (standard deviations)"]
     nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]

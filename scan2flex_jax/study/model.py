@@ -37,6 +37,8 @@ from scan2flex_jax.study.values import Where
 __all__ = ["Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
 
 GRAVITY = (0.0, 0.0, -9.81)
+RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
+"""Stiffnesses that a study may leave out, and what the cable is then, practically."""
 
 
 @converting
@@ -99,6 +101,22 @@ class Study(Compared):
         return isinstance(other, Study) and same(_portable(self), _portable(other))
 
     __hash__ = None
+
+    @property
+    def assumed_rigid(self) -> tuple[str, ...]:
+        """Those of axial and shear stiffness that are neither given nor unknown, nor an effect's in all poses."""
+        said = {*self.cable, *self.unknown_names}
+        if any(effect.kind == "extensibility" for effect in self.acting()):
+            said.add("axial_stiffness")
+        return tuple(name for name in RIGID if name not in said)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What is assumed of the cable where stiffnesses are left out, in words."""
+        if not (names := self.assumed_rigid):
+            return ()
+        words = " and ".join(RIGID[name] for name in names)
+        return (f"{' and '.join(names)} left out: the cable is assumed {words}",)
 
     @property
     def fit_poses(self) -> tuple[StudyPose, ...]:

@@ -33,8 +33,6 @@ STIFF_AXIAL = 1e3
 """N. Below it a cable may stretch by more than SPAN_SLACK under everyday forces, and spans are not checked."""
 ASTRAY, ALONG = 60.0, 30.0
 """Degrees between clamps and the beginnings of their curves: no mounting is so far off, no bend beyond a clamp so sharp."""
-DEFAULT_AXIAL = 1e5
-"""N, the axial stiffness of a cable that gives none."""
 _NO_GRAVITY = 1e-9
 _ROUNDED = 1e-6  # of a length that was written with few digits
 _FORCES = {
@@ -169,8 +167,8 @@ def _has_gravity(study: Study, pose: StudyPose) -> bool:
 def _reach(study: Study) -> float | None:
     """How far (m) the cable reaches when it is drawn straight; None when it may stretch, or no length is known."""
     longest = longest_cable(study)
-    known = study.known("axial_stiffness")
-    axial = [DEFAULT_AXIAL if "axial_stiffness" not in study.unknown_names and known is None else known]
+    said = "axial_stiffness" in study.cable or "axial_stiffness" in study.unknown_names
+    axial = [study.known("axial_stiffness")] if said else []
     axial += [effect.parameters.get("axial_stiffness") for effect in study.effects if effect.kind == "extensibility"]
     if "extensibility.axial_stiffness" in study.unknown_names or "natural_stretch" in study.unknown_names:
         return None

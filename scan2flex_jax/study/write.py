@@ -101,7 +101,7 @@ def save_study(study: Study, folder: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.contents.items():
             _put_file(folder, name, content)
-        _put_toml(toml, study, render(tree))
+        _put_toml(toml, study, render(tree, study.assumptions))
     except (OSError, ValueError) as error:
         raise writing_error(toml, error) from error
     return toml
@@ -222,8 +222,9 @@ def _clamp(clamp: Clamp) -> dict[str, Any]:
     return table if clamp.quaternion is None else {**table, "quaternion": _plain(clamp.quaternion)}
 
 
-def render(tree: dict[str, Any]) -> str:
-    """The TOML text of a study's tree, laid out as in the format: clamps on one line each."""
+def render(tree: dict[str, Any], assumptions: tuple[str, ...] = ()) -> str:
+    """The TOML text of a study's tree, laid out as in the format: clamps on one line each. What is assumed of the cable
+    stands in a comment of its table."""
     document = tomlkit.document()
     for key, value in tree.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
@@ -238,6 +239,9 @@ def render(tree: dict[str, Any]) -> str:
             document[key] = nested
         else:
             document[key] = _table(value) if isinstance(value, dict) else value
+        if key == "cable":
+            for sentence in assumptions:
+                document[key].add(tomlkit.comment(sentence))
     return tomlkit.dumps(document)
 
 

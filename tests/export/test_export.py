@@ -54,6 +54,20 @@ def test_json_holds_the_cable_and_its_balance(twisted):
     assert set(found["meaning"]) >= {"units", "stiffness", "quaternion", "held", "beyond"}
 
 
+def test_stiffness_that_was_assumed_is_softer_where_time_steps_depend_on_it():
+    def stiffness(study):
+        source = export(study, "pyelastica", pose="twist-90", elements=ELEMENTS)
+        names = {}
+        exec(compile(source.split("class Scene")[0].replace("import elastica as ea\n", ""), "cable.py", "exec"), names)
+        return names["CABLE"]["stiffness"][:3]
+
+    known = {k: v for k, v in cable().cable.items() if k not in ("shear_stiffness", "axial_stiffness")}
+    assumed = 1e7 * (0.2 * 9.81 + 10 * 0.1) / 300  # N: the cable weighs 0.2 kg, and has EI 0.1 N m^2
+    np.testing.assert_allclose(stiffness(replace(cable(), cable=known)), assumed)
+    given = replace(cable(), cable={**known, "axial_stiffness": 2e5})
+    np.testing.assert_allclose(stiffness(given), [assumed, assumed, 2e5])
+
+
 def test_the_mujoco_model_has_the_masses_and_springs_of_the_cable(twisted):
     root = ET.fromstring(export(cable(), "mujoco", pose="twist-90", elements=ELEMENTS))
     masses = [float(g.get("mass")) for g in root.iter("geom")]

@@ -37,6 +37,16 @@ def test_no_guess(unguessed):
     assert np.isnan(f.rms("none"))
 
 
+def test_a_stiffness_that_is_left_out_is_told_in_the_result():
+    """The shapes are those of 1e5 N, which moves them by less than the mesh."""
+    study = scenes.example()
+    known = {k: v for k, v in study.cable.items() if k not in ("shear_stiffness", "axial_stiffness")}
+    f = fit(scenes.replace(study, cable=known))
+    assert recovered(f), f.summary()
+    assert "the cable is assumed inextensible and unshearable" in f.summary()
+    assert f.calibrated.assumptions and not study.assumptions
+
+
 @pytest.mark.parametrize("EI", DECADES)
 def test_every_guess(EI):
     """All 25 (the paper: 19); a bad guess costs no more than time, since the package's own start stands beside it."""

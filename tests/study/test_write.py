@@ -8,7 +8,7 @@ import pytest
 
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
-from scan2flex_jax.study import MeasuredCurve, Unknown, load_study, save_study, write_json_atomic
+from scan2flex_jax.study import EffectDeclaration, MeasuredCurve, Unknown, describe, load_study, save_study, write_json_atomic
 from scan2flex_jax.study import files as files_module
 
 from .samples import STUDY, write_sample
@@ -32,6 +32,35 @@ def test_round_trip_of_the_examples(tmp_path, name):
     study = load_study(example_path(name))
     save_study(study, tmp_path)
     assert load_study(tmp_path) == study
+
+
+@pytest.mark.parametrize(
+    ("left_out", "words"),
+    [
+        (("axial_stiffness = 1.0e5\n",), "axial_stiffness left out: the cable is assumed inextensible"),
+        (("shear_stiffness = [1.0e5, 2.0e5]\n",), "shear_stiffness left out: the cable is assumed unshearable"),
+        (("axial_stiffness = 1.0e5\n", "shear_stiffness = [1.0e5, 2.0e5]\n"), "is assumed inextensible and unshearable"),
+        ((), None),
+    ],
+    ids=["axial", "shear", "both", "none"],
+)
+def test_what_is_assumed_of_the_cable_is_said(tmp_path, left_out, words):
+    text = STUDY
+    for line in left_out:
+        text = text.replace(line, "")
+    study = load_study(write_sample(tmp_path / "a", text))
+    written = save_study(study, tmp_path / "b").read_text("utf-8")
+    assert load_study(tmp_path / "b") == study
+    for said in (written, describe(study), *study.assumptions):
+        assert (words in said) if words else ("is assumed" not in said)
+    comment = next((line for line in written.splitlines() if "is assumed" in line), "#")
+    assert comment.startswith("#")
+
+
+def test_an_effect_may_say_how_far_the_cable_stretches(tmp_path):
+    study = load_study(write_sample(tmp_path, STUDY.replace("axial_stiffness = 1.0e5\n", "")))
+    study = replace(study, effects=(*study.effects, EffectDeclaration("extensibility", {"axial_stiffness": 300.0})))
+    assert study.assumptions == ()
 
 
 def test_saving_what_is_there_leaves_every_byte(tmp_path):
