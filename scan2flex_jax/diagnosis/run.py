@@ -53,6 +53,8 @@ def explain(
     try:
         study = _on_axes(study, elements, say)
         base = _base(study, elements, say, seed, mesh, ahead)
+        if isinstance(base, Fit):
+            return _mistaken(base, began)
     except NotSettledError as fault:
         seconds = time.perf_counter() - began
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
@@ -86,8 +88,11 @@ class _Base:
     coarse: list[str]
 
 
-def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None) -> _Base:
-    """The plain fit on a mesh that is fine enough, or as fine as it gets; raises `NotSettledError`."""
+def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None) -> _Base | Fit:
+    """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
+
+    Raises `NotSettledError`.
+    """
     names = [pose.name for pose in study.fit_poses]
     while True:
         say("plain fit")
@@ -96,6 +101,8 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
         fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
         if ahead is not None:
             _wait(ahead, study, elements, mesh, say)
+        if fitted.mistakes:
+            return fitted
         study = fitted.problem.study  # with the turns that the shapes tell
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
@@ -109,6 +116,15 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _mistaken(fitted: Fit, began: float) -> Explanation:
+    """What is said of a study whose input is likely mistaken: no physics is looked for."""
+    sentences = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
+    seconds = time.perf_counter() - began
+    return Explanation(
+        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=sentences, seconds=seconds, mistakes=fitted.mistakes
+    )
 
 
 def _wait(ahead: AheadCompiler, study: Study, elements: int, mesh: bool, say: Progress) -> None:
