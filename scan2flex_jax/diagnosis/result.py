@@ -13,6 +13,7 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import Estimate, Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
+from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
 
@@ -81,7 +82,8 @@ class Explanation:
     words what was found, ``settle`` what measurement would decide a tie. ``load`` is the equivalent load field (N/m) that all
     poses share and ``pose_loads`` that of each fitted pose: where something acts, not what. ``description`` stands in for an
     effect where none explains the shapes: a field that describes and is not physics. ``study`` has the effects declared.
-    ``search`` is all that the search did, from which `plan` goes on.
+    ``search`` is all that the search did, from which `plan` goes on. ``mistakes``: likely mistakes of the input, before
+    which no physics is looked for; ``fit`` is None then too.
 
     Every log evidence is in nats over the plain rod with the same noise, that of families too. ``fit``, ``noise`` and what
     rests on them are None or empty where the poses could not be solved (verdict "not in equilibrium").
@@ -109,6 +111,7 @@ class Explanation:
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
     search: Found | None = field(repr=False, default=None)
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def significant(self) -> bool:
@@ -138,7 +141,8 @@ class Explanation:
 
     def to_json(self) -> dict:
         """The format's result object; its log evidences are over the plain rod, in nats."""
-        out = {"format": "scan2flex-result/1", "verdict": self.verdict}
+        out: dict[str, Any] = {"format": "scan2flex-result/1", "verdict": self.verdict}
+        out |= {"mistakes": [m.to_json() for m in self.mistakes]} if self.mistakes else {}
         if self.noise is None or self.fit is None or self.load is None:
             return out | {"settle": list(self.settle), "messages": list(self.sentences), "seconds": self.seconds}
         before = {name: _plain(e.value) for name, e in self.fit.estimates.items()}

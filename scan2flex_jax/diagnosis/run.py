@@ -54,6 +54,8 @@ def explain(
     try:
         study = _on_axes(study, elements, say)
         base = _base(study, elements, say, seed, mesh, ahead)
+        if isinstance(base, Fit):
+            return _mistaken(base, began)
     except NotSettledError as fault:
         seconds = time.perf_counter() - began
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
@@ -89,8 +91,11 @@ class _Base:
     coarse: list[str]
 
 
-def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None) -> _Base:
-    """The plain fit on a mesh that is fine enough, or as fine as it gets; raises `NotSettledError`."""
+def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None) -> _Base | Fit:
+    """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
+
+    Raises `NotSettledError`.
+    """
     names = [pose.name for pose in study.fit_poses]
     while True:
         say("plain fit")
@@ -99,6 +104,8 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
         fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
         if ahead is not None:
             _wait(ahead, study, elements, mesh, say)
+        if fitted.mistakes:
+            return fitted
         study = fitted.problem.study  # with the turns that the shapes tell
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
@@ -112,6 +119,15 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _mistaken(fitted: Fit, began: float) -> Explanation:
+    """What is said of a study whose input is likely mistaken: no physics is looked for."""
+    sentences = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
+    seconds = time.perf_counter() - began
+    return Explanation(
+        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=sentences, seconds=seconds, mistakes=fitted.mistakes
+    )
 
 
 def _wait(ahead: AheadCompiler, study: Study, elements: int, mesh: bool, say: Progress) -> None:
@@ -146,7 +162,7 @@ def _stated(study) -> float | None:
 
 
 def _explanation(base, found, warnings, began):
-    bench, plain, fitted = found.stage.bench, found.stage.base, base.fit
+    bench, fitted = found.stage.bench, base.fit
     study, other = fitted.problem.study, None
     if study.validate_poses:
         other = Bench(bench.problem, fitted.minimum, bench.problem.held_out)
@@ -173,7 +189,7 @@ def _explanation(base, found, warnings, began):
         estimates=estimates,
         poses=poses,
         families=found.test.family_gain,
-        settle=report.settle_sentences({k for r in tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
+        settle=report.settle_sentences({k for r in found.tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
         sentences=(
             *_sentences(found, chosen, description), *_before_and_after(poses, added, found), *_left(found, discrepancy),
             *_confirmed(poses, chosen), *fitted.turned, *warnings,

@@ -100,7 +100,7 @@ class _Choice(NamedTuple):
 def on_its_branches(problem, minimum, method, progress):
     """The problem and its minimum with every pose, validate poses too, on the branch that was measured."""
     while True:
-        problem, minimum = _full_turns(problem, minimum, method, progress)
+        problem, minimum = full_turns(problem, minimum, method, progress)
         before = problem
         problem, minimum = _beyond_doubt(problem, minimum, method, progress)
         if problem is before:
@@ -112,7 +112,7 @@ def on_its_branches(problem, minimum, method, progress):
     return problem, minimum
 
 
-def _full_turns(problem, minimum, method, progress):
+def full_turns(problem, minimum, method, progress):
     """The search at the values of the fit, again from each better one."""
     while True:
         own = distances(minimum.evaluation, problem.poses.mask) / problem.length

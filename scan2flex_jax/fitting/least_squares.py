@@ -59,7 +59,7 @@ class Goal:
     """What is minimised: an evaluator, the scale of residuals of each pose (m), and bounds of the shared numbers.
 
     ``weak``: precision with which each shared number is held where it began, in shares of the cost (0: free). ``beat``: the
-    cost that a minimum has to come under to be of use; a descent that is far above it after some iterations is given up.
+    cost that a minimum has to come under to be of use; a descent far above it is given up after ``patience`` iterations.
     """
 
     evaluator: Evaluator
@@ -69,6 +69,7 @@ class Goal:
     progress: Progress = silent
     weak: np.ndarray | float = 0.0
     beat: float = np.inf
+    patience: int = _PATIENCE
 
     def cost(self, e: Evaluation, shared, local) -> float:
         """Weighted squares of residuals and priors."""
@@ -113,7 +114,7 @@ def levenberg_marquardt(
     e = evaluator(shared, local, start=start) if known is None else known
     cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
     began, residuals = shared, max(int(np.count_nonzero(e.residual)), 1)
-    while np.isfinite(cost) and iteration < (_MOST_ITERATIONS if cost < _FAR * goal.beat else _PATIENCE):
+    while np.isfinite(cost) and iteration < (_MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience):
         share = cost / residuals
         bowl = _Bowl(goal, e, shared, local, share * goal.weak, began)
         if bowl.promised() <= _SHARE * share:

@@ -81,12 +81,17 @@ class Problem:
         """Standard deviation (m) that weighs each pose: the stated one, else the estimated one."""
         return np.array([noise.total if pose.noise is None else pose.noise for pose in self.study.fit_poses])
 
+    def first_scale(self) -> np.ndarray:
+        """The same before any residual is known: the stated ones, else a thousandth of the length for all."""
+        stated = [pose.noise for pose in self.study.fit_poses]
+        return np.array(stated, float) if all(stated) else np.full(self.poses.count, 1e-3 * self.length)
+
     def goal(self, sigma: np.ndarray, progress: Progress = silent) -> Goal:
         """What is minimised, with residuals in units of ``sigma`` (m) per pose."""
         prior = self.layout.shared - self.layout.unknowns
         low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
         high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
-        return Goal(self.evaluator, sigma, low, high, progress, np.where(self._logs(), _WEAK**-2, 0.0))
+        return Goal(self.evaluator, sigma, low, high, progress, np.where(self.logs(), _WEAK**-2, 0.0))
 
     def starts(self) -> list[np.ndarray]:
         """Start vectors of the unknowns: the user's guess where given, and the package's own."""
@@ -104,11 +109,7 @@ class Problem:
         priors do not move yet. Of use is only a minimum below ``beat``: what stays far above it is not followed to its end.
         Raises `NotSettledError` where no pose can be solved.
         """
-        sigma = np.full(self.poses.count, 1e-3 * self.length)
-        stated = [p.noise for p in self.study.fit_poses]
-        if all(stated):
-            sigma = np.array(stated, float)
-        goal = replace(self.goal(sigma, progress), beat=beat)
+        goal = replace(self.goal(self.first_scale(), progress), beat=beat)
         prior = np.zeros(self.layout.shared - self.layout.unknowns)
         starts = self.starts() if start is None else [start]
         if method != "least-squares":
@@ -131,14 +132,14 @@ class Problem:
         rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
         return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
 
-    def _logs(self) -> np.ndarray:
+    def logs(self) -> np.ndarray:
         """Which of the shared numbers are logarithms."""
         known = [False] * (self.layout.shared - self.layout.unknowns)
         return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
 
     def _descend(self, goal, x, evaluation):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
-        logs = self._logs()
+        logs = self.logs()
         for factor in _LADDER:
             start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
             minimum = levenberg_marquardt(goal, start, known=evaluation if factor == 1.0 else None)

@@ -8,7 +8,9 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.kinds import CABLE, kind_format
+from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
 
@@ -61,8 +63,10 @@ class Fit:
     at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
     poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
     of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
-    the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose. ``misfits``:
-    fitted poses whose residual is no noise, in words. ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
+    the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose.
+    ``misfits``: fitted poses whose residual is no noise, in words. ``mistakes``: likely mistakes of the input, each of which
+    explains the residual at a stroke (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted
+    squares of residuals and priors.
     """
 
     study: Study = field(repr=False)
@@ -85,6 +89,7 @@ class Fit:
     data: str
     turned: tuple[str, ...] = ()
     misfits: tuple[str, ...] = ()
+    mistakes: tuple[Mistake, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -95,7 +100,19 @@ class Fit:
     @property
     def believable(self) -> bool:
         """Whether the fit has settled, with every pose stable and near its curve; else its numbers are not to be used."""
-        return bool(self.converged and not self.misfits and all(p.stable for p in self.poses.values()))
+        sound = self.converged and not self.misfits and not self.mistakes
+        return bool(sound and all(p.stable for p in self.poses.values()))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The sentences that have to be read before any value, the gravest first."""
+        if self.mistakes:
+            first, *others = map(str, self.mistakes)
+            return (f"likely mistake: {first}", _AS_IT_STANDS, *(f"or: {other}" for other in others))
+        units = [s for s in self.sentences if s in unit_warnings(self.study)]
+        turned = self.turned if len(self.turned) < 2 else (_SEVERAL_TURNED.format(len(self.turned)), *self.turned)
+        judged = [s for s in self.sentences[-1:] if self.valid is False]
+        return (*self.misfits[:1], *units, *turned, *judged)
 
     @property
     def calibrated(self) -> Study:
@@ -127,6 +144,7 @@ class Fit:
             "discrepancy": self.discrepancy.to_json(),
             "converged": self.converged,
             **({} if self.valid is None else {"valid": self.valid}),
+            "mistakes": [m.to_json() for m in self.mistakes],
             "messages": list(self.sentences),
             "equilibria": self.equilibria,
             "seconds": self.seconds,
@@ -135,7 +153,8 @@ class Fit:
     def summary(self) -> str:
         """The fit in plain text."""
         to = "to point clouds" if self.data == "cloud" else "to centre curves"
-        lines = [f"{self.study.title}: {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s", ""]
+        lines = [f"{self.study.title}: {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"]
+        lines += [*(f"  {s}" for s in self.doubts), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
         lines += [*_correlation_lines(self), "  pose                 role       rms mm    max mm"]
         for name, p in self.poses.items():
@@ -146,7 +165,14 @@ class Fit:
             f"\n  residual as noise: white {1e3 * n.white:.3f} mm, correlated {1e3 * n.correlated:.3f} mm over "
             f"{1e3 * n.correlation_length:.0f} mm (per normal)"
         )
-        return "\n".join([*lines, *(f"  {s}" for s in self.sentences)])
+        rest = [s for s in self.sentences if s not in self.doubts and s not in map(str, self.mistakes)]
+        return "\n".join([*lines, *(f"  {s}" for s in rest)])
+
+
+_AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
+_SEVERAL_TURNED = (
+    "{} poses fit only with other turns than the study says: look at the rolls of their clamps before believing the values"
+)
 
 
 def unit_of(name: str) -> str:

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import branches
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.fitting import branches, mistakes
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.distance import NORMALS
@@ -25,6 +25,7 @@ from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertain
 from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
+from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 
@@ -65,7 +66,7 @@ def fit(
     began, progress = time.perf_counter(), progress or silent
     whole, scans, said = measured_by(study, data, method, distance, progress)
     problem = Problem(whole, elements, distance, slots)
-    problem, minimum = branches.on_its_branches(problem, problem.minimise(method, progress), method, progress)
+    problem, minimum, likely = _minimum(problem, method, progress)
     turned, whole = branches.sentences(whole, problem.study), problem.study
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
@@ -84,7 +85,7 @@ def fit(
     misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
     verdict = (*_differs(discrepancy), *verdict)
-    said = (*said, *study.assumptions, *([] if minimum.converged else [_UNSETTLED]))
+    said = (*unit_warnings(study), *said, *study.assumptions, *([] if minimum.converged else [_UNSETTLED]))
     return Fit(
         study=study if scans else whole,
         problem=problem,
@@ -98,7 +99,7 @@ def fit(
         poses=poses,
         noise=sensor,
         discrepancy=discrepancy,
-        sentences=(*misfits, *said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict),
+        sentences=(*map(str, likely), *misfits, *said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
@@ -106,7 +107,21 @@ def fit(
         cost=minimum.cost,
         turned=turned,
         misfits=misfits,
+        mistakes=likely,
     )
+
+
+def _minimum(problem, method, progress):
+    """Problem and minimum on the branches that were measured, and likely mistakes of the input."""
+    try:
+        minimum = problem.minimise(method, progress)
+    except NotSettledError as fault:
+        raise mistakes.instead_of(fault, problem, progress) from fault
+    study, likely = problem.study, mistakes.seen(problem, minimum, progress)
+    if not likely:
+        problem, minimum = branches.on_its_branches(problem, minimum, method, progress)
+        likely = mistakes.hidden(study, problem, minimum, progress)
+    return problem, minimum, likely
 
 
 def _correlation(covariance):

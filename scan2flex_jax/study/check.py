@@ -14,6 +14,7 @@ from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
 from scan2flex_jax.study.sense import knows_a_force
 from scan2flex_jax.study.values import one_line
+from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
 GAP_WARNING = 0.01
 """Of L: a curve that stops further from its clamp tells nothing of the strongest bend."""
@@ -29,8 +30,10 @@ HEAVY = 50.0
 """kg/m: beyond the heaviest cables that people lay by hand."""
 DENSE = 20000.0
 """kg/m^3: nothing that cables are made of is denser."""
-ARCH = 0.05
-"""Of L: a curve whose mean lies this far above the line between its clamps stands against gravity."""
+LIGHT = 1e-4
+"""kg/m: a sewing thread; what is lighter is seldom called a cable."""
+LOOSE = 50.0
+"""kg/m^3: foams are denser."""
 LONG = 100.0
 """m: longer than cables whose shape is measured."""
 GRAVITY = 9.81
@@ -154,8 +157,11 @@ def _end(end: EndFacts) -> str:
 
 
 def study_warnings(study: Study) -> list[str]:
-    """What is doubtful in a study, one sentence each; empty when nothing is."""
-    warnings = _of_study(study)
+    """What is doubtful in a study, one sentence each, likely mistakes first; empty when nothing is."""
+    warnings = [f"{mistake}." for mistake in visible_mistakes(study)]
+    scale = None if warnings else scale_between(study)
+    warnings += [] if scale is None else [f"{scale}."]
+    warnings += _of_study(study)
     facts: list[PoseFacts] = []
     for pose in study.poses:
         found = pose_facts(pose)
@@ -163,8 +169,6 @@ def study_warnings(study: Study) -> list[str]:
             facts.append(found)
             warnings += [f"{one_line(pose.name)}: {text}" for text in _of_pose(study, pose, found)]
     measured = len(facts) == len(study.poses)
-    if measured and all(_stands(study, pose) for pose in study.poses):
-        warnings.append("every curve lies above the line between its clamps: look whether gravity points the right way.")
     if measured and all_plane(study, facts, PLANE_LIMIT * max(f.covered for f in facts)):
         sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
         warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
@@ -178,13 +182,7 @@ def _of_study(study: Study) -> list[str]:
         warnings.append("no validate pose: nothing will tell whether the estimates hold for another shape.")
     if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
         warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
-    warnings += _odd_gravity("", study.gravity)
-    for pose in study.poses:
-        warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
-    length = study.cable.get("length")
-    if length is not None and float(np.max(length)) > LONG:
-        warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
-    warnings += _heavy(study)
+    warnings += unit_warnings(study)
     scales = {"length_density", "bending_stiffness", "torsional_stiffness"}
     measured = any(unknown.prior is not None for unknown in study.unknowns if unknown.name in scales)
     if scales <= set(study.unknown_names) and not measured and not knows_a_force(study):
@@ -195,6 +193,17 @@ def _of_study(study: Study) -> list[str]:
     return warnings
 
 
+def unit_warnings(study: Study) -> list[str]:
+    """Numbers that no cable on Earth has: of these a fit may know nothing, since shapes tell only ratios of forces."""
+    warnings = _odd_gravity("", study.gravity)
+    for pose in study.poses:
+        warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
+    length = study.cable.get("length")
+    if length is not None and float(np.max(length)) > LONG:
+        warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
+    return warnings + _odd_weight(study)
+
+
 def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:
     """Whether gravity is not that of Earth; none at all may be meant so."""
     size = float(np.linalg.norm(gravity))
@@ -202,33 +211,24 @@ def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:
     return [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit."] if odd else []
 
 
-def _heavy(study: Study) -> list[str]:
-    """Whether the cable weighs more than cables do."""
+def _odd_weight(study: Study) -> list[str]:
+    """Whether the cable weighs more, or less, than cables do."""
     density, radius = study.known("length_density"), study.known("radius")
     if density is None:
         return []
-    most = HEAVY if radius is None else min(HEAVY, DENSE * np.pi * float(np.max(radius)) ** 2)
-    heaviest = float(np.max(density))
-    return [f"the cable weighs {heaviest:.4g} kg/m: check the unit, it is kg/m."] if heaviest > most else []
-
-
-def _stands(study: Study, pose: StudyPose) -> bool:
-    """Whether a curve between two held ends rises above the line between them, against gravity."""
-    gravity, length = study.gravity_in(pose), study.known("length")
-    size = float(np.linalg.norm(gravity))
-    if pose.end is None or pose.curve is None or length is None or not size > 0:
-        return False
-    middle = 0.5 * (pose.start.position + pose.end.position)
-    fall = float((pose.curve.points.mean(axis=0) - middle) @ gravity) / size
-    return fall < -ARCH * float(np.max(length))
+    area = None if radius is None else np.pi * float(np.max(radius)) ** 2
+    most, least = (HEAVY, LIGHT) if area is None else (min(HEAVY, DENSE * area), LOOSE * area)
+    weight = float(np.max(density))
+    if least <= weight <= most:
+        return []
+    other = f"{weight / 1000:.4g} kg/m if it was written in g/m" if weight > most else f"{1000 * weight:.4g} kg/m if in t/m"
+    return [f"the cable weighs {weight:.4g} kg/m: check the unit, it is kg/m ({other})."]
 
 
 def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
     """Warnings about one measured curve."""
     length = study.known("length")
     scale = facts.covered if length is None else float(np.max(length))
-    if facts.backwards:
-        return ["the curve seems to run from end to start: reverse the order of its points."]
     warnings = []
     for name, clamp, end in (("start", pose.start, facts.start), ("end", pose.end, facts.end)):
         if clamp is None or end is None:

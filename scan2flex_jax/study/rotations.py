@@ -9,6 +9,9 @@ import numpy as np
 
 from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
 
+TRANSPORTED = 24
+"""Averaged points of a curve along which a frame is carried: more add noise."""
+_TINY = 1e-12
 RIGID = 2e-3
 """Entries of R'R - 1 that matrices printed with three digits leave."""
 
@@ -50,3 +53,44 @@ def _matrix(matrix: Any, shapes: tuple[tuple[int, int], ...], wanted: str, where
     if M.dtype.kind not in "iuf" or not np.all(np.abs(M) <= LARGEST):
         raise where.fail(f"{wanted}, and this one has others.")
     return M.astype(np.float64)
+
+
+def product(p: Annotated[np.ndarray, "4"], q: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "4"]:
+    """The quaternion [w, x, y, z] of R(p) R(q)."""
+    w = p[0] * q[0] - p[1:] @ q[1:]
+    return np.r_[w, p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])]
+
+
+def rolled(quaternion: Annotated[np.ndarray, "4"], angle: float) -> Annotated[np.ndarray, "4"]:
+    """The quaternion of a frame rolled about its own d3 by an angle (rad)."""
+    return product(quaternion, np.array([np.cos(0.5 * angle), 0.0, 0.0, np.sin(0.5 * angle)]))
+
+
+def twist_along(
+    points: Annotated[np.ndarray, "n 3"], start: Annotated[np.ndarray, "4"], end: Annotated[np.ndarray, "4"]
+) -> float:
+    """Angle (rad, up to half a turn) about d3 between an end frame and the start frame carried along a curve without twist.
+
+    Without points the frame is turned from the one d3 to the other on the shortest way.
+    """
+    blocks = np.array_split(np.asarray(points), min(len(points), TRANSPORTED)) if len(points) else []
+    chords = np.diff([block.mean(axis=0) for block in blocks], axis=0) if len(blocks) > 1 else np.zeros((0, 3))
+    d1, tangent = columns(start)[:, 0], columns(start)[:, 2]
+    for chord in [*chords, columns(end)[:, 2]]:
+        onward = chord / np.linalg.norm(chord)
+        d1 = d1 - (d1 @ onward) / (1.0 + tangent @ onward + _TINY) * (tangent + onward)
+        tangent = onward
+    frame = columns(end)
+    return float(np.arctan2(-(frame[:, 1] @ d1), frame[:, 0] @ d1))
+
+
+def columns(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "3 3"]:
+    """The rotation matrix of a unit quaternion [w, x, y, z]: columns d1, d2, d3."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

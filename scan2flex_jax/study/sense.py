@@ -40,7 +40,9 @@ _FORCES = {
     "elastic_support": "stiffness", "distributed_load": "force",
 }  # fmt: skip
 """Of effects whose size is a force, or a stiffness beside that of the cable: the parameter that tells it."""
-_UNITS = ((300.0, 3000.0, "millimetres", 1000), (30.0, 300.0, "centimetres", 100))
+_UNITS = ((300.0, 3000.0, "millimetres", 1000.0), (30.0, 300.0, "centimetres", 100.0))
+_EXACT = (("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 1 / 0.0254), ("feet", 1 / 0.3048))
+_SHORT, _LONG = 0.8, 1.1  # of one length over another that it is compared with: a curve may stop short of its clamps
 
 
 def check_study(study: Study, purpose: Purpose = "fit") -> None:
@@ -185,15 +187,20 @@ def _reach(study: Study) -> float | None:
     return max(lengths) * (1 + max(along, 0.0))
 
 
-def looks_like(ratio: float) -> tuple[str, int] | None:
-    """Which unit a length that is `ratio` times too long was probably written in, and how many of it make a metre."""
+def looks_like(ratio: float) -> tuple[str, float] | None:
+    """Which unit a length that is about `ratio` times too long was probably written in, and how many of it make a metre."""
     return next(((unit, factor) for low, high, unit, factor in _UNITS if low < ratio < high), None)
 
 
-def unit_hint(ratio: float) -> str:
-    """What to do about a length that is `ratio` times too long."""
-    unit = looks_like(ratio)
-    return "correct the length, the unit or the frame" if unit is None else f"it looks like {unit[0]}: divide by {unit[1]}"
+def unit_of(ratio: float) -> tuple[str, float] | None:
+    """The same of a length that ought to be equal to the one it is compared with, so that inches and feet can be told too."""
+    return next(((unit, factor) for unit, factor in _EXACT if _SHORT < ratio / factor < _LONG), None)
+
+
+def unit_hint(ratio: float, equal: bool = False) -> str:
+    """What to do about a length that is `ratio` times too long; `equal`: over one that it ought to be equal to."""
+    unit = (unit_of(ratio) if equal else None) or looks_like(ratio)
+    return "correct the length, the unit or the frame" if unit is None else f"it looks like {unit[0]}: divide by {unit[1]:.6g}"
 
 
 def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
@@ -203,9 +210,11 @@ def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
     span = float(np.linalg.norm(pose.end.position - pose.start.position))
     slack = SPAN_SLACK * reach
     if span > slack:
-        raise where.at("end.position").fail(
-            f"the ends are {span:g} m apart, but the cable is at most {reach:g} m long: {unit_hint(span / reach)}."
-        )
+        chord = reach if pose.curve is None else float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
+        measured = 0.0 < chord < reach  # a curve that fits the cable tells how far apart the ends ought to be
+        hint = unit_hint(span / chord, equal=True) if measured else unit_hint(span / reach)
+        said = f"the ends are {span:g} m apart, but the cable is at most {reach:g} m long"
+        raise where.at("end.position").fail(f"{said}: {hint}.")
 
 
 def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) -> None:
@@ -221,10 +230,12 @@ def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) ->
     if pose.curve.arc_length is not None:
         length = max(length, float(pose.curve.arc_length[-1]))
     if length > CURVE_SLACK * reach:
-        hint = unit_hint(length / reach)
+        hint = unit_hint(length / reach, equal=True)
         raise key.fail(f"the curve is {length:g} m long, but the cable at most {reach:g} m: {hint}.")
     if study.known("length") is not None and length < CURVE_LEAST * reach:
-        raise key.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: write both in metres.")
+        unit = unit_of(reach / length)
+        hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
+        raise key.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")
     if not any(kind_format(effect.kind).place == "observation" for effect in study.effects):
         _check_frame(pose, reach, key)
 

@@ -25,8 +25,8 @@ def test_a_cable_heavier_than_cables_is_doubted(tmp_path):
 
 
 def test_a_cable_that_stands_against_gravity_is_doubted(tmp_path):
-    assert "points the right way" not in doubts(tmp_path, "-9.81]", "-9.81]")
-    assert "points the right way" in doubts(tmp_path, "-9.81]", "9.81]")
+    assert "point the right way" not in doubts(tmp_path, "-9.81]", "-9.81]")
+    assert "point the right way" in doubts(tmp_path, "-9.81]", "9.81]")
 
 
 @pytest.mark.parametrize("name", example_names())

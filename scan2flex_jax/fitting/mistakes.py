@@ -1,0 +1,216 @@
+"""Likely mistakes of the input, asked by refits before any physics: poses exchanged, turns, rolls, axes, gravity, scale.
+
+A study that `study.visible` doubts, or whose fit leaves more than a few thousandths of the length, is fitted again with each
+likely mistake mended (`study.mistakes`). A mended study has no number more than the one it came from: if it comes five times
+as close to the curves, that is no accident, and missing physics, which no such change imitates, stays as it was. In turn:
+
+1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the mended curves and at those of
+   the fit; the nearest ones are refitted;
+2. each pose is left out; where the others then fit, its own likely mistakes are solved once each at their stiffnesses, and the
+   best one is refitted with all poses. Where none mends it, the pose alone does not fit.
+
+A fit that had to turn several poses by full turns (`fitting.branches`) may have bent itself to a wrong roll: there a mended
+study needs no lead if it comes as close with the turns that are stated. A study that does not settle is asked too.
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.fitting import branches
+from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt
+from scan2flex_jax.fitting.noise import white_noise
+from scan2flex_jax.fitting.poses import poses_of
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.study import mistakes
+from scan2flex_jax.study.mistakes import Mistake
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.visible import clamps_scaled, visible_mistakes
+
+_DOUBTFUL = 0.004  # of the length: RMS distance from which on a fit is asked for mistakes
+_STATED = 3.0  # times the stated noise: the same, from half that distance on
+_TIMES = 5.0  # times closer that a mended study has to come,
+_TIMES_TURNED, _TURNED = 1.02, 2  # or one beside a fit that turned so many poses
+_CLOSE = 0.03  # of the length: RMS distance to which it has to come, whatever it was before; real cables leave as much
+_ALIKE = 1.3  # times the distance of the best mended study: others that explain the curves alike
+_ALONE = 0.03  # of the length: a pose that alone does not fit is at least so far off
+_FEWEST = 3  # poses that have to fit without the one that does not
+_FOLLOWED = 4  # mended studies that are refitted: those that are nearest where they begin
+_NEARER = 0.6  # times the distance before: a refit that may be a full turn away from coming close
+_HALVED = 0.5  # times the distance before: what a mistake that is visible without a solve has to bring
+_PATIENCE = 6  # iterations after which a refit that is nowhere near is given up
+_STIFFER = np.log(10.0)  # of a start that settles where softer ones do not
+_FINEST, _COARSEST = 2.0e-4, 0.01  # of the length: noise of curves that weighs priors
+
+
+class Refit(NamedTuple):
+    """A mended study: RMS distance of its fitted poses (m), the problem, and its minimum or where that begins."""
+
+    mistake: Mistake
+    off: float
+    problem: Problem
+    minimum: Minimum
+
+
+def seen(problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
+    """The mistakes that the study shows without a solve and a refit confirms, before any branch is searched."""
+    found = visible_mistakes(problem.study)
+    return _Search(problem.study, problem, minimum, progress).confirmed(found) if found else ()
+
+
+def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
+    """The mistakes that explain the curves of ``study`` at a stroke: the best one, and those that explain them alike.
+
+    ``problem`` and ``minimum`` are its fit on the branches that were found. Empty for a fit that leaves little.
+    """
+    search = _Search(study, problem, minimum, progress)
+    return search.hidden() if search.doubtful() else ()
+
+
+def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> NotSettledError:
+    """The fault of a study that does not settle, with the mistake that keeps it from settling where one is likely."""
+    search = _Search(problem.study, problem, None, progress)
+    found = search.confirmed(visible_mistakes(problem.study)) or search.hidden()
+    return NotSettledError(fault.sentence, str(found[0]), fault.reasons) if found else fault
+
+
+def _distance(problem, residual) -> float:
+    """RMS distance (m) over all points of the fitted poses."""
+    return float(np.sqrt(np.sum(residual**2) / np.sum(np.asarray(problem.poses.mask))))
+
+
+class _Search:
+    """The refits of one study beside its fit; without a minimum nothing of it settled, and any that comes close is better."""
+
+    def __init__(self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress):
+        self.study, self.problem, self.minimum, self.progress = study, problem, minimum, progress
+        self.before = np.inf if minimum is None else _distance(problem, minimum.evaluation.residual)
+        turned = sum(a.turns != b.turns for a, b in zip(study.fit_poses, problem.study.fit_poses, strict=True))
+        self.turned = turned >= _TURNED
+        self.close = min(self.before / (_TIMES_TURNED if self.turned else _TIMES), _CLOSE * problem.length)
+
+    def doubtful(self) -> bool:
+        """Whether the fit leaves more than a few thousandths of the length, or more than the stated noise, or turned poses."""
+        if self.minimum is None:
+            return True
+        own = branches.distances(self.minimum.evaluation, self.problem.poses.mask)
+        stated = np.array([np.inf if p.noise is None else p.noise for p in self.study.fit_poses])
+        limit = _DOUBTFUL * self.problem.length
+        beyond = np.any(own > np.maximum(_STATED * np.sqrt(NORMALS) * stated, 0.5 * limit))
+        return bool(self.turned or self.before > limit or beyond)
+
+    def confirmed(self, found: tuple[Mistake, ...]) -> tuple[Mistake, ...]:
+        """Mistakes that are visible without a solve, where the study with all of them mended fits better."""
+        refit = self.refitted(found[-1]) if found else None
+        limit = min(_HALVED * self.before, _CLOSE * self.problem.length if self.minimum is None else np.inf)
+        return () if refit is None or refit.off > limit else tuple(self._with_figures(m, refit) for m in found)
+
+    def hidden(self) -> tuple[Mistake, ...]:
+        """The mistakes that only refits tell; a pose that alone does not fit where there is none."""
+        self.progress("looking for mistakes of the input")
+        found = [*self.accepted(self.of_all_poses()), *self.of_one_pose()]
+        best = min((refit.off for refit in found), default=0.0)
+        alike = [refit for refit in found if refit.off <= _ALIKE * best] or self.alone()
+        return tuple(self._with_figures(refit.mistake, refit) for refit in alike)
+
+    def _with_figures(self, mistake, refit) -> Mistake:
+        return replace(mistake, before=self.before if np.isfinite(self.before) else None, after=refit.off)
+
+    def of_all_poses(self) -> Iterator[Mistake]:
+        """The hypotheses that concern several poses."""
+        yield from clamps_scaled(self.study)
+        yield from mistakes.of_gravity(self.study)
+        yield from mistakes.of_rolls(self.study)
+        yield from mistakes.of_frames(self.study)
+        yield from mistakes.of_pairs(self.study)
+
+    def accepted(self, hypotheses: Iterable[Mistake]) -> list[Refit]:
+        """Those of the mended studies that come close at a stroke, of the nearest where they begin."""
+        begun = sorted((b for b in map(self.begun, hypotheses) if b is not None), key=lambda b: b.off)
+        refits = [self._on_its_branches(self.finished(b)) for b in begun[:_FOLLOWED]]
+        return [refit for refit in refits if refit.off <= self.close]
+
+    def _on_its_branches(self, refit):
+        """A refit that comes nearer, but not close, with the turns that the shapes tell."""
+        if self.turned or not self.close < refit.off < _NEARER * self.before:
+            return refit
+        with suppress(Scan2FlexError):
+            found = branches.full_turns(refit.problem, refit.minimum, "least-squares", self.progress)
+            return Refit(refit.mistake, _distance(found[0], found[1].evaluation.residual), *found)
+        return refit
+
+    def of_one_pose(self) -> Iterator[Refit]:
+        """Mended studies of single poses; `left` keeps, of each pose without which the others fit, their refit and how far
+        (m) the pose is off then."""
+        poses, self.left = self.study.fit_poses, []
+        if len(poses) == 1:
+            yield from self.accepted(mistakes.of_pose(self.study, poses[0]))
+            return
+        for pose in poses:
+            rest = self.refitted(mistakes.without(self.study, pose))
+            if rest is None or rest.off > self.close:
+                continue
+            off = self._once(rest, self.study, pose.name)
+            self.left.append((rest, off))
+            own = [(self._once(rest, m.study, pose.name), m) for m in mistakes.of_pose(self.study, pose)]
+            nearest = min(own, key=lambda pair: pair[0], default=None)
+            if nearest is not None and nearest[0] < _HALVED * off:
+                yield from self.accepted([nearest[1]])
+
+    def alone(self) -> list[Refit]:
+        """The refit without the one pose that does not fit, where enough others do."""
+        if len(self.left) != 1 or len(self.study.fit_poses) <= _FEWEST:
+            return []
+        rest, off = self.left[0]
+        return [rest] if off > max(_ALONE * self.problem.length, _TIMES * rest.off) else []
+
+    def _once(self, rest, study, name) -> float:
+        """Distance (m) of a pose solved at the values of the others."""
+        poses = poses_of(study, [study.pose(name)], self.problem.length, self.problem.elements)
+        found = rest.problem.evaluator_of(poses)(rest.minimum.shared, derivative=False)
+        return float(branches.distances(found, poses.mask)[0])
+
+    def refitted(self, mistake: Mistake) -> Refit | None:
+        """The mended study fitted; None where none of its starts settles."""
+        begun = self.begun(mistake)
+        return None if begun is None else self.finished(begun)
+
+    def begun(self, mistake: Mistake) -> Refit | None:
+        """The mended study at the better of its own start and the values of the fit, or stiffer where neither settles."""
+        try:
+            tried = self.problem.with_study(mistake.study)
+            own = tried.starts()[-1]
+        except Scan2FlexError:
+            return None
+        starts = [own] if self.minimum is None else [own, self.minimum.shared[: len(own)]]
+        found = [m for m in (_at(tried, x) for x in starts) if np.isfinite(m.cost)]
+        if not found:
+            stiffer = own + np.where(tried.logs()[: len(own)], _STIFFER, 0.0)
+            found = [m for m in [_at(tried, stiffer)] if np.isfinite(m.cost)]
+        best = min(found, key=lambda m: m.cost, default=None)
+        return None if best is None else Refit(mistake, _distance(tried, best.evaluation.residual), tried, best)
+
+    def finished(self, begun: Refit) -> Refit:
+        """The refit from there; what stays far from coming close is given up."""
+        tried, sigma = begun.problem, begun.problem.first_scale()
+        points = np.sum(np.asarray(tried.poses.mask), axis=1)
+        goal = replace(tried.goal(sigma), beat=float(np.sum(points * (self.close / sigma) ** 2)), patience=_PATIENCE)
+        minimum = levenberg_marquardt(goal, begun.minimum.shared)
+        if tried.layout.has_priors and _distance(tried, minimum.evaluation.residual) < self.before:
+            sharp = np.clip([white_noise(p) for p in tried.study.fit_poses], _FINEST * tried.length, _COARSEST * tried.length)
+            minimum = levenberg_marquardt(tried.goal(sharp), minimum.shared, minimum.local)
+        return Refit(begun.mistake, _distance(tried, minimum.evaluation.residual), tried, minimum)
+
+
+def _at(problem, x) -> Minimum:
+    """A start of the unknowns, evaluated without a derivative."""
+    goal = problem.goal(problem.first_scale())
+    shared = np.clip(np.r_[x, np.zeros(problem.layout.shared - problem.layout.unknowns)], goal.low, goal.high)
+    local = np.zeros((problem.poses.count, problem.layout.local))
+    evaluation = problem.evaluator(shared, derivative=False)
+    return Minimum(shared, local, evaluation, goal.cost(evaluation, shared, local), 0, False)

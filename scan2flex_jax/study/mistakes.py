@@ -1,0 +1,236 @@
+"""Likely mistakes of the input as hypotheses: each names itself, says how to mend it, and holds the study with it mended.
+
+Every hypothesis is a pure change of a study; nothing is solved here. `study.visible` keeps those that ends and tangents of the
+curves tell, `fitting.mistakes` asks the rest by a refit. Rotations ``R`` of clamps turn material vectors into the scan frame,
+d3 = R e3; a change of convention multiplies them from the right.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Annotated, Any
+
+import numpy as np
+
+from scan2flex_jax.study.model import Clamp, Study, StudyPose
+from scan2flex_jax.study.rotations import product, rolled, twist_along
+from scan2flex_jax.study.values import one_line
+
+_SMALL = np.radians(2.0)  # rad: a roll or twist whose sign makes no difference
+_PARALLEL = 0.99  # cosine of two directions that count as one
+_HALF = 2**-0.5
+_AXES = (  # a clamp's axis along which the cable leaves it, and the rotation that takes e3 there
+    ("d1, its x axis,", (_HALF, 0.0, _HALF, 0.0)),
+    ("d2, its y axis,", (_HALF, -_HALF, 0.0, 0.0)),
+    ("-d1, against its x axis,", (_HALF, 0.0, -_HALF, 0.0)),
+    ("-d2, against its y axis,", (_HALF, _HALF, 0.0, 0.0)),
+    ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0)),
+)
+_ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that point an end the other way
+_ROLLS = (180, 90, -90)  # degrees
+
+Quaternion = Annotated[np.ndarray, "4"]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A likely mistake of the input: what is wrong, what to do about it, and the study with it mended.
+
+    ``before`` and ``after``: RMS distance (m) of the fitted poses as the study stands and mended; None where no refit told.
+    """
+
+    sentence: str
+    mend: str
+    study: Study = field(repr=False)
+    before: float | None = None
+    after: float | None = None
+
+    def __str__(self) -> str:
+        """``what is wrong: what to do; by how much that is better``."""
+        return f"{self.sentence}: {self.mend}{self._better()}"
+
+    def _better(self) -> str:
+        if self.before is None or self.after is None:
+            return ""
+        times = f"{self.before / self.after:.0f} times better, " if self.before < 1e3 * self.after else ""
+        return f" (fits {times}{1e3 * self.after:.3g} mm in place of {1e3 * self.before:.3g} mm)"
+
+    def to_json(self) -> dict[str, Any]:
+        """Sentence, mend and RMS distances (m)."""
+        figures = {"rms_before": self.before, "rms_after": self.after}
+        return {"sentence": self.sentence, "mend": self.mend} | {k: v for k, v in figures.items() if v is not None}
+
+
+def of_frames(study: Study) -> Iterator[Mistake]:
+    """Mistakes of all clamps or all curves that ends and tangents of the curves can tell, the simplest first."""
+    yield from _changed(study, reversed_curve, "every curve runs from end to start", "reverse the order of the points")
+    yield from _changed(study, exchanged_ends, "start and end of every pose are exchanged", "exchange the clamps of each pose")
+    yield from _inward(study)
+    for words, turn in _AXES:
+        said = f"the cable leaves every clamp along {words} not along d3"
+        yield from _turned_clamps(study, turn, said, ("start", "end"))
+    words, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
+    yield from _changed(study, _each_clamp(_conjugated), words, mend)
+    words, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
+    yield from _changed(study, _each_clamp(lambda q: np.roll(q, 1)), words, mend)
+
+
+def of_rolls(study: Study) -> Iterator[Mistake]:
+    """Mistakes of the roll of all end clamps about d3: a constant offset, or the sign."""
+    for degrees in _ROLLS:
+        said = f"the end clamp of every pose is rolled by {-degrees} degrees about d3"
+        said = said if abs(degrees) != 180 else "the end clamp of every pose is rolled by half a turn about d3"
+        mend = f"multiply the end quaternions from the right by {written(rolled(_ONE, np.radians(degrees)))}"
+        yield from _changed(study, lambda pose, d=degrees: _rolled_end(pose, np.radians(d)), said, mend)
+    mend = "turn the roll of the end clamps about d3 the other way"
+    yield from _changed(study, _untwisted, "the twist of every pose has the wrong sign", mend)
+    first = next((pose.end for pose in study.poses if _twisted(pose)), None)
+    if first is not None:
+        said = "the roll of the end clamps, from pose to pose, has the wrong sign"
+        yield from _changed(study, lambda pose: _unrolled(pose, first), said, mend)
+
+
+def of_gravity(study: Study) -> Iterator[Mistake]:
+    """Gravity upward, or along another axis of the scan frame."""
+    if any(pose.gravity is not None for pose in study.poses):
+        return
+    size = float(np.linalg.norm(study.gravity))
+    axes = [sign * size * axis for axis in np.eye(3)[::-1] for sign in (-1.0, 1.0)]
+    across = [axis for axis in axes if abs(axis @ study.gravity) < _PARALLEL * size**2]
+    for other in [-study.gravity, *across] if size > 0 else ():
+        said = "gravity points the other way" if np.allclose(other, -study.gravity) else "gravity points along another axis"
+        mend = f"write gravity = {written(other)}"
+        yield Mistake(said, mend, replace(study, gravity=other))
+
+
+def of_pose(study: Study, pose: StudyPose) -> Iterator[Mistake]:
+    """Mistakes of one pose alone."""
+    name = one_line(pose.name)
+    if _twisted(pose):
+        for turns in (pose.turns + 1, pose.turns - 1):
+            other = replace(pose, turns=turns)
+            yield Mistake(f"the turns of pose {name} are off by one", f"write turns = {turns}", with_pose(study, other))
+    yield of_reversed(study, pose)
+    changes = [
+        (exchanged_ends(pose), f"start and end of pose {name} are exchanged", "exchange its clamps"),
+        (_untwisted(pose), f"the twist of pose {name} has the wrong sign", "turn the roll of its end clamp the other way"),
+    ]
+    for degrees in _ROLLS:
+        mend = f"multiply its end quaternion from the right by {written(rolled(_ONE, np.radians(degrees)))}"
+        said = f"the end clamp of pose {name} is rolled by {abs(degrees)} degrees about d3"
+        changes.append((_rolled_end(pose, np.radians(degrees)), said, mend))
+    for other, said, mend in changes:
+        if other is not pose:
+            yield Mistake(said, mend, with_pose(study, other))
+
+
+def of_reversed(study: Study, pose: StudyPose) -> Mistake:
+    """The curve of one pose runs from end to start."""
+    said = f"the curve of pose {one_line(pose.name)} runs from end to start"
+    return Mistake(said, "reverse the order of its points", with_pose(study, reversed_curve(pose)))
+
+
+def of_pairs(study: Study) -> Iterator[Mistake]:
+    """Curves of two poses exchanged, one of them at least a pose of the fit."""
+    for a, b in combinations([pose for pose in study.poses if pose.curve is not None], 2):
+        if "fit" in (a.role, b.role):
+            mended = with_pose(with_pose(study, replace(a, curve=b.curve)), replace(b, curve=a.curve))
+            said = f"the curves of poses {one_line(a.name)} and {one_line(b.name)} are exchanged"
+            yield Mistake(said, "exchange their centre_curve", mended)
+
+
+def without(study: Study, pose: StudyPose) -> Mistake:
+    """A pose that alone does not fit: it has no part in the fit."""
+    name = one_line(pose.name)
+    said = f"pose {name} does not fit, and the others fit without it"
+    mend = 'look at its clamps, turns and curve, or give it role = "validate"'
+    return Mistake(said, mend, with_pose(study, replace(pose, role="validate")))
+
+
+def with_pose(study: Study, pose: StudyPose) -> Study:
+    """The study with one pose in place of that of the same name."""
+    return replace(study, poses=tuple(pose if p.name == pose.name else p for p in study.poses))
+
+
+def written(values: Annotated[np.ndarray, " n"]) -> str:
+    """Numbers as study.toml has them."""
+    return "[" + ", ".join(f"{v:.7g}" for v in np.round(np.asarray(values), 12) + 0.0) + "]"
+
+
+_ONE = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _changed(study, change, said, mend) -> Iterator[Mistake]:
+    """The study with every pose changed; nothing where that changes none."""
+    poses = tuple(change(pose) for pose in study.poses)
+    if any(new is not old for new, old in zip(poses, study.poses, strict=True)):
+        yield Mistake(said, mend, replace(study, poses=poses))
+
+
+def reversed_curve(pose: StudyPose) -> StudyPose:
+    """The pose with its curve from the last point to the first."""
+    if pose.curve is None:
+        return pose
+    s = pose.curve.arc_length
+    turned = None if s is None else s[-1] + s[0] - s[::-1]
+    return replace(pose, curve=replace(pose.curve, points=pose.curve.points[::-1], arc_length=turned))
+
+
+def exchanged_ends(pose: StudyPose) -> StudyPose:
+    """The pose with its clamps exchanged; the same pose where it has one."""
+    return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
+
+
+def _inward(study):
+    for about, turn in _ABOUT:
+        for end in ("end", "start"):
+            said = f"d3 of every {end} clamp points against the cable (about {about})"
+            yield from _turned_clamps(study, turn, said, (end,))
+
+
+def _turned_clamps(study, turn, said, ends):
+    """The clamps of these ends turned in their own frame."""
+    which = "the quaternions" if len(ends) == 2 else f"the {ends[0]} quaternions"
+    mend = f"multiply {which} from the right by {written(np.array(turn))}"
+    yield from _changed(study, _each_clamp(lambda q: product(q, np.array(turn)), ends), said, mend)
+
+
+def _each_clamp(change, ends=("start", "end")):
+    """A change of poses that changes the quaternions of these ends."""
+
+    def one(pose):
+        held = {end: getattr(pose, end) for end in ends if getattr(pose, end) is not None}
+        new = {end: Clamp(c.position, change(c.quaternion)) for end, c in held.items() if c.quaternion is not None}
+        return replace(pose, **new) if new else pose
+
+    return one
+
+
+def _conjugated(q):
+    return q * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _twisted(pose) -> bool:
+    """Whether both ends are clamps, so that the cable between them has a twist."""
+    return pose.end is not None and pose.end.quaternion is not None and pose.start.quaternion is not None
+
+
+def _rolled_end(pose, angle):
+    """The end clamp rolled about its d3 by an angle (rad); the same pose where it has no twist."""
+    if not _twisted(pose) or abs(angle) < _SMALL:
+        return pose
+    return replace(pose, end=Clamp(pose.end.position, rolled(pose.end.quaternion, angle)))
+
+
+def _untwisted(pose):
+    """The end clamp rolled so that the twist along the measured curve changes its sign."""
+    if not _twisted(pose) or pose.curve is None:
+        return pose
+    return _rolled_end(pose, -2.0 * twist_along(pose.curve.points, pose.start.quaternion, pose.end.quaternion))
+
+
+def _unrolled(pose, first):
+    """The end clamp rolled so that its roll from that of the first pose changes its sign."""
+    if not _twisted(pose):
+        return pose
+    return _rolled_end(pose, -2.0 * twist_along(np.zeros((0, 3)), first.quaternion, pose.end.quaternion))

@@ -1,0 +1,196 @@
+"""Mistakes that a study shows before any solve: by the ends of its curves, their tangents there, and their lengths.
+
+A pose is *astray* where a curve ends far from its clamp, or leaves it far from d3. A hypothesis (`study.mistakes`) is named
+where it brings all astray poses back to their clamps and leads none astray: mistakes of all poses first, then those of one
+pose or two.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from scan2flex_jax.study import mistakes
+from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.facts import pose_facts
+from scan2flex_jax.study.mistakes import Mistake
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.sense import unit_of
+
+_GAP, _ANGLE = 0.1, 45.0  # of L, and degrees: a curve that is further from its clamp, or from d3, is astray
+_BACK = 0.5  # of both: a curve that is nearer has been brought back
+_SAME = 0.1  # by which lengths that are the same may differ, relatively: curves stop short of clamps
+_ARCH = 0.05  # of L: a curve whose mean lies this far above the line that gravity pulls it from stands against gravity
+_SCALES, _CLEAR = (0.01, 0.15), 0.35  # change of a scale that is said; gaps that it leaves, over those before
+
+
+def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
+    """The mistakes that need no solve, each with its study mended, those before it too; empty when nothing is astray."""
+    found = tuple(_of_units(study))
+    if found:
+        return found
+    astray = {pose.name for pose in study.poses if _off(study, pose) > 1.0}
+    for mistake in mistakes.of_frames(study) if astray else ():
+        if _mends(mistake, study, astray):
+            return (mistake,)
+    return tuple(_of_some_poses(study, astray)) or tuple(_upward(study))
+
+
+def _of_some_poses(study, astray) -> Iterator[Mistake]:
+    """Mistakes of single poses and of pairs, one after the other; curves whose ends alone show that they run backwards first."""
+    for pose in study.poses:
+        facts = pose_facts(pose)
+        if facts is not None and facts.backwards and not _mended(study, mistakes.exchanged_ends(pose)):
+            mistake = mistakes.of_reversed(study, pose)
+            study, astray = mistake.study, astray - {pose.name}
+            yield mistake
+    while astray:
+        single = (m for name in sorted(astray) for m in mistakes.of_pose(study, study.pose(name)))
+        mistake = next((m for m in (*single, *mistakes.of_pairs(study)) if _mends(m, study, astray, few=True)), None)
+        if mistake is None:
+            return
+        astray = astray - _touched(mistake.study, study)
+        study = mistake.study
+        yield mistake
+
+
+def _touched(after, before) -> set[str]:
+    """Names of the poses that differ."""
+    return {new.name for new, old in zip(after.poses, before.poses, strict=True) if new is not old}
+
+
+def _mends(mistake, study, astray, few=False) -> bool:
+    """Whether all astray poses are brought back (with ``few``: those that are changed), and no other is led astray."""
+    changed = _touched(mistake.study, study)
+    wanted = astray & changed if few else astray
+    return bool(wanted) and all(_mended(study, mistake.study.pose(name)) for name in wanted | changed)
+
+
+def _mended(study, pose) -> bool:
+    """Whether a pose's curve is back at its clamps."""
+    return _off(study, pose) < _BACK
+
+
+def _off(study, pose) -> float:
+    """How far a pose's curve is from its clamps, in units of what counts as astray; 0 where nothing tells."""
+    facts, length = pose_facts(pose), study.known("length")
+    if facts is None:
+        return 0.0
+    scale = facts.covered if length is None else float(np.max(length))
+    ends = [end for end in (facts.start, facts.end) if end is not None]
+    angles = [end.angle - 2 * (end.angle_sd or 0.0) for end in ends if end.angle is not None]
+    return max(max(end.gap for end in ends) / (_GAP * scale), max(angles, default=0.0) / _ANGLE)
+
+
+def stands(study: Study, pose: StudyPose) -> bool:
+    """Whether a curve rises against gravity: above the line between its ends, or above the line in which a free one begins."""
+    gravity, length = study.gravity_in(pose), study.known("length")
+    size = float(np.linalg.norm(gravity))
+    if pose.curve is None or length is None or not size > 0:
+        return False
+    line = 0.5 * (pose.start.position + (pose.start.position if pose.end is None else pose.end.position))
+    if pose.end is None and pose.start.tangent is not None:
+        line = line + 0.5 * arc_length(pose.curve.points) * pose.start.tangent
+    return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * float(np.max(length))
+
+
+def _upward(study) -> Iterator[Mistake]:
+    """Gravity against which every curve rises."""
+    if study.poses and all(stands(study, pose) for pose in study.poses):
+        mistake = next(mistakes.of_gravity(study), None)
+        if mistake is not None:
+            said = "every curve rises against gravity, which must point the right way"
+            yield replace(mistake, sentence=said)
+
+
+def _of_units(study) -> Iterator[Mistake]:
+    """One of length, curves and clamps in another unit than the two others, with which their lengths agree."""
+    length = study.known("length")
+    curves = [pose for pose in study.poses if pose.curve is not None]
+    if length is None or not curves:
+        return
+    whole = float(np.max(length))
+    long = float(np.median([arc_length(pose.curve.points) for pose in curves]))
+    spans = [ratio for ratio in map(_span_ratio, curves) if ratio is not None]
+    across = float(np.median(spans)) if spans else None
+    agree = across is None or abs(across - 1.0) < _SAME  # curves and clamps
+    if agree and (unit := unit_of(whole / long)):
+        said = f"the curves are {long:.3g} m long, and the length looks like {unit[0]}"
+        cable = {**study.cable, "length": whole / unit[1]}
+        yield Mistake(said, f"write length = {cable['length']:.6g}", replace(study, cable=cable))
+    elif across is not None and abs(long / whole - 1.0) < _SAME and (unit := unit_of(1.0 / across)):
+        mended = scaled_clamps(study, 1.0 / unit[1])
+        yield Mistake(f"the clamps' positions look like {unit[0]}", f"divide them by {unit[1]:.6g}", mended)
+    elif (unit := unit_of(long / whole)) and (across is None or unit_of(across) == unit):
+        mended = scaled_curves(study, 1.0 / unit[1])
+        yield Mistake(f"the curves look like {unit[0]}", f"divide them by {unit[1]:.6g}", mended)
+
+
+def _span_ratio(pose) -> float | None:
+    """Distance between the ends of a curve over that between its clamps."""
+    if pose.end is None:
+        return None
+    span = float(np.linalg.norm(pose.end.position - pose.start.position))
+    chord = float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
+    return chord / span if span > 0 else None
+
+
+def scaled_curves(study: Study, factor: float) -> Study:
+    """The study with every curve times a factor, about the origin of the scan frame."""
+
+    def one(pose):
+        if pose.curve is None:
+            return pose
+        s = None if pose.curve.arc_length is None else factor * pose.curve.arc_length
+        return replace(pose, curve=MeasuredCurve(factor * pose.curve.points, s))
+
+    return replace(study, poses=tuple(one(pose) for pose in study.poses))
+
+
+def scaled_clamps(study: Study, factor: float) -> Study:
+    """The study with the positions of all clamps times a factor, about the origin of the scan frame."""
+
+    def one(clamp):
+        return None if clamp is None else Clamp(factor * clamp.position, clamp.quaternion)
+
+    return replace(study, poses=tuple(replace(p, start=one(p.start), end=one(p.end)) for p in study.poses))
+
+
+def scale_between(study: Study) -> Mistake | None:
+    """Curves that are larger or smaller than the clamps' positions by a few per cent; None where gaps show no common factor.
+
+    Gaps count across d3 alone, since curves may stop short of their clamps. The cable's length tells which of the two is off.
+    """
+    length, poses = study.known("length"), [pose for pose in study.poses if pose.curve is not None]
+    if length is None or not poses:
+        return None
+    p, g = (np.ravel(vectors) for vectors in zip(*(_gap(*end) for pose in poses for end in _held(pose)), strict=True))
+    more = float(g @ p / (p @ p)) if np.any(p) else 0.0
+    if not _SCALES[0] < abs(more) < _SCALES[1] or np.linalg.norm(g - more * p) > _CLEAR * np.linalg.norm(g):
+        return None
+    covered = [facts.covered for facts in map(pose_facts, poses) if facts is not None]
+    along = float(np.median(covered)) / float(np.max(length)) - 1.0
+    if abs(along - more) < abs(along):
+        said = f"the curves look {abs(100 * more):.1f} % too {'large' if more > 0 else 'small'}"
+        mend = f"divide them by {1 + more:.4f}, or declare the effect scan_scale"
+        return Mistake(said, mend, scaled_curves(study, 1.0 / (1.0 + more)))
+    said = f"the clamps' positions look {abs(100 * more):.1f} % too {'small' if more > 0 else 'large'}"
+    return Mistake(said, f"multiply them by {1 + more:.4f}", scaled_clamps(study, 1.0 + more))
+
+
+def _held(pose):
+    """Clamps of a pose with the ends of its curve."""
+    ends = ((pose.start, pose.curve.points[0]), (pose.end, pose.curve.points[-1]))
+    return [(clamp, point) for clamp, point in ends if clamp is not None]
+
+
+def _gap(clamp, point):
+    """A clamp's position and the gap from there to a point, across d3."""
+    d3 = np.zeros(3) if clamp.tangent is None else clamp.tangent
+    return clamp.position - (clamp.position @ d3) * d3, (point - clamp.position) - ((point - clamp.position) @ d3) * d3
+
+
+def clamps_scaled(study: Study) -> tuple[Mistake, ...]:
+    """The scale of the clamps' positions, where it is off; that of the curves is an effect of the catalogue."""
+    found = scale_between(study)
+    return (found,) if found is not None and found.study.poses[0].curve is study.poses[0].curve else ()
