@@ -74,8 +74,8 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
 
 
 def scatter(stage, found: Refit, k: int) -> float | None:
-    """Relative scatter between poses of the size of component ``k``: the standard deviation of the size that each pose by itself
-    asks for over the size, poses that hardly feel it weighing little. None where its size is not estimated, or from one pose.
+    """Relative scatter between poses of the size of component ``k``: the standard deviation of the size that fits each pose by
+    itself, over the size; poses that hardly feel it weigh little. None where the size is not estimated, or from one pose.
 
     A first-order step along the size, with all other numbers where they are.
     """

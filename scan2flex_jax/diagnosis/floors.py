@@ -1,9 +1,9 @@
 """Each model against its own floor: the noise and the discrepancy of the poses that are likeliest beside that model.
 
-Where nothing in the catalogue brings the residual down to the sensor's noise, models are compared by their marginal likelihoods
-with the law of the residual at its best for each: a rod that lacks much has a large discrepancy, and an effect counts by how
-much of that it takes away. Before anything is refitted, the evidence of a signature is its best on a *ladder* of laws, from that
-of the baseline model down to the sensor's noise alone, so that an effect has credit for the discrepancy that it makes needless.
+Where no effect type brings the residual down to the sensor's noise, models are compared by their marginal likelihoods, each with
+the law of the residual that is likeliest for it: a rod that lacks much has a large discrepancy, and an effect counts by how much
+of that it takes away. Before any refit, the evidence of a signature is its largest on a *ladder* of laws, from that of the
+baseline model down to the sensor's noise alone, so that an effect has credit for the discrepancy that it replaces.
 """
 
 from dataclasses import dataclass, replace

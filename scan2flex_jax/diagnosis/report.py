@@ -160,7 +160,8 @@ def discrepancy(bench, found: Refit) -> Discrepancy:
 
 def scatter(found, refitted: Refit) -> dict[str, float]:
     """The relative scatter between poses of every size that was estimated, by the name of its parameter."""
-    out, bench = {}, found.stage.bench
+    out: dict[str, float] = {}
+    bench = found.stage.bench
     for k, c in enumerate(refitted.components):
         value = confirm.scatter(found.stage, refitted, k)
         names = [name for name in parameters_of(bench, refitted, k) if name not in (*c.site, "s")]

@@ -74,10 +74,11 @@ class Law:
 
 @dataclass(frozen=True)
 class Metric:
-    """What makes the residual of one pose white: rows of both normals of all points, then of the tangents at markers.
+    """What makes the residual of one pose white: rows of its normals at all points, then of the tangents at markers.
 
-    ``plane`` (2,): the one normal that counts, of a flat pose. ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's covariance, of points and of the ``marks``
-    among them. In rows that those have made white, the discrepancy adds ``spread**2`` of variance along each column of ``U``.
+    ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's covariance, of points and of the ``marks``
+    among them; ``plane`` (2,) is the one normal that counts of a pose that was measured in a plane. In rows that those have
+    made white, the discrepancy adds ``spread**2`` of variance along each column of ``U``.
     """
 
     factor: np.ndarray

@@ -323,7 +323,7 @@ def _left(found, discrepancy):
     if not discrepancy.curvature or found.verdict not in (*verdict.FOUND, verdict.UNEXPLAINED):
         return ()
     size = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the sensor's noise each pose differs in its own way ({size}): friction, handling, or what is not in the list",)
+    return (f"beyond the sensor's noise each pose differs in its own way ({size}): friction, handling, or unlisted physics",)
 
 
 def _if_noise(found):
@@ -356,7 +356,7 @@ def _not_enough(found):
     against = confirm.compared(found.stage, found.best, found.stage.base)
     if against.ratio > verdict.MUCH or not against.better:
         said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
-    said += [f"would need another size in each pose ({k}: {100 * v:.0f} % of it)" for k, v in found.scatter.items() if _differs(v)]
+    said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in found.scatter.items() if _differs(v)]
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
 
 

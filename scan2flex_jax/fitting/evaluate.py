@@ -97,7 +97,7 @@ class Evaluator:
             boundary = one(self.poses.boundary, i)
             state, _ = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
             given = discrepancy.directions(state), one(start, i), target_of(self.poses, i), self.distance, self.width
-            out.append(states.evaluate(state, *given).columns)
+            out.append(np.asarray(states.evaluate(state, *given).columns))
         return out
 
 

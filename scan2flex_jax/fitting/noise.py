@@ -266,8 +266,9 @@ def restricted_likelihood(
     """
     XX, Xr, total = np.diag(precision), pull.copy(), 0.0
     for s, r, X, at, Z, marked in poses:
-        parts = [r[:, :, None], X] if Z is None or not curvature else [r[:, :, None], X, curvature * Z]
-        nearer = None if len(parts) < 3 else foreshortening(curvature, Z, s)
+        parts, nearer = [r[:, :, None], X], None
+        if Z is not None and curvature:
+            parts, nearer = [*parts, curvature * Z], foreshortening(curvature, Z, s)
         both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked, nearer)
         wr, wX, wZ = both[:, 0], both[:, 1 : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
         total += log_det + 0.5 * wr @ wr

@@ -254,8 +254,8 @@ def _differs(discrepancy):
 
 
 def _validity(poses, noise, stated, length, discrepancy):
-    """Does the model predict the poses that were never fitted, to within the noise, the poses' discrepancy, their tolerances and
-    the estimates' errors?
+    """Whether the poses that were never fitted are predicted to within the noise, the discrepancy of poses, their tolerances
+    and the errors of the estimates.
 
     Without a stated noise the fit's own residual stands for it; when that varies slowly along the cable it is no scanner's
     noise, and nothing that it leaves can be called "within the noise".

@@ -6,7 +6,15 @@ Known scatter: the inverse of the Fisher information ``1/2 tr(C^-1 C_i C^-1 C_j)
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.noise import Noise, estimate_noise, matern, restricted_likelihood
+from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, planes_of
+from scan2flex_jax.fitting.noise import (
+    Noise,
+    Residual,
+    estimate_noise,
+    matern,
+    noise_and_discrepancy,
+    restricted_likelihood,
+)
 
 LENGTH, POINTS, POSES, DRAWS = 1.0, 64, 3, 12
 S = LENGTH * np.linspace(0.01, 0.99, POINTS)
@@ -47,6 +55,15 @@ def draw(rng, columns, explained):
     return [(S, root @ rng.standard_normal((POINTS, 2)) + X @ explained, X) for _ in range(POSES)]
 
 
+def residuals(curves, Z=None):
+    """What the likelihood takes, from arc lengths, residuals of both normals and their columns."""
+
+    def three(x):
+        return np.concatenate([x, np.zeros_like(x[:, :1])], axis=1)
+
+    return [Residual(s, three(r), three(X), np.arange(X.shape[-1]), None if Z is None else three(Z)) for s, r, X in curves]
+
+
 def test_kernel():
     np.testing.assert_allclose(matern(S, 0.07), kernel(S, 0.07), rtol=1e-12)
     np.testing.assert_allclose(Noise(*TRUE).covariance(S), covariance(np.log(TRUE)), rtol=1e-12)
@@ -64,8 +81,100 @@ def test_restricted_likelihood_is_the_dense_one():
         A = X.T @ np.linalg.solve(C, X)
         rest = r - X @ np.linalg.solve(A, X.T @ np.linalg.solve(C, r))
         values.append(0.5 * (np.linalg.slogdet(C)[1] + np.linalg.slogdet(A)[1] + r @ np.linalg.solve(C, rest)))
-    ours = [restricted_likelihood(curves, n) for n in noises]
+    free = np.zeros(2)
+    ours = [restricted_likelihood(residuals(curves), n, free, free) for n in noises]
     np.testing.assert_allclose(ours[1] - ours[0], values[1] - values[0], rtol=1e-9)
+
+
+def test_restricted_likelihood_with_discrepancy_is_the_dense_one():
+    """Woodbury's identity and priors of the numbers, against covariance matrices that are written out."""
+    rng = np.random.default_rng(2)
+    curves, b, prior = draw(rng, 2, np.zeros(2)), 0.3, np.array([0.0, 4.0e5])
+    Z, pull, values = 1e-3 * rng.standard_normal((POINTS, 2, 5)), prior * np.array([0.0, 1.0e-3]), []
+    noises = [Noise(*TRUE), Noise(5e-4, 1e-4, 0.2)]
+    for noise in noises:
+        C = np.kron(np.eye(2), noise.covariance(S)) + b**2 * np.concatenate(list(Z.transpose(1, 0, 2))) @ np.concatenate(
+            list(Z.transpose(1, 0, 2))
+        ).T
+        A, g, value = np.diag(prior), pull.copy(), 0.0
+        for _, r, X in curves:
+            r, X = np.concatenate(list(r.T)), np.concatenate(list(X.transpose(1, 0, 2)))
+            A, g = A + X.T @ np.linalg.solve(C, X), g + X.T @ np.linalg.solve(C, r)
+            value += 0.5 * (np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r))
+        values.append(value + 0.5 * np.linalg.slogdet(A)[1] - 0.5 * g @ np.linalg.solve(A, g))
+    ours = [restricted_likelihood(residuals(curves, Z), n, prior, pull, b) for n in noises]
+    np.testing.assert_allclose(ours[1] - ours[0], values[1] - values[0], rtol=1e-9)
+
+
+def smooth_columns(count=6):
+    """What a random curvature does to a clamped cable: waves that vanish at both ends, (POINTS, 2, 2 count) in m per 1/m."""
+    waves = np.stack([np.sin(np.pi * (k + 1) * S / LENGTH) * 0.05 / (k + 1) ** 2 for k in range(count)], axis=1)
+    return np.einsum("mk,ab->mabk", waves, np.eye(2)).reshape(POINTS, 2, 2 * count)
+
+
+def drawn_with_discrepancy(size, seed, poses=8):
+    rng, Z, empty = np.random.default_rng(seed), smooth_columns(), np.zeros((POINTS, 2, 0))
+    drawn = [3e-4 * rng.standard_normal((POINTS, 2)) + size * Z @ rng.standard_normal(Z.shape[-1]) for _ in range(poses)]
+    return [(S, r, empty) for r in drawn]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_discrepancy_is_found_again(seed):
+    """Eight poses with twelve directions each: its size is known to 1/sqrt(2 * 96) = 7 %, and the sensor's noise is not blamed."""
+    curves = drawn_with_discrepancy(0.2, seed)
+    alone = estimate_noise(residuals(curves), LENGTH)
+    noise, size = noise_and_discrepancy(residuals(curves, smooth_columns()), alone, LENGTH, None, 0.1)
+    np.testing.assert_allclose(size, 0.2, rtol=0.25)
+    np.testing.assert_allclose(noise.total, 3e-4, rtol=0.15)
+    assert alone.total > 5e-4
+
+
+@pytest.mark.parametrize("stated", [None, 3e-4])
+@pytest.mark.parametrize("seed", range(3))
+def test_no_discrepancy_is_found_where_there_is_none(seed, stated):
+    curves = drawn_with_discrepancy(0.0, seed)
+    alone = estimate_noise(residuals(curves), LENGTH, stated)
+    noise, size = noise_and_discrepancy(residuals(curves, smooth_columns()), alone, LENGTH, stated, 0.1)
+    assert size == 0.0 and noise is alone
+
+
+def test_size_of_a_discrepancy_in_metres():
+    Z = smooth_columns()
+    moved = Discrepancy(0.2, LENGTH, (Z, 2 * Z))
+    np.testing.assert_allclose(moved.by_pose, 0.2 * np.sqrt(np.mean(np.sum(Z**2, axis=(1, 2)))) * np.array([1.0, 2.0]))
+    np.testing.assert_allclose(moved.rms, np.sqrt(np.mean(moved.by_pose**2)))
+    assert Discrepancy().rms == 0.0
+
+
+def test_points_of_a_picture_lie_in_one_plane():
+    """Aside from the plane of a photograph nothing was measured; gravity across that plane would move the cable out of it."""
+    rng = np.random.default_rng(0)
+    flat = rng.standard_normal((40, 3)) * [1.0, 0.0, 1.0]
+    assert planes_of(flat, np.array([0.0, 0.0, -9.81])) == 1
+    assert planes_of(flat, np.array([0.0, -9.81, 0.0])) == 2
+    assert planes_of(flat + 1e-4 * rng.standard_normal((40, 3)), np.array([0.0, 0.0, -9.81])) == 2
+
+
+def test_a_flat_residual_counts_its_own_plane_alone():
+    """The likelihood of residuals in one direction is that of this direction, however the normals are turned about the curve."""
+    rng = np.random.default_rng(5)
+    r, X = 3e-4 * rng.standard_normal(POINTS), np.sin(S)[:, None]
+    u = np.array([0.6, 0.8])
+    flat = Residual(S, np.outer(r, [*u, 0.0]), np.einsum("mk,c->mck", X, np.array([*u, 0.0])), np.arange(1)).in_plane()
+    noise, one = Noise(*TRUE), np.zeros(1)
+    C = noise.covariance(S)
+    A, g = X.T @ np.linalg.solve(C, X), X.T @ np.linalg.solve(C, r)
+    dense = 0.5 * (np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r) + np.log(A[0, 0]) - g[0] ** 2 / A[0, 0])
+    np.testing.assert_allclose(restricted_likelihood([flat], noise, one, one), dense, rtol=1e-9)
+
+
+def test_foreshortening_of_an_arc():
+    """A straight cable bent to an arc of curvature k goes aside by k s^2/2 and nearer by k^2 s^3/6: two thirds of d^2/s."""
+    s, k = np.array([0.3, 0.6, 1.0]), 0.2
+    columns = np.zeros((3, 3, 1))
+    columns[:, 0, 0] = s**2 / 2
+    np.testing.assert_allclose(foreshortening(k, columns, s), k**2 * s**3 / 4, rtol=1e-12)
+    assert np.all(np.abs(foreshortening(k, columns, s) / (k**2 * s**3 / 6) - 1.5) < 1e-9)
 
 
 @pytest.mark.slow
@@ -76,7 +185,7 @@ def test_known_noise_is_found_again(columns):
     found = []
     for seed in range(DRAWS):
         curves = draw(np.random.default_rng(seed), columns, 5e-3 * np.ones(columns))
-        noise = estimate_noise(curves, LENGTH)
+        noise = estimate_noise(residuals(curves), LENGTH)
         found.append(np.log([noise.white, noise.correlated, noise.correlation_length]))
     scatter, error = known_scatter(), np.mean(found, axis=0) - np.log(TRUE)
     assert np.all(np.abs(error) < 3.5 * scatter / np.sqrt(DRAWS) + 0.1), error
@@ -87,7 +196,7 @@ def test_known_noise_is_found_again(columns):
 def test_white_noise_is_called_white():
     rng = np.random.default_rng(3)
     curves = [(S, 3e-4 * rng.standard_normal((POINTS, 2)), np.zeros((POINTS, 2, 0))) for _ in range(POSES)]
-    noise = estimate_noise(curves, LENGTH)
+    noise = estimate_noise(residuals(curves), LENGTH)
     assert noise.correlated < 0.4 * noise.white
     np.testing.assert_allclose(noise.total, 3e-4, rtol=0.1)
 
@@ -96,6 +205,6 @@ def test_stated_noise_is_held():
     """Residuals three times as large as stated: the total stays near what the user says."""
     rng = np.random.default_rng(4)
     curves = [(S[:6], 6e-4 * rng.standard_normal((6, 2)), np.zeros((6, 2, 0)))]
-    free, held = estimate_noise(curves, LENGTH), estimate_noise(curves, LENGTH, stated=2e-4)
+    free, held = estimate_noise(residuals(curves), LENGTH), estimate_noise(residuals(curves), LENGTH, stated=2e-4)
     assert held.total < 0.75 * free.total
     assert held.total > 2e-4
