@@ -251,7 +251,7 @@ def _ranking(found, other):
     best = found.best.kinds
     for r in found.singles:
         kind = r.kinds[0]
-        p = float(found.test.adjusted[found.table[kind][1]])
+        p = float(found.test.adjusted[found.table[kind][1]]) if kind in found.table else found.test.p_value  # fields
         judged = _judged(kind, best, tie_kinds, found, r.log_evidence)
         shapes = report.predicted(other, r) if other else None
         out[kind] = report.ranked(
@@ -276,6 +276,8 @@ def _judged(kind, best, tie_kinds, found, value):
             beyond = (*search.outside(found.best), *search.field_beside(found)) if kind in best else ()
             return verdict.TIED, (*(k for k in dict.fromkeys(tie_kinds) if k != kind), *beyond)
         return found.lead, ()
+    if kind not in found.table:  # a field, of which some part can be seen in any poses
+        return verdict.of_kind(value, np.inf), ()
     group = found.stage.groups[found.table[kind][1]]
     return verdict.of_kind(value, float(np.linalg.norm(group.X, axis=0).max())), ()
 

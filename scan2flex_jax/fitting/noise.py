@@ -180,7 +180,7 @@ def estimate_noise(poses: list[Residual], length: float, stated: float | None = 
     """Restricted maximum likelihood; ``stated`` is the total that the user states (m), held to within 15 %."""
     thin, free = [p.thinned() for p in poses], np.zeros(poses[0].X.shape[-1])
     r = np.concatenate([p.r[:, :-1].ravel() for p in thin])
-    X = np.concatenate([p.X[:, :-1].reshape(-1, len(free)) for p in thin])
+    X = np.concatenate([p.X[:, :-1].reshape(p.r[:, :-1].size, len(free)) for p in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
     return most_likely(_with_priors(thin, length, stated), stated or size, length)
