@@ -1,9 +1,9 @@
 """Each model against its own floor: the noise and the discrepancy of the poses that are likeliest beside that model.
 
-Where no effect type brings the residual down to the sensor's noise, models are compared by their marginal likelihoods, each with
-the law of the residual that is likeliest for it: a rod that lacks much has a large discrepancy, and an effect counts by how much
-of that it takes away. Before any refit, the evidence of a signature is its largest on a *ladder* of laws, from that of the
-baseline model down to the sensor's noise alone, so that an effect has credit for the discrepancy that it replaces.
+Where no effect type brings the residual down to the sensor's noise, models are compared by their marginal likelihoods, each
+with the law of the residual that is likeliest for it: a rod that lacks much has a large discrepancy, and an effect counts by
+how much of that it takes away. Before any refit, the evidence of a signature is its largest on a *ladder* of laws, from that of
+the baseline model down to the sensor's noise alone, so that an effect has credit for the discrepancy that it replaces.
 """
 
 from dataclasses import dataclass, replace
@@ -38,11 +38,21 @@ def own_floor(of: Signatures, found: Refit, noise: Noise) -> Refit:
 
 def law_beside(of: Signatures, found: Refit, noise: Noise) -> Law:
     """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``."""
+    complement, scatter = _complement(of, found)
+    return complement.law(noise, usual_size(of.bench.start), scatter)
+
+
+def gain_of_discrepancy(of: Signatures, found: Refit, noise: Noise) -> float:
+    """Nats by which a discrepancy of each pose makes the residual beside a refit more likely than noise alone."""
+    return _complement(of, found)[0].gain(noise, usual_size(of.bench.start))
+
+
+def _complement(of, found):
     bench, solved = of.bench, configurations(found.shapes)
     scatter = bench.scatter(found.components, found.vector, solved)
     given = found.shapes, bench.real, Numbers(bench, found.components), found.vector, ()
     rest = bench.context.length, of.stated, of.repeats, scatter, of.planes
-    return Complement(*given, *rest).law(noise, usual_size(bench.start), scatter)
+    return Complement(*given, *rest), scatter
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.result import PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.effects.catalogue import entry_of
-from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.result import Estimate, unit_of
 from scan2flex_jax.study.kinds import kind_names
@@ -154,8 +154,13 @@ def settle_sentences(kinds) -> tuple[str, ...]:
 
 def discrepancy(bench, found: Refit) -> Discrepancy:
     """What differs from pose to pose beside a refit."""
-    scatter = tuple(Z[keep] for Z, keep in zip(found.law.scatter, bench.real, strict=True)) if found.law.scatter else ()
-    return Discrepancy(found.law.curvature, bench.context.length, scatter)
+    law, length = found.law, bench.context.length
+    if not law.curvature:
+        return Discrepancy(length=length)
+    columns = tuple(Z[keep] for Z, keep in zip(law.scatter, bench.real, strict=True))
+    parts = zip(columns, found.shapes, bench.real, strict=True)
+    moved = [most_likely_part(law.curvature, Z, s.residual[k], law.noise.covariance(s.s[k])) for Z, s, k in parts]
+    return Discrepancy(law.curvature, length, columns, tuple(moved))
 
 
 def scatter(found, refitted: Refit) -> dict[str, float]:

@@ -257,12 +257,21 @@ class Complement:
 
     def law(self, noise: Noise, usual: float, scatter) -> Law:
         """The most likely noise and discrepancy, begun at a noise; ``usual`` (1/m) as in `fitting.discrepancy`."""
-        noise = nearest(self._of_a_scanner, noise)
-        found, curvature, _ = most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length)
+        found, curvature, _ = self._likeliest(noise, usual)
         u = np.log([found.white, found.correlated, found.correlation_length])
         prior = self._prior(u, found) + (0.0 if self.stated else too_large(found, self.length))
         prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
         return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes)
+
+    def gain(self, noise: Noise, usual: float) -> float:
+        """Nats that a discrepancy gains beside the most likely noise."""
+        alone = nearest(self._of_a_scanner, noise)
+        u = np.log([alone.white, alone.correlated, alone.correlation_length])
+        return float(self._of_a_scanner(alone, u) - self._likeliest(noise, usual)[2])
+
+    def _likeliest(self, noise, usual):
+        noise = nearest(self._of_a_scanner, noise)
+        return most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length)
 
     def _of_a_scanner(self, noise, u, curvature=0.0):
         """The same, with no noise larger than those of scanners unless it was stated."""

@@ -61,7 +61,8 @@ def explain(
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
     found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
-        sharper = stage.sharpened(base.signatures, found) if found.verdict != verdict.NONE else None
+        done = found.verdict == verdict.NONE or found.scattered
+        sharper = None if done else stage.sharpened(base.signatures, found)
         if sharper is None:
             break
         say("again with less noise")

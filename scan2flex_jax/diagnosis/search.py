@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import confirm, evidence, pairs, verdict
+from scan2flex_jax.diagnosis import confirm, evidence, floors, pairs, verdict
 from scan2flex_jax.diagnosis.families import POSE_LOADS
 from scan2flex_jax.diagnosis.refit import Refit, again, refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
@@ -26,6 +26,7 @@ MOST_EFFECTS = 3
 _EXCHANGED = 2  # effects of the sets in which each is exchanged for others
 _ELSEWHERE = 0.05  # of the length: nearer places are the refit's to find
 _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
+_SCATTERED = 30.0  # nats that a discrepancy of each pose gains beside the best pair
 _STRONG = 500.0  # nats of one-step evidence from which on one step says little: then the order of kinds is open
 
 
@@ -34,7 +35,8 @@ class Found:
     """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
     the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
     over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
-    ``scatter`` of its sizes between poses, the verdict and that of the best alone."""
+    ``scatter`` of its sizes between poses, whether poses are ``scattered`` beyond what any two effects explain, the verdict and
+    that of the best alone."""
 
     stage: Stage
     test: Test
@@ -48,6 +50,7 @@ class Found:
     constancy: float | None = None
     unseen: float | None = None
     scatter: dict[str, float | None] = field(default_factory=dict)
+    scattered: bool = False
     field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
@@ -92,12 +95,18 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
         settled = {kinds for kinds, r in found.refits.items() if r.converged}
         found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress, settled=settled))
         wider = found.widest(count)
+        if count == 2 and wider is not None and floors.gain_of_discrepancy(stage.of, wider, stage.noise) > _SCATTERED:
+            found.scattered = True  # no set of effects brings the poses down to the sensor's noise: `partial` goes on
+            break
         if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
             break
         needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # what is left of it where it is not needed
         if needed is None or needed is found.best:
             break
         found.best, found.after = needed, test_after(stage, needed)
+    if found.scattered:
+        found.verdict = verdict.UNEXPLAINED
+        return found
     rivals = _needed(_of_one_size(stage, found))
     candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r), pieces(r)) for r in rivals]
     found.tied = [rivals[i] for i in verdict.ties(candidates)]

@@ -29,17 +29,19 @@ USUAL, SPREAD = 0.03, 1.5  # median of b over the curvature of the poses, and st
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What differs from pose to pose: ``curvature`` (1/m), its size ``b``; ``rms`` (m), by how much it moves the points of a
-    pose; ``length`` (m) of the cable. ``columns``: per pose (m, 3, k), in m per 1/m; none where there is no discrepancy."""
+    """What differs from pose to pose: ``curvature`` (1/m), its size ``b``; ``rms`` (m), by how much it moves the points of the
+    poses, most likely; ``length`` (m) of the cable. ``columns``: per pose (m, 3, k), in m per 1/m, and ``moved`` (m, 2), in m
+    along the normals; none where there is no discrepancy."""
 
     curvature: float = 0.0
     length: float = 1.0
     columns: tuple[np.ndarray, ...] = field(default=(), repr=False)
+    moved: tuple[np.ndarray, ...] = field(default=(), repr=False)
 
     @property
     def by_pose(self) -> np.ndarray:
         """The RMS distance (m) by which it moves each pose."""
-        return self.curvature * np.array([np.sqrt(np.mean(np.sum(Z**2, axis=(1, 2)))) for Z in self.columns])
+        return np.array([np.sqrt(np.mean(np.sum(d**2, axis=1))) for d in self.moved])
 
     @property
     def rms(self) -> float:
@@ -83,6 +85,17 @@ def directions(state: states.State) -> states.State:
 
 
 _HAT = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # [e_k] x
+
+
+def most_likely_part(curvature: float, columns: np.ndarray, residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """The part (m, 2) of a residual (m, 2) along the normals that a discrepancy most likely is, beside a noise of this
+    ``covariance`` (m, m): the mean of the Gaussian process given the residual (Rasmussen and Williams 2006, eq. 2.25)."""
+    factor = np.linalg.cholesky(covariance)
+    Z = curvature * columns[:, :2]
+    m, _, k = Z.shape
+    white = np.linalg.solve(factor, np.concatenate([residual[:, :2, None], Z], axis=-1).reshape(m, -1)).reshape(2 * m, k + 1)
+    weights = np.linalg.solve(np.eye(k) + white[:, 1:].T @ white[:, 1:], white[:, 1:].T @ white[:, 0])
+    return Z @ weights
 
 
 def foreshortening(curvature: float, columns: np.ndarray, s: np.ndarray) -> np.ndarray:

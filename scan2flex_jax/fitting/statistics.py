@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.fitting.discrepancy import Discrepancy, planes_of, usual_size
+from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part, planes_of, usual_size
 from scan2flex_jax.fitting.least_squares import UNSEEN, normal_equations
 from scan2flex_jax.fitting.noise import Noise, Residual, estimate_noise, noise_and_discrepancy
 from scan2flex_jax.fitting.parameters import Layout
@@ -42,7 +42,11 @@ def discrepancy_of(problem, minimum, noise: Noise, stated: float | None) -> tupl
     residuals = _residuals(e, poses, columns)
     residuals = [r.in_plane() for r in residuals] if planes == 1 else residuals
     found, curvature = noise_and_discrepancy(residuals, noise, length, stated, usual)
-    return found, Discrepancy(curvature, length, columns if curvature else ())
+    if not curvature:
+        return found, Discrepancy(length=length)
+    parts = zip(columns, _residuals(e, poses), strict=True)
+    moved = [most_likely_part(curvature, Z, pose.r, found.covariance(pose.s)) for Z, pose in parts]
+    return found, Discrepancy(curvature, length, columns, tuple(moved))
 
 
 def _residuals(evaluation, poses, discrepancy=None) -> list[Residual]:

@@ -6,7 +6,7 @@ Known scatter: the inverse of the Fisher information ``1/2 tr(C^-1 C_i C^-1 C_j)
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, planes_of
+from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, most_likely_part, planes_of
 from scan2flex_jax.fitting.noise import (
     Noise,
     Residual,
@@ -93,12 +93,11 @@ def test_restricted_likelihood_with_discrepancy_is_the_dense_one():
     Z, pull, values = 1e-3 * rng.standard_normal((POINTS, 2, 5)), prior * np.array([0.0, 1.0e-3]), []
     noises = [Noise(*TRUE), Noise(5e-4, 1e-4, 0.2)]
     for noise in noises:
-        C = np.kron(np.eye(2), noise.covariance(S)) + b**2 * np.concatenate(list(Z.transpose(1, 0, 2))) @ np.concatenate(
-            list(Z.transpose(1, 0, 2))
-        ).T
+        flat = b * np.concatenate(list(Z.transpose(1, 0, 2)))
+        C = np.kron(np.eye(2), noise.covariance(S)) + flat @ flat.T
         A, g, value = np.diag(prior), pull.copy(), 0.0
-        for _, r, X in curves:
-            r, X = np.concatenate(list(r.T)), np.concatenate(list(X.transpose(1, 0, 2)))
+        for _, *both in curves:
+            r, X = np.concatenate(list(both[0].T)), np.concatenate(list(both[1].transpose(1, 0, 2)))
             A, g = A + X.T @ np.linalg.solve(C, X), g + X.T @ np.linalg.solve(C, r)
             value += 0.5 * (np.linalg.slogdet(C)[1] + r @ np.linalg.solve(C, r))
         values.append(value + 0.5 * np.linalg.slogdet(A)[1] - 0.5 * g @ np.linalg.solve(A, g))
@@ -114,13 +113,14 @@ def smooth_columns(count=6):
 
 def drawn_with_discrepancy(size, seed, poses=8):
     rng, Z, empty = np.random.default_rng(seed), smooth_columns(), np.zeros((POINTS, 2, 0))
-    drawn = [3e-4 * rng.standard_normal((POINTS, 2)) + size * Z @ rng.standard_normal(Z.shape[-1]) for _ in range(poses)]
+    drawn = [size * Z @ rng.standard_normal(Z.shape[-1]) for _ in range(poses)]
+    drawn = [moved + 3e-4 * rng.standard_normal((POINTS, 2)) for moved in drawn]
     return [(S, r, empty) for r in drawn]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_discrepancy_is_found_again(seed):
-    """Eight poses with twelve directions each: its size is known to 1/sqrt(2 * 96) = 7 %, and the sensor's noise is not blamed."""
+    """Eight poses with twelve directions each: the size is known to 1/sqrt(2 * 96) = 7 %, and the noise to far less."""
     curves = drawn_with_discrepancy(0.2, seed)
     alone = estimate_noise(residuals(curves), LENGTH)
     noise, size = noise_and_discrepancy(residuals(curves, smooth_columns()), alone, LENGTH, None, 0.1)
@@ -138,11 +138,18 @@ def test_no_discrepancy_is_found_where_there_is_none(seed, stated):
     assert size == 0.0 and noise is alone
 
 
-def test_size_of_a_discrepancy_in_metres():
-    Z = smooth_columns()
-    moved = Discrepancy(0.2, LENGTH, (Z, 2 * Z))
-    np.testing.assert_allclose(moved.by_pose, 0.2 * np.sqrt(np.mean(np.sum(Z**2, axis=(1, 2)))) * np.array([1.0, 2.0]))
-    np.testing.assert_allclose(moved.rms, np.sqrt(np.mean(moved.by_pose**2)))
+def test_most_likely_part_of_a_residual_is_the_discrepancy():
+    """Against the dense formula ``K (K + C)^-1 r``; far above the noise it is the discrepancy itself."""
+    rng, Z, noise = np.random.default_rng(6), smooth_columns(), Noise(3e-4, 1e-4, 0.1)
+    true = 0.2 * Z @ rng.standard_normal(Z.shape[-1])
+    r = true + 3e-4 * rng.standard_normal((POINTS, 2))
+    flat = np.concatenate(list(0.2 * Z.transpose(1, 0, 2)))
+    K, C = flat @ flat.T, np.kron(np.eye(2), noise.covariance(S))
+    dense = (K @ np.linalg.solve(K + C, np.concatenate(list(r.T)))).reshape(2, POINTS).T
+    found = most_likely_part(0.2, np.concatenate([Z, Z[:, :1]], axis=1), r, noise.covariance(S))
+    np.testing.assert_allclose(found, dense, atol=1e-12)
+    moved = Discrepancy(0.2, LENGTH, (), (found,))
+    np.testing.assert_allclose(moved.rms, np.sqrt(np.mean(np.sum(true**2, axis=1))), rtol=0.05)
     assert Discrepancy().rms == 0.0
 
 
@@ -156,7 +163,7 @@ def test_points_of_a_picture_lie_in_one_plane():
 
 
 def test_a_flat_residual_counts_its_own_plane_alone():
-    """The likelihood of residuals in one direction is that of this direction, however the normals are turned about the curve."""
+    """The likelihood of residuals in one direction is that of this direction, however the normals are turned about it."""
     rng = np.random.default_rng(5)
     r, X = 3e-4 * rng.standard_normal(POINTS), np.sin(S)[:, None]
     u = np.array([0.6, 0.8])
