@@ -28,6 +28,7 @@ SEAT = np.radians(0.3)  # standard deviation of a seat, about each axis of each 
 STRENGTH = (3.0, 30.0)  # of the effect beside the background, log-uniform
 MOST_MOVED = 0.4  # of L: by how much such an effect may move a point
 LARGER = dict.fromkeys(("natural_curvature", "kink", "point_mass", "point_load", "uniform_load", "tether"), 2.0)
+"""By what factor the amplitude of a kind may exceed what `draws` finds sensible: kinds that no law of the rod bounds."""
 SHORT = 0.95  # a kind that cannot be as strong as drawn may fall short, down to this share of the least strength
 FEWEST_FIT = 4
 COSINES = 13  # the last has half a per cent of the variance of the first at the shortest correlation length
