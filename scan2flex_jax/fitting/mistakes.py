@@ -1,7 +1,7 @@
 """Likely mistakes of the input, asked by refits before any physics: poses exchanged, turns, rolls, axes, gravity, scale.
 
 A study that `study.visible` doubts, or whose fit leaves more than a few thousandths of the length, is fitted again with each
-likely mistake mended (`study.mistakes`). A mended study has no number more than the one it came from: if it comes five times
+likely mistake mended (`study.mistakes`). A mended study has no number more than the one it came from: if it comes three times
 as close to the curves, that is no accident, and missing physics, which no such change imitates, stays as it was. In turn:
 
 1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the mended curves and at those of
@@ -34,7 +34,7 @@ from scan2flex_jax.study.visible import clamps_scaled, visible_mistakes
 
 _DOUBTFUL = 0.004  # of the length: RMS distance from which on a fit is asked for mistakes
 _STATED = 3.0  # times the stated noise: the same, from half that distance on
-_TIMES = 5.0  # times closer that a mended study has to come,
+_TIMES = 3.0  # times closer that a mended study has to come; missing physics brought none beyond 1.2 (docs/mistakes.md)
 _TIMES_TURNED, _TURNED = 1.02, 2  # or one beside a fit that turned so many poses
 _CLOSE = 0.03  # of the length: RMS distance to which it has to come, whatever it was before; real cables leave as much
 _ALIKE = 1.3  # times the distance of the best mended study: others that explain the curves alike
@@ -92,6 +92,7 @@ class _Search:
         self.before = np.inf if minimum is None else _distance(problem, minimum.evaluation.residual)
         turned = sum(a.turns != b.turns for a, b in zip(study.fit_poses, problem.study.fit_poses, strict=True))
         self.turned = turned >= _TURNED
+        self.left: list[tuple[Refit, float]] = []
         self.close = min(self.before / (_TIMES_TURNED if self.turned else _TIMES), _CLOSE * problem.length)
 
     def doubtful(self) -> bool:
@@ -147,7 +148,7 @@ class _Search:
     def of_one_pose(self) -> Iterator[Refit]:
         """Mended studies of single poses; `left` keeps, of each pose without which the others fit, their refit and how far
         (m) the pose is off then."""
-        poses, self.left = self.study.fit_poses, []
+        poses = self.study.fit_poses
         if len(poses) == 1:
             yield from self.accepted(mistakes.of_pose(self.study, poses[0]))
             return

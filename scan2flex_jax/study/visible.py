@@ -37,7 +37,7 @@ def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
 
 
 def _of_some_poses(study, astray) -> Iterator[Mistake]:
-    """Mistakes of single poses and of pairs, one after the other; curves whose ends alone show that they run backwards first."""
+    """Mistakes of single poses and of pairs, in turn; first curves whose ends alone tell that they run backwards."""
     for pose in study.poses:
         facts = pose_facts(pose)
         if facts is not None and facts.backwards and not _mended(study, mistakes.exchanged_ends(pose)):
