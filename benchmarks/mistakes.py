@@ -3,12 +3,15 @@
     SCAN2FLEX_DATA=... python -m benchmarks.mistakes      (the folder that holds `practice`, `textile-strip` and `black-wire`)
 
 Every kind of mistake is made to three simulated studies (the first of the practice studies, by number, that have centre
-curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake counts as *named* where
-`check_study` refuses the study, `check` warns or `fit` says so in its first three lines, with the right mend, and the mended
-study fits as the one before the mistake (within a fifth); as *without trace* where the fit of the mistaken study leaves the
-same modelled shapes with the turns as stated; as *warned* where the first three lines doubt the values without the name; else
-it is *missed*. Where nothing is said `explain` is run too. Then all other practice studies, most of them with an effect that
-they do not declare, are fitted as they are: whatever is called a mistake there is a false accusation.
+curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake counts as
+
+* *named* where `check_study` refuses the study, `check` warns or `fit` says so in its first three lines, with the right mend,
+  and the mended study fits as the one before the mistake (within a fifth);
+* *without trace* where the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
+* *warned* where the first three lines doubt the values without the name; else it is *missed*, and `explain` is run too.
+
+Then all other practice studies, most of them with an effect that they do not declare, are fitted as they are: whatever is
+called a mistake there is a false accusation.
 
 Cases that were recorded are kept, so that a run that was broken off goes on; `--again` makes them anew. The record is
 `benchmarks/results/mistakes.json`.
@@ -302,19 +305,33 @@ def judged(study, clean, words, truth) -> dict:
     by = [who for who, said in (("fit", lines), ("check", checked)) if any(w in line for w in words for line in said)]
     if by and right:
         return out | {"outcome": NAMED, "by": by[0]}
-    if traceless(found, clean):
+    if traceless(study, clean):
         return out | {"outcome": TRACELESS}
     if found.doubts or not found.believable:
         return out | {"outcome": WARNED}
     return out | {"outcome": MISSED, "explain": explained(study)}
 
 
-def traceless(found, clean) -> bool:
-    """Whether a fit leaves the same modelled shapes as that of the study before the mistake, with the turns as stated."""
-    if found.turned:
-        return False
-    off = [found.poses[p.name].modelled - clean.poses[p.name].modelled for p in clean.study.fit_poses]
-    return float(np.sqrt(np.mean([np.sum(d**2, axis=1) for d in off]))) < TRACE * clean.rms()
+def traceless(study, clean) -> bool:
+    """Whether a mistaken study has the shapes of the right one, at stiffnesses in proportion to its weight."""
+    from scan2flex_jax.fitting.problem import Problem  # noqa: PLC0415
+
+    def weight(of):
+        return of.cable["length_density"] * float(np.linalg.norm(of.gravity))
+
+    problem = Problem(study, ELEMENTS)
+    ratio = weight(study) / weight(clean.study)
+    shared = clean.minimum.shared.copy()
+    shared[: problem.layout.unknowns] += np.log(ratio)  # the unknowns of these studies are stiffnesses
+    found = problem.evaluator(shared)
+    off = found.configuration.r - clean.minimum.evaluation.configuration.r
+    same = np.sqrt(np.mean(np.sum(off**2, axis=2))) < TRACE * clean.rms()
+    return bool(found.solved and same and abs(clean.rms() / problem_rms(problem, found) - 1.0) < TRACE)
+
+
+def problem_rms(problem, evaluation) -> float:
+    """RMS distance (m) of the measured curves."""
+    return float(np.sqrt(np.sum(evaluation.residual**2) / np.sum(np.asarray(problem.poses.mask))))
 
 
 def excluded(found, truth) -> bool | None:

@@ -57,10 +57,19 @@ class Refit(NamedTuple):
     minimum: Minimum
 
 
-def seen(problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
-    """The mistakes that the study shows without a solve and a refit confirms, before any branch is searched."""
+def before_branches(
+    problem: Problem, method: str, progress: Progress
+) -> tuple[Minimum | None, tuple[Mistake, ...]]:
+    """The mistakes that the study shows without a solve and a refit confirms, and the minimum of the study as it stands.
+
+    That minimum is not followed to its end where it stays far from the curves. No minimum, and no mistake, where none is seen.
+    """
     found = visible_mistakes(problem.study)
-    return _Search(problem.study, problem, minimum, progress).confirmed(found) if found else ()
+    if not found:
+        return None, ()
+    minimum = problem.minimise(method, progress, _cost(problem, _CLOSE * problem.length))
+    likely = _Search(problem.study, problem, minimum, progress).confirmed(found)
+    return (minimum, likely) if likely else (None, ())
 
 
 def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
@@ -82,6 +91,11 @@ def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> 
 def _distance(problem, residual) -> float:
     """RMS distance (m) over all points of the fitted poses."""
     return float(np.sqrt(np.sum(residual**2) / np.sum(np.asarray(problem.poses.mask))))
+
+
+def _cost(problem, off) -> float:
+    """The cost of a fit whose points are all so far off (m)."""
+    return float(np.sum(np.sum(np.asarray(problem.poses.mask), axis=1) * (off / problem.first_scale()) ** 2))
 
 
 class _Search:
@@ -186,7 +200,7 @@ class _Search:
         try:
             tried = self.problem.with_study(mistake.study)
             own = tried.starts()[-1]
-        except Scan2FlexError:
+        except (Scan2FlexError, ValueError, np.linalg.LinAlgError):  # clamps and curve between which nothing can begin
             return None
         starts = [own] if self.minimum is None else [own, self.minimum.shared[: len(own)]]
         found = [m for m in (_at(tried, x) for x in starts) if np.isfinite(m.cost)]
@@ -198,9 +212,8 @@ class _Search:
 
     def finished(self, begun: Refit) -> Refit:
         """The refit from there; what stays far from coming close is given up."""
-        tried, sigma = begun.problem, begun.problem.first_scale()
-        points = np.sum(np.asarray(tried.poses.mask), axis=1)
-        goal = replace(tried.goal(sigma), beat=float(np.sum(points * (self.close / sigma) ** 2)), patience=_PATIENCE)
+        tried = begun.problem
+        goal = replace(tried.goal(tried.first_scale()), beat=_cost(tried, self.close), patience=_PATIENCE)
         minimum = levenberg_marquardt(goal, begun.minimum.shared)
         if tried.layout.has_priors and _distance(tried, minimum.evaluation.residual) < self.before:
             sharp = np.clip([white_noise(p) for p in tried.study.fit_poses], _FINEST * tried.length, _COARSEST * tried.length)

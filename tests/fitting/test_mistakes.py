@@ -76,7 +76,8 @@ def test_a_good_fit_solves_nothing_more():
     f = fit(study)
     assert f.mistakes == ()
     solved = f.problem.evaluator.equilibria
-    assert mistakes.seen(f.problem, f.minimum, print) == mistakes.hidden(study, f.problem, f.minimum, print) == ()
+    assert mistakes.before_branches(f.problem, "least-squares", print) == (None, ())
+    assert mistakes.hidden(study, f.problem, f.minimum, print) == ()
     assert f.problem.evaluator.equilibria == solved
 
 
