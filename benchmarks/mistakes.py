@@ -27,6 +27,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
 from benchmarks.record import RESULTS, record
@@ -169,7 +170,7 @@ def other_twist(study):
         if not both_held(pose):
             return pose
         R, t = _rotation(pose.start), _rotation(pose.start).as_matrix()[:, 2]
-        points = pose.curve.points[:: max(1, len(pose.curve.points) // 30)]
+        points = uniform_filter1d(pose.curve.points, max(1, len(pose.curve.points) // 16), axis=0)
         for onward in [*np.diff(points, axis=0), _rotation(pose.end).as_matrix()[:, 2]]:
             n = onward / np.linalg.norm(onward)
             axis = np.cross(t, n)

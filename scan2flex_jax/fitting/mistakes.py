@@ -38,7 +38,8 @@ _TIMES = 3.0  # times closer that a mended study has to come; missing physics br
 _TIMES_TURNED, _TURNED = 1.02, 2  # or one beside a fit that turned so many poses
 _CLOSE = 0.03  # of the length: RMS distance to which it has to come, whatever it was before; real cables leave as much
 _ALIKE = 1.3  # times the distance of the best mended study: others that explain the curves alike
-_ALONE = 0.03  # of the length: a pose that alone does not fit is at least so far off
+_AS_OTHERS = 1.5  # times the distance of the other poses without it: a mended pose fits as they do
+_ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: a pose that alone does not fit is so far off, beside turned ones too
 _FEWEST = 3  # poses that have to fit without the one that does not
 _FOLLOWED = 4  # mended studies that are refitted: those that are nearest where they begin
 _NEARER = 0.6  # times the distance before: a refit that may be a full turn away from coming close
@@ -57,9 +58,7 @@ class Refit(NamedTuple):
     minimum: Minimum
 
 
-def before_branches(
-    problem: Problem, method: str, progress: Progress
-) -> tuple[Minimum | None, tuple[Mistake, ...]]:
+def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[Minimum | None, tuple[Mistake, ...]]:
     """The mistakes that the study shows without a solve and a refit confirms, and the minimum of the study as it stands.
 
     That minimum is not followed to its end where it stays far from the curves. No minimum, and no mistake, where none is seen.
@@ -175,14 +174,15 @@ class _Search:
             own = [(self._once(rest, m.study, pose.name), m) for m in mistakes.of_pose(self.study, pose)]
             nearest = min(own, key=lambda pair: pair[0], default=None)
             if nearest is not None and nearest[0] < _HALVED * off:
-                yield from self.accepted([nearest[1]])
+                yield from (refit for refit in self.accepted([nearest[1]]) if refit.off < _AS_OTHERS * rest.off)
 
     def alone(self) -> list[Refit]:
         """The refit without the one pose that does not fit, where enough others do."""
         if len(self.left) != 1 or len(self.study.fit_poses) <= _FEWEST:
             return []
         rest, off = self.left[0]
-        return [rest] if off > max(_ALONE * self.problem.length, _TIMES * rest.off) else []
+        least = (_ALONE_TURNED if self.turned else _ALONE) * self.problem.length
+        return [rest] if off > max(least, _TIMES * rest.off) else []
 
     def _once(self, rest, study, name) -> float:
         """Distance (m) of a pose solved at the values of the others."""
