@@ -1,12 +1,45 @@
-"""Mistakes made to five studies on purpose."""
+"""Mistakes made to studies on purpose: what `check` and `fit` say of them, and whether they accuse studies without any.
 
+    SCAN2FLEX_DATA=... python -m benchmarks.mistakes      (the folder that holds `practice`, `textile-strip` and `black-wire`)
+
+Every kind of mistake is made to three simulated studies (the first of the practice studies, by number, that have centre
+curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake counts as
+
+* *named* where `check_study` refuses the study, `check` warns or `fit` says so in its first three lines, with the right mend,
+  and the mended study fits as the one before the mistake (within a fifth);
+* *without trace* where the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
+* *warned* where the first three lines doubt the values without the name; else it is *missed*, and `explain` is run too.
+
+Then all other practice studies, most of them with an effect that they do not declare, are fitted as they are: whatever is
+called a mistake there is a false accusation.
+
+Cases that were recorded are kept, so that a run that was broken off goes on; `--again` makes them anew. The record is
+`benchmarks/results/mistakes.json`.
+"""
+
+import argparse
+import json
+import os
+import sys
+import tomllib
 from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.study import Clamp, MeasuredCurve
+from benchmarks.record import RESULTS, record
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study import Clamp, MeasuredCurve, load_study, study_warnings
 
+ELEMENTS = 20  # of all fits here: the mesh error stays below 1e-4 of the length
+SIMULATED, REAL = 3, ("textile-strip", "black-wire")
+FEWEST = 4  # fitted poses of a simulated study
+FIRST = 3  # lines that everybody reads
+ALIKE = 1.2  # times the residual of the study before the mistake
+TRACE = 0.1  # of that residual: modelled shapes that differ by less are the same
 MILLIMETRES, CENTIMETRES, INCHES, BADLY = 1000.0, 100.0, 1 / 0.0254, 1.02
 POUNDS = 2.2046
 
@@ -131,16 +164,18 @@ def other_roll(study):
 
 
 def other_twist(study):
-    """The end clamps rolled so that the twist of every pose has the other sign: frames carried along the curve (double reflection)."""
+    """The end clamps rolled so that the twist of every pose, beyond frames carried along its curve, has the other sign."""
 
     def one(pose):
         if not both_held(pose):
             return pose
         R, t = _rotation(pose.start), _rotation(pose.start).as_matrix()[:, 2]
-        for onward in [*np.diff(pose.curve.points[:: max(1, len(pose.curve.points) // 50)], axis=0), _rotation(pose.end).as_matrix()[:, 2]]:
+        points = uniform_filter1d(pose.curve.points, max(1, len(pose.curve.points) // 16), axis=0)
+        for onward in [*np.diff(points, axis=0), _rotation(pose.end).as_matrix()[:, 2]]:
             n = onward / np.linalg.norm(onward)
             axis = np.cross(t, n)
-            R, t = Rotation.from_rotvec(axis / max(np.linalg.norm(axis), 1e-12) * np.arctan2(np.linalg.norm(axis), t @ n)) * R, n
+            sine = np.linalg.norm(axis)
+            R, t = Rotation.from_rotvec(axis / max(sine, 1e-12) * np.arctan2(sine, t @ n)) * R, n
         twist = (R.inv() * _rotation(pose.end)).as_rotvec()
         return replace(pose, end=Clamp(pose.end.position, np.roll((R * Rotation.from_rotvec(-twist)).as_quat(), 1)))
 
@@ -153,11 +188,13 @@ def scaled(curves=1.0, clamps=1.0, length=1.0, density=1.0):
         return None if c is None else Clamp(clamps * c.position, c.quaternion)
 
     def made(study):
-        poses = tuple(
-            replace(p, start=clamp(p.start), end=clamp(p.end), curve=MeasuredCurve(curves * p.curve.points)) for p in study.poses
-        )
-        cable = {**study.cable, "length": length * study.cable["length"], "length_density": density * study.cable["length_density"]}
-        return replace(study, poses=poses, cable=cable)
+        def one(pose):
+            own = {"start": clamp(pose.start), "end": clamp(pose.end), "curve": MeasuredCurve(curves * pose.curve.points)}
+            return replace(pose, **own)
+
+        factors = {"length": length, "length_density": density}
+        cable = {**study.cable, **{name: factor * study.cable[name] for name, factor in factors.items()}}
+        return replace(study, poses=tuple(map(one, study.poses)), cable=cable)
 
     return made
 
@@ -166,45 +203,209 @@ def gravity(other):
     return lambda study: replace(study, gravity=other(np.asarray(study.gravity)))
 
 
-X, Y, FLIP = Rotation.from_euler("y", -90, degrees=True), Rotation.from_euler("x", 90, degrees=True), Rotation.from_euler("x", 180, degrees=True)
+def _axes(axis, degrees):
+    return turned(Rotation.from_euler(axis, degrees, degrees=True))
 
-# what was done, how, and one of the words that a right mend has to contain ({0}, {1}: names of the poses)
+
+def all_clamps(change, *ends):
+    return poses_changed(clamps_changed(change, ends or ("start", "end")))
+
+
+def all_rolls(degrees, end):
+    return poses_changed(only_held(clamps_changed(rolled(degrees), (end,))))
+
+
+def one_roll(degrees):
+    return poses_changed(only_held(clamps_changed(rolled(degrees), ("end",))), fit_pose(1))
+
+
+# what was done: how, and words of which a right mend has one
 KINDS = {
     "first two fitted poses exchanged": (swapped(two_fitted(True)), ("exchange their centre_curve",)),
     "last two fitted poses exchanged": (swapped(two_fitted(False)), ("exchange their centre_curve",)),
     "a fitted and a validate pose exchanged": (swapped(fitted_and_not), ("exchange their centre_curve",)),
-    "clamps copied from another pose": (copied_clamps, ("look at its clamps", "exchange")),
+    "clamps copied from another pose": (copied_clamps, ("look at its clamps", "multiply its end quaternion")),
     "a turn too many in one pose": (poses_changed(with_more_turns(1), fit_pose(0)), ("turns =",)),
     "a turn too few in one pose": (poses_changed(with_more_turns(-1), fit_pose(1)), ("turns =",)),
-    "end rolled by half a turn in one pose": (poses_changed(only_held(clamps_changed(rolled(180), ("end",))), fit_pose(1)), ("rolled by",)),
-    "end rolled by 90 degrees in all poses": (poses_changed(only_held(clamps_changed(rolled(90), ("end",)))), ("rolled by",)),
-    "end rolled by half a turn in all poses": (poses_changed(only_held(clamps_changed(rolled(180), ("end",)))), ("rolled by",)),
-    "start rolled by -90 degrees in all poses": (poses_changed(only_held(clamps_changed(rolled(-90), ("start",)))), ("rolled by",)),
-    "sign of the rolls from pose to pose": (other_roll, ("roll",)),
-    "sign of the twist": (other_twist, ("roll",)),
-    "tangent is x": (poses_changed(clamps_changed(turned(X))), ("x axis",)),
-    "tangent is y": (poses_changed(clamps_changed(turned(Y))), ("y axis",)),
-    "tangent is -z": (poses_changed(clamps_changed(turned(FLIP))), ("z axis",)),
-    "tangent inward at the end": (poses_changed(clamps_changed(turned(FLIP), ("end",))), ("end clamp",)),
+    "end rolled by half a turn in one pose": (one_roll(180), ("multiply its end quaternion",)),
+    "end rolled by 90 degrees in one pose": (one_roll(90), ("multiply its end quaternion",)),
+    "end rolled by 90 degrees in all poses": (all_rolls(90, "end"), ("multiply the end quaternions",)),
+    "end rolled by half a turn in all poses": (all_rolls(180, "end"), ("multiply the end quaternions",)),
+    "start rolled by -90 degrees in all poses": (all_rolls(-90, "start"), ("multiply the end quaternions",)),
+    "sign of the rolls from pose to pose": (other_roll, ("turn the roll",)),
+    "sign of the twist": (other_twist, ("turn the roll",)),
+    "tangent is x": (all_clamps(_axes("y", -90)), ("x axis",)),
+    "tangent is y": (all_clamps(_axes("x", 90)), ("y axis",)),
+    "tangent is -z": (all_clamps(_axes("x", 180)), ("z axis", "multiply the start quaternions")),
+    "tangent inward at the end": (all_clamps(_axes("x", 180), "end"), ("multiply the end quaternions",)),
     "one curve reversed": (poses_changed(reversed_curve, fit_pose(1)), ("reverse the order",)),
     "all curves reversed": (poses_changed(reversed_curve), ("reverse the order",)),
     "clamps exchanged in one pose": (poses_changed(exchanged_clamps, fit_pose(1)), ("exchange",)),
     "clamps exchanged in all poses": (poses_changed(exchanged_clamps), ("exchange",)),
-    "quaternions scalar-last": (poses_changed(clamps_changed(lambda c: np.roll(c.quaternion, -1))), ("[w, x, y, z]",)),
-    "quaternions conjugated": (poses_changed(clamps_changed(lambda c: c.quaternion * [1, -1, -1, -1])), ("conjugated",)),
-    "gravity upward": (gravity(lambda g: -g), ("gravity",)),
-    "gravity along another axis": (gravity(lambda g: np.roll(g, 1)), ("gravity",)),
-    "density in g/m": (scaled(density=1000.0), ("kg/m",)),
-    "density in t/m": (scaled(density=0.001), ("kg/m",)),
-    "density in lb/m": (scaled(density=POUNDS), ("kg/m",)),
+    "quaternions scalar-last": (all_clamps(lambda c: np.roll(c.quaternion, -1)), ("[w, x, y, z]",)),
+    "quaternions conjugated": (all_clamps(lambda c: c.quaternion * [1, -1, -1, -1]), ("signs of their x, y and z",)),
+    "gravity upward": (gravity(lambda g: -g), ("write gravity",)),
+    "gravity along another axis": (gravity(lambda g: np.roll(g, 1)), ("write gravity",)),
+    "density in g/m": (scaled(density=1000.0), ("check the unit",)),
+    "density in t/m": (scaled(density=0.001), ("check the unit",)),
+    "density in lb/m": (scaled(density=POUNDS), ("check the unit",)),
     "curves in mm": (scaled(curves=MILLIMETRES), ("millimetres",)),
     "curves in cm": (scaled(curves=CENTIMETRES), ("centimetres",)),
     "curves in inches": (scaled(curves=INCHES), ("inches",)),
     "curves 2 % too large": (scaled(curves=BADLY), ("curves look",)),
     "clamps in mm": (scaled(clamps=MILLIMETRES), ("millimetres",)),
     "clamps in inches": (scaled(clamps=INCHES), ("inches",)),
-    "clamps 2 % too large": (scaled(clamps=BADLY), ("clamps' positions look",)),
+    "clamps 2 % too large": (scaled(clamps=BADLY), ("positions look",)),
     "length in mm": (scaled(length=MILLIMETRES), ("millimetres",)),
     "length in cm": (scaled(length=CENTIMETRES), ("centimetres",)),
     "length in inches": (scaled(length=INCHES), ("inches",)),
 }
+NAMED, WARNED, TRACELESS, MISSED = "named", "warned", "without trace", "missed"
+
+
+def chosen(data: Path) -> dict:
+    """The five studies by their names."""
+    some = {}
+    for path in sorted((data / "practice" / "cases").iterdir()):
+        study = load_study(path)
+        whole = all(p.curve is not None and both_held(p) for p in study.poses)
+        if len(some) < SIMULATED and whole and len(study.fit_poses) >= FEWEST and not answer(data, path.name)["kinds"]:
+            some[path.name] = study
+    return some | {name: load_study(data / name) for name in REAL}
+
+
+def answer(data: Path, name: str) -> dict:
+    """The truth of a practice study; nothing of a real one."""
+    path = data / "practice" / "answers" / f"{name}.toml"
+    return tomllib.loads(path.read_text()) if path.exists() else {}
+
+
+def fitted(study):
+    """The fit, or the sentence of its refusal."""
+    from scan2flex_jax.fitting import fit  # noqa: PLC0415
+
+    try:
+        return fit(study, elements=ELEMENTS)
+    except Scan2FlexError as fault:
+        return str(fault)
+
+
+def judged(study, clean, words, truth) -> dict:
+    """What is said of a mistaken study; ``clean`` is the fit before the mistake."""
+    begin = perf_counter()
+    found = fitted(study)
+    seconds = round(perf_counter() - begin, 1)
+    if isinstance(found, str):
+        outcome = NAMED if any(w in found for w in words) else WARNED
+        return {"outcome": outcome, "by": "refusal", "says": found[-300:], "seconds": seconds}
+    checked = study_warnings(study)[:FIRST]
+    lines = found.summary().splitlines()[1:FIRST]
+    right = not found.mistakes or found.mistakes[0].after is None or found.mistakes[0].after < ALIKE * clean.rms()
+    out = {"seconds": seconds, "says": [*checked[:1], *lines], "believable": found.believable, "valid": found.valid}
+    out |= {"excludes the truth": excluded(found, truth), "doubted": bool(found.doubts or not found.believable)}
+    by = [who for who, said in (("fit", lines), ("check", checked)) if any(w in line for w in words for line in said)]
+    if by and right:
+        return out | {"outcome": NAMED, "by": by[0]}
+    if traceless(study, clean):
+        return out | {"outcome": TRACELESS}
+    if found.doubts or not found.believable:
+        return out | {"outcome": WARNED}
+    return out | {"outcome": MISSED, "explain": explained(study)}
+
+
+def traceless(study, clean) -> bool:
+    """Whether a mistaken study has the shapes of the right one, at stiffnesses in proportion to its weight."""
+    from scan2flex_jax.fitting.problem import Problem  # noqa: PLC0415
+
+    def weight(of):
+        return of.cable["length_density"] * float(np.linalg.norm(of.gravity))
+
+    problem = Problem(study, ELEMENTS)
+    ratio = weight(study) / weight(clean.study)
+    shared = clean.minimum.shared.copy()
+    shared[: problem.layout.unknowns] += np.log(ratio)  # the unknowns of these studies are stiffnesses
+    found = problem.evaluator(shared)
+    off = found.configuration.r - clean.minimum.evaluation.configuration.r
+    same = np.sqrt(np.mean(np.sum(off**2, axis=2))) < TRACE * clean.rms()
+    return bool(found.solved and same and abs(clean.rms() / problem_rms(problem, found) - 1.0) < TRACE)
+
+
+def problem_rms(problem, evaluation) -> float:
+    """RMS distance (m) of the measured curves."""
+    return float(np.sqrt(np.sum(evaluation.residual**2) / np.sum(np.asarray(problem.poses.mask))))
+
+
+def excluded(found, truth) -> bool | None:
+    """Whether an interval leaves the truth out; None where there is none to compare with."""
+    known = {n: truth.get(f"true_{n}") for n in found.estimates}
+    bars = [(e.low, known[n], e.high) for n, e in found.estimates.items() if known[n] is not None and e.low is not None]
+    return any(not low <= true <= high for low, true, high in bars) if bars else None
+
+
+def explained(study) -> dict:
+    """What `explain` answers where nobody else says anything."""
+    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
+
+    found = explain(study, elements=ELEMENTS, mesh=False)
+    return {"verdict": found.verdict, "chosen": [r.kind for r in found.chosen]}
+
+
+def accused(study) -> dict:
+    """What is said of a study without a mistake."""
+    found = fitted(study)
+    if isinstance(found, str):
+        return {"says": found[-200:], "mistakes": []}
+    return {"mistakes": [str(m) for m in found.mistakes], "rms over L": found.rms() / found.problem.length}
+
+
+def summed(cases, silent) -> dict:
+    """How often mistakes were named, and how often nobody was to blame."""
+    rows = [case for study in cases.values() for case in study.values() if case is not None]
+    counts = {outcome: sum(r["outcome"] == outcome for r in rows) for outcome in (NAMED, WARNED, TRACELESS, MISSED)}
+    wrong = [r for r in rows if r["outcome"] in (TRACELESS, MISSED) and r.get("excludes the truth") and not r.get("doubted")]
+    return {
+        "kinds": len(KINDS), "made": len(rows), **counts,
+        "named of those with a trace": counts[NAMED] / max(1, len(rows) - counts[TRACELESS]),
+        "intervals without a warning that exclude the truth, with a trace": sum(r["outcome"] == MISSED for r in wrong),
+        "the same without a trace": sum(r["outcome"] == TRACELESS for r in wrong),
+        "physics named": sum(bool(r.get("explain", {}).get("chosen")) for r in rows),
+        "without a mistake": len(silent), "accused": [n for n, r in silent.items() if r["mistakes"]],
+    }  # fmt: skip
+
+
+def main() -> None:
+    """All mistakes of all studies, then the studies without one."""
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
+
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--again", action="store_true", help="make recorded cases anew")
+    again = parser.parse_args().again
+    data = Path(os.environ.get("SCAN2FLEX_DATA", ""))
+    if not (data / "practice").is_dir():
+        sys.exit("name the folder that holds practice, textile-strip and black-wire in SCAN2FLEX_DATA")
+    prepare_jax()
+    path = RESULTS / "mistakes.json"
+    known = json.loads(path.read_text())["results"] if path.exists() and not again else {"cases": {}, "silent": {}}
+    cases, silent = known["cases"], known["silent"]
+    for name, study in chosen(data).items():
+        clean, mine = None, cases.setdefault(name, {})
+        for kind, (change, words) in KINDS.items():
+            if kind in mine:
+                continue
+            mistaken = change(study)
+            clean = clean or (fitted(study) if mistaken is not None else None)
+            mine[kind] = None if mistaken is None else judged(mistaken, clean, words, answer(data, name))
+            sys.stdout.write(f"{name} | {kind} | {mine[kind]}\n")
+            sys.stdout.flush()
+            record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})
+    for folder in [*sorted((data / "practice" / "cases").iterdir()), *(data / n for n in (*REAL, "red-wire"))]:
+        study = load_study(folder)
+        if folder.name not in silent and all(p.curve is not None for p in study.poses):
+            silent[folder.name] = accused(study)
+            sys.stdout.write(f"{folder.name} | nothing mistaken | {silent[folder.name]}\n")
+            sys.stdout.flush()
+            record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})
+
+
+if __name__ == "__main__":
+    main()

@@ -8,7 +8,7 @@ import math
 import re
 from pathlib import Path
 
-from benchmarks import robustness_tables, scanning_tables, sweep_tables
+from benchmarks import mistakes_tables, robustness_tables, scanning_tables, sweep_tables
 from benchmarks.markdown import load, made_on, table
 from benchmarks.peers import tables as peers_tables
 
@@ -224,9 +224,12 @@ TABLES = {
 }  # in the order of the README
 
 
+_PAGES = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables)
+
+
 def pages() -> dict:
     """Every page with its tables, in the order of the page."""
-    return {README: TABLES} | {m.PAGE: m.TABLES for m in (scanning_tables, sweep_tables, peers_tables, robustness_tables)}
+    return {README: TABLES} | {m.PAGE: m.TABLES for m in _PAGES}
 
 
 def filled(text: str, tables: dict = TABLES) -> str:

@@ -82,9 +82,9 @@ class Explanation:
     differs from pose to pose beside that model, ``scatter`` the relative scatter between poses of each size; ``families`` log
     evidence of each family of ghost fields; ``sentences`` say in words what was found, ``settle`` what would decide a tie.
     ``load`` is the equivalent load field (N/m) that all poses share and ``pose_loads`` that of each fitted pose: where something
-    acts, not what. ``description`` stands in for an effect where none explains the shapes: a field that is not physics. ``study`` has the effects declared.
-    ``search`` is all that the search did, from which `plan` goes on. ``mistakes``: likely mistakes of the input, before
-    which no physics is looked for; ``fit`` is None then too.
+    acts, not what. ``description`` stands in for an effect where none explains the shapes: a field that is not physics.
+    ``study`` has the effects declared, ``search`` is all that the search did, from which `plan` goes on. ``mistakes``: likely
+    mistakes of the input, before which no physics is looked for; ``fit`` is None then too.
 
     Every log evidence is in nats over the plain rod with the same noise, that of families too. ``fit``, ``noise`` and what
     rests on them are None or empty where the poses could not be solved (verdict "not in equilibrium").

@@ -44,7 +44,8 @@ def explain(
 
     ``progress`` is called with a line of text now and then; ``seed`` draws the noise of the test; ``mesh`` False leaves out
     the gate that refines the mesh. ``ahead`` compiles the search in a thread beside the plain fit; without it no thread is
-    started. Poses that cannot be solved give the verdict "not in equilibrium", never an exception.
+    started. Poses that cannot be solved give the verdict "not in equilibrium", never an exception; a study whose input is
+    likely mistaken (``Fit.mistakes``) is "unexplained", and no physics is looked for.
     """
     check_study(study)
     began, say = time.perf_counter(), progress or silent

@@ -83,7 +83,7 @@ class Bench:
         self.elements, self.poses = problem.elements, problem.poses if poses is None else poses
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
-        self.previous = _previous(problem.study, minimum, self.elements)
+        self.previous = _previous(problem, minimum, self.poses)
         self.nulls = empty_slots(self.context)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.solves = 0
@@ -216,12 +216,19 @@ def _curvature(R, length):
     return skew * len(Q) / length
 
 
-def _previous(study, minimum, elements):
-    """Per fitted pose the curvature (21, 3) of the fitted pose before it; zeros in the first one."""
-    R = np.asarray(minimum.evaluation.configuration.R)
-    keep = np.round(np.linspace(0, elements - 1, 21)).astype(int)
-    found = [_curvature(r, float(study.start_value("length") or 1.0))[keep] for r in R]
-    return [np.zeros((21, 3)), *found[:-1]]
+def _previous(problem, minimum, poses):
+    """Per pose the curvature (21, 3) of the fitted pose that was measured last before it; zeros where there is none, and in poses
+    that are not of the study."""
+    study, R = problem.study, np.asarray(minimum.evaluation.configuration.R)
+    keep = np.round(np.linspace(0, problem.elements - 1, 21)).astype(int)
+    found = {p.name: _curvature(r, float(study.start_value("length") or 1.0))[keep] for p, r in zip(study.fit_poses, R, strict=True)}
+    last, before = np.zeros((21, 3)), {}
+    for pose in study.poses:
+        before[pose.name] = last
+        last = found.get(pose.name, last)
+    groups = ((problem.poses, study.fit_poses), (problem.held_out, study.validate_poses))
+    own = next((study_poses for some, study_poses in groups if poses is some), None)
+    return [np.zeros((21, 3))] * poses.count if own is None else [before[p.name] for p in own]
 
 
 def _numeric(site):

@@ -1,7 +1,7 @@
 """Likely mistakes of the input, asked by refits before any physics: poses exchanged, turns, rolls, axes, gravity, scale.
 
 A study that `study.visible` doubts, or whose fit leaves more than a few thousandths of the length, is fitted again with each
-likely mistake mended (`study.mistakes`). A mended study has no number more than the one it came from: if it comes five times
+likely mistake mended (`study.mistakes`). A mended study has no number more than the one it came from: if it comes three times
 as close to the curves, that is no accident, and missing physics, which no such change imitates, stays as it was. In turn:
 
 1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the mended curves and at those of
@@ -34,11 +34,12 @@ from scan2flex_jax.study.visible import clamps_scaled, visible_mistakes
 
 _DOUBTFUL = 0.004  # of the length: RMS distance from which on a fit is asked for mistakes
 _STATED = 3.0  # times the stated noise: the same, from half that distance on
-_TIMES = 5.0  # times closer that a mended study has to come,
+_TIMES = 3.0  # times closer that a mended study has to come; missing physics brought none beyond 1.2 (docs/mistakes.md)
 _TIMES_TURNED, _TURNED = 1.02, 2  # or one beside a fit that turned so many poses
 _CLOSE = 0.03  # of the length: RMS distance to which it has to come, whatever it was before; real cables leave as much
 _ALIKE = 1.3  # times the distance of the best mended study: others that explain the curves alike
-_ALONE = 0.03  # of the length: a pose that alone does not fit is at least so far off
+_AS_OTHERS = 1.5  # times the distance of the other poses without it: a mended pose fits as they do
+_ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: a pose that alone does not fit is so far off, beside turned ones too
 _FEWEST = 3  # poses that have to fit without the one that does not
 _FOLLOWED = 4  # mended studies that are refitted: those that are nearest where they begin
 _NEARER = 0.6  # times the distance before: a refit that may be a full turn away from coming close
@@ -57,10 +58,17 @@ class Refit(NamedTuple):
     minimum: Minimum
 
 
-def seen(problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
-    """The mistakes that the study shows without a solve and a refit confirms, before any branch is searched."""
+def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[Minimum | None, tuple[Mistake, ...]]:
+    """The mistakes that the study shows without a solve and a refit confirms, and the minimum of the study as it stands.
+
+    That minimum is not followed to its end where it stays far from the curves. No minimum, and no mistake, where none is seen.
+    """
     found = visible_mistakes(problem.study)
-    return _Search(problem.study, problem, minimum, progress).confirmed(found) if found else ()
+    if not found:
+        return None, ()
+    minimum = problem.minimise(method, progress, _cost(problem, _CLOSE * problem.length))
+    likely = _Search(problem.study, problem, minimum, progress).confirmed(found)
+    return (minimum, likely) if likely else (None, ())
 
 
 def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
@@ -84,6 +92,11 @@ def _distance(problem, residual) -> float:
     return float(np.sqrt(np.sum(residual**2) / np.sum(np.asarray(problem.poses.mask))))
 
 
+def _cost(problem, off) -> float:
+    """The cost of a fit whose points are all so far off (m)."""
+    return float(np.sum(np.sum(np.asarray(problem.poses.mask), axis=1) * (off / problem.first_scale()) ** 2))
+
+
 class _Search:
     """The refits of one study beside its fit; without a minimum nothing of it settled, and any that comes close is better."""
 
@@ -92,6 +105,7 @@ class _Search:
         self.before = np.inf if minimum is None else _distance(problem, minimum.evaluation.residual)
         turned = sum(a.turns != b.turns for a, b in zip(study.fit_poses, problem.study.fit_poses, strict=True))
         self.turned = turned >= _TURNED
+        self.left: list[tuple[Refit, float]] = []
         self.close = min(self.before / (_TIMES_TURNED if self.turned else _TIMES), _CLOSE * problem.length)
 
     def doubtful(self) -> bool:
@@ -147,7 +161,7 @@ class _Search:
     def of_one_pose(self) -> Iterator[Refit]:
         """Mended studies of single poses; `left` keeps, of each pose without which the others fit, their refit and how far
         (m) the pose is off then."""
-        poses, self.left = self.study.fit_poses, []
+        poses = self.study.fit_poses
         if len(poses) == 1:
             yield from self.accepted(mistakes.of_pose(self.study, poses[0]))
             return
@@ -160,14 +174,15 @@ class _Search:
             own = [(self._once(rest, m.study, pose.name), m) for m in mistakes.of_pose(self.study, pose)]
             nearest = min(own, key=lambda pair: pair[0], default=None)
             if nearest is not None and nearest[0] < _HALVED * off:
-                yield from self.accepted([nearest[1]])
+                yield from (refit for refit in self.accepted([nearest[1]]) if refit.off < _AS_OTHERS * rest.off)
 
     def alone(self) -> list[Refit]:
         """The refit without the one pose that does not fit, where enough others do."""
         if len(self.left) != 1 or len(self.study.fit_poses) <= _FEWEST:
             return []
         rest, off = self.left[0]
-        return [rest] if off > max(_ALONE * self.problem.length, _TIMES * rest.off) else []
+        least = (_ALONE_TURNED if self.turned else _ALONE) * self.problem.length
+        return [rest] if off > max(least, _TIMES * rest.off) else []
 
     def _once(self, rest, study, name) -> float:
         """Distance (m) of a pose solved at the values of the others."""
@@ -185,7 +200,7 @@ class _Search:
         try:
             tried = self.problem.with_study(mistake.study)
             own = tried.starts()[-1]
-        except Scan2FlexError:
+        except (Scan2FlexError, ValueError, np.linalg.LinAlgError):  # clamps and curve between which nothing can begin
             return None
         starts = [own] if self.minimum is None else [own, self.minimum.shared[: len(own)]]
         found = [m for m in (_at(tried, x) for x in starts) if np.isfinite(m.cost)]
@@ -197,9 +212,8 @@ class _Search:
 
     def finished(self, begun: Refit) -> Refit:
         """The refit from there; what stays far from coming close is given up."""
-        tried, sigma = begun.problem, begun.problem.first_scale()
-        points = np.sum(np.asarray(tried.poses.mask), axis=1)
-        goal = replace(tried.goal(sigma), beat=float(np.sum(points * (self.close / sigma) ** 2)), patience=_PATIENCE)
+        tried = begun.problem
+        goal = replace(tried.goal(tried.first_scale()), beat=_cost(tried, self.close), patience=_PATIENCE)
         minimum = levenberg_marquardt(goal, begun.minimum.shared)
         if tried.layout.has_priors and _distance(tried, minimum.evaluation.residual) < self.before:
             sharp = np.clip([white_noise(p) for p in tried.study.fit_poses], _FINEST * tried.length, _COARSEST * tried.length)

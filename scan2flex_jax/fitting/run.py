@@ -113,11 +113,12 @@ def fit(
 
 def _minimum(problem, method, progress):
     """Problem and minimum on the branches that were measured, and likely mistakes of the input."""
+    study = problem.study
     try:
-        minimum = problem.minimise(method, progress)
+        minimum, likely = mistakes.before_branches(problem, method, progress)
+        minimum = minimum or problem.minimise(method, progress)
     except NotSettledError as fault:
         raise mistakes.instead_of(fault, problem, progress) from fault
-    study, likely = problem.study, mistakes.seen(problem, minimum, progress)
     if not likely:
         problem, minimum = branches.on_its_branches(problem, minimum, method, progress)
         likely = mistakes.hidden(study, problem, minimum, progress)

@@ -124,6 +124,9 @@ def _figure_json(figure) -> str:
 
 def _verdict(c: Contents) -> tuple[str, str]:
     """``(words, tone)`` of the head of the page: good, fair or bad."""
+    said = c.explanation or c.fit
+    if said is not None and said.mistakes:
+        return "the input is likely mistaken", "bad"
     if c.explanation:
         tones = {"no missing effect": "good", "explained": "good", "tied": "fair"}
         return _found(c.explanation), tones.get(c.explanation.verdict, "bad")

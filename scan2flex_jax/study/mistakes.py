@@ -52,8 +52,8 @@ class Mistake:
     def _better(self) -> str:
         if self.before is None or self.after is None:
             return ""
-        times = f"{self.before / self.after:.0f} times better, " if self.before < 1e3 * self.after else ""
-        return f" (fits {times}{1e3 * self.after:.3g} mm in place of {1e3 * self.before:.3g} mm)"
+        times, figures = self.before / self.after, f"{1e3 * self.after:.3g} mm in place of {1e3 * self.before:.3g} mm"
+        return f" (fits {times:.0f} times better, {figures})" if 2.0 < times < 1e3 else f" ({figures})"
 
     def to_json(self) -> dict[str, Any]:
         """Sentence, mend and RMS distances (m)."""

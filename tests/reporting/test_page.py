@@ -10,6 +10,7 @@ import pytest
 
 from scan2flex_jax.diagnosis import Explanation
 from scan2flex_jax.reporting import page, report, save_report
+from scan2flex_jax.study.mistakes import Mistake
 from tests.reporting.scenes import EVIL, explained
 
 pytest.importorskip("plotly", reason="the report needs the extra [report]")
@@ -166,6 +167,17 @@ def test_a_study_that_could_not_be_solved_is_shown_as_measured(fitted):
     assert set(shown.figures()) == {"shapes"}
     assert "not in equilibrium" in shown.words()
     assert "no values let every pose settle" in shown.words()
+
+
+def test_a_likely_mistake_stands_at_the_head(fitted):
+    mistake = Mistake("gravity points the other way", "write gravity = [0, 0, -9.81]", fitted.study, 0.2, 0.001)
+    for subject in (
+        replace(fitted, mistakes=(mistake,), sentences=(str(mistake),)),
+        Explanation(study=fitted.study, verdict="unexplained", sentences=(str(mistake),), mistakes=(mistake,)),
+    ):
+        words = Page(report(subject)).words()
+        assert "the input is likely mistaken" in words
+        assert mistake.mend in words
 
 
 def test_a_report_is_written_whole(fitted, text, tmp_path, monkeypatch):
