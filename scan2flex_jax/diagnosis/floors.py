@@ -18,7 +18,7 @@ from scan2flex_jax.diagnosis.stage import Signatures
 from scan2flex_jax.fitting.discrepancy import SPREAD, usual_size
 from scan2flex_jax.fitting.noise import Noise
 
-_ROUNDS = 3  # of a refit and of its law in turn
+_ROUNDS, _STEPS = 3, 6  # of a refit and of its law in turn, and of each refit
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # discrepancy and noise over those of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # more, of a noise that was not stated
 _SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
@@ -29,7 +29,7 @@ def own_floor(of: Signatures, found: Refit, noise: Noise) -> Refit:
     for _ in range(_ROUNDS):
         if not np.isfinite(found.cost):
             return found
-        before, found = found, again(of.bench, found, law_beside(of, found, noise))
+        before, found = found, again(of.bench, found, law_beside(of, found, noise), most=_STEPS)
         noise = found.law.noise
         if abs(found.log_marginal - before.log_marginal) < 1.0 and found.converged:
             break

@@ -18,7 +18,7 @@ from scan2flex_jax.diagnosis.stage import test_after
 from scan2flex_jax.effects.catalogue import entry_of, fields
 from scan2flex_jax.fitting.least_squares import Progress
 
-SINGLES, BESIDE = 5, 3  # refits of the first round, and of later ones
+SINGLES, WIDER, BESIDE = 5, 3, 3  # refits of single kinds and of sets that are taken over, and of each round
 _WORTH = 25.0  # nats of one step behind the best kind beyond which a refit cannot catch up
 _MOST = 3  # effects
 
@@ -28,7 +28,9 @@ def search(before: Found, progress: Progress) -> Found:
     stage = before.stage
     base = floors.own_floor(stage.of, stage.base, stage.noise)
     found = replace(before, stage=replace(stage, base=base), best=base, refits={}, tied=[base])
-    for r in before.refits.values():
+    singles = [r for r in before.singles if np.isfinite(r.log_evidence)]
+    wider = sorted((r for r in before.refits.values() if len(r.kinds) > 1), key=lambda r: -r.log_evidence)
+    for r in (*singles[:SINGLES], *wider[:WIDER]):
         progress(f"{' and '.join(r.kinds)} against its own floor")
         found.add([floors.own_floor(stage.of, r, stage.noise).over(base, stage.bench.context)])
     scores = floors.scores(stage.of, base)

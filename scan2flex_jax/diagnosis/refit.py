@@ -84,10 +84,10 @@ def refit(bench: Bench, components, law: Law, guess, amplitudes=(), *, most: int
     return max(ends, key=lambda f: f.log_marginal)
 
 
-def again(bench: Bench, before: Refit, law: Law, least: float = np.inf) -> Refit:
+def again(bench: Bench, before: Refit, law: Law, least: float = np.inf, most: int = _MOST) -> Refit:
     """A refit anew under another law of the residual, from where it ended before."""
     n, prior = Numbers(bench, before.components), Prior(bench, before.components)
-    return _descend(bench, before.components, n, prior, law, before.vector, configurations(before.shapes), _MOST, least)
+    return _descend(bench, before.components, n, prior, law, before.vector, configurations(before.shapes), most, least)
 
 
 def _other_starts(bench, found):

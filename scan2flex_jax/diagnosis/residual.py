@@ -31,11 +31,12 @@ from scan2flex_jax.fitting.noise import (
     too_large,
 )
 
-_MOST = 64  # points of a pose that enter the likelihood of the noise
+_MOST, _FEWER = 64, 32  # points of a pose that enter the likelihood of the noise, and of noise with discrepancy
 _RANK = 24  # directions of all signatures together that are kept out of the noise
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
 _STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
+_TINY = 1e-12  # of the largest square of a direction of the discrepancy: one that no point feels
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 
@@ -68,8 +69,11 @@ class Law:
         sensor = Metric(factor, marks, along, flat)
         if not self.curvature:
             return sensor
-        U, d, _ = np.linalg.svd(sensor.white(self.scatter[i][keep]), full_matrices=False)
-        return replace(sensor, U=U, spread=self.curvature * d)
+        Z = sensor.white(self.scatter[i][keep])
+        squares, V = np.linalg.eigh(Z.T @ Z)  # of few columns: a tenth of the time of a singular value decomposition
+        seen = squares > _TINY * squares[-1]
+        d = np.sqrt(squares[seen])
+        return replace(sensor, U=Z @ (V[:, seen] / d), spread=self.curvature * d)
 
 
 @dataclass(frozen=True)
@@ -240,7 +244,7 @@ class Complement:
                 at = np.r_[at, numbers.count + extra + k * NORMALS * _KNOTS + np.arange(NORMALS * _KNOTS)]
             Z = scatter[i][keep] if len(scatter) else None
             marked = None if shape.marked is None or signatures else np.asarray(shape.marked)[keep] > 0
-            pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked).thinned(_MOST)
+            pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked).thinned(_FEWER if len(scatter) else _MOST)
             self.poses.append(pose.in_plane() if planes == 1 else pose)
         self.precision, self.pull = np.zeros(columns), np.zeros(columns)
         known = numbers.nearly_known

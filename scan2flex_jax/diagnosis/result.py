@@ -81,7 +81,7 @@ class Explanation:
     ``added`` those of the refitted model, which need not be established; ``estimates`` are those after; ``discrepancy`` is what
     differs from pose to pose beside that model, ``scatter`` the relative scatter between poses of each size; ``families`` log
     evidence of each family of ghost fields; ``sentences`` say in words what was found, ``settle`` what would decide a tie.
-    ``load`` is the equivalent load field (N/m) that all poses share and ``pose_loads`` that of each fitted pose: where something
+    ``load`` is the equivalent load field (N/m) that all poses share, ``pose_loads`` that of each fitted pose: where something
     acts, not what. ``description`` stands in for an effect where none explains the shapes: a field that is not physics.
     ``study`` has the effects declared, ``search`` is all that the search did, from which `plan` goes on. ``mistakes``: likely
     mistakes of the input, before which no physics is looked for; ``fit`` is None then too.

@@ -217,11 +217,11 @@ def _curvature(R, length):
 
 
 def _previous(problem, minimum, poses):
-    """Per pose the curvature (21, 3) of the fitted pose that was measured last before it; zeros where there is none, and in poses
-    that are not of the study."""
+    """Per pose the curvature (21, 3) of the fitted pose that was measured last before it; zeros where there is none, and in
+    poses that are not of the study."""
     study, R = problem.study, np.asarray(minimum.evaluation.configuration.R)
-    keep = np.round(np.linspace(0, problem.elements - 1, 21)).astype(int)
-    found = {p.name: _curvature(r, float(study.start_value("length") or 1.0))[keep] for p, r in zip(study.fit_poses, R, strict=True)}
+    keep, length = np.round(np.linspace(0, problem.elements - 1, 21)).astype(int), float(study.start_value("length") or 1.0)
+    found = {p.name: _curvature(r, length)[keep] for p, r in zip(study.fit_poses, R, strict=True)}
     last, before = np.zeros((21, 3)), {}
     for pose in study.poses:
         before[pose.name] = last
