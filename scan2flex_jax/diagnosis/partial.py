@@ -29,8 +29,8 @@ def search(before: Found, progress: Progress) -> Found:
     base = floors.own_floor(stage.of, stage.base, stage.noise)
     found = replace(before, stage=replace(stage, base=base), best=base, refits={}, tied=[base])
     singles = [r for r in before.singles if np.isfinite(r.log_evidence)]
-    wider = sorted((r for r in before.refits.values() if len(r.kinds) > 1), key=lambda r: -r.log_evidence)
-    for r in (*singles[:SINGLES], *wider[:WIDER]):
+    sets = sorted((r for r in before.refits.values() if len(r.kinds) > 1), key=lambda r: -r.log_evidence)
+    for r in (*singles[:SINGLES], *sets[:WIDER]):
         progress(f"{' and '.join(r.kinds)} against its own floor")
         found.add([floors.own_floor(stage.of, r, stage.noise).over(base, stage.bench.context)])
     scores = floors.scores(stage.of, base)

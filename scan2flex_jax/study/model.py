@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import CABLE, ENDS
+from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
 from scan2flex_jax.study.parts import Clamp, EffectDeclaration, Markers, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.records import (
     Compared,
@@ -106,8 +106,7 @@ class Study(Compared):
     def assumed_rigid(self) -> tuple[str, ...]:
         """Those of axial and shear stiffness that are neither given nor unknown, nor an effect's in all poses."""
         said = {*self.cable, *self.unknown_names}
-        if any(effect.kind == "extensibility" for effect in self.acting()):
-            said.add("axial_stiffness")
+        said |= {parameter.name for effect in self.acting() for parameter in kind_format(effect.kind).parameters}
         return tuple(name for name in RIGID if name not in said)
 
     @property

@@ -145,7 +145,7 @@ def stage_rms(stage, i):
 def test_an_effect_of_the_cable_is_alike_in_all_poses_and_one_of_a_pose_is_not(stage, clip):
     assert confirm.constancy(stage, clip.search.best) > 0.01
     numbers = Numbers(stage.bench, clip.search.best.components)
-    white = whiten(clip.search.best.shapes, stage.bench.real, numbers, clip.search.best.vector, stage.noise)
+    white = whiten(clip.search.best.shapes, stage.bench.real, numbers, clip.search.best.vector, stage.law)
     column = white.J[white.rows[0], numbers.amplitudes(0)[0]]
     size = 12.0 / np.linalg.norm(column)  # the clip of the first pose alone, twelve standard errors heavier
     moved = replace(clip.search.best, shapes=[s._replace(residual=s.residual.copy()) for s in clip.search.best.shapes])

@@ -12,6 +12,7 @@ import scan2flex_jax
 from scan2flex_jax.diagnosis import refit, search, verdict
 from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.refit import Refit
+from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.effects.catalogue import _ADDED, SameShapes, entry_of
 from scan2flex_jax.fitting.noise import Noise
@@ -20,6 +21,7 @@ from tests.effects import scene
 
 PACKAGE = Path(scan2flex_jax.__file__).parent
 KINDS = {*kind_names(), *DESCRIPTIVE_KINDS, "memory_set"} - set(CABLE)
+NOISE = Noise(1e-3, 1e-4, 0.05)
 STATED = {"study/kinds.py"}  # where kinds are declared
 OF_THE_FORMAT = {"study/declared.py", "study/sense.py"}  # what a study may say of single kinds, before any catalogue is read
 NAMES = [p.relative_to(PACKAGE).as_posix() for p in sorted(PACKAGE.rglob("*.py"))]
@@ -81,7 +83,7 @@ def refitted(*kinds, **known):
     """A refit of kinds at their first sites."""
     components, nothing = tuple(Component(kind, entry_of(kind).sites(scene.CONTEXT)[0]) for kind in kinds), np.zeros(0)
     rest = {"vector": nothing, "shapes": [], "cost": np.inf, "log_marginal": 0.0, **known}
-    return Refit(components=components, chi2=0.0, covariance=nothing, converged=True, log_evidence=0.0, **rest)
+    return Refit(components=components, chi2=0.0, covariance=nothing, converged=True, law=Law(NOISE), log_evidence=0.0, **rest)
 
 
 def descents(kind, monkeypatch):
@@ -95,7 +97,7 @@ def descents(kind, monkeypatch):
     monkeypatch.setattr(refit, "_descend", descend)
     monkeypatch.setattr(refit, "configurations", lambda shapes: None)
     site = entry_of(kind).sites(scene.CONTEXT)[0]
-    refit.refit(bench(), (Component(kind, site),), Noise(1e-3, 1e-4, 0.05), np.zeros(1), [np.array([0.3])])
+    refit.refit(bench(), (Component(kind, site),), Law(NOISE), np.zeros(1), [np.array([0.3])])
     return np.array(begun)
 
 
@@ -105,7 +107,7 @@ def test_ones_own_contact_is_met_step_by_step_from_where_the_noise_begins(own_ta
     size = own_table.size(scene.CONTEXT)
     most = own_table.bounds(scene.CONTEXT)[1]
     np.testing.assert_allclose(own[:, 1], np.minimum(np.array([20.0, 400.0, 1e4]) * size, most))  # hardness, not the given 0.3
-    offset = np.clip(Noise(1e-3, 1e-4, 0.05).total, *own_table.moving["offset"](scene.CONTEXT))
+    offset = np.clip(NOISE.total, *own_table.moving["offset"](scene.CONTEXT))
     np.testing.assert_allclose(own[:, 2], offset)
 
 

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis.refit import Refit
+from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.sensitivity import Component
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.noise import Noise
 from tests.effects import scene
 
 search = import_module("scan2flex_jax.diagnosis.search")
@@ -18,7 +20,7 @@ def refit(log_evidence, *kinds, log_marginal=0.0):
     components, nothing = tuple(Component(kind, {}) for kind in kinds), np.zeros(0)
     return Refit(
         components=components, vector=nothing, shapes=[], cost=0.0, chi2=0.0, log_marginal=log_marginal, covariance=nothing,
-        converged=True, log_evidence=log_evidence,
+        converged=True, law=Law(Noise(1e-3, 1e-4, 0.05)), log_evidence=log_evidence,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.fitting.noise import Noise
 
 run = import_module("scan2flex_jax.diagnosis.run")  # the package's `explain` is the function
@@ -20,7 +21,8 @@ def found(left, noise, radius=0.004, stated=None):
     study = SimpleNamespace(fit_poses=[SimpleNamespace(noise=stated)])
     context = SimpleNamespace(length=1.0, radius_or_guess=radius)
     bench = SimpleNamespace(real=[np.ones(20, bool)], context=context, problem=SimpleNamespace(study=study))
-    return SimpleNamespace(stage=SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes)))
+    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes))
+    return SimpleNamespace(stage=stage, best=SimpleNamespace(law=Law(noise)))
 
 
 @pytest.mark.parametrize(("left", "doubted"), [(1.5e-4, True), (2.0e-3, False)])
