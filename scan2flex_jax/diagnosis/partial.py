@@ -120,7 +120,8 @@ def _judged(found: Found) -> Found:
     if best.log_evidence < verdict.LEAD_NAMED or not said.better or said.ratio > verdict.MUCH or varies or pieces(best):
         return found
     found.tied = [best, *_rivals(found)]
-    leads = [r.log_evidence for r in found.refits.values() if r is not best and not _part_of(r, best)]
+    other = [r for r in found.refits.values() if not (set(r.kinds) <= set(best.kinds) or set(best.kinds) <= set(r.kinds))]
+    leads = [r.log_evidence for r in other]
     lead = best.log_evidence - max(leads, default=-np.inf)
     found.lead = verdict.NAMED if lead > verdict.LEAD_NAMED else verdict.FAVOURED
     if len(found.tied) > 1 or outside(best):
@@ -128,10 +129,6 @@ def _judged(found: Found) -> Found:
     else:
         found.verdict = verdict.PARTLY if best.law.curvature else verdict.EXPLAINED
     return found
-
-
-def _part_of(r: Refit, best: Refit) -> bool:
-    return set(r.kinds) < set(best.kinds)
 
 
 def _rivals(found) -> list[Refit]:

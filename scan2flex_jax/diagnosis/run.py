@@ -211,6 +211,8 @@ def _refitted(found):
         return found.best
     if found.verdict != verdict.UNEXPLAINED or not found.best.components:
         return found.stage.base
+    if found.stage.bench.poses.count < 2:  # no pose can be left out
+        return found.best if found.best.log_evidence > verdict.LEAD_NAMED else found.stage.base
     return found.best if confirm.compared(found.stage, found.best, found.stage.base).better else found.stage.base
 
 
@@ -358,7 +360,9 @@ def _not_enough(found):
     if found.best.log_evidence < verdict.LEAD_NAMED:
         said.append(f"leads by {found.best.log_evidence:.1f} nats, too little")
     against = confirm.compared(found.stage, found.best, found.stage.base)
-    if against.ratio > verdict.MUCH or not against.better:
+    if found.stage.bench.poses.count < 2:
+        said.append("cannot be tried on a pose left out, as there is one only")
+    elif against.ratio > verdict.MUCH or not against.better:
         said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
     said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in found.scatter.items() if _differs(v)]
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
