@@ -99,7 +99,7 @@ def _ladder(of, law):
         n = law.noise
         noise = replace(n, white=max(finer * n.white, least), correlated=max(finer * n.correlated, least))
         prior = -0.5 * (np.log(smaller * b / usual) / SPREAD) ** 2
-        out.append(Law(noise, smaller * b, scatter, law.log_prior + prior, law.planes))
+        out.append(Law(noise, smaller * b, scatter, law.log_prior + prior, law.planes, law.most))
     return out
 
 

@@ -28,10 +28,11 @@ from scan2flex_jax.fitting.noise import (
     restricted_likelihood,
     scanner_prior,
     spacing_of,
+    thinned,
     too_large,
 )
 
-_MOST, _FEWER = 64, 32  # points of a pose that enter the likelihood of the noise, and of noise with discrepancy
+_MOST, _FEWER = 64, 40  # points of a pose that enter the likelihood of the noise, and of noise with discrepancy
 _RANK = 24  # directions of all signatures together that are kept out of the noise
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
@@ -47,6 +48,7 @@ class Law:
     ``curvature`` (1/m) is the size of that discrepancy, and ``scatter`` per pose the columns (m, 3, k) that it moves the
     residual along (`fitting.discrepancy`); without them there is none. ``log_prior`` (nats): the prior density of the sizes.
     ``planes``: 1 where the poses were measured in one plane, and a residual across it is zero by construction.
+    ``most``: points of a pose that count, evenly along it, as many as the sizes were estimated from; 0 for all.
     """
 
     noise: Noise
@@ -54,9 +56,12 @@ class Law:
     scatter: tuple[np.ndarray, ...] = ()
     log_prior: float = 0.0
     planes: int = NORMALS
+    most: int = 0
 
     def of_pose(self, i: int, shape, keep) -> "Metric":
         """The metric of pose ``i``, of whose points ``keep`` are real."""
+        pick = thinned(shape.s[keep], self.most) if self.most else np.arange(int(np.sum(keep)))
+        keep = np.flatnonzero(keep)[pick]
         marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
         factor = linalg.cholesky(self.noise.covariance(shape.s[keep]), lower=True)
         along = np.zeros((0, 0))
@@ -66,10 +71,10 @@ class Law:
                 C = C + np.diag(foreshortening(self.curvature, self.scatter[i][keep], shape.s[keep])[marks] ** 2)
             along = linalg.cholesky(C, lower=True)
         flat = plane_of(shape.residual[keep]) if self.planes == 1 else None
-        sensor = Metric(factor, marks, along, flat)
+        sensor = Metric(pick, factor, marks, along, flat)
         if not self.curvature:
             return sensor
-        Z = sensor.white(self.scatter[i][keep])
+        Z = replace(sensor, pick=np.arange(len(pick))).white(self.scatter[i][keep])
         squares, V = np.linalg.eigh(Z.T @ Z)  # of few columns: a tenth of the time of a singular value decomposition
         seen = squares > _TINY * squares[-1]
         d = np.sqrt(squares[seen])
@@ -80,11 +85,13 @@ class Law:
 class Metric:
     """What makes the residual of one pose white: rows of its normals at all points, then of the tangents at markers.
 
-    ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's covariance, of points and of the ``marks``
-    among them; ``plane`` (2,) is the one normal that counts of a pose that was measured in a plane. In rows that those have
-    made white, the discrepancy adds ``spread**2`` of variance along each column of ``U``.
+    ``pick`` (m,): the points that count, of all. ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's
+    covariance, of points and of the ``marks`` among them; ``plane`` (2,) is the one normal that counts of a pose that was
+    measured in a plane. In rows that those have made white, the discrepancy adds ``spread**2`` of variance along each column
+    of ``U``.
     """
 
+    pick: np.ndarray
     factor: np.ndarray
     marks: np.ndarray
     along: np.ndarray
@@ -109,7 +116,8 @@ class Metric:
         return float(total + (0.0 if self.spread is None else 0.5 * np.sum(np.log1p(self.spread**2))))
 
     def white(self, columns: np.ndarray) -> np.ndarray:
-        """White rows of columns (m, 3, K)."""
+        """White rows of columns (points, 3, K)."""
+        columns = columns[self.pick]
         normal = columns[:, :NORMALS] if self.plane is None else projected(columns, self.plane)[:, :1]
         rows = _whiten(self.factor, normal)
         if len(self.marks):
@@ -118,7 +126,8 @@ class Metric:
         return self._scaled(rows, -0.5)
 
     def back(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normal components (m, 2, K) and those along the tangents of markers (k, K), in m, of white rows (n, K)."""
+        """Normal components (m, 2, K) and those along the tangents of markers (k, K), in m, of white rows (n, K),
+        at the points that count."""
         normal, tangent = np.split(self._scaled(rows, 0.5), [self.normals])
         m = len(self.factor)
         normal = (self.factor @ normal.reshape(m, -1)).reshape(m, -1, rows.shape[1])
@@ -265,7 +274,7 @@ class Complement:
         u = np.log([found.white, found.correlated, found.correlation_length])
         prior = self._prior(u, found) + (0.0 if self.stated else too_large(found, self.length))
         prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
-        return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes)
+        return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER)
 
     def gain(self, noise: Noise, usual: float) -> float:
         """Nats that a discrepancy gains beside the most likely noise."""
@@ -321,5 +330,5 @@ def noise_like(white: Whitened, shapes, laws, count: int, rng) -> np.ndarray:
             drawn = np.zeros((len(normal), NORMALS + 1, len(mine)))
             drawn[:, :NORMALS] = normal
             drawn[metric.marks, NORMALS] = tangent
-            out[np.ix_(rows, mine)] = metric.white(drawn)
+            out[np.ix_(rows, mine)] = replace(metric, pick=np.arange(len(normal))).white(drawn)
     return out

@@ -163,8 +163,7 @@ class Residual(NamedTuple):
 
     def thinned(self, most: int = _MOST) -> "Residual":
         """With at most ``most`` points, in their order along the cable."""
-        order = np.argsort(self.s, kind="stable")
-        keep = order[np.unique(np.round(np.linspace(0, len(order) - 1, min(len(order), most))).astype(int))]
+        keep = thinned(self.s, most)
         Z = None if self.Z is None else self.Z[keep]
         marked = None if self.marked is None else self.marked[keep]
         return Residual(self.s[keep], self.r[keep], self.X[keep], self.at, Z, marked)
@@ -174,6 +173,12 @@ class Residual(NamedTuple):
         u = plane_of(self.r)
         Z = None if self.Z is None else projected(self.Z, u)
         return self._replace(r=projected(self.r, u), X=projected(self.X, u), Z=Z)
+
+
+def thinned(s: np.ndarray, most: int) -> np.ndarray:
+    """Indices of at most ``most`` of the arc lengths (m,), in their order along the cable and evenly among them."""
+    order = np.argsort(s, kind="stable")
+    return order[np.unique(np.round(np.linspace(0, len(order) - 1, min(len(order), most))).astype(int))]
 
 
 def estimate_noise(poses: list[Residual], length: float, stated: float | None = None) -> Noise:
