@@ -86,7 +86,7 @@ if __name__ == "__main__":
 '''
 _THIN = 5e-3  # of the length: radius where the study has none; only pictures know it
 _SECONDS = 3.0
-_SOFTER = 300.0  # times: assumed stiffness of shear and stretch, which would make time steps 17 times as short
+_SOFTER = 100.0  # times: assumed stiffness of shear and stretch, which would make time steps a tenth as long
 
 
 def to_pyelastica(cable: HungCable, file: str = "cable.py") -> str:

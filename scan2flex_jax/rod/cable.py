@@ -20,8 +20,8 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.reals import reals
 
-_RIGID = 1.0e7  # times the forces in a cable: no point moves by 1e-6 of the length, and strains keep nine digits beside it
-_BENDING_FORCES = 10.0  # times EI / L^2: the forces that bend a cable through some radians
+_RIGID = 2.0e6  # times the forces in a cable: no point moves by 1e-6 of the length, and rounding leaves tensions six digits
+_BENDING_FORCES = 50.0  # times EI / L^2: the forces that bend a cable through some radians
 _EARTH = 9.81  # m/s^2
 
 Quantity = ArrayLike | Sequence[float]  # what stands for an array: a number, a list, an array of numpy or jax
@@ -73,10 +73,11 @@ class Cable(eqx.Module):
 
 
 def rigid_stiffness(length: Array, bending_stiffness: Array, force: Array) -> Float[Array, ""]:
-    """Shear and axial stiffness (N) of a practically unshearable, inextensible cable: ``1e7 (force + 10 EI / L^2)``.
+    """Shear and axial stiffness (N) of a practically unshearable, inextensible cable: ``2e6 (force + 50 EI / L^2)``.
 
     ``force`` (N) is what the cable carries: its weight and the loads on it. What such a cable gives moves no point by more
-    than 1e-6 of the length, unless it is taut: tension above ten times these forces. No derivative passes through it.
+    than 1e-6 of the length, unless it is taut: tension above twice these forces. No derivative passes through it, and those of
+    shapes are rounded to some 1e-6: give both stiffnesses where finite differences of derivatives are to be taken.
     """
     bending = _BENDING_FORCES * jnp.max(bending_stiffness) / length**2
     return jax.lax.stop_gradient(jnp.asarray(_RIGID * (force + bending)))

@@ -148,6 +148,49 @@ def test_brackets_in_a_title_are_no_markup(monkeypatch):
     assert "a [bold cable[/red]" in shown.file.getvalue()
 
 
+def test_progress_that_no_terminal_shows_is_plain_lines(capsys):
+    """In a log or a pipe every message is a line of its own, there at once, that cannot move a cursor."""
+    with setup.progress("fitting a cable") as tell:
+        assert capsys.readouterr().err == ""
+        tell("iteration 1: cost 2")
+        assert capsys.readouterr().err == "fitting a cable: iteration 1: cost 2\n"
+        tell("iteration 2 \x1b[2K\r")
+    said = capsys.readouterr()
+    assert said.err.count("\n") == 1 and "\x1b" not in said.err and "\r" not in said.err
+    assert said.out == ""
+
+
+def test_progress_may_be_silent(capsys):
+    with setup.progress("fitting a cable", quiet=True) as tell:
+        tell("iteration 1: cost 2")
+    assert capsys.readouterr() == ("", "")
+
+
+def test_progress_that_nobody_reads_is_no_fault(monkeypatch):
+    class Closed(io.StringIO):
+        def write(self, text):
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stderr", Closed())
+    with setup.progress("fitting a cable") as tell:
+        tell("iteration 1: cost 2")
+
+
+@pytest.mark.parametrize("command", ["fit", "explain"])
+@pytest.mark.parametrize("options", [[], ["--quiet"]], ids=["told", "quiet"])
+def test_fit_and_explain_tell_their_progress(command, options, monkeypatch):
+    def told(study, *_, progress, **__):
+        progress("iteration 1: cost 2")
+        raise Scan2FlexError("enough")
+
+    monkeypatch.setattr("scan2flex_jax.fitting.fit", told)
+    monkeypatch.setattr("scan2flex_jax.diagnosis.explain", told)
+    name = example_names()[0]
+    found = CliRunner().invoke(app, [command, str(example_path(name)), *options], env={"SCAN2FLEX_CACHE": "off"})
+    assert str(found.exception) == "enough"
+    assert found.stderr.endswith(": iteration 1: cost 2\n") if not options else found.stderr == ""
+
+
 def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     """The old file stays when the new one fails, and nothing is left beside it."""
     figure, file = plt.figure(), tmp_path / "deep" / "fit.svg"

@@ -19,7 +19,7 @@ HERE = np.array([0.1, 0.25, 1.0, 0.05, 0.1, 0.05])
 def scene(x):
     """Model and supports at stiffnesses (N m^2), length (m), height (m) and turn (rad) of the far clamp, and a mass (kg)."""
     EI, GJ, length, height, turn, mass = x
-    model = CableModel(Cable(length, 0.2, EI, GJ), [0.0, 0.0, -9.81], PointMass(position=0.4, mass=mass))
+    model = CableModel(Cable(length, 0.2, EI, GJ, 1e5, 1e5), [0.0, 0.0, -9.81], PointMass(position=0.4, mass=mass))
     place = jnp.stack([jnp.asarray(0.6), jnp.asarray(0.2), jnp.asarray(height)])
     axis = turn * jnp.array([0.0, 0.6, 0.8])
     return model, Boundary.of((jnp.zeros(3), jnp.array(ALONG_X)), (place, jnp.array(TURNED) @ lie.so3_exp(axis)))

@@ -177,7 +177,8 @@ def displaced(configuration, length, seed):
 @pytest.fixture(scope="module")
 def settled_poses():
     """The four poses and the four house cases, each with its equilibrium from the generic start."""
-    models = [(cases.model(Cable(1.0, 0.2, 0.1, 0.25)), cases.clamped(pose.end, pose.frame)) for pose in cases.four_poses()]
+    cable = Cable(1.0, 0.2, 0.1, 0.25, 1e5, 1e5)  # BFGS sees the energy alone, which an inextensible one ill-conditions
+    models = [(cases.model(cable), cases.clamped(pose.end, pose.frame)) for pose in cases.four_poses()]
     models += [cases.reference_case(name) for name in HOUSE]
     return [(model, boundary, cases.solved(model, boundary, 20)) for model, boundary in models]
 
