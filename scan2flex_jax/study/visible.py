@@ -41,9 +41,9 @@ def _of_some_poses(study, astray) -> Iterator[Mistake]:
     for pose in study.poses:
         facts = pose_facts(pose)
         if facts is not None and facts.backwards and not _mended(study, mistakes.exchanged_ends(pose)):
-            mistake = mistakes.of_reversed(study, pose)
-            study, astray = mistake.study, astray - {pose.name}
-            yield mistake
+            turned = mistakes.of_reversed(study, pose)
+            study, astray = turned.study, astray - {pose.name}
+            yield turned
     while astray:
         single = (m for name in sorted(astray) for m in mistakes.of_pose(study, study.pose(name)))
         mistake = next((m for m in (*single, *mistakes.of_pairs(study)) if _mends(m, study, astray, few=True)), None)
