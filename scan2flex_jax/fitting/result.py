@@ -112,7 +112,7 @@ class Fit:
         units = [s for s in self.sentences if s in unit_warnings(self.study)]
         turned = self.turned if len(self.turned) < 2 else (_SEVERAL_TURNED.format(len(self.turned)), *self.turned)
         judged = [s for s in self.sentences[-1:] if self.valid is False]
-        return (*self.misfits[:1], *units, *turned, *judged)
+        return (*(() if self.converged else (UNSETTLED,)), *self.misfits[:1], *units, *turned, *judged)
 
     @property
     def calibrated(self) -> Study:
@@ -169,6 +169,7 @@ class Fit:
         return "\n".join([*lines, *(f"  {s}" for s in rest)])
 
 
+UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
 _AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
 _SEVERAL_TURNED = (
     "{} poses fit only with other turns than the study says: look at the rolls of their clamps before believing the values"

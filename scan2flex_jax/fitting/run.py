@@ -19,13 +19,13 @@ from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
-from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit, unit_of
+from scan2flex_jax.fitting.result import UNSETTLED, Estimate, Fit, PoseFit, unit_of
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
 from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
-from scan2flex_jax.study.check import unit_warnings
+from scan2flex_jax.study.check import study_warnings, unit_warnings
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 
@@ -85,7 +85,8 @@ def fit(
     misfits = _misfits(whole, poses, problem.length)
     estimates = _estimates(problem.layout, minimum.shared, known)
     verdict = (*_differs(discrepancy), *verdict)
-    said = (*unit_warnings(study), *said, *study.assumptions, *([] if minimum.converged else [_UNSETTLED]))
+    warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
+    said = (*warned, *said, *study.assumptions, *([] if minimum.converged else [UNSETTLED]))
     return Fit(
         study=study if scans else whole,
         problem=problem,
@@ -145,7 +146,6 @@ def _from_curves(problem, minimum, stated, progress):
     return minimum, noise, sensor, discrepancy, known
 
 
-_UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
 _HAUSDORFF = "fitted to the largest distance of each pose: the intervals are those of a least-squares fit at these values"
 
 
