@@ -121,7 +121,7 @@ def residual_function(
     check_distance(study, distance)
     layout = layout_of(study)
     if noise is None:
-        layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0)
+        layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0, rigid=layout.rigid)
     if not layout.slots:
         raise Scan2FlexError("the study declares no unknown: declare what is to be estimated.")
     length = float(study.cable.get("length", study.start_value("length") or 1.0))

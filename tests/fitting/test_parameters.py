@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting import fit, residual_function
 from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template, values_of
 from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown, load_study, save_study
 
@@ -172,3 +172,11 @@ def test_effect_of_the_only_clamped_end(free, row):
         else:
             np.testing.assert_allclose(effect.stiffness[row], stiffness)
             assert effect.stiffness[1 - row] == np.inf
+
+
+def test_a_study_as_a_function_assumes_the_same_stiffness():
+    """The stiffness of a cable that is left out follows its loads there too."""
+    study = scenes.study_of(effects=[EffectDeclaration("point_mass", {"position": 0.4, "mass": 0.5})])
+    known = {k: v for k, v in study.cable.items() if k not in ("axial_stiffness", "shear_stiffness")}
+    function, _ = residual_function(scenes.replace(study, cable=known))
+    assert function.layout.rigid == ("axial_stiffness", "shear_stiffness")
