@@ -21,24 +21,55 @@ from scan2flex_jax.fitting.noise import Noise
 _ROUNDS, _STEPS = 3, 6  # of a refit and of its law in turn, and of each refit
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # discrepancy and noise over those of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # more, of a noise that was not stated
+_SETTLED, _FOLLOWED = 1.0, 2.0  # nats of a last round; squares over their number beyond which a refit could not follow
+_SHARE, _PLAIN_STEPS = 0.3, 16  # of the residual: noise of the metric of plain distances; steps in it
 _SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
 
 
 def own_floor(of: Signatures, found: Refit, noise: Noise) -> Refit:
-    """A refit under the law that is likeliest beside it, begun at ``noise``."""
+    """A refit under the law that is likeliest beside it, begun at ``noise``.
+
+    The likelihood of a law takes the numbers to be free to first order. Where the refit cannot follow, as it is far from linear,
+    such a law is too narrow for what is left, and that of the residual as it stands is tried.
+    """
+    found, ends = _nearest(of, found), []
+    as_it_stands = False
     for _ in range(_ROUNDS):
         if not np.isfinite(found.cost):
-            return found
-        before, found = found, again(of.bench, found, law_beside(of, found, noise), most=_STEPS)
-        noise = found.law.noise
-        if abs(found.log_marginal - before.log_marginal) < 1.0 and found.converged:
             break
-    return found
+        found = again(of.bench, found, law_beside(of, found, noise, as_it_stands), most=_STEPS)
+        ends.append(found)
+        if len(ends) > 1 and abs(found.log_marginal - ends[-2].log_marginal) < _SETTLED:
+            break
+        as_it_stands = _lost(of, found)
+    return max(ends, key=lambda end: end.log_marginal, default=found)
 
 
-def law_beside(of: Signatures, found: Refit, noise: Noise) -> Law:
-    """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``."""
-    complement, scatter = _complement(of, found)
+def _nearest(of, found):
+    """The refit carried on in the metric of plain distances, where that brings it nearer to the curves."""
+    if not np.isfinite(found.cost):
+        return found
+    size = max(np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(found.shapes, of.bench.real, strict=True)])), 1e-12)
+    plain = again(of.bench, found, Law(Noise(_SHARE * size, 1e-3 * size, 0.05 * of.bench.context.length)), most=_PLAIN_STEPS)
+    return plain if np.isfinite(plain.cost) and _squares(of, plain) < _squares(of, found) else found
+
+
+def _squares(of, found):
+    return sum(float(np.sum(s.residual[k] ** 2)) for s, k in zip(found.shapes, of.bench.real, strict=True))
+
+
+def _lost(of, found):
+    """Whether a refit leaves far more than its law foretells."""
+    white = whiten(found.shapes, of.bench.real, Numbers(of.bench, found.components), found.vector, found.law)
+    return bool(white.r @ white.r > _FOLLOWED * len(white.r))
+
+
+def law_beside(of: Signatures, found: Refit, noise: Noise, as_it_stands: bool = False) -> Law:
+    """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``.
+
+    ``as_it_stands``: of its residual, as though no number could follow.
+    """
+    complement, scatter = _complement(of, found, as_it_stands)
     return complement.law(noise, usual_size(of.bench.start), scatter)
 
 
@@ -47,12 +78,12 @@ def gain_of_discrepancy(of: Signatures, found: Refit, noise: Noise) -> float:
     return _complement(of, found)[0].gain(noise, usual_size(of.bench.start))
 
 
-def _complement(of, found):
+def _complement(of, found, as_it_stands=False):
     bench, solved = of.bench, configurations(found.shapes)
     scatter = bench.scatter(found.components, found.vector, solved)
     given = found.shapes, bench.real, Numbers(bench, found.components), found.vector, ()
     rest = bench.context.length, of.stated, of.repeats, scatter, of.planes
-    return Complement(*given, *rest), scatter
+    return Complement(*given, *rest, free=not as_it_stands), scatter
 
 
 @dataclass(frozen=True)

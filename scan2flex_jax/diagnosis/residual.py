@@ -236,14 +236,16 @@ class Complement:
     noise. ``scatter``: per pose the columns of its discrepancy. Long curves are thinned first.
     """
 
-    def __init__(self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS):
-        """Thinned curves and columns, each with where its columns stand."""
+    def __init__(
+        self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True
+    ):
+        """Thinned curves and columns, each with where its columns stand; the model's own only where it is ``free``."""
         self.length, self.stated, self.planes, self.poses = length, stated, planes, []
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
             own = numbers.of_pose(i)
-            X = shape.columns[keep][:, :, : len(own)]
+            X = shape.columns[keep][:, :, : len(own)] * float(free)
             X = np.concatenate([X, _three(signatures[i])], axis=-1) if signatures else X
             at = np.r_[own, numbers.count + np.arange(extra)]
             for k in [k for k, group in enumerate(repeats) if i in group]:

@@ -128,7 +128,7 @@ def _verdict(c: Contents) -> tuple[str, str]:
     if said is not None and said.mistakes:
         return "the input is likely mistaken", "bad"
     if c.explanation:
-        tones = {"no missing effect": "good", "explained": "good", "tied": "fair"}
+        tones = {"no missing effect": "good", "explained": "good", "partly explained": "fair", "tied": "fair"}
         return _found(c.explanation), tones.get(c.explanation.verdict, "bad")
     if not all(p.stable for p in c.poses):
         return "a pose could not be solved", "bad"
