@@ -27,7 +27,7 @@ def search(before: Found, progress: Progress) -> Found:
     """The search on from one at the sensor's noise that left structure; its test of the baseline model stands."""
     stage = before.stage
     base = floors.own_floor(stage.of, stage.base, stage.noise)
-    found = replace(before, stage=replace(stage, base=base), best=base, refits={}, tied=[base])
+    found = replace(before, floor=base, best=stage.base, refits={}, tied=[stage.base])
     singles = [r for r in before.singles if np.isfinite(r.log_evidence)]
     sets = sorted((r for r in before.refits.values() if len(r.kinds) > 1), key=lambda r: -r.log_evidence)
     for r in (*singles[:SINGLES], *sets[:WIDER]):
@@ -39,7 +39,7 @@ def search(before: Found, progress: Progress) -> Found:
     order = sorted(table, key=lambda k: -table[k][0])[:SINGLES]
     for kind in (k for k in order if frozenset([k]) not in found.refits and table[k][0] > table[order[0]][0] - _WORTH):
         progress(f"refit with {kind}")
-        found.add([_refitted(found, base, scores, table[kind][1])])
+        found.add([_refitted(found, stage.base, scores, table[kind][1])])
     for entry in fields():
         progress(f"refit with {entry.kind}")
         found.add([_field(found, entry)])
@@ -60,14 +60,14 @@ def _refitted(found, near: Refit, scores, g) -> Refit:
     components = [*near.components, stage.components[g]]
     guess = np.r_[near.vector[: numbers.base]]
     end = refit(stage.bench, components, stage.law, guess, [*held, scores.amplitudes[g]])
-    return floors.own_floor(stage.of, end, stage.noise).over(stage.base, stage.bench.context)
+    return floors.own_floor(stage.of, end, stage.noise).over(found.floor, stage.bench.context)
 
 
 def _field(found, entry) -> Refit:
     """A field along the cable, refitted from nothing."""
     stage = found.stage
     end = refit(stage.bench, [Component(entry.kind, {})], stage.law, stage.base.vector, [entry.null])
-    return floors.own_floor(stage.of, end, stage.noise).over(stage.base, stage.bench.context)
+    return floors.own_floor(stage.of, end, stage.noise).over(found.floor, stage.bench.context)
 
 
 def _best(found, count) -> Refit:

@@ -169,20 +169,21 @@ def _explanation(base, found, warnings, began):
     if study.validate_poses:
         other = Bench(bench.problem, fitted.minimum, bench.problem.held_out)
     refitted, ranking = _refitted(found), _ranking(found, other)
+    law_of = found.floor if found.floor is not None and not refitted.components else refitted
     added = _chosen(bench, refitted, ranking)
     chosen = added if found.verdict in verdict.FOUND else ()
     estimates = report.estimates(bench, _likely(found), refitted)
     poses = _poses(study, found.stage, other, refitted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
-    discrepancy = report.discrepancy(bench, refitted)
+    discrepancy = report.discrepancy(bench, law_of)
     return Explanation(
         study=report.declared(study, estimates, added) if added else fitted.calibrated,
         fit=fitted,
         verdict=found.verdict,
         p_value=found.test.p_value,
         p_after=found.after.p_value if found.after else None,
-        noise=refitted.law.noise,
+        noise=law_of.law.noise,
         discrepancy=discrepancy,
         scatter=report.scatter(found, refitted),
         added=added,
@@ -224,7 +225,7 @@ def _likely(found):
         return [found.stage.base]
     most = max((r.log_evidence for r in found.refits.values()), default=0.0)
     near = [r for r in found.refits.values() if r.log_evidence > most - _LIKELY]
-    return [*near, found.stage.base] if most < _LIKELY or not near else near
+    return [*near, found.floor or found.stage.base] if most < _LIKELY or not near else near
 
 
 def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:

@@ -35,8 +35,8 @@ class Found:
     """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
     the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
     over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
-    ``scatter`` of its sizes between poses, whether poses are ``scattered`` beyond what any two effects explain, the verdict and
-    that of the best alone."""
+    ``scatter`` of its sizes between poses, whether poses are ``scattered`` beyond what any two effects explain, the base at its own
+    ``floor`` where models are compared with theirs, the verdict and that of the best alone."""
 
     stage: Stage
     test: Test
@@ -51,6 +51,7 @@ class Found:
     unseen: float | None = None
     scatter: dict[str, float | None] = field(default_factory=dict)
     scattered: bool = False
+    floor: Refit | None = None
     field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
