@@ -20,7 +20,7 @@ from scan2flex_jax.fitting.least_squares import Progress
 
 SINGLES, WIDER, BESIDE = 5, 3, 3  # refits of single kinds and of sets that are taken over, and of each round
 _WORTH = 25.0  # nats of one step behind the best kind beyond which a refit cannot catch up
-_MOST = 3  # effects
+_MOST, _STEPS = 3, 20  # effects, and steps of a refit
 
 
 def search(before: Found, progress: Progress) -> Found:
@@ -58,8 +58,7 @@ def _refitted(found, near: Refit, scores, g) -> Refit:
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
     held = [near.amplitudes(stage.bench, k) for k in range(len(near.components))]
     components = [*near.components, stage.components[g]]
-    guess = np.r_[near.vector[: numbers.base]]
-    end = refit(stage.bench, components, stage.law, guess, [*held, scores.amplitudes[g]])
+    end = refit(stage.bench, components, stage.law, near.vector[: numbers.base], [*held, scores.amplitudes[g]], most=_STEPS)
     return floors.own_floor(stage.of, end, stage.noise).over(found.floor, stage.bench.context)
 
 

@@ -21,6 +21,7 @@ from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.residual import Law, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.effects.entry import Context
+from scan2flex_jax.fitting.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
@@ -28,6 +29,7 @@ _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
 _TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
 _PATIENCE = 3  # steps in a row that promise too little
+_STRONG, _SHARE = 5.0, 0.3  # times the noise: a residual far above it; its share that is the noise of plain distances
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 
 
@@ -122,11 +124,19 @@ def _refit(bench, components, law, guess, amplitudes, start, most, least):
             if c.entry.continuation:
                 vector[n.amplitudes(k)] = c.entry.continued(step, bench.context)
         vector = np.clip(vector, prior.low, prior.high)
-        for each in _tempered(law):
+        for each in (*_far(bench, law), *_tempered(law)):
             near = least if each is law and step == steps - 1 else np.inf  # costs of another law do not compare
             found = _descend(bench, components, n, prior, each, vector, start, most, near)
             vector, start = found.vector, configurations(found.shapes)
     return found
+
+
+def _far(bench, law: Law) -> tuple[Law, ...]:
+    """The law of plain distances, where the baseline model is far off: the metric of a noise far below the residual is that of
+    a narrow, bent valley, in which a strong effect is lost."""
+    if bench.off < _STRONG * law.noise.total:
+        return ()
+    return (Law(Noise(_SHARE * bench.off, 1e-3 * bench.off, 0.05 * bench.context.length)),)
 
 
 def _tempered(law: Law) -> tuple[Law, ...]:

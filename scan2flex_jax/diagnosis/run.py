@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2flex_jax.compilation import make_room
-from scan2flex_jax.diagnosis import confirm, gates, locate, partial, report, search, stage, verdict
+from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, report, search, stage, verdict
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.evidence import one_step
 from scan2flex_jax.diagnosis.families import WORDS
@@ -27,6 +27,7 @@ from scan2flex_jax.study.sense import check_study
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
 _LIKELY = 8.0  # nats behind the likeliest model: one whose estimates count where nothing was found
+_SCATTER = 5.0  # nats that a discrepancy gains beside effects that leave no structure
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
@@ -68,6 +69,9 @@ def explain(
             break
         say("again with less noise")
         found = search.search(sharper, say)
+    if found.verdict in (verdict.EXPLAINED, verdict.TIE):
+        left = floors.gain_of_discrepancy(base.signatures, found.best, found.stage.noise)
+        found.verdict = verdict.UNEXPLAINED if left > _SCATTER else found.verdict  # poses differ beside it: `partial` decides
     if found.verdict == verdict.UNEXPLAINED and not base.coarse:
         found = partial.search(found, say)
     if base.coarse and found.verdict != verdict.NONE:

@@ -35,7 +35,7 @@ class Found:
     """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
     the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
     over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
-    ``scatter`` of its sizes between poses, whether poses are ``scattered`` beyond what any two effects explain, the base at its own
+    ``scatter`` of its sizes between poses, whether poses are ``scattered`` beyond what two effects explain, the base at its own
     ``floor`` where models are compared with theirs, the verdict and that of the best alone."""
 
     stage: Stage
@@ -249,7 +249,7 @@ def _is_new(stage, component, known) -> bool:
     """Whether a component is not one of a known set already, where it is."""
     same = [c for c in known.components if c.kind == component.kind] if known else []
     apart = _ELSEWHERE * stage.bench.context.length
-    return not same or abs(component.site.get("position", 0.0) - same[0].site.get("position", 0.0)) > apart
+    return not same or bool(abs(component.site.get("position", 0.0) - same[0].site.get("position", 0.0)) > apart)
 
 
 def same_shapes(found: Refit) -> tuple[str, ...]:

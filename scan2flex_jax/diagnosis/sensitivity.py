@@ -86,6 +86,7 @@ class Bench:
         self.previous = _previous(problem, minimum, self.poses)
         self.nulls = empty_slots(self.context)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
+        self.off = _root_mean_square(minimum.evaluation.residual, problem.poses.mask)
         self.solves = 0
 
     def shapes(self, components, vector, start=None, derivative=True):
@@ -207,6 +208,12 @@ def context_of(problem, minimum) -> Context:
         centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
         free_end=any(pose.end is None for pose in problem.study.fit_poses),
     )  # fmt: skip
+
+
+def _root_mean_square(residual, mask) -> float:
+    """RMS (m) of the coordinates of residuals at all points that count."""
+    weight = np.asarray(mask)[:, :, None]
+    return float(np.sqrt(np.sum(weight * np.asarray(residual) ** 2) / (3.0 * np.sum(weight))))
 
 
 def _curvature(R, length):

@@ -76,6 +76,7 @@ def bench():
     minimum = SimpleNamespace(shared=np.zeros(1))
     made = Bench.__new__(Bench)
     made.layout, made.poses, made.context, made.minimum = layout, SimpleNamespace(count=1), scene.CONTEXT, minimum
+    made.off = 0.0
     return made
 
 

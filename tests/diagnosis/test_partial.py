@@ -1,7 +1,7 @@
 """Poses that differ, each in its own way: what is found although it is not complete, and what is not found at all.
 
-Shapes come from the continuous equations (`reference.cosserat_bvp`). In every pose the cable has a natural curvature of that pose's
-own, as friction and handling leave it, and in some studies one that is the same in all poses beside it.
+Shapes come from the continuous equations (`reference.cosserat_bvp`). In every pose the cable has a natural curvature of that
+pose's own, as friction and handling leave it, and in some studies one that is the same in all poses beside it.
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from scan2flex_jax.study import MeasuredCurve
 from tests.diagnosis import scenes
 
 EI, GJ = scenes.clamped_cases.POSE_K[0], scenes.clamped_cases.POSE_K[2]
-OWN = {"level": (0.12, -0.05, 0.0), "twist+": (-0.08, 0.1, 0.0), "twist-": (0.03, 0.13, 0.0), "aside": (-0.1, -0.08, 0.0)}  # 1/m
+OWN = {"level": (0.12, -0.05, 0.0), "twist+": (-0.08, 0.1, 0.0), "twist-": (0.03, 0.13, 0.0), "aside": (-0.1, -0.08, 0.0)}
 COMMON = np.array([0.9, 0.5, 0.0])  # 1/m
 LEFT = 0.004  # m, that the poses' own curvatures move the cable by, roughly
 
