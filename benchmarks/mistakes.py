@@ -248,7 +248,7 @@ KINDS = {
     "gravity along another axis": (gravity(lambda g: np.roll(g, 1)), ("write gravity",)),
     "density in g/m": (scaled(density=1000.0), ("check the unit",)),
     "density in t/m": (scaled(density=0.001), ("check the unit",)),
-    "density in lb/m": (scaled(density=POUNDS), ("check the unit",)),
+    "density in lb/m": (scaled(density=POUNDS), ("check the unit", "looks like lb/m")),
     "curves in mm": (scaled(curves=MILLIMETRES), ("millimetres",)),
     "curves in cm": (scaled(curves=CENTIMETRES), ("centimetres",)),
     "curves in inches": (scaled(curves=INCHES), ("inches",)),
@@ -269,7 +269,8 @@ def chosen(data: Path) -> dict:
     for path in sorted((data / "practice" / "cases").iterdir()):
         study = load_study(path)
         whole = all(p.curve is not None and both_held(p) for p in study.poses)
-        if len(some) < SIMULATED + len(REAL) and whole and len(study.fit_poses) >= FEWEST and not answer(data, path.name)["kinds"]:
+        right = whole and len(study.fit_poses) >= FEWEST and not answer(data, path.name)["kinds"]
+        if len(some) < SIMULATED + len(REAL) and right:
             some[path.name] = study
     return some
 
@@ -306,33 +307,61 @@ def judged(study, clean, words, truth) -> dict:
     by = [who for who, said in (("fit", lines), ("check", checked)) if any(w in line for w in words for line in said)]
     if by and right:
         return out | {"outcome": NAMED, "by": by[0]}
-    if traceless(study, clean):
+    if found.mistakes and same(found.mistakes[0].study, clean.study):
+        return out | {"outcome": NAMED, "by": "fit"}
+    if traceless(study, found, clean):
         return out | {"outcome": TRACELESS}
     if found.doubts or not found.believable:
         return out | {"outcome": WARNED}
     return out | {"outcome": MISSED, "explain": explained(study)}
 
 
-def traceless(study, clean) -> bool:
-    """Whether a mistaken study has the shapes of the right one, at stiffnesses in proportion to its weight."""
+def traceless(study, found, clean) -> bool:
+    """Whether the shapes cannot tell: the same ones fit the mistaken study as well, at the values that its fit finds, or at
+    stiffnesses in proportion to its weight."""
+    off = [found.poses[p.name].modelled - clean.poses[p.name].modelled for p in clean.study.fit_poses]
+    if not found.turned and alike(off, found.rms(), clean.rms()):
+        return True
+    weights = [s.cable["length_density"] * float(np.linalg.norm(s.gravity)) for s in (clean.study, study)]
+    before = evaluated(clean.study, clean.minimum.shared)
+    shared = clean.minimum.shared.copy()
+    shared[: clean.problem.layout.unknowns] += np.log(weights[1] / weights[0])  # the unknowns of these studies are stiffnesses
+    after = evaluated(study, shared, before.configuration)
+    off = after.configuration.r - before.configuration.r
+    return bool(after.solved and alike(off, *(float(np.sqrt(np.sum(e.residual**2))) for e in (after, before))))
+
+
+def alike(off, residual, clean) -> bool:
+    """Whether shapes and residuals differ by little, beside the residual of the study without the mistake."""
+    apart = float(np.sqrt(np.mean([np.sum(np.square(d), axis=-1) for d in off])))
+    return apart < TRACE * clean and abs(residual / clean - 1.0) < TRACE
+
+
+def evaluated(study, shared, start=None):
+    """All poses of a study, validate poses too, at values of its unknowns."""
     from scan2flex_jax.fitting.problem import Problem  # noqa: PLC0415
 
-    def weight(of):
-        return of.cable["length_density"] * float(np.linalg.norm(of.gravity))
-
-    problem = Problem(study, ELEMENTS)
-    ratio = weight(study) / weight(clean.study)
-    shared = clean.minimum.shared.copy()
-    shared[: problem.layout.unknowns] += np.log(ratio)  # the unknowns of these studies are stiffnesses
-    found = problem.evaluator(shared)
-    off = found.configuration.r - clean.minimum.evaluation.configuration.r
-    same = np.sqrt(np.mean(np.sum(off**2, axis=2))) < TRACE * clean.rms()
-    return bool(found.solved and same and abs(clean.rms() / problem_rms(problem, found) - 1.0) < TRACE)
+    every = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
+    return Problem(every, ELEMENTS).evaluator(shared, start=start)
 
 
-def problem_rms(problem, evaluation) -> float:
-    """RMS distance (m) of the measured curves."""
-    return float(np.sqrt(np.sum(evaluation.residual**2) / np.sum(np.asarray(problem.poses.mask))))
+def same(mended, study) -> bool:
+    """Whether a mended study says what the study said before the mistake, up to a roll that both clamps of a pose share."""
+    pairs = list(zip(mended.poses, study.poses, strict=True))
+    apart = [mended.gravity - study.gravity, mended.cable["length"] - study.cable["length"]]
+    for a, b in pairs:
+        apart.append(a.curve.points - b.curve.points)
+        for one, other in ((a.start, b.start), (a.end, b.end)):
+            apart += [] if one is None else [one.position - other.position, one.tangent - other.tangent]
+        if both_held(b):
+            p, q = (_rotation(x.start).inv() * _rotation(x.end) for x in (a, b))
+            apart.append(np.linalg.norm((_roll(a, b) * p * _roll(a, b).inv() * q.inv()).as_rotvec()))
+    return max(float(np.max(np.abs(x))) for x in apart) < 1e-3
+
+
+def _roll(a, b):
+    """The roll between the start clamps of a pose before and after."""
+    return _rotation(b.start).inv() * _rotation(a.start)
 
 
 def excluded(found, truth) -> bool | None:

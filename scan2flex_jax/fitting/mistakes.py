@@ -41,7 +41,7 @@ _ALIKE = 1.3  # times the distance of the best mended study: others that explain
 _AS_OTHERS = 1.5  # times the distance of the other poses without it: a mended pose fits as they do
 _ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: a pose that alone does not fit is so far off, beside turned ones too
 _FEWEST = 3  # poses that have to fit without the one that does not
-_FOLLOWED = 4  # mended studies that are refitted: those that are nearest where they begin
+_FOLLOWED, _FEWEST_FOLLOWED = 24, 4  # poses and mended studies that are refitted, the nearest where they begin
 _NEARER = 0.6  # times the distance before: a refit that may be a full turn away from coming close
 _HALVED = 0.5  # times the distance before: what a mistake that is visible without a solve has to bring
 _PATIENCE = 6  # iterations after which a refit that is nowhere near is given up
@@ -139,6 +139,7 @@ class _Search:
         """The hypotheses that concern several poses."""
         yield from clamps_scaled(self.study)
         yield from mistakes.of_gravity(self.study)
+        yield from mistakes.of_weight(self.study)
         yield from mistakes.of_rolls(self.study)
         yield from mistakes.of_frames(self.study)
         yield from mistakes.of_pairs(self.study)
@@ -146,7 +147,8 @@ class _Search:
     def accepted(self, hypotheses: Iterable[Mistake]) -> list[Refit]:
         """Those of the mended studies that come close at a stroke, of the nearest where they begin."""
         begun = sorted((b for b in map(self.begun, hypotheses) if b is not None), key=lambda b: b.off)
-        refits = [self._on_its_branches(self.finished(b)) for b in begun[:_FOLLOWED]]
+        most = max(_FEWEST_FOLLOWED, _FOLLOWED // len(self.study.fit_poses))
+        refits = [self._on_its_branches(self.finished(b)) for b in begun[:most]]
         return [refit for refit in refits if refit.off <= self.close]
 
     def _on_its_branches(self, refit):

@@ -14,6 +14,7 @@ import numpy as np
 
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 from scan2flex_jax.study.rotations import product, rolled, twist_along
+from scan2flex_jax.study.sense import knows_a_force
 from scan2flex_jax.study.values import one_line
 
 _SMALL = np.radians(2.0)  # rad: a roll or twist whose sign makes no difference
@@ -27,6 +28,7 @@ _AXES = (  # a clamp's axis along which the cable leaves it, and the rotation th
     ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0)),
 )
 _ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that point an end the other way
+_WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # and how many of them make a kg/m
 _ROLLS = (180, 90, -90)  # degrees
 
 Quaternion = Annotated[np.ndarray, "4"]
@@ -101,6 +103,20 @@ def of_gravity(study: Study) -> Iterator[Mistake]:
         said = "gravity points the other way" if np.allclose(other, -study.gravity) else "gravity points along another axis"
         mend = f"write gravity = {written(other)}"
         yield Mistake(said, mend, replace(study, gravity=other))
+
+
+def of_weight(study: Study) -> Iterator[Mistake]:
+    """The weight per length in another unit, where a known force or stiffness sets the scale; else shapes cannot tell."""
+    density = study.known("length_density")
+    stiffness = any(study.known(name) is not None for name in ("bending_stiffness", "torsional_stiffness"))
+    if density is None or not (stiffness or knows_a_force(study)):
+        return
+    for unit, factor in _WEIGHTS:
+        right = float(np.max(density)) / factor
+        cable = {**study.cable, "length_density": right}
+        yield Mistake(
+            f"the weight per length looks like {unit}", f"write length_density = {right:.6g}", replace(study, cable=cable)
+        )
 
 
 def of_pose(study: Study, pose: StudyPose) -> Iterator[Mistake]:

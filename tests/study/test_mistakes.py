@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.mistakes import KINDS
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
-from scan2flex_jax.study import check_study, load_study, mistakes, study_warnings
+from scan2flex_jax.study import EffectDeclaration, check_study, load_study, mistakes, study_warnings
 from scan2flex_jax.study.rotations import columns, product, rolled, twist_along
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
@@ -104,6 +104,13 @@ def test_a_weight_in_another_unit_says_what_it_would_be(study):
     assert f"{known:.4g} kg/m if in t/m" in " ".join(study_warnings(light))
 
 
+def test_a_weight_is_asked_only_where_something_sets_the_scale(study):
+    assert list(mistakes.of_weight(study)) == []
+    held = replace(study, effects=(EffectDeclaration("point_mass", {"position": 0.4, "mass": 0.05}),))
+    found = [m.study.cable["length_density"] for m in mistakes.of_weight(made(held, "density in lb/m"))]
+    assert min(abs(np.array(found) / study.known("length_density") - 1.0)) < 1e-4
+
+
 def test_products_and_rolls_are_those_of_rotations():
     rng = np.random.default_rng(3)
     p, q = (v / np.linalg.norm(v) for v in rng.standard_normal((2, 4)))
@@ -124,19 +131,21 @@ def test_twist_is_the_angle_beyond_transport(twist):
 
 @pytest.mark.parametrize(
     ("change", "kind"),
-    [(mistakes.of_rolls, "end rolled by 90"), (mistakes.of_rolls, "sign of the rolls"), (mistakes.of_gravity, "another axis")],
+    [
+        (mistakes.of_rolls, "end rolled by 90 degrees in all poses"),
+        (mistakes.of_rolls, "sign of the rolls from pose to pose"),
+        (mistakes.of_gravity, "gravity along another axis"),
+    ],
 )
 def test_a_hypothesis_undoes_the_mistake(study, change, kind):
     """One of the hypotheses gives back gravity and all clamps as they were."""
-    name = next(k for k in KINDS if kind in k)
-
     def off(other):
         pairs = zip(other.poses, study.poses, strict=True)
         return max(np.abs(columns(a.end.quaternion) - columns(b.end.quaternion)).max() for a, b in pairs) + np.abs(
             other.gravity - study.gravity
         ).max()
 
-    wrong = made(study, name)
+    wrong = made(study, kind)
     assert off(wrong) > 0.5
     assert min(off(m.study) for m in change(wrong)) < 1e-6
 
