@@ -29,7 +29,8 @@ _SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
 def own_floor(of: Signatures, found: Refit, noise: Noise) -> Refit:
     """A refit under the law that is likeliest beside it, begun at ``noise``.
 
-    The likelihood of a law takes the numbers to be free to first order. Where the refit cannot follow, far from linear, such a law is too narrow for what is left, and that of the residual as it stands is tried.
+    The likelihood of a law takes the numbers to be free to first order. Where the refit is too far from linear to follow, such
+    a law is too narrow for what is left, and that of the residual as it stands is tried.
     """
     found, ends = _nearest(of, found), []
     as_it_stands = False

@@ -260,7 +260,7 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
         A = white.J.T @ white.J + np.diag(own)
         known = (prior.precision + prior.width)[free]
         whole, added = (A + np.diag(prior.weak))[inside], np.arange(n.count)[free] >= n.base
-        evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + _over_scales(n, prior, whole, vector, free, components)
+        evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + _over_scales(n, prior, whole, vector, free, components, converged)
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         evidence += law.log_prior - white.log_det
         evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
@@ -273,9 +273,9 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
     )  # fmt: skip
 
 
-def _over_scales(n, prior, A, vector, free, components):
+def _over_scales(n, prior, A, vector, free, components, converged):
     """``-1/2 log |A|`` with the prior of each effect's amplitudes at all its scales: the change of the cost, to second order,
-    and of the determinants go into the mean."""
+    and of the determinants go into the mean. Short of a minimum the numbers stay: a step from there would not be the prior's."""
     values = []
     for scales in product(SCALES, repeat=len(components)):
         change = np.zeros(n.count)
@@ -284,7 +284,7 @@ def _over_scales(n, prior, A, vector, free, components):
         lost, x = change[free], vector[free]
         correlation, scale = _scaled(A + np.diag(lost))
         moved = np.linalg.solve(correlation, lost * x / scale)
-        cost = lost @ x**2 - (lost * x / scale) @ moved
+        cost = lost @ x**2 - ((lost * x / scale) @ moved if converged else 0.0)
         dimensions = [np.sum((change[n.amplitudes(k)] != 0) & free[n.amplitudes(k)]) for k in range(len(components))]
         normal = -sum(d * np.log(t) for d, t in zip(dimensions, scales, strict=True))
         values.append(normal - 0.5 * cost - 0.5 * np.linalg.slogdet(correlation)[1] - np.sum(np.log(scale)))
