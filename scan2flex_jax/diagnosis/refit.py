@@ -260,7 +260,8 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
         A = white.J.T @ white.J + np.diag(own)
         known = (prior.precision + prior.width)[free]
         whole, added = (A + np.diag(prior.weak))[inside], np.arange(n.count)[free] >= n.base
-        evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + _over_scales(n, prior, whole, vector, free, components, converged)
+        scales = _over_scales(n, prior, whole, vector, free, components, converged)
+        evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + scales
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         evidence += law.log_prior - white.log_det
         evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
@@ -275,7 +276,7 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
 
 def _over_scales(n, prior, A, vector, free, components, converged):
     """``-1/2 log |A|`` with the prior of each effect's amplitudes at all its scales: the change of the cost, to second order,
-    and of the determinants go into the mean. Short of a minimum the numbers stay: a step from there would not be the prior's."""
+    and of the determinants go into the mean. Short of a minimum the numbers stay: a step there would not be the prior's."""
     values = []
     for scales in product(SCALES, repeat=len(components)):
         change = np.zeros(n.count)
