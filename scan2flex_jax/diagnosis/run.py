@@ -367,6 +367,8 @@ def _not_enough(found):
     against = confirm.compared(found.stage, found.best, found.stage.base)
     if found.stage.bench.poses.count < 2:
         said.append("cannot be tried on a pose left out, as there is one only")
+    elif against.ratio >= 1.0:
+        said.append("predicts poses left out no better than the plain rod")
     elif against.ratio > verdict.MUCH or not against.better:
         said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
     said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in found.scatter.items() if _differs(v)]
