@@ -280,12 +280,12 @@ class Complement:
 
     def gain(self, noise: Noise, usual: float) -> float:
         """Nats that a discrepancy gains beside the most likely noise."""
-        alone = nearest(self._of_a_scanner, noise)
+        alone = nearest(self._of_a_scanner, noise, self.length)
         u = np.log([alone.white, alone.correlated, alone.correlation_length])
         return float(self._of_a_scanner(alone, u) - self._likeliest(noise, usual)[2])
 
     def _likeliest(self, noise, usual):
-        noise = nearest(self._of_a_scanner, noise)
+        noise = nearest(self._of_a_scanner, noise, self.length)
         return most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length)
 
     def _of_a_scanner(self, noise, u, curvature=0.0):

@@ -9,7 +9,7 @@ Reference: Rasmussen and Williams, "Gaussian Processes for Machine Learning" (20
 Thompson (1971) for the restricted likelihood.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +26,9 @@ _FLOOR = 0.1  # white part over the size of the residual: nothing finer is asked
 _OPEN = 1e-9  # of the largest eigenvalue of the scaled information: a direction that no pose feels
 _MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that is smooth over the whole cable, no more
 _WORTH = 2.0  # nats that a discrepancy has to gain
+_REGULAR = 1e-3  # of the correlated part: a white part that lets the matrix of a smooth kernel be factored
+_UNFELT = 1e-5  # of the largest column: one that no pose feels
+_TINY = 1e-12  # of the largest square of a direction of the discrepancy: one that no point feels
 _FINEST = 1e-5  # of the length: no sensor's noise is smaller
 _TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
@@ -91,11 +94,11 @@ def most_likely(negative, size: float, length: float) -> Noise:
     return Noise.at(u, smoothness)
 
 
-def nearest(negative, noise: Noise) -> Noise:
-    """The noise that minimises ``negative(noise, u)`` nearest to another, of the same smoothness."""
+def nearest(negative, noise: Noise, length: float) -> Noise:
+    """The noise near another, of the same smoothness, that minimises ``negative(noise, u)``; ``length`` (m) of the cable."""
     u = np.log([noise.white, noise.correlated, noise.correlation_length])
-    found = _nearest(lambda v, smoothness: negative(Noise.at(v, smoothness), v), noise.smoothness, u, _WIDE)
-    return Noise.at(found[2], noise.smoothness)
+    found = _nearest(lambda v, smoothness: negative(_regular(Noise.at(v, smoothness), length), v), noise.smoothness, u, _WIDE)
+    return _regular(Noise.at(found[2], noise.smoothness), length)
 
 
 def _nearest(objective, smoothness, u, reach):
@@ -111,14 +114,15 @@ def most_likely_with_discrepancy(negative, noise: Noise, usual: float, length: f
     ``usual`` is the median of that prior, which is log-normal. A discrepancy that explains no more than `_WORTH` nats beside
     ``noise``, the most likely one without it, is none: the curvature is then zero, and ``value`` that of ``noise``.
     """
+    u = np.log([noise.white, noise.correlated, noise.correlation_length])
+    least = np.log(_FINEST * length)
+
     def objective(v):
-        found = Noise.at(v[:3], noise.smoothness)
-        low = max(0.0, np.log(_FINEST * length) - v[0]) ** 2 + max(0.0, np.log(_FINEST * length) - v[1]) ** 2
+        found = _regular(Noise.at(v[:3], noise.smoothness), length)
+        low = max(0.0, least - v[0]) ** 2 + max(0.0, least - v[1]) ** 2
         prior = 0.5 * ((v[3] - np.log(usual)) / SPREAD) ** 2
         return negative(found, v[:3], float(np.exp(v[3]))) + prior + 1e3 * low
 
-    u = np.log([noise.white, noise.correlated, noise.correlation_length])
-    least = np.log(_FINEST * length)
     starts = [
         np.r_[np.maximum(u[:2] + np.log(finer), least), u[2], np.log(larger * usual)]
         for finer, larger in ((1.0, 1.0), (0.3, 4.0), (0.1, 20.0))
@@ -131,7 +135,12 @@ def most_likely_with_discrepancy(negative, noise: Noise, usual: float, length: f
     found, without = min(ends, key=lambda end: end.fun), negative(noise, u, 0.0)
     if found.fun > without - _WORTH:
         return noise, 0.0, float(without)
-    return Noise.at(found.x[:3], noise.smoothness), float(np.exp(found.x[3])), float(found.fun)
+    return _regular(Noise.at(found.x[:3], noise.smoothness), length), float(np.exp(found.x[3])), float(found.fun)
+
+
+def _regular(noise: Noise, length: float) -> Noise:
+    """The noise with a white part that lets its covariance be factored."""
+    return replace(noise, white=max(noise.white, _FINEST * length, _REGULAR * noise.correlated))
 
 
 def white_noise(pose) -> float:
@@ -183,12 +192,20 @@ def thinned(s: np.ndarray, most: int) -> np.ndarray:
 
 def estimate_noise(poses: list[Residual], length: float, stated: float | None = None) -> Noise:
     """Restricted maximum likelihood; ``stated`` is the total that the user states (m), held to within 15 %."""
-    thin, free = [p.thinned() for p in poses], np.zeros(poses[0].X.shape[-1])
+    thin = _felt([p.thinned() for p in poses])
+    free = np.zeros(thin[0].X.shape[-1])
     r = np.concatenate([p.r[:, :-1].ravel() for p in thin])
     X = np.concatenate([p.X[:, :-1].reshape(p.r[:, :-1].size, len(free)) for p in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if X.shape[1] else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
     return most_likely(_with_priors(thin, length, stated), stated or size, length)
+
+
+def _felt(poses: list[Residual]) -> list[Residual]:
+    """The poses without columns that none of them feels: rounding errors are no directions of a model."""
+    size = np.sqrt(sum(np.sum(p.X**2, axis=(0, 1)) for p in poses))
+    keep = np.flatnonzero(size > _UNFELT * np.max(size, initial=0.0))
+    return [p._replace(X=p.X[:, :, keep], at=np.arange(len(keep))) for p in poses]
 
 
 def noise_and_discrepancy(
@@ -198,7 +215,7 @@ def noise_and_discrepancy(
 
     ``usual`` (1/m): the median of the prior of that size.
     """
-    likely = _with_priors([p.thinned() for p in poses], length, stated)
+    likely = _with_priors(_felt([p.thinned() for p in poses]), length, stated)
 
     def negative(noise, u, curvature=0.0):
         return likely(noise, u, curvature) + (0.0 if stated else scanner_prior(noise, length) + too_large(noise, length))
@@ -275,16 +292,17 @@ def restricted_likelihood(
         if Z is not None and curvature:
             parts, nearer = [*parts, curvature * Z], foreshortening(curvature, Z, s)
         both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked, nearer)
-        wr, wX, wZ = both[:, 0], both[:, 1 : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
+        both, wZ = both[:, : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
+        if wZ.shape[1]:  # a discrepancy has few directions
+            squares, V = np.linalg.eigh(wZ.T @ wZ)
+            seen = squares > _TINY * squares[-1]
+            U, squares = wZ @ (V[:, seen] / np.sqrt(squares[seen])), squares[seen]
+            both = both + U @ ((1.0 / np.sqrt(1.0 + squares) - 1.0)[:, None] * (U.T @ both))
+            log_det += 0.5 * np.sum(np.log1p(squares))
+        wr, wX = both[:, 0], both[:, 1:]
         total += log_det + 0.5 * wr @ wr
         XX[np.ix_(at, at)] += wX.T @ wX
         Xr[at] += wX.T @ wr
-        if wZ.shape[1]:  # Woodbury's identity: the discrepancy has few directions
-            root = linalg.cholesky(np.eye(wZ.shape[1]) + wZ.T @ wZ, lower=True, check_finite=False)
-            less = linalg.solve_triangular(root, wZ.T @ both[:, : 1 + X.shape[-1]], lower=True, check_finite=False)
-            total += np.sum(np.log(np.diag(root))) - 0.5 * less[:, 0] @ less[:, 0]
-            XX[np.ix_(at, at)] -= less[:, 1:].T @ less[:, 1:]
-            Xr[at] -= less[:, 1:].T @ less[:, 0]
     if not len(Xr):
         return float(total)
     scale = np.sqrt(np.maximum(np.diag(XX), 0.0)) + 1e-150

@@ -81,8 +81,8 @@ def fit(
         sensor, discrepancy = noise, Discrepancy(length=problem.length)
         poses, solved = direct.pose_fits(minimum), direct.equilibria
         said = (*said, *direct.sentences())
-    valid, verdict = _validity(poses, noise, stated, problem.length, discrepancy)
     misfits = _misfits(whole, poses, problem.length)
+    valid, verdict = _validity(poses, noise, stated, problem.length, discrepancy.rms, bool(misfits))
     estimates = _estimates(problem.layout, minimum.shared, known)
     verdict = (*_differs(discrepancy), *verdict)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
@@ -141,11 +141,14 @@ def _from_curves(problem, minimum, stated, progress):
     if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
         noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated)
-    sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated)
+    sensor, discrepancy = noise, Discrepancy(length=problem.length)
+    if problem.evaluator.distance in _ACROSS:
+        sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated)
     known = uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), sensor, discrepancy)
     return minimum, noise, sensor, discrepancy, known
 
 
+_ACROSS = ("normal", "closest")  # distances whose residuals are across the cable, as those of a discrepancy
 _HAUSDORFF = "fitted to the largest distance of each pose: the intervals are those of a least-squares fit at these values"
 
 
@@ -219,7 +222,7 @@ def _estimates(layout, x, known):
         value = values[slot.name] if slot.shape else float(values[slot.name])
         std, low, high = shaped
         determined = bool(np.all(known.determined[here]))
-        at_bound = bool(bound) and determined  # where a number that no pose feels stands says nothing of its range
+        at_bound = bool(bound and np.all(known.felt[here]))  # that of a number which no pose feels says nothing of its range
         out[slot.name] = Estimate(value, std, low, high, determined, at_bound, unit_of(slot.name))
     return out
 
@@ -254,7 +257,7 @@ def _differs(discrepancy):
     return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals carry that",)
 
 
-def _validity(poses, noise, stated, length, discrepancy):
+def _validity(poses, noise, stated, length, differ, misfit):
     """Whether the poses that were never fitted are predicted to within the noise, the discrepancy of poses, their tolerances
     and the errors of the estimates.
 
@@ -262,7 +265,9 @@ def _validity(poses, noise, stated, length, discrepancy):
     noise, and nothing that it leaves can be called "within the noise".
     """
     rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
-    floor = max(np.sqrt(2.0) * noise.total, discrepancy.rms if discrepancy.relative < _LARGE else 0.0)
+    if misfit:
+        return (False if rms else None), ["what the fit leaves is no noise: nothing is predicted to within it"]
+    floor = max(np.sqrt(2.0) * noise.total, differ)
     slow = noise.correlated > _SLOW * noise.white and noise.correlation_length > _LONG * length
     if stated is None and slow and floor > _MESH * length:
         left = f"the residual varies slowly along the cable ({1e3 * floor:.2f} mm), unlike the noise of a scanner"

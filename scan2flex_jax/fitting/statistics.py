@@ -20,10 +20,12 @@ _VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the unknown numbers of ``x``; infinite variance where the poses say nothing, and why in words."""
+    """Covariance of the unknown numbers of ``x``, infinite variance where the poses say nothing, and why in words; which of
+    them the poses determine, and which they feel at all."""
 
     covariance: np.ndarray
     determined: np.ndarray
+    felt: np.ndarray
     sentences: tuple[str, ...]
 
 
@@ -85,7 +87,7 @@ def uncertainty(
     logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
     vague = logs & (np.sqrt(np.diag(covariance)) > _VAGUE)
     sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, vague & ~lost)
-    return Uncertainty(covariance, ~(lost | vague), tuple(sentences))
+    return Uncertainty(covariance, ~(lost | vague), ~lost, tuple(sentences))
 
 
 def _middle(e, poses, layout, sigma, noise, size, discrepancy):

@@ -44,7 +44,7 @@ def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
     x = np.linalg.solve(J.T @ J + P, J.T @ y)
     numbers = SimpleNamespace(count=count, amplitudes=lambda k: np.array([k]))
     prior = SimpleNamespace(precision=np.diag(P))
-    found = refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(count, bool), [None] * count)
+    found = refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(count, bool), [None] * count, True)
     cost = np.sum((y - J @ x) ** 2) + x @ P @ x
     ratios = []
     for scales in itertools.product(evidence.SCALES, repeat=count):

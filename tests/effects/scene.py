@@ -23,7 +23,7 @@ from scan2flex_jax.statics.verdict import SOLVED, UNBALANCED
 ELEMENTS = 16
 UNOPTIMISED = {"xla_backend_optimization_level": 0}
 DOWN = jnp.array([0.3, -0.5, -9.8])
-CABLE = Cable(1.0, 0.1, 0.02, 0.015, axial_stiffness=1.0e4)
+CABLE = Cable(1.0, 0.1, 0.02, 0.015, axial_stiffness=1.0e4, shear_stiffness=1.0e5)
 NORMAL, ANCHOR = [0.1, 0.2, 1.0], [0.3, 0.25, 0.05]
 ROWS = np.array([[0.4, -0.3, 0.2], [-0.2, 0.5, 0.1], [0.3, 0.2, -0.4]])
 PLACES = np.array([0.1, 0.45, 0.9])

@@ -65,6 +65,9 @@ def test_class_entry_and_format_agree(kind):
         assert set(written) == set(form.names)
         effect = fx.effect_of(kind, written, ends)
         for parameter in form.parameters:
-            assert np.shape(written[parameter.name]) == parameter.shapes(len(ends))[0]
-            whole = (2, *parameter.shape) if parameter.per_end else parameter.shape
+            expected = parameter.shapes(len(ends))[0]
+            if entry.field:  # which has as many places as it is given
+                expected = (len(written["s"]), *expected[1:])
+            assert np.shape(written[parameter.name]) == expected
+            whole = expected if entry.field else (2, *parameter.shape) if parameter.per_end else parameter.shape
             assert getattr(effect, parameter.name).shape == whole

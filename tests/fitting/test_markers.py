@@ -8,7 +8,7 @@ import pytest
 
 from scan2flex_jax import Markers, MeasuredCurve, Scan2FlexError, Unknown, fit, predict, residual_function
 from scan2flex_jax.diagnosis.confirm import left_out
-from scan2flex_jax.diagnosis.residual import noise_like, whiten
+from scan2flex_jax.diagnosis.residual import Law, noise_like, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
 from scan2flex_jax.diagnosis.stage import signatures, stage_of
 from scan2flex_jax.fitting.noise import Noise
@@ -109,13 +109,13 @@ def test_markers_weigh_in_the_search_with_all_three_components():
     bench = Bench(found.problem, found.minimum)
     vector = np.r_[found.minimum.shared, found.minimum.local.ravel()]
     shapes = bench.shapes((), vector)
-    white = whiten(shapes, bench.real, Numbers(bench, ()), vector, Noise(NOISE, 1e-9, 0.1))
+    white = whiten(shapes, bench.real, Numbers(bench, ()), vector, Law(Noise(NOISE, 1e-9, 0.1)))
     assert [len(rows) for rows in white.rows] == [2 * 62 + 2, 2 * 2 + 2, 2 * 2 + 2]
     for i, shape in enumerate(shapes):
         r = shape.residual[bench.real[i]]
         np.testing.assert_allclose(np.sum(white.r[white.rows[i]] ** 2), np.sum(r**2) / NOISE**2, rtol=1e-6)
         np.testing.assert_allclose(white.squares(i, white.r[white.rows[i]]), np.sum(r**2), rtol=1e-9)
-    draws = noise_like(white, shapes, [Noise(2 * NOISE, 1e-9, 0.1)], 4000, np.random.default_rng(0))
+    draws = noise_like(white, shapes, [Law(Noise(2 * NOISE, 1e-9, 0.1))], 4000, np.random.default_rng(0))
     np.testing.assert_allclose(draws[white.rows[1]].std(), 2.0, rtol=0.05)
 
 

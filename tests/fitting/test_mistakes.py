@@ -125,6 +125,6 @@ def test_command_ends_with_the_code_of_what_is_not_to_be_believed(tmp_path):
     save_study(made(ROLLED), tmp_path / "study")
     found = CliRunner().invoke(app, ["fit", str(tmp_path / "study"), "--json", str(tmp_path / "result.json")])
     assert found.exit_code == 3, found.output
-    assert "likely mistake: the end clamp of every pose is rolled" in found.output.splitlines()[1]
+    assert "likely mistake: the end clamp of every pose is rolled" in found.stdout.splitlines()[1]
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["mistakes"][0]["mend"] in result["messages"][0]

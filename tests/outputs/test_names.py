@@ -73,7 +73,7 @@ def test_a_simulation_stays_in_its_folder_and_says_where(tmp_path):
 def test_pictures_of_an_extraction_stay_in_their_folder(tmp_path, monkeypatch):
     study = scenes.write_study(tmp_path / "study", ["../../esc", "$\\frac{$"], "scan")
     found = {name: _curve() for name in ("../../esc", "$\\frac{$")}
-    monkeypatch.setattr("scan2flex_jax.cli.extracting.extracted", lambda loaded: (loaded, found))
+    monkeypatch.setattr("scan2flex_jax.cli.extracting.extracted", lambda loaded, quiet=False: (loaded, found))
     found = scenes.run("extract", study, "--save", tmp_path / "saved", "--figures", tmp_path / "a" / "b")
     assert found.exit_code == 0, found.exception
     assert {path.name for path in tmp_path.iterdir()} == {"study", "saved", "a"}
@@ -129,7 +129,7 @@ def test_a_terminal_gets_no_control_characters(title, tmp_path):
 
 def test_progress_shows_no_control_characters(monkeypatch):
     shown = []
-    monkeypatch.setattr(setup, "ERRORS", Console(quiet=True))
+    monkeypatch.setattr(setup, "ERRORS", Console(quiet=True, force_terminal=True))
     monkeypatch.setattr(setup, "Text", lambda text: shown.append(text) or text)
     with setup.progress("fitting \x1b]0;x\x07") as tell:
         tell("\u202e")
