@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2flex_jax.diagnosis import evidence
-from scan2flex_jax.diagnosis.refit import Refit, again, configurations
+from scan2flex_jax.diagnosis.refit import Refit, again, configurations, plain_law
 from scan2flex_jax.diagnosis.residual import Complement, Law, orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
 from scan2flex_jax.diagnosis.stage import Signatures
@@ -22,7 +22,7 @@ _ROUNDS, _STEPS = 3, 6  # of a refit and of its law in turn, and of each refit
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # discrepancy and noise over those of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # more, of a noise that was not stated
 _SETTLED, _FOLLOWED = 1.0, 2.0  # nats of a last round; squares over their number beyond which a refit could not follow
-_SHARE, _PLAIN_STEPS = 0.3, 16  # of the residual: noise of the metric of plain distances; steps in it
+_PLAIN_STEPS = 16  # of a refit in the metric of plain distances
 _SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
 
 
@@ -50,7 +50,7 @@ def _nearest(of, found):
     if not np.isfinite(found.cost):
         return found
     size = max(np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(found.shapes, of.bench.real, strict=True)])), 1e-12)
-    plain = again(of.bench, found, Law(Noise(_SHARE * size, 1e-3 * size, 0.05 * of.bench.context.length)), most=_PLAIN_STEPS)
+    plain = again(of.bench, found, plain_law(of.bench, size), most=_PLAIN_STEPS)
     return plain if np.isfinite(plain.cost) and _squares(of, plain) < _squares(of, found) else found
 
 
@@ -88,12 +88,11 @@ def _complement(of, found, as_it_stands=False):
 
 @dataclass(frozen=True)
 class Scores:
-    """What one step says of every component of the catalogue beside a model: log evidence (nats) over that model at its own
-    floor, amplitudes, and the law at which the evidence is largest."""
+    """Every component of the catalogue beside a model, by one step: log evidence (nats) over that model at its own floor, and
+    amplitudes at the law at which the evidence is largest."""
 
     values: np.ndarray
     amplitudes: list[np.ndarray]
-    laws: list[Law]
 
     def table(self, components: list[Component], skip=()) -> dict[str, tuple[float, int]]:
         """Per kind the mean evidence over its places, and the best of its components."""
@@ -117,7 +116,7 @@ def scores(of: Signatures, found: Refit) -> Scores:
         base.append(without)
     best = np.argmax(totals, axis=0)
     values = np.max(totals, axis=0) - max(base)
-    return Scores(values, [amplitudes[k][g] for g, k in enumerate(best)], [laws[k] for k in best])
+    return Scores(values, [amplitudes[k][g] for g, k in enumerate(best)])
 
 
 def _ladder(of, law):

@@ -35,7 +35,7 @@ def search(before: Found, progress: Progress) -> Found:
         found.add([floors.own_floor(stage.of, r, stage.noise).over(base, stage.bench.context)])
     scores = floors.scores(stage.of, base)
     table = scores.table(stage.components)
-    found.table = dict(table)
+    found.table = table
     order = sorted(table, key=lambda k: -table[k][0])[:SINGLES]
     for kind in (k for k in order if frozenset([k]) not in found.refits and table[k][0] > table[order[0]][0] - _WORTH):
         progress(f"refit with {kind}")
@@ -54,7 +54,7 @@ def search(before: Found, progress: Progress) -> Found:
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:
-    """One component more beside a refit, from its one-step amplitude at the law that suits it, then at its own floor."""
+    """One component more beside a refit, from its one-step amplitude, then at its own floor."""
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
     held = [near.amplitudes(stage.bench, k) for k in range(len(near.components))]
     components = [*near.components, stage.components[g]]

@@ -136,7 +136,12 @@ def _far(bench, law: Law) -> tuple[Law, ...]:
     a narrow, bent valley, in which a strong effect is lost."""
     if bench.off < _STRONG * law.noise.total:
         return ()
-    return (Law(Noise(_SHARE * bench.off, 1e-3 * bench.off, 0.05 * bench.context.length)),)
+    return (plain_law(bench, bench.off),)
+
+
+def plain_law(bench: Bench, size: float) -> Law:
+    """The law of plain distances, for residuals of this size (m): white noise of a share of it."""
+    return Law(Noise(_SHARE * size, 1e-3 * size, 0.05 * bench.context.length))
 
 
 def _tempered(law: Law) -> tuple[Law, ...]:

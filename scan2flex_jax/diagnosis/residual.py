@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening
+from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening, principal
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import (
     Noise,
@@ -37,7 +37,6 @@ _RANK = 24  # directions of all signatures together that are kept out of the noi
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
 _STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
-_TINY = 1e-12  # of the largest square of a direction of the discrepancy: one that no point feels
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 
@@ -75,10 +74,8 @@ class Law:
         if not self.curvature:
             return sensor
         Z = replace(sensor, pick=np.arange(len(pick))).white(self.scatter[i][keep])
-        squares, V = np.linalg.eigh(Z.T @ Z)  # of few columns: a tenth of the time of a singular value decomposition
-        seen = squares > _TINY * squares[-1]
-        d = np.sqrt(squares[seen])
-        return replace(sensor, U=Z @ (V[:, seen] / d), spread=self.curvature * d)
+        U, d = principal(Z)
+        return replace(sensor, U=U, spread=self.curvature * d)
 
 
 @dataclass(frozen=True)

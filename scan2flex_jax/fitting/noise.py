@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import linalg, optimize
 
-from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening
+from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening, principal
 from scan2flex_jax.fitting.distance import NORMALS
 
 _MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
@@ -28,7 +28,6 @@ _MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that i
 _WORTH = 2.0  # nats that a discrepancy has to gain
 _REGULAR = 1e-3  # of the correlated part: a white part that lets the matrix of a smooth kernel be factored
 _UNFELT = 1e-5  # of the largest column: one that no pose feels
-_TINY = 1e-12  # of the largest square of a direction of the discrepancy: one that no point feels
 _FINEST = 1e-5  # of the length: no sensor's noise is smaller
 _TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
@@ -294,11 +293,9 @@ def restricted_likelihood(
         both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked, nearer)
         both, wZ = both[:, : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
         if wZ.shape[1]:  # a discrepancy has few directions
-            squares, V = np.linalg.eigh(wZ.T @ wZ)
-            seen = squares > _TINY * squares[-1]
-            U, squares = wZ @ (V[:, seen] / np.sqrt(squares[seen])), squares[seen]
-            both = both + U @ ((1.0 / np.sqrt(1.0 + squares) - 1.0)[:, None] * (U.T @ both))
-            log_det += 0.5 * np.sum(np.log1p(squares))
+            U, d = principal(wZ)
+            both = both + U @ ((1.0 / np.sqrt(1.0 + d**2) - 1.0)[:, None] * (U.T @ both))
+            log_det += 0.5 * np.sum(np.log1p(d**2))
         wr, wX = both[:, 0], both[:, 1:]
         total += log_det + 0.5 * wr @ wr
         XX[np.ix_(at, at)] += wX.T @ wX
