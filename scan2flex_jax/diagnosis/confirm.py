@@ -46,7 +46,11 @@ def unseen(stage, found: Refit) -> float | None:
 @dataclass(frozen=True)
 class Comparison:
     """One model against another in poses left out in turn: ``gain``, the mean logarithm of the ratio of their errors (positive
-    where the first is better), its standard error ``std`` over the poses, and ``ratio`` of the RMS over all of them."""
+    where the first is better), its standard error ``std`` over the poses, and ``ratio`` of the RMS over all of them.
+
+    One model is better where both say so: the mean by more than its uncertainty, so that no single pose decides, and the ratio,
+    so that no gain in poses of small error counts that is lost again in those of large error.
+    """
 
     gain: float
     std: float
@@ -55,12 +59,12 @@ class Comparison:
     @property
     def better(self) -> bool:
         """Whether the first predicts better, by more than the uncertainty of the comparison."""
-        return self.gain > max(self.std, _LEAST_GAIN)
+        return min(self.gain - max(self.std, _LEAST_GAIN), -np.log(self.ratio) - _LEAST_GAIN) > 0.0
 
     @property
     def worse(self) -> bool:
         """Whether it predicts worse, likewise."""
-        return -self.gain > max(self.std, _LEAST_GAIN)
+        return min(-self.gain - max(self.std, _LEAST_GAIN), np.log(self.ratio) - _LEAST_GAIN) > 0.0
 
 
 def compared(stage, found: Refit, other: Refit) -> Comparison:

@@ -15,6 +15,7 @@ from scan2flex_jax.diagnosis.refit import Refit, again, configurations, plain_la
 from scan2flex_jax.diagnosis.residual import Complement, Law, orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
 from scan2flex_jax.diagnosis.stage import Signatures
+from scan2flex_jax.effects.catalogue import fields
 from scan2flex_jax.fitting.discrepancy import SPREAD, usual_size
 from scan2flex_jax.fitting.noise import Noise
 
@@ -26,18 +27,20 @@ _PLAIN_STEPS = 16  # of a refit in the metric of plain distances
 _SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
 
 
-def own_floor(of: Signatures, found: Refit, noise: Noise) -> Refit:
-    """A refit under the law that is likeliest beside it, begun at ``noise``.
+def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -> Refit:
+    """A refit under the law that is likeliest beside it, begun at ``noise``; ``plain``: it ended in the metric of plain
+    distances.
 
     The likelihood of a law takes the numbers to be free to first order. Where the refit is too far from linear to follow, such
     a law is too narrow for what is left, and that of the residual as it stands is tried.
     """
-    found, ends = _nearest(of, found), []
+    found, ends, law = found if plain else _nearest(of, found), [], None
     as_it_stands = False
     for _ in range(_ROUNDS):
         if not np.isfinite(found.cost):
             break
-        found = again(of.bench, found, law_beside(of, found, noise, as_it_stands), most=_STEPS)
+        law = law_beside(of, found, noise, as_it_stands, None if as_it_stands else law)
+        found = again(of.bench, found, law, most=_STEPS)
         ends.append(found)
         if len(ends) > 1 and abs(found.log_marginal - ends[-2].log_marginal) < _SETTLED:
             break
@@ -64,13 +67,13 @@ def _lost(of, found):
     return bool(white.r @ white.r > _FOLLOWED * len(white.r))
 
 
-def law_beside(of: Signatures, found: Refit, noise: Noise, as_it_stands: bool = False) -> Law:
-    """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``.
+def law_beside(of: Signatures, found: Refit, noise: Noise, as_it_stands: bool = False, near: Law | None = None) -> Law:
+    """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``, or at a law that is ``near``.
 
     ``as_it_stands``: of its residual, as though no number could follow.
     """
     complement, scatter = _complement(of, found, as_it_stands)
-    return complement.law(noise, usual_size(of.bench.start), scatter)
+    return complement.law(noise, usual_size(of.bench.start), scatter, near)
 
 
 def gain_of_discrepancy(of: Signatures, found: Refit, noise: Noise) -> float:
@@ -91,18 +94,28 @@ class Scores:
     """Every component of the catalogue beside a model, by one step: log evidence (nats) over that model at its own floor, and
     amplitudes at the law at which the evidence is largest."""
 
+    components: list[Component]
     values: np.ndarray
     amplitudes: list[np.ndarray]
 
-    def table(self, components: list[Component], skip=()) -> dict[str, tuple[float, int]]:
+    def table(self, skip=()) -> dict[str, tuple[float, int]]:
         """Per kind the mean evidence over its places, and the best of its components."""
-        kinds = [c.kind for c in components]
+        kinds = [c.kind for c in self.components]
         out = {}
         for kind in dict.fromkeys(kinds):
             own = [g for g in range(len(kinds)) if kinds[g] == kind]
             if kind not in skip:
                 out[kind] = (evidence.averaged(self.values[own]), max(own, key=lambda g: self.values[g]))
         return out
+
+
+def with_fields(of: Signatures) -> Signatures:
+    """The signatures with those of the fields along the cable beside them."""
+    bench, more = of.bench, [Component(entry.kind, {}) for entry in fields()]
+    columns, owner = bench.catalogue_columns(of.vector, more, bench.start)
+    both = [np.concatenate(pair, axis=-1) for pair in zip(of.columns, columns, strict=True)]
+    owner = np.r_[of.owner, len(of.components) + owner]
+    return replace(of, components=[*of.components, *more], columns=both, owner=owner)
 
 
 def scores(of: Signatures, found: Refit) -> Scores:
@@ -116,7 +129,7 @@ def scores(of: Signatures, found: Refit) -> Scores:
         base.append(without)
     best = np.argmax(totals, axis=0)
     values = np.max(totals, axis=0) - max(base)
-    return Scores(values, [amplitudes[k][g] for g, k in enumerate(best)])
+    return Scores(of.components, values, [amplitudes[k][g] for g, k in enumerate(best)])
 
 
 def _ladder(of, law):

@@ -11,16 +11,18 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.diagnosis import confirm, floors, verdict
-from scan2flex_jax.diagnosis.refit import Refit, refit
-from scan2flex_jax.diagnosis.search import Found, outside, pieces, same_shapes
-from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
+from scan2flex_jax.diagnosis.refit import Refit, plain_law, refit
+from scan2flex_jax.diagnosis.search import Found, alike, outside, pieces
+from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import test_after
-from scan2flex_jax.effects.catalogue import entry_of, fields
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.fitting.least_squares import Progress
 
 SINGLES, WIDER, BESIDE = 5, 3, 3  # refits of single kinds and of sets that are taken over, and of each round
 _WORTH = 25.0  # nats of one step behind the best kind beyond which a refit cannot catch up
 _MOST, _STEPS = 3, 20  # effects, and steps of a refit
+_TELLING = 3  # poses from which on those left out say which of two effects to keep
+_CERTAIN = 2.0  # standard errors of a gain in poses left out that does not need a lead in likelihood
 
 
 def search(before: Found, progress: Progress) -> Found:
@@ -33,76 +35,121 @@ def search(before: Found, progress: Progress) -> Found:
     for r in (*singles[:SINGLES], *sets[:WIDER]):
         progress(f"{' and '.join(r.kinds)} against its own floor")
         found.add([floors.own_floor(stage.of, r, stage.noise).over(base, stage.bench.context)])
-    scores = floors.scores(stage.of, base)
-    table = scores.table(stage.components)
-    found.table = table
-    order = sorted(table, key=lambda k: -table[k][0])[:SINGLES]
-    for kind in (k for k in order if frozenset([k]) not in found.refits and table[k][0] > table[order[0]][0] - _WORTH):
+    of = floors.with_fields(stage.of)
+    scores = floors.scores(of, base)
+    table = scores.table()
+    found.table = {kind: value for kind, value in table.items() if not entry_of(kind).field}
+    order = sorted(table, key=lambda k: -table[k][0])
+    worth = [k for k in order if table[k][0] > table[order[0]][0] - _WORTH]
+    likeliest = [*[k for k in worth if k in found.table][:SINGLES], *[k for k in worth if k not in found.table]]
+    for kind in (k for k in likeliest if frozenset([k]) not in found.refits):
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
-    for entry in fields():
-        progress(f"refit with {entry.kind}")
-        found.add([_field(found, entry)])
     found.best = _best(found, 1)
     most = min(_MOST, (stage.bench.poses.count + 1) // 2)
     while found.best.components and len(found.best.components) < most:
-        wider = _wider(found, progress)
+        wider = _wider(found, of, progress)
         if wider is None:
             break
         found.best = wider
+        found.best = _simplified(found, of, progress)
     return _judged(found)
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:
-    """One component more beside a refit, from its one-step amplitude, then at its own floor."""
+    """One component more beside a refit: from one step in the metric of plain distances, then at its own floor."""
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
     held = [near.amplitudes(stage.bench, k) for k in range(len(near.components))]
-    components = [*near.components, stage.components[g]]
-    end = refit(stage.bench, components, stage.law, near.vector[: numbers.base], [*held, scores.amplitudes[g]], most=_STEPS)
-    return floors.own_floor(stage.of, end, stage.noise).over(found.floor, stage.bench.context)
-
-
-def _field(found, entry) -> Refit:
-    """A field along the cable, refitted from nothing."""
-    stage = found.stage
-    end = refit(stage.bench, [Component(entry.kind, {})], stage.law, stage.base.vector, [entry.null])
-    return floors.own_floor(stage.of, end, stage.noise).over(found.floor, stage.bench.context)
+    components, begin = [*near.components, scores.components[g]], [*held, scores.amplitudes[g]]
+    plain = plain_law(stage.bench, stage.bench.off)
+    end = refit(stage.bench, components, plain, near.vector[: numbers.base], begin, most=_STEPS)
+    return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.floor, stage.bench.context)
 
 
 def _best(found, count) -> Refit:
-    """The likeliest refit of ``count`` effects, or a simpler or better predicting one that is as likely."""
+    """The likeliest refit of ``count`` effects, or one as likely that predicts poses left out better, or a simpler one; of
+    those whose sizes are the same in all poses, where there are any.
+
+    The likelihood rests on the assumed law of the discrepancy. Between an effect and a wider one that contains it, poses left
+    out therefore decide, whatever the likelihoods: the simpler one stands unless the wider one predicts them better.
+    """
     own = [r for r in found.refits.values() if len(r.components) == count and np.isfinite(r.log_evidence)]
+    own = [r for r in own if _of_one_size(found.stage, r) and not pieces(r)] or own
     if not own:
         return found.stage.base
-    best = max(own, key=lambda r: r.log_evidence)
-    near = [r for r in own if r.log_evidence > best.log_evidence - verdict.LEAD_NAMED and r is not best]
-    for other in sorted(near, key=lambda r: -r.log_evidence):
+    order = sorted(own, key=lambda r: -r.log_evidence)
+    best, most = order[0], order[0].log_evidence
+    for other in (r for r in order[1:] if r.log_evidence > most - verdict.LEAD_NAMED):
         said = confirm.compared(found.stage, other, best)
         simpler = size(other) < size(best) and other.log_evidence > best.log_evidence - verdict.LEAD_FAVOURED
-        if said.better or (simpler and not said.worse):
+        if (said.better and not contains(other, best)) or (simpler and not said.worse):
+            best = other
+    if found.stage.bench.poses.count < _TELLING:
+        return best
+    for other in order:
+        if contains(best, other) and not confirm.compared(found.stage, best, other).better:
             best = other
     return best
 
 
+def _simplified(found, of, progress) -> Refit:
+    """The best set after each of its effects was exchanged for simpler ones that give the same shapes under some condition."""
+    best = None
+    while best is not found.best and len(found.best.components) > 1:
+        best = found.best
+        for k, c in enumerate(best.components):
+            rest = found.refits.get(frozenset(best.kinds[:k] + best.kinds[k + 1 :]))
+            simpler = [e.kind for e in catalogue() if alike(e.kind, c.kind) and e.kind not in best.kinds]
+            simpler = [kind for kind in simpler if rest and frozenset([*rest.kinds, kind]) not in found.refits]
+            if not simpler:
+                continue
+            scores = floors.scores(of, rest)
+            table = scores.table()
+            for kind in (kind for kind in simpler if _numbers(scores.components[table[kind][1]]) < _numbers(c)):
+                progress(f"refit with {' and '.join(rest.kinds)} and {kind}")
+                found.add([_refitted(found, rest, scores, table[kind][1])])
+        found.best = _best(found, len(best.components))
+    return found.best
+
+
+def contains(wider: Refit, simpler: Refit) -> bool:
+    """Whether one effect of a set is a wider one that gives the shapes of an effect of another set, all others alike."""
+    more, less = set(wider.kinds) - set(simpler.kinds), set(simpler.kinds) - set(wider.kinds)
+    if len(more) != 1 or len(less) != 1 or size(wider) <= size(simpler):
+        return False
+    return alike(more.pop(), less.pop())
+
+
 def size(r: Refit) -> int:
     """How many numbers the effects of a refit have; a field counts as more than any kind."""
-    return sum(len(c.entry.amplitudes) + len(c.moving) for c in r.components)
+    return sum(_numbers(c) for c in r.components)
 
 
-def _wider(found, progress) -> Refit | None:
+def _numbers(component):
+    return len(component.entry.amplitudes) + len(component.moving)
+
+
+def _of_one_size(stage, r):
+    """Whether each effect of a refit has one size in all poses, as far as sizes are estimated."""
+    return all((s := confirm.scatter(stage, r, k)) is None or s <= verdict.ONE_SIZE for k in range(len(r.components)))
+
+
+def _wider(found, of, progress) -> Refit | None:
     """The best set with one effect more, where it leads and predicts poses left out better; None where there is none."""
     stage, best = found.stage, found.best
-    scores = floors.scores(stage.of, best)
-    table = scores.table(stage.components, skip=best.kinds)
+    scores = floors.scores(of, best)
+    table = scores.table(skip=best.kinds)
     order = sorted(table, key=lambda k: -table[k][0])[:BESIDE]
     for kind in (k for k in order if table[k][0] > verdict.LEAD_FAVOURED):
         progress(f"refit with {' and '.join(best.kinds)} and {kind}")
         found.add([_refitted(found, best, scores, table[kind][1])])
     wider = _best(found, len(best.components) + 1)
-    if wider is stage.base or wider.log_evidence < best.log_evidence + verdict.LEAD_NAMED:
+    if wider is stage.base:
         return None
     said = confirm.compared(stage, wider, best)
-    return wider if said.better and said.ratio < verdict.MUCH else None
+    likelier = wider.log_evidence > best.log_evidence + verdict.LEAD_NAMED
+    certain = said.gain > _CERTAIN * said.std and wider.log_evidence > best.log_evidence
+    return wider if said.better and said.ratio < verdict.MUCH and (likelier or certain) else None
 
 
 def _judged(found: Found) -> Found:
@@ -114,9 +161,9 @@ def _judged(found: Found) -> Found:
     found.unseen, found.constancy = confirm.unseen(stage, best), None
     found.after = test_after(stage, best)
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
-    said = confirm.compared(stage, best, stage.base)
-    varies = any(s is not None and s > verdict.ONE_SIZE for s in found.scatter.values())
-    if best.log_evidence < verdict.LEAD_NAMED or not said.better or said.ratio > verdict.MUCH or varies or pieces(best):
+    said = confirm.compared(stage, best, found.baseline)
+    names = _of_one_size(stage, best) and not pieces(best)
+    if best.log_evidence < verdict.LEAD_NAMED or not said.better or said.ratio > verdict.MUCH or not names:
         return found
     found.tied = [best, *_rivals(found)]
     other = [r for r in found.refits.values() if not (set(r.kinds) <= set(best.kinds) or set(best.kinds) <= set(r.kinds))]
@@ -136,10 +183,9 @@ def _rivals(found) -> list[Refit]:
     for r in found.refits.values():
         if r is best or len(r.components) != len(best.components) or any(entry_of(k).field for k in r.kinds):
             continue
-        alike = len(r.kinds) == 1 and (r.kinds[0] in same_shapes(best) or best.kinds[0] in same_shapes(r))
-        near = verdict.LEAD_NAMED if alike else verdict.LEAD_FAVOURED
+        near = verdict.LEAD_NAMED if len(r.kinds) == 1 and alike(*r.kinds, *best.kinds) else verdict.LEAD_FAVOURED
         said = confirm.compared(found.stage, r, best)
-        contained = alike and size(r) > size(best) and not said.better  # the simpler one of two that are nested stands
+        contained = contains(r, best) and not said.better  # the simpler one of two that are nested stands
         if r.log_evidence > best.log_evidence - near and not said.worse and not contained:
             out.append(r)
     return sorted(out, key=lambda r: -r.log_evidence)

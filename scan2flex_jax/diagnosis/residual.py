@@ -267,9 +267,10 @@ class Complement:
         given = self.poses, noise, self.precision, self.pull, curvature
         return restricted_likelihood(*given) + self._prior(u, noise)
 
-    def law(self, noise: Noise, usual: float, scatter) -> Law:
-        """The most likely noise and discrepancy, begun at a noise; ``usual`` (1/m) as in `fitting.discrepancy`."""
-        found, curvature, _ = self._likeliest(noise, usual)
+    def law(self, noise: Noise, usual: float, scatter, near: Law | None = None) -> Law:
+        """The most likely noise and discrepancy, begun at a noise, or at a law that is ``near``; ``usual`` (1/m) as in
+        `fitting.discrepancy`."""
+        found, curvature, _ = self._likeliest(noise, usual, near)
         u = np.log([found.white, found.correlated, found.correlation_length])
         prior = self._prior(u, found) + (0.0 if self.stated else too_large(found, self.length))
         prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
@@ -281,9 +282,10 @@ class Complement:
         u = np.log([alone.white, alone.correlated, alone.correlation_length])
         return float(self._of_a_scanner(alone, u) - self._likeliest(noise, usual)[2])
 
-    def _likeliest(self, noise, usual):
+    def _likeliest(self, noise, usual, near=None):
+        begun = (near.noise, near.curvature) if near is not None and near.curvature else None
         noise = nearest(self._of_a_scanner, noise, self.length)
-        return most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length)
+        return most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length, begun)
 
     def _of_a_scanner(self, noise, u, curvature=0.0):
         """The same, with no noise larger than those of scanners unless it was stated."""

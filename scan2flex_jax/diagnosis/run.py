@@ -63,15 +63,15 @@ def explain(
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
     found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
-        done = found.verdict == verdict.NONE or found.scattered
+        left = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
+        done = found.verdict == verdict.NONE or found.scattered or left
         sharper = None if done else stage.sharpened(base.signatures, found)
         if sharper is None:
             break
         say("again with less noise")
         found = search.search(sharper, say)
-    if found.verdict in (verdict.EXPLAINED, verdict.TIE):
-        left = floors.gain_of_discrepancy(base.signatures, found.best, found.stage.noise)
-        found.verdict = verdict.UNEXPLAINED if left > _SCATTER else found.verdict  # poses differ beside it: `partial` decides
+    if found.verdict in (verdict.EXPLAINED, verdict.TIE) and _poses_differ(base.signatures, found):
+        found.verdict = verdict.UNEXPLAINED  # `partial` decides
     if found.verdict == verdict.UNEXPLAINED and not base.coarse:
         found = partial.search(found, say)
     if base.coarse and found.verdict != verdict.NONE:
@@ -125,6 +125,11 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
+    """Whether each pose differs in its own way, beyond the sensor's noise, beside the best that was found."""
+    return floors.gain_of_discrepancy(of, found.best, found.stage.noise) > _SCATTER
 
 
 def _mistaken(fitted: Fit, began: float) -> Explanation:
@@ -218,7 +223,7 @@ def _refitted(found):
         return found.stage.base
     if found.stage.bench.poses.count < 2:  # no pose can be left out
         return found.best if found.best.log_evidence > verdict.LEAD_NAMED else found.stage.base
-    return found.best if confirm.compared(found.stage, found.best, found.stage.base).better else found.stage.base
+    return found.best if confirm.compared(found.stage, found.best, found.baseline).better else found.stage.base
 
 
 def _likely(found):
@@ -229,7 +234,7 @@ def _likely(found):
         return [found.stage.base]
     most = max((r.log_evidence for r in found.refits.values()), default=0.0)
     near = [r for r in found.refits.values() if r.log_evidence > most - _LIKELY]
-    return [*near, found.floor or found.stage.base] if most < _LIKELY or not near else near
+    return [*near, found.baseline] if most < _LIKELY or not near else near
 
 
 def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
@@ -364,7 +369,7 @@ def _not_enough(found):
         return ()
     if found.best.log_evidence < verdict.LEAD_NAMED:
         said.append(f"leads by {found.best.log_evidence:.1f} nats, too little")
-    against = confirm.compared(found.stage, found.best, found.stage.base)
+    against = confirm.compared(found.stage, found.best, found.baseline)
     if found.stage.bench.poses.count < 2:
         said.append("cannot be tried on a pose left out, as there is one only")
     elif against.ratio >= 1.0:

@@ -61,6 +61,11 @@ class Found:
         """Refits of one kind, best first."""
         return sorted((r for r in self.refits.values() if len(r.kinds) == 1), key=lambda r: -r.log_evidence)
 
+    @property
+    def baseline(self) -> Refit:
+        """The plain rod as the refits are compared with it: at its own floor where they are at theirs."""
+        return self.floor or self.stage.base
+
     def add(self, refits) -> None:
         """Of each set of kinds the best refit stays."""
         for r in refits:
@@ -177,15 +182,14 @@ def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
     worth = [k for k in order[:REFITS] if table[k][0] > top - _WORTH or top > _STRONG]
     bic = {k: evidence.bic(statistics[table[k][1]], stage.groups[table[k][1]].rank, n) for k in table}
     worth += [k for k in sorted(bic, key=lambda k: -bic[k])[:2] if k not in worth]
-    best = stage.components[table[order[0]][1]].entry
-    rivals = [k for k in table if _alike(best, entry_of(k)) or _alike(entry_of(k), best)]
+    rivals = [k for k in table if alike(k, order[0])]
     worth += [k for k in rivals if k not in worth and bic[k] > 0.5 * bic[order[0]]]
     return [_single(stage, found, kind, progress) for kind in worth]
 
 
-def _alike(a: CatalogueEntry, b: CatalogueEntry) -> bool:
-    """Whether ``a`` is declared to give the shapes of ``b`` under some condition."""
-    return any(same.other == b.kind for same in a.same_shapes)
+def alike(a: str, b: str) -> bool:
+    """Whether one of two kinds is declared to give the shapes of the other under some condition."""
+    return any(same.other == other for kind, other in ((a, b), (b, a)) for same in entry_of(kind).same_shapes)
 
 
 def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:

@@ -95,7 +95,7 @@ def most_likely(negative, size: float, length: float) -> Noise:
 
 def nearest(negative, noise: Noise, length: float) -> Noise:
     """The noise near another, of the same smoothness, that minimises ``negative(noise, u)``; ``length`` (m) of the cable."""
-    u = np.log([noise.white, noise.correlated, noise.correlation_length])
+    u = _logarithms(noise)
     found = _nearest(lambda v, smoothness: negative(_regular(Noise.at(v, smoothness), length), v), noise.smoothness, u, _WIDE)
     return _regular(Noise.at(found[2], noise.smoothness), length)
 
@@ -107,13 +107,16 @@ def _nearest(objective, smoothness, u, reach):
     return f.fun, smoothness, f.x
 
 
-def most_likely_with_discrepancy(negative, noise: Noise, usual: float, length: float) -> tuple[Noise, float, float]:
+def most_likely_with_discrepancy(
+    negative, noise: Noise, usual: float, length: float, near: tuple[Noise, float] | None = None
+) -> tuple[Noise, float, float]:
     """``(noise, curvature, value)`` that minimise ``negative(noise, u, curvature)`` plus the prior of the curvature (1/m).
 
     ``usual`` is the median of that prior, which is log-normal. A discrepancy that explains no more than `_WORTH` nats beside
     ``noise``, the most likely one without it, is none: the curvature is then zero, and ``value`` that of ``noise``.
+    ``near``, a noise and a curvature close to the sought ones, is where to begin.
     """
-    u = np.log([noise.white, noise.correlated, noise.correlation_length])
+    u = _logarithms(noise)
     least = np.log(_FINEST * length)
 
     def objective(v):
@@ -122,19 +125,28 @@ def most_likely_with_discrepancy(negative, noise: Noise, usual: float, length: f
         prior = 0.5 * ((v[3] - np.log(usual)) / SPREAD) ** 2
         return negative(found, v[:3], float(np.exp(v[3]))) + prior + 1e3 * low
 
-    starts = [
-        np.r_[np.maximum(u[:2] + np.log(finer), least), u[2], np.log(larger * usual)]
-        for finer, larger in ((1.0, 1.0), (0.3, 4.0), (0.1, 20.0))
-    ]
+    if near is None:
+        starts = [
+            np.r_[np.maximum(u[:2] + np.log(finer), least), u[2], np.log(larger * usual)]
+            for finer, larger in ((1.0, 1.0), (0.3, 4.0), (0.1, 20.0))
+        ]
+        starts, reach = sorted(starts, key=objective)[:_TRIED], _WIDE
+    else:
+        starts, reach = [np.r_[_logarithms(near[0]), np.log(near[1])]], _NARROW
     ends = []
-    for start in sorted(starts, key=objective)[:_TRIED]:
-        simplex = start + np.vstack([np.zeros(4), _WIDE * np.eye(4)])
+    for start in starts:
+        simplex = start + np.vstack([np.zeros(4), reach * np.eye(4)])
         options = {"xatol": 2e-2, "fatol": 2e-2, "maxiter": 200, "initial_simplex": simplex}
         ends.append(optimize.minimize(objective, start, method="Nelder-Mead", options=options))
     found, without = min(ends, key=lambda end: end.fun), negative(noise, u, 0.0)
     if found.fun > without - _WORTH:
         return noise, 0.0, float(without)
     return _regular(Noise.at(found.x[:3], noise.smoothness), length), float(np.exp(found.x[3])), float(found.fun)
+
+
+def _logarithms(noise: Noise) -> np.ndarray:
+    """Of its white and correlated part (m) and its length (m)."""
+    return np.log([noise.white, noise.correlated, noise.correlation_length])
 
 
 def _regular(noise: Noise, length: float) -> Noise:
