@@ -22,6 +22,7 @@ from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import on_one_blas_thread
 from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
@@ -204,7 +205,7 @@ def _explanation(base, found, warnings, began):
         settle=report.settle_sentences({k for r in found.tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
         sentences=(
             *_sentences(found, chosen, description), *_before_and_after(poses, added, found), *_left(found, discrepancy),
-            *_confirmed(poses, chosen), *fitted.turned, *warnings,
+            *_confirmed(poses, chosen), *repeat_sentences(study), *fitted.turned, *warnings,
         ),
         gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
         seconds=time.perf_counter() - began,
@@ -308,11 +309,11 @@ def _sentences(found, chosen, description):
         tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), which describes and does not name" if gain > 0 else ""
         field = f"{description.kind} describes it along the cable: a field with a band, not physics"
         return (text + tail, *_not_enough(found), field)
-    names = " and ".join(r.kind for r in chosen)
+    said = f"{' and '.join(r.kind for r in chosen)} {'explains' if len(chosen) == 1 else 'explain'}"
     if found.best.law.curvature:
-        return (f"something is missing (p = {p:.3f}); {names} explains most of it; what is left is more than noise",
+        return (f"something is missing (p = {p:.3f}); {said} most of it; what is left is more than noise",
                 *_never_told(chosen))  # fmt: skip
-    return (f"something is missing (p = {p:.3f}); {names} explains it; what is left is noise", *_never_told(chosen))
+    return (f"something is missing (p = {p:.3f}); {said} it; what is left is noise", *_never_told(chosen))
 
 
 def _before_and_after(poses, added, found):

@@ -10,6 +10,8 @@ from scan2flex_jax.diagnosis.residual import Complement, Law, Whitened, noise_li
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers, all_components
 from scan2flex_jax.fitting.discrepancy import planes_of
 from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.repeats import repeats
 
 NOISE_LAWS = 8  # noises drawn beside the estimated one, for what the test does not know of the noise
 _SHARPER = 0.9  # of the noise: a lower estimate beside an effect replaces the first one
@@ -82,20 +84,17 @@ def signatures(bench: Bench, minimum, stated: float | None, seed: int = 0) -> tu
     every = np.concatenate([white.stack(columns), white.stack(fields["curvature"]), white.stack(fields["load"])], axis=1)
     basis = signature_basis(every, white.base)
     parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
-    repeats = repeated(bench.problem.study.fit_poses)
+    repeats = repeated(bench.problem.study)
     planes = planes_of(bench.context.points, bench.context.gravity)
     found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes)
     return found, found.complement(shapes, numbers, vector)
 
 
-def repeated(poses) -> tuple[list[int], ...]:
-    """Groups of poses (their indices) that are scans of one pose."""
-    names = [p.name for p in poses]
-    groups: dict[str, list[int]] = {}
-    for i, pose in enumerate(poses):
-        first = pose.repeat_of if pose.repeat_of in names else pose.name
-        groups.setdefault(first, []).append(i)
-    return tuple(g for g in groups.values() if len(g) > 1)
+def repeated(study: Study) -> tuple[list[int], ...]:
+    """Groups of fitted poses (their indices) that repeat one another."""
+    at = {pose.name: i for i, pose in enumerate(study.fit_poses)}
+    groups = [[at[name] for name in group if name in at] for group in repeats(study)]
+    return tuple(g for g in groups if len(g) > 1)
 
 
 def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:

@@ -27,6 +27,7 @@ from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.check import study_warnings, unit_warnings
 from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
@@ -86,7 +87,7 @@ def fit(
     estimates = _estimates(problem.layout, minimum.shared, known)
     verdict = (*_differs(discrepancy), *verdict)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
-    said = (*warned, *said, *study.assumptions, *([] if minimum.converged else [UNSETTLED]))
+    said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [UNSETTLED]))
     return Fit(
         study=study if scans else whole,
         problem=problem,

@@ -12,6 +12,7 @@ from scan2flex_jax.study.declared import unknown_formats
 from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts, all_plane, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
+from scan2flex_jax.study.repeats import repeats
 from scan2flex_jax.study.sense import knows_a_force
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
@@ -132,8 +133,9 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
         lines.append(f"    scan        {scan_name(study, pose)}, guide points {guides}")
     noise = "not stated" if pose.noise is None else f"{_mm(pose.noise)} stated"
     lines.append(f"    noise       {noise}")
-    if pose.repeat_of is not None:
-        lines.append(f"    repeats     {one_line(pose.repeat_of)}")
+    own = next((group for group in repeats(study) if pose.name in group), ())
+    if own:
+        lines.append(f"    repeats     {', '.join(one_line(name) for name in own if name != pose.name)}")
     return lines + _circumstances(pose)
 
 

@@ -30,7 +30,8 @@ def test_repeats_tell_the_noise_beside_a_misfit_that_no_kind_has():
         poses.append(replace(a, curve=MeasuredCurve(a.curve.points + wave)))
         poses.append(replace(b, name=f"{b.name} again", repeat_of=b.name, curve=MeasuredCurve(b.curve.points + wave)))
     repeated = replace(first, poses=tuple(poses))
-    assert stage.repeated(repeated.fit_poses) == ([0, 1], [2, 3])
+    assert stage.repeated(repeated) == ([0, 1], [2, 3])
     assert noise_of(repeated).total == pytest.approx(scenes.NOISE, rel=0.15)
-    alone = replace(repeated, poses=tuple(replace(p, repeat_of=None) for p in poses))
-    assert noise_of(alone).total > 2 * scenes.NOISE
+    unsaid = replace(repeated, poses=tuple(replace(p, repeat_of=None) for p in poses))
+    assert stage.repeated(unsaid) == ([0, 1], [2, 3])  # by their clamps
+    assert noise_of(replace(first, poses=tuple(poses[::2]))).total > 2 * scenes.NOISE
