@@ -19,7 +19,7 @@ from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 
-_LEAST_GAIN = 0.05  # of a logarithm: errors that differ by less are alike
+_LEAST_GAIN = 0.05  # relative: errors that differ by less are alike
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
@@ -59,12 +59,12 @@ class Comparison:
     @property
     def better(self) -> bool:
         """Whether the first predicts better, by more than the uncertainty of the comparison."""
-        return min(self.gain - max(self.std, _LEAST_GAIN), -np.log(self.ratio) - _LEAST_GAIN) > 0.0
+        return self.gain > max(self.std, _LEAST_GAIN) and self.ratio < 1.0 - _LEAST_GAIN
 
     @property
     def worse(self) -> bool:
         """Whether it predicts worse, likewise."""
-        return min(-self.gain - max(self.std, _LEAST_GAIN), np.log(self.ratio) - _LEAST_GAIN) > 0.0
+        return -self.gain > max(self.std, _LEAST_GAIN) and self.ratio > 1.0 + _LEAST_GAIN
 
 
 def compared(stage, found: Refit, other: Refit) -> Comparison:

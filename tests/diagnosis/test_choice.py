@@ -1,0 +1,88 @@
+"""Which of several models stands where poses differ each in its own way (`diagnosis.partial`)."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.diagnosis import confirm, partial
+from scan2flex_jax.diagnosis.confirm import Comparison
+from scan2flex_jax.diagnosis.refit import Refit
+from scan2flex_jax.diagnosis.residual import Law
+from scan2flex_jax.diagnosis.sensitivity import Component
+from scan2flex_jax.fitting.noise import Noise
+
+ERRORS = {  # mm, of four poses left out in turn
+    "equal": (10.0, 10.0, 10.0, 10.0), "half": (5.0, 5.0, 5.0, 5.0),
+    "one pose": (0.1, 10.0, 10.0, 10.0), "lost again": (4.0, 4.0, 16.0, 16.0),
+}  # fmt: skip
+
+
+def model(*kinds, nats, errors="equal", scatter=0.0):
+    places = {"kink": {"position": 0.3, "width": 0.01}, "point_mass": {"position": 0.3}, "point_load": {"position": 0.3}}
+    components = tuple(Component(kind, places.get(kind, {})) for kind in kinds)
+    found = Refit(
+        components=components, vector=np.zeros(0), shapes=[], cost=0.0, chi2=0.0, log_marginal=nats, log_evidence=nats,
+        covariance=np.zeros((0, 0)), converged=True, law=Law(Noise(1.0, 1.0, 1.0)),
+    )  # fmt: skip
+    found.errors, found.scatter = ERRORS[errors], scatter
+    return found
+
+
+@pytest.fixture
+def best(monkeypatch):
+    """`_best` among models whose errors in poses left out are given."""
+    monkeypatch.setattr(confirm, "left_out", lambda stage, r: 1e-3 * np.array(r.errors))
+    monkeypatch.setattr(confirm, "scatter", lambda stage, r, k: r.scatter)
+    stage = SimpleNamespace(base=model(nats=0.0), bench=SimpleNamespace(poses=SimpleNamespace(count=4)))
+
+    def choose(*models):
+        refits = {frozenset(m.kinds): m for m in models}
+        found = partial._best(SimpleNamespace(refits=refits, stage=stage), len(models[0].kinds))
+        return found.kinds
+
+    return choose
+
+
+def test_the_likeliest_stands_where_poses_left_out_do_not_tell(best):
+    assert best(model("point_load", nats=50.0), model("anisotropic_bending", nats=44.0)) == ("point_load",)
+
+
+def test_one_as_likely_that_predicts_better_stands(best):
+    assert best(model("anisotropic_bending", nats=50.0), model("uniform_load", nats=46.0, errors="half")) == ("uniform_load",)
+
+
+def test_a_simpler_effect_stands_however_likely_a_wider_one_is(best):
+    """A force contains a mass, and its sideways part may gain any number of nats."""
+    assert best(model("point_load", nats=400.0), model("point_mass", nats=50.0)) == ("point_mass",)
+
+
+def test_a_wider_effect_stands_where_it_predicts_better(best):
+    assert best(model("point_load", nats=60.0, errors="half"), model("point_mass", nats=50.0)) == ("point_load",)
+    assert best(model("point_load", nats=60.0, errors="lost again"), model("point_mass", nats=50.0)) == ("point_mass",)
+
+
+def test_in_sets_too(best):
+    wide = model("nonlinear_bending", "kink", nats=60.0)
+    assert best(wide, model("nonlinear_bending", "natural_curvature", nats=30.0)) == ("nonlinear_bending", "natural_curvature")
+    assert best(wide, model("uniform_load", "natural_curvature", nats=30.0)) == wide.kinds
+
+
+def test_sets_whose_sizes_differ_between_poses_stand_back(best):
+    assert best(model("uniform_load", nats=50.0, scatter=0.9), model("point_mass", nats=30.0)) == ("point_mass",)
+    assert best(model("uniform_load", nats=50.0, scatter=0.9)) == ("uniform_load",)  # and are told why they are not named
+
+
+def test_two_that_make_one_property_vary_are_pieces_of_a_field(best):
+    pieces, whole = model("point_mass", "density_taper", nats=50.0), model("point_mass", "uniform_load", nats=30.0)
+    assert best(pieces, whole) == whole.kinds
+
+
+@pytest.mark.parametrize(("errors", "better"), [("half", True), ("one pose", False), ("lost again", False), ("equal", False)])
+def test_better_needs_most_poses_and_the_whole(errors, better):
+    """One pose alone does not decide, nor a gain in poses of small error that is lost in those of large error."""
+    a, b = np.array(ERRORS[errors]), np.array(ERRORS["equal"])
+    logs = np.log(b / a)
+    said = Comparison(float(np.mean(logs)), float(np.std(logs, ddof=1) / 2), float(np.sqrt(np.sum(a**2) / np.sum(b**2))))
+    assert said.better is better
+    assert Comparison(-said.gain, said.std, 1.0 / said.ratio).worse is better
