@@ -158,7 +158,8 @@ class Problem:
     def with_priors(self, minimum: Minimum, noise: Noise, progress: Progress = silent) -> Minimum:
         """The fit again, with the nearly known numbers free under their priors."""
         goal = self.goal(self.scale(noise), prefixed(progress, "with priors"))
-        return self._finite(levenberg_marquardt(goal, minimum.shared, minimum.local))
+        solved = minimum.evaluation.configuration  # a soft law may not be solved from the measured curves there
+        return self._finite(levenberg_marquardt(goal, minimum.shared, minimum.local, solved))
 
     def _finite(self, minimum):
         if np.isfinite(minimum.cost):
