@@ -38,6 +38,8 @@ def variants(name, study):
     yield "as declared", study
     if len(study.poses) > 1:
         yield "all poses fitted", every
+        for pose in every.poses:
+            yield f"{pose.name} by itself", replace(study, poses=(pose,))
     if name != "textile-strip":
         yield "all poses fitted, tolerances declared", replace(every, tolerance=Tolerance(**LOOSE))
 

@@ -8,7 +8,7 @@ import math
 import re
 from pathlib import Path
 
-from benchmarks import mistakes_tables, robustness_tables, scanning_tables, sweep_tables
+from benchmarks import mistakes_tables, robustness_tables, scanning_tables, sweep_tables, tip_weights_tables
 from benchmarks.markdown import load, made_on, table
 from benchmarks.peers import tables as peers_tables
 
@@ -224,7 +224,7 @@ TABLES = {
 }  # in the order of the README
 
 
-_PAGES = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables)
+_PAGES = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)
 
 
 def pages() -> dict:

@@ -171,7 +171,8 @@ def of_explanation(found, seconds) -> dict:
     """What an explanation says, in figures."""
     told = found.to_json()
     kept = ("verdict", "chosen", "estimates", "before", "after", "discrepancy", "noise", "test", "settle")
-    out = {key: told[key] for key in kept if key in told} | {"seconds": seconds, "sentences": list(found.sentences)}
+    out = {key: told[key] for key in kept if key in told} | {"added": [r.in_short() for r in found.added]}
+    out |= {"seconds": seconds, "sentences": list(found.sentences)}
     return out | {"ranking": told.get("ranking", [])[:5]}
 
 
@@ -227,8 +228,8 @@ def line(told, fitting) -> str:
     """One answer in words."""
     if "failed" in told:
         return f"FAILED {told['failed']}"
-    parts = [told.get("verdict", "fitted"), *(named(c, fitting) for c in told.get("chosen", []))]
-    parts += [f"{n} {e['value']:.4g} ({e.get('low')} to {e.get('high')})" for n, e in told["estimates"].items()
+    parts = [told.get("verdict", "fitted"), *(named(c, fitting) for c in told.get("added", []))]
+    parts += [f"{n} {e['value']:.4g} ({e.get('low')} to {e.get('high')})" for n, e in told.get("estimates", {}).items()
               if np.ndim(e["value"]) == 0]  # fmt: skip
     for when in ("before", "after"):
         rms = told.get(when, {})

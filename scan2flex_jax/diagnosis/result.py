@@ -35,6 +35,10 @@ class Ranked:
     rms_validate: float | None = None
     std: dict[str, float | np.ndarray] = field(default_factory=dict)
 
+    def in_short(self) -> dict:
+        """The effect alone: kind, parameters and, where they are known, their standard errors."""
+        return {"kind": self.kind, "parameters": _plain(self.parameters)} | ({"std": _plain(self.std)} if self.std else {})
+
     def to_json(self) -> dict:
         """As in the study format; ``log_evidence`` is over the plain rod, in nats."""
         out = {"kind": self.kind, "parameters": _plain(self.parameters), "log_evidence": float(self.log_evidence)}
@@ -156,7 +160,7 @@ class Explanation:
             "test": {"p_value": float(self.p_value), "significant": self.significant}
             | ({} if self.p_after is None else {"p_value_after": float(self.p_after)}),
             "ranking": [r.to_json() for r in self.ranking],
-            "chosen": [{"kind": r.kind, "parameters": _plain(r.parameters)} for r in self.chosen],
+            "chosen": [r.in_short() for r in self.chosen],
             "verdict": self.verdict,
             **self._discrepancy(),
             "before": self._errors(False) | {"estimates": before},

@@ -1,0 +1,66 @@
+"""The table of docs/real/tip-weights.md: real cables without and with a weight at the tip. See `benchmarks.tables`."""
+
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.markdown import load, made_on, table
+
+PAGE = Path(__file__).parents[1] / "docs" / "real" / "tip-weights.md"
+NOISE = "noise unstated"
+WORDS = {
+    "without": "without the weight", "carried over": "with it: what the answer above predicts, nothing fitted",
+    "with": "with it, undeclared; EI to 4 % and effects carried over",
+    "with, alone": "with it, undeclared, nothing carried over",
+    "both": "both series in one fit, mass unknown", "both, softening": "the same, and bending that softens",
+    "known weight": "both series in one fit, weight known, cable not weighed",
+}  # fmt: skip
+UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "width": "m", "slip_curvature": "1/m"}
+_SIZES = ("mass", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling")
+
+
+def weights() -> str:
+    """Every question of every cable."""
+    entry = load("tip_weights")
+    rows = []
+    for cable, r in entry["results"].items():
+        for question, told in (r.get(NOISE, {}) if isinstance(r, dict) else {}).items():
+            rows.append([cable.replace("_", ", "), WORDS[question], _found(told), *(_errors(told, role) for role in _ROLES)])
+    head = ["cable", "series", "found", "fitted, mm", "left out in turn, mm", "never seen, mm"]
+    return table(head, rows) + made_on(entry)
+
+
+_ROLES = ("rms_fit", "rms_left_out", "rms_validate")
+
+
+def _errors(told, role) -> str:
+    """Before and after, in mm."""
+    values = [told.get(when, {}).get(role) for when in ("before", "after")]
+    return " to ".join(f"{1e3 * v:.1f}" for v in values if v is not None and np.isfinite(v)) or "-"
+
+
+def _found(told) -> str:
+    """Verdict, effects with their 95 % intervals, EI."""
+    if "failed" in told:
+        return told["failed"]
+    parts = [told["verdict"]] if "verdict" in told else []
+    standing = "" if told.get("chosen") else "best so far, not established: "
+    parts += [standing + ", ".join(_effect(c) for c in told.get("added", []))] if told.get("added") else []
+    parts += [f"{name} {e['value']:.3g} ({e['low']:.3g} to {e['high']:.3g})" if "low" in e else f"{name} {e['value']:.3g}"
+              for name, e in told.get("estimates", {}).items() if np.ndim(e["value"]) == 0]  # fmt: skip
+    return "; ".join(parts) or "-"
+
+
+def _effect(chosen) -> str:
+    """One effect: what tells its size and place."""
+    said = []
+    for name, value in chosen["parameters"].items():
+        size, std = float(np.linalg.norm(value)), chosen.get("std", {}).get(name)
+        if name in _SIZES:
+            along = None if std is None or not size else abs(float(np.dot(np.ravel(value), np.ravel(std)))) / size
+            off = "" if along is None else f" ± {1.96 * along:.2g}"
+            said.append(f"{name} {size:.3g}{off} {UNITS.get(name, '')}".strip())
+    return f"`{chosen['kind']}` ({', '.join(said)})"
+
+
+TABLES = {"weights": weights}
