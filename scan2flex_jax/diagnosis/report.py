@@ -6,17 +6,19 @@ import numpy as np
 
 from scan2flex_jax.diagnosis import confirm, locate
 from scan2flex_jax.diagnosis.families import DESCRIBED
-from scan2flex_jax.diagnosis.refit import Refit
+from scan2flex_jax.diagnosis.refit import Refit, configurations
 from scan2flex_jax.diagnosis.result import PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.result import Estimate, unit_of
+from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_names
 from scan2flex_jax.study.model import EffectDeclaration
 
 _NORMAL_95 = 1.959964
+_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # from a model without effects to one with them
 _VAGUE = 1.0  # standard deviation of a logarithm beyond which a value is not worth the name
 
 
@@ -98,13 +100,31 @@ def rms(bench, shapes) -> float:
     return float(np.sqrt(sum(np.sum(r**2) for r, *_ in rows) / sum(len(r) for r, *_ in rows)))
 
 
-def predicted(bench, found: Refit):
-    """Shapes of other poses (``bench`` of those) at a refit's shared numbers and effects."""
+def predicted(bench, found: Refit, near: Refit | None = None):
+    """Shapes of other poses (``bench`` of those) at a refit's shared numbers and effects.
+
+    Poses that are not solved from their measured curves are continued from the shapes of the model ``near``, without effects.
+    """
     numbers = Numbers(bench, found.components)
     vector = np.zeros(numbers.count)
     vector[: numbers.shared] = found.vector[: numbers.shared]
     vector[numbers.base :] = found.vector[len(found.vector) - (numbers.count - numbers.base) :]
-    return bench.shapes(found.components, vector, derivative=False)
+    shapes = bench.shapes(found.components, vector, derivative=False)
+    if near is None or all(_solved(shape) for shape in shapes):
+        return shapes
+    begin = vector.copy()
+    begin[: numbers.shared] = near.vector[: numbers.shared]
+    for k in range(len(found.components)):
+        begin[numbers.amplitudes(k)] = 0.0
+    continued, start = shapes, None
+    for t in _WAY:
+        continued = bench.shapes(found.components, begin + t * (vector - begin), start, derivative=False)
+        start = configurations(continued)
+    return [own if _solved(own) else other for own, other in zip(shapes, continued, strict=True)]
+
+
+def _solved(shape):
+    return int(shape.verdict.code) == SOLVED and bool(np.all(np.isfinite(shape.residual)))
 
 
 def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, PoseChange]:

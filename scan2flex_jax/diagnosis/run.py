@@ -254,7 +254,7 @@ def _poses(study, stage, other, refitted) -> dict[str, PoseChange]:
     unseen = np.transpose([confirm.left_out(stage, r) for r in (stage.base, refitted)])
     poses = report.pose_changes(study.fit_poses, stage.bench, stage.base.shapes, refitted.shapes, unseen)
     if other:
-        before, after = report.predicted(other, stage.base), report.predicted(other, refitted)
+        before, after = report.predicted(other, stage.base), report.predicted(other, refitted, stage.base)
         poses |= report.pose_changes(study.validate_poses, other, before, after)
     return {p.name: poses[p.name] for p in study.poses if p.name in poses}
 
@@ -268,7 +268,7 @@ def _ranking(found, other):
         kind = r.kinds[0]
         p = float(found.test.adjusted[found.table[kind][1]]) if kind in found.table else found.test.p_value  # fields
         judged = _judged(kind, best, tie_kinds, found, r.log_evidence)
-        shapes = report.predicted(other, r) if other else None
+        shapes = report.predicted(other, r, stage.base) if other else None
         out[kind] = report.ranked(
             bench, r, 0, log_evidence=r.log_evidence, p_value=p, verdict=judged[0], tied_with=judged[1],
             rms_fit=report.rms(bench, r.shapes), rms_validate=None if shapes is None else report.rms(other, shapes),
