@@ -16,7 +16,7 @@ REACH = 0.3  # of an amplitude, that a solve of the stub goes in one stride
 
 
 class Stub:
-    """A bench of two poses: the first is always solved, the second only from the solution of an amplitude near by, or of none."""
+    """A bench of two poses: the first is always solved, the second only from the solution of an amplitude near by."""
 
     prior = SimpleNamespace(at=np.zeros(0, int), mean=np.zeros(0), std=np.zeros(0))
     layout = SimpleNamespace(shared=1, local=0, prior=prior)
