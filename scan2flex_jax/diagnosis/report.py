@@ -50,10 +50,10 @@ def spreads_of(bench, found: Refit, k: int) -> dict:
     return {name: np.sqrt(t) for name, t in total.items()}
 
 
-def estimates(bench, tied: list[Refit], best: Refit) -> dict[str, Estimate]:
-    """Values at the best refit; intervals widened over those tied with it, weighted by their evidence."""
+def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dict[str, Estimate]:
+    """Values at the best refit; intervals widened over those tied with it, weighted by their evidence, or all ``alike``."""
     layout, out = bench.layout, {}
-    weights = np.exp([min(r.log_evidence - best.log_evidence, 0.0) for r in tied])
+    weights = np.exp([0.0 if alike else min(r.log_evidence - best.log_evidence, 0.0) for r in tied])
     weights /= weights.sum()
     rescale = [_rescaled(bench, r) for r in tied]
     own = _rescaled(bench, best)

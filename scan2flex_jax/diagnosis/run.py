@@ -28,6 +28,7 @@ from scan2flex_jax.study.sense import check_study
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
 _LIKELY = 8.0  # nats behind the likeliest model: one whose estimates count where nothing was found
+_AS_NEAR = 4.0  # times the squares of the best model: one that comes as near, from a single pose
 _SCATTER = 5.0  # nats that a discrepancy gains beside effects that leave no structure
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
@@ -73,7 +74,7 @@ def explain(
         found = search.search(sharper, say)
     if found.verdict in (verdict.EXPLAINED, verdict.TIE) and _poses_differ(base.signatures, found):
         found.verdict = verdict.UNEXPLAINED  # `partial` decides
-    if found.verdict == verdict.UNEXPLAINED and not base.coarse:
+    if found.verdict == verdict.UNEXPLAINED and not base.coarse and found.stage.bench.poses.count > 1:
         found = partial.search(found, say)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
@@ -129,8 +130,11 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
 
 
 def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
-    """Whether each pose differs in its own way, beyond the sensor's noise, beside the best that was found."""
-    return floors.gain_of_discrepancy(of, found.best, found.stage.noise) > _SCATTER
+    """Whether each pose differs in its own way, beyond the sensor's noise, beside the best that was found.
+
+    What one pose has of its own is the effect that is sought.
+    """
+    return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > _SCATTER
 
 
 def _mistaken(fitted: Fit, began: float) -> Explanation:
@@ -182,7 +186,7 @@ def _explanation(base, found, warnings, began):
     law_of = found.floor if found.floor is not None and not refitted.components else refitted
     added = _chosen(bench, refitted, ranking)
     chosen = added if found.verdict in verdict.FOUND else ()
-    estimates = report.estimates(bench, _likely(found), refitted)
+    estimates = report.estimates(bench, _likely(found), refitted, alike=_alike(found))
     poses = _poses(study, found.stage, other, refitted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
@@ -233,9 +237,17 @@ def _likely(found):
         return found.tied
     if found.verdict != verdict.UNEXPLAINED:
         return [found.stage.base]
+    if _alike(found):
+        return [r for r in found.refits.values() if r.chi2 < _AS_NEAR * found.best.chi2]
     most = max((r.log_evidence for r in found.refits.values()), default=0.0)
     near = [r for r in found.refits.values() if r.log_evidence > most - _LIKELY]
     return [*near, found.baseline] if most < _LIKELY or not near else near
+
+
+def _alike(found):
+    """Whether models count alike in the intervals: no pose left out has judged them, and what they leave is no noise, so that
+    likelihoods at the sensor's noise say nothing."""
+    return found.verdict == verdict.UNEXPLAINED and found.floor is None and bool(found.best.components)
 
 
 def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
@@ -251,7 +263,8 @@ def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
 
 def _poses(study, stage, other, refitted) -> dict[str, PoseChange]:
     """Every pose before and after, in the order of the study; ``other``: the bench of the ``validate`` poses, or None."""
-    unseen = np.transpose([confirm.left_out(stage, r) for r in (stage.base, refitted)])
+    several = stage.bench.poses.count > 1
+    unseen = np.transpose([confirm.left_out(stage, r) for r in (stage.base, refitted)]) if several else None
     poses = report.pose_changes(study.fit_poses, stage.bench, stage.base.shapes, refitted.shapes, unseen)
     if other:
         before, after = report.predicted(other, stage.base), report.predicted(other, refitted, stage.base)
