@@ -208,8 +208,11 @@ def kinect() -> str:
         whole, (rod, mujoco) = r["all fitted"], r["published, percent"]
         seen = f"{100 * whole['mean over poses']:.1f} %" if "mean over poses" in whole else "-"
         unseen = f"{100 * r['mean node error over length']:.1f} % ({r['solved']} of {len(r['poses'])} poses)"
-        rows.append([wire, seen, unseen, f"{rod} %, {mujoco} %"])
-    head = ["mean node error over length", "all four fitted", "left out in turn", "published: adapted rod, MuJoCo"]
+        after = r.get("explained")
+        found = "-" if after is None else f"{100 * after:.1f} % ({r['explained and solved']} of {len(r['poses'])} poses)"
+        rows.append([wire, seen, unseen, found, f"{rod} %, {mujoco} %"])
+    head = ["mean node error over length", "all four fitted", "left out in turn", "the same, with what `explain` finds",
+            "published: adapted rod, MuJoCo"]  # fmt: skip
     return table(head, rows) + made_on(entry)
 
 
