@@ -219,7 +219,9 @@ def kinect() -> str:
 TABLES = {
     "firstuse": firstuse,
     "blind": blind,
+    "background": background,
     "ablations": ablations,
+    "tipweights": tip_weights_tables.brief,
     "kinect": kinect,
     "sensitivity": sensitivity,
     "fit": fit,

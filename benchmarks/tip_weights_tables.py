@@ -30,6 +30,21 @@ def weights() -> str:
     return table(head, rows) + made_on(entry)
 
 
+def brief() -> str:
+    """The README's: what was found of each cable, and poses never seen before and after."""
+    entry = load("tip_weights")
+    rows = []
+    for cable, r in entry["results"].items():
+        told = r.get(NOISE, {}) if isinstance(r, dict) else {}
+        for series, before in (("without", told.get("without", {})), ("with", told.get("carried over", {}))):
+            if series in told:
+                was = before.get("before", before.get("after", {})).get("rms_validate")
+                now = told[series].get("after", {}).get("rms_validate")
+                errors = " to ".join("-" if v is None else f"{1e3 * v:.1f}" for v in (was, now))
+                rows.append([cable.replace("_", ", "), f"{series} the weight", _found(told[series]), errors])
+    return table(["cable", "series", "found", "poses never seen, mm"], rows) + made_on(entry)
+
+
 _ROLES = ("rms_fit", "rms_left_out", "rms_validate")
 
 
