@@ -1,9 +1,9 @@
 """The search where no effect brings the residual down to the sensor's noise: found, though not complete.
 
 Each model is compared with its own floor (`floors`), and a simpler one stands unless a wider one predicts poses left out
-better. A set of effects is *found* when it removes much of the error in poses left out in turn, by more than the uncertainty of
-that comparison, and has one size in all of them. A field along the cable (`effects.catalogue.fields`) competes with the other
-effect types: where it predicts poses that had no part in it, it is physics.
+better (`choice`). A set of effects is *found* when it removes much of the error in poses left out in turn, by more than the
+uncertainty of that comparison, and has one size in all of them. A field along the cable (`effects.catalogue.fields`) competes
+with the other effect types: where it predicts poses that had no part in it, it is physics.
 """
 
 from dataclasses import replace
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.diagnosis import confirm, floors, verdict
+from scan2flex_jax.diagnosis.choice import best_of, contains, numbers_of, of_one_size
 from scan2flex_jax.diagnosis.refit import Refit, plain_law, refit
 from scan2flex_jax.diagnosis.search import Found, alike, outside, pieces
 from scan2flex_jax.diagnosis.sensitivity import Numbers
@@ -21,7 +22,6 @@ from scan2flex_jax.fitting.least_squares import Progress
 SINGLES, WIDER, BESIDE = 5, 3, 3  # refits of single kinds and of sets that are taken over, and of each round
 _WORTH = 25.0  # nats of one step behind the best kind beyond which a refit cannot catch up
 _MOST, _STEPS = 3, 20  # effects, and steps of a refit
-_TELLING = 3  # poses from which on those left out say which of two effects to keep
 _CERTAIN = 2.0  # standard errors of a gain in poses left out that does not need a lead in likelihood
 
 
@@ -45,7 +45,7 @@ def search(before: Found, progress: Progress) -> Found:
     for kind in (k for k in likeliest if frozenset([k]) not in found.refits):
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
-    found.best = _best(found, 1)
+    found.best = best_of(stage, found.refits.values(), 1)
     most = min(_MOST, (stage.bench.poses.count + 1) // 2)
     while found.best.components and len(found.best.components) < most:
         wider = _wider(found, of, progress)
@@ -66,32 +66,6 @@ def _refitted(found, near: Refit, scores, g) -> Refit:
     return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.floor, stage.bench.context)
 
 
-def _best(found, count) -> Refit:
-    """The likeliest refit of ``count`` effects, or one as likely that predicts poses left out better, or a simpler one; of
-    those whose sizes are the same in all poses, where there are any.
-
-    The likelihood rests on the assumed law of the discrepancy. Between an effect and a wider one that contains it, poses left
-    out therefore decide, whatever the likelihoods: the simpler one stands unless the wider one predicts them better.
-    """
-    own = [r for r in found.refits.values() if len(r.components) == count and np.isfinite(r.log_evidence)]
-    own = [r for r in own if _of_one_size(found.stage, r) and not pieces(r)] or own
-    if not own:
-        return found.stage.base
-    order = sorted(own, key=lambda r: -r.log_evidence)
-    best, most = order[0], order[0].log_evidence
-    for other in (r for r in order[1:] if r.log_evidence > most - verdict.LEAD_NAMED):
-        said = confirm.compared(found.stage, other, best)
-        simpler = size(other) < size(best) and other.log_evidence > best.log_evidence - verdict.LEAD_FAVOURED
-        if (said.better and not contains(other, best)) or (simpler and not said.worse):
-            best = other
-    if found.stage.bench.poses.count < _TELLING:
-        return best
-    for other in order:
-        if contains(best, other) and not confirm.compared(found.stage, best, other).better:
-            best = other
-    return best
-
-
 def _simplified(found, of, progress) -> Refit:
     """The best set after each of its effects was exchanged for simpler ones that give the same shapes under some condition."""
     best = None
@@ -105,33 +79,11 @@ def _simplified(found, of, progress) -> Refit:
                 continue
             scores = floors.scores(of, rest)
             table = scores.table()
-            for kind in (kind for kind in simpler if _numbers(scores.components[table[kind][1]]) < _numbers(c)):
+            for kind in (kind for kind in simpler if numbers_of(scores.components[table[kind][1]]) < numbers_of(c)):
                 progress(f"refit with {' and '.join(rest.kinds)} and {kind}")
                 found.add([_refitted(found, rest, scores, table[kind][1])])
-        found.best = _best(found, len(best.components))
+        found.best = best_of(found.stage, found.refits.values(), len(best.components))
     return found.best
-
-
-def contains(wider: Refit, simpler: Refit) -> bool:
-    """Whether one effect of a set is a wider one that gives the shapes of an effect of another set, all others alike."""
-    more, less = set(wider.kinds) - set(simpler.kinds), set(simpler.kinds) - set(wider.kinds)
-    if len(more) != 1 or len(less) != 1 or size(wider) <= size(simpler):
-        return False
-    return alike(more.pop(), less.pop())
-
-
-def size(r: Refit) -> int:
-    """How many numbers the effects of a refit have; a field counts as more than any kind."""
-    return sum(_numbers(c) for c in r.components)
-
-
-def _numbers(component):
-    return len(component.entry.amplitudes) + len(component.moving)
-
-
-def _of_one_size(stage, r):
-    """Whether each effect of a refit has one size in all poses, as far as sizes are estimated."""
-    return all((s := confirm.scatter(stage, r, k)) is None or s <= verdict.ONE_SIZE for k in range(len(r.components)))
 
 
 def _wider(found, of, progress) -> Refit | None:
@@ -143,7 +95,7 @@ def _wider(found, of, progress) -> Refit | None:
     for kind in (k for k in order if table[k][0] > verdict.LEAD_FAVOURED):
         progress(f"refit with {' and '.join(best.kinds)} and {kind}")
         found.add([_refitted(found, best, scores, table[kind][1])])
-    wider = _best(found, len(best.components) + 1)
+    wider = best_of(stage, found.refits.values(), len(best.components) + 1)
     if wider is stage.base:
         return None
     said = confirm.compared(stage, wider, best)
@@ -162,7 +114,7 @@ def _judged(found: Found) -> Found:
     found.after = test_after(stage, best)
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
     said = confirm.compared(stage, best, found.baseline)
-    names = _of_one_size(stage, best) and not pieces(best)
+    names = of_one_size(stage, best) and not pieces(best)
     if best.log_evidence < verdict.LEAD_NAMED or not said.better or said.ratio > verdict.MUCH or not names:
         return found
     found.tied = [best, *_rivals(found)]

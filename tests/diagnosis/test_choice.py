@@ -1,11 +1,12 @@
-"""Which of several models stands where poses differ each in its own way (`diagnosis.partial`)."""
+"""Which of several models stands where poses differ each in its own way (`diagnosis.choice`)."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import confirm, partial
+from scan2flex_jax.diagnosis import confirm
+from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
@@ -31,15 +32,13 @@ def model(*kinds, nats, errors="equal", scatter=0.0):
 
 @pytest.fixture
 def best(monkeypatch):
-    """`_best` among models whose errors in poses left out are given."""
+    """`best_of` among models whose errors in poses left out are given."""
     monkeypatch.setattr(confirm, "left_out", lambda stage, r: 1e-3 * np.array(r.errors))
     monkeypatch.setattr(confirm, "scatter", lambda stage, r, k: r.scatter)
     stage = SimpleNamespace(base=model(nats=0.0), bench=SimpleNamespace(poses=SimpleNamespace(count=4)))
 
     def choose(*models):
-        refits = {frozenset(m.kinds): m for m in models}
-        found = partial._best(SimpleNamespace(refits=refits, stage=stage), len(models[0].kinds))
-        return found.kinds
+        return best_of(stage, models, len(models[0].kinds)).kinds
 
     return choose
 
