@@ -25,8 +25,9 @@ def weights() -> str:
     rows = []
     for cable, r in entry["results"].items():
         for question, told in (r.get(NOISE, {}) if isinstance(r, dict) else {}).items():
-            rows.append([cable.replace("_", ", "), WORDS[question], _found(told), *(_errors(told, role) for role in _ROLES)])
-    head = ["cable", "series", "found", "fitted, mm", "left out in turn, mm", "never seen, mm"]
+            errors = [_errors(told, role) for role in _ROLES]
+            rows.append([cable.replace("_", ", "), WORDS[question], _found(told), *errors, _poses(told)])
+    head = ["cable", "series", "found", "fitted, mm", "left out in turn, mm", "never seen, mm", "their median, mm"]
     return table(head, rows) + made_on(entry)
 
 
@@ -41,8 +42,9 @@ def brief() -> str:
                 was = before.get("before", before.get("after", {})).get("rms_validate")
                 now = told[series].get("after", {}).get("rms_validate")
                 errors = " to ".join("-" if v is None else f"{1e3 * v:.1f}" for v in (was, now))
-                rows.append([cable.replace("_", ", "), f"{series} the weight", _found(told[series]), errors])
-    return table(["cable", "series", "found", "poses never seen, mm"], rows) + made_on(entry)
+                words = f"{series} the weight", _found(told[series]), errors, _poses(told[series])
+                rows.append([cable.replace("_", ", "), *words])
+    return table(["cable", "series", "found", "poses never seen, mm", "their median, mm"], rows) + made_on(entry)
 
 
 _ROLES = ("rms_fit", "rms_left_out", "rms_validate")
@@ -52,6 +54,14 @@ def _errors(told, role) -> str:
     """Before and after, in mm."""
     values = [told.get(when, {}).get(role) for when in ("before", "after")]
     return " to ".join(f"{1e3 * v:.1f}" for v in values if v is not None and np.isfinite(v)) or "-"
+
+
+def _poses(told) -> str:
+    """The median of the poses never seen, and how many of them fall over to another branch."""
+    if "median of poses never seen" not in told:
+        return "-"
+    fallen = len(told["fallen over"])
+    return f"{1e3 * told['median of poses never seen']:.1f}" + (f" ({fallen} on another branch)" if fallen else "")
 
 
 def _found(told) -> str:
