@@ -219,7 +219,6 @@ def kinect() -> str:
 TABLES = {
     "firstuse": firstuse,
     "blind": blind,
-    "background": background,
     "ablations": ablations,
     "tipweights": tip_weights_tables.brief,
     "kinect": kinect,

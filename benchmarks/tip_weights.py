@@ -128,8 +128,8 @@ def carried_over(found) -> dict:
 
 
 def predicted(study, EI: float) -> dict:
-    """Distances (m) of the markers of a study from the cable of this EI: RMS of each role, and of the poses never seen the median and
-    those that fall over."""
+    """Distances (m) of the markers of a study from the cable of this EI: RMS of each role, and of the poses never seen
+    the median and those that fall over."""
     from scan2flex_jax.prediction import predict  # noqa: PLC0415
 
     known = replace(study, cable=study.cable | {"bending_stiffness": EI}, unknowns=())
