@@ -102,6 +102,7 @@ def studies(key, made, folder):
         poses["scan"].append(held | scanned(rng, shape, radius, ends, folder / f"p{p + 1}.ply"))
         poses["curve"].append(held | {"points": view @ shape + SENSED * rng.normal(size=(POINTS, 3))})
     cable = {"length": scene.cable.length, "radius": radius, "length_density": scene.cable.density}
+    cable |= {"axial_stiffness": scene.cable.axial, "shear_stiffness": scene.cable.shear}
     unknowns, told = ("bending_stiffness", "torsional_stiffness"), {"gravity": scene.gravity}
     return {data: Study.from_arrays(cable, some, unknowns, title=data, **told) for data, some in poses.items()}
 

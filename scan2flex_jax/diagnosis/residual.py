@@ -234,10 +234,11 @@ class Complement:
     """
 
     def __init__(
-        self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True
+        self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True,
+        alike=0.0,
     ):
         """Thinned curves and columns, each with where its columns stand; the model's own only where it is ``free``."""
-        self.length, self.stated, self.planes, self.poses = length, stated, planes, []
+        self.length, self.stated, self.planes, self.alike, self.poses = length, stated, planes, alike, []
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
@@ -301,7 +302,7 @@ class Complement:
     @cached_property
     def estimate(self) -> Noise:
         """The most likely noise."""
-        return most_likely(self, self.stated or self.size, self.length)
+        return most_likely(self, self.stated or self.size, self.length, self.alike)
 
     def draws(self, noise: Noise, count: int, rng) -> list[Noise]:
         """Noises as likely as the estimated one: a normal law in their logarithms with the likelihood's curvature."""
@@ -309,7 +310,7 @@ class Complement:
         H = np.zeros((3, 3))
 
         def at(v):
-            return self(Noise.at(v, noise.smoothness), v)
+            return self(noise.moved(v), v)
 
         for i in range(3):
             for j in range(i + 1):
@@ -318,7 +319,7 @@ class Complement:
         values, vectors = np.linalg.eigh(H)
         spread = vectors / np.sqrt(np.maximum(values, 4.0))
         found = [u + np.clip(spread @ rng.standard_normal(3), -0.7, 0.7) for _ in range(count)]
-        return [Noise.at(v, noise.smoothness) for v in found]
+        return [noise.moved(v) for v in found]
 
 
 def noise_like(white: Whitened, shapes, laws, count: int, rng) -> np.ndarray:

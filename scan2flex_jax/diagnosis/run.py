@@ -26,6 +26,7 @@ from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
 _SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
+_ALIKE = 0.01  # of the radius: by what the axis of a scan errs alike along a pose (`benchmarks.scan_alarms`)
 _FINE = 0.1  # of the radius: what errs less may be the axis of a scan
 _LIKELY = 8.0  # nats behind the likeliest model: one whose estimates count where nothing was found
 _AS_NEAR = 4.0  # times the squares of the best model: one that comes as near, from a single pose
@@ -57,7 +58,8 @@ def explain(
         make_room()
     try:
         study = _on_axes(study, elements, say)
-        base = _base(study, elements, say, seed, mesh, ahead)
+        alike = _ALIKE * float(study.cable["radius"] or 0.0) if scanned else 0.0
+        base = _base(study, elements, say, seed, mesh, ahead, alike)
         if isinstance(base, Fit):
             return _mistaken(base, began)
     except NotSettledError as fault:
@@ -99,7 +101,9 @@ class _Base:
     coarse: list[str]
 
 
-def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None) -> _Base | Fit:
+def _base(
+    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, alike: float
+) -> _Base | Fit:
     """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
 
     Raises `NotSettledError`.
@@ -117,7 +121,7 @@ def _base(study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahe
         study = fitted.problem.study  # with the turns that the shapes tell
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
-        signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed)
+        signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed, alike)
         first = stage.stage_of(signatures, beside)
         if not mesh:
             return _Base(fitted, signatures, first, {"elements": elements}, [])

@@ -61,16 +61,20 @@ class Signatures:
     seed: int
     repeats: tuple[list[int], ...]
     planes: int
+    alike: float = 0.0
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of some model, beside its own columns and all signatures."""
         bench = self.bench
         rest = (self.parts, bench.context.length, self.stated, self.repeats)
-        return Complement(found_shapes, bench.real, numbers, vector, *rest)
+        return Complement(found_shapes, bench.real, numbers, vector, *rest, alike=self.alike)
 
 
-def signatures(bench: Bench, minimum, stated: float | None, seed: int = 0) -> tuple[Signatures, Complement]:
-    """Signatures at the plain fit, and the likelihood of the noise there."""
+def signatures(
+    bench: Bench, minimum, stated: float | None, seed: int = 0, alike: float = 0.0
+) -> tuple[Signatures, Complement]:
+    """Signatures at the plain fit, and the likelihood of the noise there; ``stated`` and ``alike`` (m) are parts of it that
+    are known (`fitting.noise`)."""
     vector = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
     components = all_components(bench.context)
     start = minimum.evaluation.configuration
@@ -86,7 +90,7 @@ def signatures(bench: Bench, minimum, stated: float | None, seed: int = 0) -> tu
     parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
     repeats = repeated(bench.problem.study)
     planes = planes_of(bench.context.points, bench.context.gravity)
-    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes)
+    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike)
     return found, found.complement(shapes, numbers, vector)
 
 

@@ -36,22 +36,31 @@ _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in u
 
 @dataclass(frozen=True)
 class Noise:
-    """Standard deviations of one normal component (m) of the white and the correlated part, its length (m) and smoothness."""
+    """Standard deviations of one normal component (m) of the white and the correlated part, its length (m) and smoothness.
+
+    ``alike`` (m): standard deviation of a third part, which is one and the same along a whole pose, as where the radius of a
+    cable is misjudged from one side. It is given and not estimated: few poses do not tell it.
+    """
 
     white: float
     correlated: float
     correlation_length: float
     smoothness: float = 1.5
+    alike: float = 0.0
 
     @classmethod
-    def at(cls, u: np.ndarray, smoothness: float) -> "Noise":
+    def at(cls, u: np.ndarray, smoothness: float, alike: float = 0.0) -> "Noise":
         """From the logarithms of white, correlated (m) and length (m)."""
         white, correlated, length = (float(v) for v in np.exp(u))
-        return cls(white, correlated, length, smoothness)
+        return cls(white, correlated, length, smoothness, alike)
+
+    def moved(self, u: np.ndarray) -> "Noise":
+        """One of other white, correlated (m) and length (m), by their logarithms."""
+        return Noise.at(u, self.smoothness, self.alike)
 
     @property
     def total(self) -> float:
-        """Standard deviation of one normal component (m)."""
+        """Standard deviation of one normal component (m), without the part that is alike along a pose."""
         return float(np.hypot(self.white, self.correlated))
 
     def to_json(self) -> dict:
@@ -60,7 +69,8 @@ class Noise:
 
     def covariance(self, s: np.ndarray) -> np.ndarray:
         """Covariance (m^2) at arc lengths ``s`` (m) of one pose."""
-        return self.white**2 * np.eye(len(s)) + self.correlated**2 * matern(s, self.correlation_length, self.smoothness)
+        smooth = self.correlated**2 * matern(s, self.correlation_length, self.smoothness)
+        return self.white**2 * np.eye(len(s)) + smooth + self.alike**2
 
 
 def matern(s: np.ndarray, length: float, smoothness: float = 1.5) -> np.ndarray:
@@ -75,13 +85,13 @@ def matern(s: np.ndarray, length: float, smoothness: float = 1.5) -> np.ndarray:
     return np.exp(-0.5 * d**2)
 
 
-def most_likely(negative, size: float, length: float) -> Noise:
+def most_likely(negative, size: float, length: float, alike: float = 0.0) -> Noise:
     """The noise that minimises ``negative(noise, u)``, ``u`` the logarithms of its white, correlated (m) and length (m).
 
-    ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides.
+    ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides; ``alike`` (m) as in `Noise`.
     """
     def objective(u, smoothness):
-        noise = Noise.at(u, smoothness)
+        noise = Noise.at(u, smoothness, alike)
         beyond = max(0.0, np.log(_FLOOR * size) - u[0]) ** 2 + max(0.0, np.log(noise.total / (_MOST_OF_SIZE * size))) ** 2
         return negative(noise, u) + 1e3 * beyond
 
@@ -90,14 +100,14 @@ def most_likely(negative, size: float, length: float) -> Noise:
     for smoothness in _SMOOTHNESS[1:]:  # other kernels differ little in their numbers
         found.append(_nearest(objective, smoothness, min(found, key=lambda f: f[0])[2], _NARROW))
     _, smoothness, u = min(found, key=lambda f: f[0])
-    return Noise.at(u, smoothness)
+    return Noise.at(u, smoothness, alike)
 
 
 def nearest(negative, noise: Noise, length: float) -> Noise:
     """The noise near another, of the same smoothness, that minimises ``negative(noise, u)``; ``length`` (m) of the cable."""
     u = _logarithms(noise)
-    found = _nearest(lambda v, smoothness: negative(_regular(Noise.at(v, smoothness), length), v), noise.smoothness, u, _WIDE)
-    return _regular(Noise.at(found[2], noise.smoothness), length)
+    found = _nearest(lambda v, _: negative(_regular(noise.moved(v), length), v), noise.smoothness, u, _WIDE)
+    return _regular(noise.moved(found[2]), length)
 
 
 def _nearest(objective, smoothness, u, reach):
@@ -120,7 +130,7 @@ def most_likely_with_discrepancy(
     least = np.log(_FINEST * length)
 
     def objective(v):
-        found = _regular(Noise.at(v[:3], noise.smoothness), length)
+        found = _regular(noise.moved(v[:3]), length)
         low = max(0.0, least - v[0]) ** 2 + max(0.0, least - v[1]) ** 2
         prior = 0.5 * ((v[3] - np.log(usual)) / SPREAD) ** 2
         return negative(found, v[:3], float(np.exp(v[3]))) + prior + 1e3 * low
@@ -141,7 +151,7 @@ def most_likely_with_discrepancy(
     found, without = min(ends, key=lambda end: end.fun), negative(noise, u, 0.0)
     if found.fun > without - _WORTH:
         return noise, 0.0, float(without)
-    return _regular(Noise.at(found.x[:3], noise.smoothness), length), float(np.exp(found.x[3])), float(found.fun)
+    return _regular(noise.moved(found.x[:3]), length), float(np.exp(found.x[3])), float(found.fun)
 
 
 def _logarithms(noise: Noise) -> np.ndarray:
