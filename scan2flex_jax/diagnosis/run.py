@@ -58,8 +58,7 @@ def explain(
         make_room()
     try:
         study = _on_axes(study, elements, say)
-        alike = _ALIKE * float(study.cable["radius"] or 0.0) if scanned else 0.0
-        base = _base(study, elements, say, seed, mesh, ahead, alike)
+        base = _base(study, elements, say, seed, mesh, ahead, scanned)
         if isinstance(base, Fit):
             return _mistaken(base, began)
     except NotSettledError as fault:
@@ -102,7 +101,7 @@ class _Base:
 
 
 def _base(
-    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, alike: float
+    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool
 ) -> _Base | Fit:
     """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
 
@@ -121,6 +120,7 @@ def _base(
         study = fitted.problem.study  # with the turns that the shapes tell
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
+        alike = _ALIKE * bench.context.radius_or_guess if scanned else 0.0
         signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed, alike)
         first = stage.stage_of(signatures, beside)
         if not mesh:

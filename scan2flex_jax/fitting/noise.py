@@ -88,7 +88,8 @@ def matern(s: np.ndarray, length: float, smoothness: float = 1.5) -> np.ndarray:
 def most_likely(negative, size: float, length: float, alike: float = 0.0) -> Noise:
     """The noise that minimises ``negative(noise, u)``, ``u`` the logarithms of its white, correlated (m) and length (m).
 
-    ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides; ``alike`` (m) as in `Noise`.
+    ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides; ``alike`` (m) is that of
+    `Noise`.
     """
     def objective(u, smoothness):
         noise = Noise.at(u, smoothness, alike)

@@ -12,6 +12,8 @@ from scan2flex_jax.fitting.noise import (
     Residual,
     estimate_noise,
     matern,
+    most_likely,
+    nearest,
     noise_and_discrepancy,
     restricted_likelihood,
 )
@@ -68,6 +70,27 @@ def test_kernel():
     np.testing.assert_allclose(matern(S, 0.07), kernel(S, 0.07), rtol=1e-12)
     np.testing.assert_allclose(Noise(*TRUE).covariance(S), covariance(np.log(TRUE)), rtol=1e-12)
     assert Noise(3.0, 4.0, 1.0).total == 5.0
+
+
+def test_an_error_alike_along_a_pose_is_one_number_of_it():
+    """Its covariance is constant; the sizes beside it are found as though it were not there, and without it smooth noise is."""
+    noise = Noise(*TRUE, alike=2e-3)
+    np.testing.assert_allclose(noise.covariance(S) - Noise(*TRUE).covariance(S), 4e-6, rtol=1e-9)
+    rng, pure = np.random.default_rng(12), Noise(4e-4, 1e-6, 0.1)
+    poses = []
+    for _ in range(8):
+        r = pure.white * rng.standard_normal((len(S), 3)) + noise.alike * rng.standard_normal(3)
+        poses.append(Residual(S, r, np.zeros((len(S), 3, 0)), np.zeros(0, int)))
+
+    def negative(found, u):
+        priors = 0.02 * (u[1] - u[0]) ** 2 + 1e3 * max(0.0, u[2] - np.log(0.5)) ** 2
+        return restricted_likelihood(poses, found, np.zeros(0), np.zeros(0)) + priors
+
+    known, unknown = (most_likely(negative, 1e-3, 1.0, alike) for alike in (noise.alike, 0.0))
+    assert known.white == pytest.approx(pure.white, rel=0.1)
+    assert known.correlated < 0.5 * pure.white
+    assert unknown.correlated > 2 * pure.white
+    assert nearest(negative, known, 1.0).alike == known.moved(np.zeros(3)).alike == noise.alike
 
 
 def test_restricted_likelihood_is_the_dense_one():
