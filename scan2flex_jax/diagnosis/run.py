@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2flex_jax.compilation import make_room
-from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, report, search, stage, verdict
+from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, report, search, sentences, stage, verdict
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
+from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.evidence import one_step
-from scan2flex_jax.diagnosis.families import WORDS
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Bench
 from scan2flex_jax.diagnosis.slots import empty_slots_of
-from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting import Fit
 from scan2flex_jax.fitting import fit as plain_fit
@@ -25,9 +24,7 @@ from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
-_SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
 _ALIKE = 0.01  # of the radius: by what the axis of a scan errs alike along a pose (`benchmarks.scan_alarms`)
-_FINE = 0.1  # of the radius: what errs less may be the axis of a scan
 _LIKELY = 8.0  # nats behind the likeliest model: one whose estimates count where nothing was found
 _AS_NEAR = 4.0  # times the squares of the best model: one that comes as near, from a single pose
 _SCATTER = 5.0  # nats that a discrepancy gains beside effects that leave no structure
@@ -77,13 +74,17 @@ def explain(
         found.verdict = verdict.UNEXPLAINED  # `partial` decides
     if found.verdict == verdict.UNEXPLAINED and not base.coarse and found.stage.bench.poses.count > 1:
         found = partial.search(found, say)
+    elif found.verdict == verdict.UNEXPLAINED:
+        simplest = best_of(found.stage, found.refits.values(), len(found.best.components))
+        if simplest is not found.best:
+            found.best, found.after = simplest, stage.test_after(found.stage, simplest)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     warnings: tuple[str, ...] = ()
     if base.coarse:
         warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
-        warnings += _if_fine(found)
+        warnings += sentences.if_fine(found)
     say("before and after")
     return _explanation(base, found, warnings, began)
 
@@ -143,10 +144,10 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
 
 def _mistaken(fitted: Fit, began: float) -> Explanation:
     """What is said of a study whose input is likely mistaken: no physics is looked for."""
-    sentences = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
+    said = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
     seconds = time.perf_counter() - began
     return Explanation(
-        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=sentences, seconds=seconds, mistakes=fitted.mistakes
+        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes
     )
 
 
@@ -212,8 +213,9 @@ def _explanation(base, found, warnings, began):
         families=found.test.family_gain,
         settle=report.settle_sentences({k for r in found.tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
         sentences=(
-            *_sentences(found, chosen, description), *_before_and_after(poses, added, found), *_left(found, discrepancy),
-            *_confirmed(poses, chosen), *repeat_sentences(study), *fitted.turned, *warnings,
+            *sentences.of_search(found, chosen, description), *sentences.before_and_after(poses, added, found),
+            *sentences.of_discrepancy(found, discrepancy), *sentences.left_out(poses, chosen), *repeat_sentences(study),
+            *fitted.turned, *warnings,
         ),
         gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
         seconds=time.perf_counter() - began,
@@ -312,108 +314,3 @@ def _judged(kind, best, tie_kinds, found, value):
         return verdict.of_kind(value, np.inf), ()
     group = found.stage.groups[found.table[kind][1]]
     return verdict.of_kind(value, float(np.linalg.norm(group.X, axis=0).max())), ()
-
-
-def _sentences(found, chosen, description):
-    p = found.test.p_value
-    if found.verdict == verdict.NONE:
-        return (f"the plain rod explains these shapes to within the noise (p = {p:.3f})", *_if_noise(found))
-    if found.verdict == verdict.UNSOLVED:
-        return ("nothing is concluded",)
-    if found.verdict == verdict.UNEXPLAINED:
-        text = f"something is missing (p = {p:.3f}) and no known effect explains it"
-        family, gain = max(found.test.family_gain.items(), key=lambda item: item[1])
-        tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), which describes and does not name" if gain > 0 else ""
-        field = f"{description.kind} describes it along the cable: a field with a band, not physics"
-        return (text + tail, *_not_enough(found), field)
-    said = f"{' and '.join(r.kind for r in chosen)} {'explains' if len(chosen) == 1 else 'explain'}"
-    if found.best.law.curvature:
-        return (f"something is missing (p = {p:.3f}); {said} most of it; what is left is more than noise",
-                *_never_told(chosen))  # fmt: skip
-    return (f"something is missing (p = {p:.3f}); {said} it; what is left is noise", *_never_told(chosen))
-
-
-def _before_and_after(poses, added, found):
-    """By how much the error falls with the model that was added, and its standing."""
-    fitted = [p for p in poses.values() if p.role == "fit"]
-    count = np.array([len(p.residual) for p in fitted])
-
-    def over(values):
-        return 1e3 * float(np.sqrt(np.sum(np.array(values) ** 2 * count) / np.sum(count)))
-
-    if not added:
-        return ()
-    was, now = over([p.rms_before for p in fitted]), over([p.rms for p in fitted])
-    text = f"with {' and '.join(r.kind for r in added)} the error falls from {was:.2f} to {now:.2f} mm"
-    unseen = [(p.left_out_before, p.left_out) for p in fitted]
-    if len(fitted) > 1 and all(b is not None and np.isfinite(b) and np.isfinite(a) for b, a in unseen):
-        text += f", in poses left out from {over([b for b, _ in unseen]):.2f} to {over([a for _, a in unseen]):.2f} mm"
-    standing = "" if found.verdict in verdict.FOUND else "; it is not established, and no more than the best model so far"
-    return (text + standing,)
-
-
-def _left(found, discrepancy):
-    """What differs from pose to pose beside the model, in words."""
-    if not discrepancy.curvature or found.verdict not in (*verdict.FOUND, verdict.UNEXPLAINED):
-        return ()
-    size = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the sensor's noise each pose differs in its own way ({size}): friction, handling, or unlisted physics",)
-
-
-def _if_noise(found):
-    """What has to be believed of the scan where smooth errors as large as shapes pass for noise."""
-    n, stage = found.stage.noise, found.stage
-    stated = all(pose.noise is not None for pose in stage.bench.problem.study.fit_poses)
-    if stated or found.best.law.curvature or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
-        return ()
-    errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
-    return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)
-
-
-def _if_fine(found):
-    """What has to be believed of scans where an effect shows in less than they may err."""
-    bench = found.stage.bench
-    rms, radius = report.rms(bench, found.stage.base.shapes), bench.context.radius_or_guess
-    if rms > _FINE * radius:
-        return ()
-    left = f"the plain rod leaves {1e3 * rms:.2f} mm, {100 * rms / radius:.0f} % of the radius"
-    return (f"{left}: so little may be the scans', which err alike along a pose that was seen from one side",)
-
-
-def _not_enough(found):
-    """Why the likeliest kinds do not explain the shapes."""
-    names, said = " and ".join(found.best.kinds), []
-    if not names:
-        return ()
-    if found.best.log_evidence < verdict.LEAD_NAMED:
-        said.append(f"leads by {found.best.log_evidence:.1f} nats, too little")
-    against = confirm.compared(found.stage, found.best, found.baseline)
-    if found.stage.bench.poses.count < 2:
-        said.append("cannot be tried on a pose left out, as there is one only")
-    elif against.ratio >= 1.0:
-        said.append("predicts poses left out no better than the plain rod")
-    elif against.ratio > verdict.MUCH or not against.better:
-        said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
-    said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in found.scatter.items() if _differs(v)]
-    return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
-
-
-def _differs(scatter):
-    return scatter is not None and scatter > verdict.ONE_SIZE
-
-
-def _confirmed(poses, chosen):
-    """What poses that had no part in it say of the effect."""
-    own = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
-    if not chosen or not own:
-        return ()
-    better = sum(p.left_out < p.left_out_before for p in own)
-    return (f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without",)
-
-
-def _never_told(chosen):
-    """What is no kind of the catalogue and gives the same shapes all the same."""
-    same = [(r.kind, same) for r in chosen for same in search.errors_of_the_study(entry_of(r.kind))]
-    return tuple(
-        f"shapes alone never tell {kind} from an error of the {s.other.replace('_', ' ')}: {s.words}" for kind, s in same
-    )

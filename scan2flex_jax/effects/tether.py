@@ -73,6 +73,7 @@ class AnchoredSpring(AbstractEffect):
         return weight * jnp.where(string, taut, 0.5 * k * span @ span - self.pull @ span)
 
 
+_FAR = 1e-4  # of the size: stiffness that stands for a force that does not change, from an anchor thousands of lengths away
 _REACH = (0.03, 1.0)  # of the length: from the cable to where a string is anchored
 _SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: of the size, and of the logarithm of the stiffness in units of the size
 
@@ -111,8 +112,8 @@ def _tether_of(p, c):
 def _tether_parameters(a, site, c):
     a, position = np.asarray(a, float), float(site["position"])
     if "reach" not in site:
-        anchor = c.centre + a[1:] / a[0] if a[0] > 0 else c.centre + a[1:]
-        return {"position": position, "anchor": anchor, "stiffness": float(a[0]), "rest_length": 0.0}
+        k = max(float(a[0]), _FAR * _tether_size(c)[0])
+        return {"position": position, "anchor": c.centre + a[1:] / k, "stiffness": k, "rest_length": 0.0}
     k, tension = float(_string_stiffness(a[0], site["softest"])), float(np.linalg.norm(a[1:]))
     reach = max(float(site["reach"]), tension / k)
     anchor = np.asarray(site["place"]) + reach * a[1:] / max(tension, 1e-300)

@@ -1,15 +1,13 @@
 """What an explanation says of the conditions under which it holds."""
 
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from scan2flex_jax.diagnosis import sentences
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.fitting.noise import Noise
-
-run = import_module("scan2flex_jax.diagnosis.run")  # the package's `explain` is the function
 
 
 def found(left, noise, radius=0.004, stated=None):
@@ -27,7 +25,7 @@ def found(left, noise, radius=0.004, stated=None):
 
 @pytest.mark.parametrize(("left", "doubted"), [(1.5e-4, True), (2.0e-3, False)])
 def test_what_is_finer_than_scans_may_err_is_doubted(left, doubted):
-    said = run._if_fine(found(left, Noise(1e-4, 1e-5, 0.05)))
+    said = sentences.if_fine(found(left, Noise(1e-4, 1e-5, 0.05)))
     assert bool(said) == doubted
     assert not doubted or "0.15 mm, 4 % of the radius" in said[0]
 
@@ -41,6 +39,6 @@ def test_what_is_finer_than_scans_may_err_is_doubted(left, doubted):
     ],
 )
 def test_smooth_errors_as_large_as_shapes_are_a_condition(noise, stated, conditional):
-    said = run._if_noise(found(1e-2, noise, stated=stated))
+    said = sentences._if_noise(found(1e-2, noise, stated=stated))
     assert bool(said) == conditional
     assert not conditional or "14.2 mm RMS, alike over 300 mm" in said[0]

@@ -87,6 +87,14 @@ def test_a_string_pulls_as_the_tether_that_it_is_reported_as(rest):
     assert (slack > 0) == (rest > 0)
 
 
+def test_a_pull_without_stiffness_is_reported_as_a_soft_spring_from_afar():
+    """As a tether of stiffness zero it would be lost: declared, it has to pull as it did."""
+    entry, c, pull = ENTRIES["tether"], scene.CONTEXT, np.array([0.3, -0.1, 0.6])
+    told = entry.to_parameters(np.r_[0.0, pull], {"position": 0.4}, c)
+    for r in np.random.default_rng(2).uniform(-0.4, 0.4, (10, 3)) + c.centre:
+        np.testing.assert_allclose(told["stiffness"] * (told["anchor"] - r), pull, atol=2e-3 * np.linalg.norm(pull))
+
+
 def rod_leaves(effects):
     """What effects make of sections, loads, supports, section law and scan."""
     rod = discretise(CableModel(scene.CABLE, scene.DOWN, effects), scene.pose(), 8)
