@@ -7,6 +7,7 @@ import numpy as np
 
 from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
+from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.discrepancy import Discrepancy
@@ -117,11 +118,12 @@ class Explanation:
     description: Ranked | None = None
     search: Found | None = field(repr=False, default=None)
     mistakes: tuple[Mistake, ...] = ()
+    settings: DiagnosisSettings = USUAL
 
     @property
     def significant(self) -> bool:
-        """Whether the plain rod leaves more than noise, at the 5 % level."""
-        return bool(self.p_value <= 0.05)
+        """Whether the plain rod leaves more than noise, at the level of the settings."""
+        return bool(self.p_value <= self.settings.level)
 
     def rms(self, role: str = "fit", after: bool = True) -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN where there are none."""
@@ -167,6 +169,7 @@ class Explanation:
             "after": self._errors(True) | {"estimates": after, "shift_in_std": _plain(self.shifts())},
             "families": {k: float(v) for k, v in self.families.items()},
             "gates": _plain(self.gates),
+            "settings": self.settings.to_json(),
             "equivalent_load": self.load.to_json(),
             **({} if self.description is None else {"description": self.description.to_json()}),
             "settle": list(self.settle),

@@ -8,6 +8,7 @@ from scan2flex_jax.diagnosis import evidence, families, score
 from scan2flex_jax.diagnosis.refit import Refit, refit
 from scan2flex_jax.diagnosis.residual import Complement, Law, Whitened, noise_like, orthonormal, signature_basis, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers, all_components
+from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.fitting.discrepancy import planes_of
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.study.model import Study
@@ -45,6 +46,11 @@ class Stage:
         """The sensor's."""
         return self.law.noise
 
+    @property
+    def settings(self) -> DiagnosisSettings:
+        """What counts as missing and as found."""
+        return self.of.settings
+
 
 @dataclass
 class Signatures:
@@ -62,6 +68,7 @@ class Signatures:
     repeats: tuple[list[int], ...]
     planes: int
     alike: float = 0.0
+    settings: DiagnosisSettings = USUAL
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of some model, beside its own columns and all signatures."""
@@ -71,7 +78,8 @@ class Signatures:
 
 
 def signatures(
-    bench: Bench, minimum, stated: float | None, seed: int = 0, alike: float = 0.0
+    bench: Bench, minimum, stated: float | None, seed: int = 0, alike: float = 0.0,
+    settings: DiagnosisSettings = USUAL,
 ) -> tuple[Signatures, Complement]:
     """Signatures at the plain fit, and the likelihood of the noise there; ``stated`` and ``alike`` (m) are parts of it that
     are known (`fitting.noise`)."""
@@ -90,7 +98,7 @@ def signatures(
     parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
     repeats = repeated(bench.problem.study)
     planes = planes_of(bench.context.points, bench.context.gravity)
-    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike)
+    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike, settings)
     return found, found.complement(shapes, numbers, vector)
 
 
@@ -114,7 +122,7 @@ def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
         score.group_of(k, S[:, of.owner == k], c.entry.size(bench.context), Q, c.entry.one_sided)
         for k, c in enumerate(of.components)
     ]
-    draws = noise_like(white, base.shapes, [law, *drawn], score.DRAWS, rng)
+    draws = noise_like(white, base.shapes, [law, *drawn], of.settings.draws, rng)
     found = families.families(white, of.fields, S, of.owner, of.components, Q)
     y, draws = (x - Q @ (Q.T @ x) for x in (white.r, draws))
     return Stage(bench, law, base, of.components, groups, found, of.fields, white, draws, y, Q, known or {}, of)

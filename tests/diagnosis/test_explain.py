@@ -172,7 +172,7 @@ def test_a_coarse_mesh_is_refined_before_anything_is_looked_for():
     assert gates.too_coarse(error, 1e-7, list("abcd"))
     found = explain(study("t001"), elements=8)
     assert found.gates["elements"] > 8
-    assert found.gates["mesh_error"] < gates.OF_NOISE * found.noise.total
+    assert found.gates["mesh_error"] < found.settings.mesh_share * found.noise.total
     assert found.verdict == "no missing effect"
 
 
