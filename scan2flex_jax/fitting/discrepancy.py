@@ -18,7 +18,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from scan2flex_jax.effects._span import POINTS, smooth_root
+from scan2flex_jax.effects.spans import POINTS, smooth_root
 from scan2flex_jax.fitting import states
 
 SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
