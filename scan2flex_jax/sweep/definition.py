@@ -17,8 +17,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-import scan2flex_jax
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.version import __version__
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 _COUNTED_BY_VERSION = {"scan2flex_jax", "jaxtyping", *LIBRARIES, *sys.stdlib_module_names} - {"__main__"}
@@ -28,7 +28,7 @@ _COMPUTING = ("geometry", "rod", "effects", "statics", "study", "scan", "fitting
 
 def versions() -> dict[str, str]:
     """What computes: this package with its sources, the libraries, the interpreter and the kind of device."""
-    own = f"{scan2flex_jax.__version__}+{_sources()}"
+    own = f"{__version__}+{_sources()}"
     libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
     python = ".".join(platform.python_version_tuple()[:2])
     return {"scan2flex_jax": own, **libraries, "python": python, "device": jax.default_backend()}
@@ -37,7 +37,7 @@ def versions() -> dict[str, str]:
 @functools.cache
 def _sources() -> str:
     """A hash of the sources of this package that compute: a checkout changes under one version number."""
-    folder, h = Path(scan2flex_jax.__file__).parent, hashlib.sha256()
+    folder, h = Path(__file__).parents[1], hashlib.sha256()
     for part in _COMPUTING:
         for path in sorted((folder / part).rglob("*.py")):
             h.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
