@@ -14,7 +14,8 @@ from jaxtyping import Float
 from scan2flex_jax.effects.builders import along
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
-from scan2flex_jax.effects.spans import POINTS, field_along
+from scan2flex_jax.effects.spans import field_along
+from scan2flex_jax.geometry.fields import POINTS
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
