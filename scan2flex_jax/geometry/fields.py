@@ -1,7 +1,7 @@
 """Fields along the cable that are given on points evenly spaced from one end to the other.
 
 Between the points a field is linear, a sum of hat functions. A smooth random field has a Gaussian process as its prior, with
-the squared-exponential kernel ``exp(-(t - t')^2/(2 SMOOTH^2))``. Symbol: ``t = s/L`` (-), the arc length over that of the cable.
+the squared-exponential kernel ``exp(-(t - t')^2/(2 SMOOTH^2))``. Symbol: ``t = s/L`` (-), relative arc length.
 """
 
 from typing import Any

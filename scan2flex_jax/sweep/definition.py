@@ -1,7 +1,14 @@
-"""What a sweep is: a fingerprint of everything that its numbers depend on, so that a store is never continued as another.
+"""The identity of a sweep: a fingerprint of all that its numbers depend on, so that a store is never continued as another.
 
-`digest` follows arrays, containers, dataclasses and functions: a function's instructions, its constants, defaults, and the
-values that it refers to. Libraries count by their version.
+A key given by the caller, beside a hash of the arrays, could not do this. The scene of `equilibria`, the change of `fits`, the
+function of a task and its quantities are the caller's own code, most often a cell of a notebook. If one edits that code, or a
+number that it closes over or reads from its module, and runs the same line again, the key stays as it was: some lanes of the
+store would be of one model and the rest of another, and nothing in the store would show it. So `digest` follows functions too:
+their instructions, constants and defaults, and the values that they refer to, through containers and dataclasses to the arrays.
+A file named by a `Path` counts by its content, a library by its version.
+
+Not seen: whatever a function reads while it runs, such as a file that it opens by a name. Another version of Python compiles
+other instructions; the version of Python is part of the definition anyway.
 """
 
 import dis
