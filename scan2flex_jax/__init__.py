@@ -7,6 +7,8 @@ Start with ``fit(load_study(folder))``. float64 must be on before the first arra
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from scan2flex_jax.version import __version__ as __version__
+
 if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported when it is first used
     from scan2flex_jax import plot as plot
     from scan2flex_jax.diagnosis import explain as explain
@@ -76,7 +78,6 @@ _HOMES = {
     "solve_rod": "statics",
 }
 __all__ = sorted(_HOMES)
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> object:

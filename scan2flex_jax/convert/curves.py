@@ -12,7 +12,8 @@ from typing import Annotated
 import numpy as np
 
 from scan2flex_jax.convert.units import LENGTHS, length_unit
-from scan2flex_jax.study.curves import checked_curve, checked_points
+from scan2flex_jax.study import arrays
+from scan2flex_jax.study.curves import checked_curve
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
@@ -52,7 +53,7 @@ def read_foreign_curve(path: Path, *, units: str | None = None, columns: str | N
 def read_foreign_points(path: Path, *, units: str | None = None) -> Annotated[np.ndarray, "n 3"]:
     """Guide points (m) in a text file of another tool: at least two."""
     where = Where(one_line(str(path), 300))
-    return checked_points(_read(Path(path), units, None, where)[0], 2, where)
+    return arrays.points(_read(Path(path), units, None, where)[0], 2, where)
 
 
 def _read(path, units, columns, where):

@@ -10,8 +10,8 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects._span import POINTS, smooth_root
 from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, loaded_places, positions
+from scan2flex_jax.geometry.fields import POINTS, smooth_root
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS
 

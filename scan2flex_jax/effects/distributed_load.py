@@ -10,10 +10,11 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import places, values
-from scan2flex_jax.effects._span import POINTS, field_along
 from scan2flex_jax.effects.builders import along
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.spans import field_along
+from scan2flex_jax.geometry.fields import POINTS
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 
@@ -22,8 +23,10 @@ class DistributedLoad(AbstractEffect):
     """Dead load ``force`` (N/m) at places ``s`` (m) along the cable."""
 
     kind: ClassVar[str] = "distributed_load"
-    force: Float[Array, "m 3"] = values(3)
-    s: Float[Array, " m"] | None = places()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a dead load that varies along the cable"
+    s: Float[Array, " m"] | None = parameter("m", per_point=True, domain="along_cable", estimable=False, default=None)
+    force: Float[Array, "m 3"] = parameter("N/m", 3, per_point=True)
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The load on all elements."""
@@ -32,7 +35,7 @@ class DistributedLoad(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "distributed_load", "energy",
+    DistributedLoad,
     size=lambda c: np.full(3 * POINTS, 0.3 * c.force / c.length),  # as a load that is alike all along
     **along("force", DistributedLoad),
     signature="the cable is pulled the same way in every pose, more at some places than at others",

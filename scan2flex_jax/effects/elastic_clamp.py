@@ -20,9 +20,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import both_ends, clamped, ends, ends_without
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
@@ -33,10 +33,12 @@ class ElasticClamp(AbstractEffect):
     """Rotational ``stiffness`` (N m/rad) of start and end grip; ``compliance`` (rad/(N m)) adds to its inverse."""
 
     kind: ClassVar[str] = "elastic_clamp"
+    place: ClassVar[str] = "clamps"
+    words: ClassVar[str] = "a grip yields in rotation"
     rank: ClassVar[int] = 3
     inert: ClassVar[float] = float("inf")
-    stiffness: Float[Array, "2"] = parameter(2, default=float("inf"))
-    compliance: Float[Array, "2"] = parameter(2, default=0.0)
+    stiffness: Float[Array, "2"] = parameter("N m/rad", per_end=True, domain="positive", default=float("inf"))
+    compliance: Float[Array, "2"] = leaf(2, default=0.0)
 
     @property
     def total_compliance(self) -> Float[Array, "2"]:
@@ -71,7 +73,7 @@ def _compliance(p, c):
 
 
 ENTRY = CatalogueEntry(
-    "elastic_clamp", "clamps", ("compliance at start", "compliance at end"),
+    ElasticClamp, ("compliance at start", "compliance at end"),
     lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as soft as two per cent of the cable
     build=lambda a, site, c: (ElasticClamp(compliance=a * jnp.asarray(site["ends"])),),
     to_parameters=_stiffness,

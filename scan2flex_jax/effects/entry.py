@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import ENDS, Place
+from scan2flex_jax.study.kinds import ENDS
 
 Site = dict[str, Any]
 Varied = Literal["stiffness", "mass"]  # properties of the cable that may vary along it
@@ -95,9 +95,25 @@ class SameShapes:
         return f"{self.when}, always" if self.always else self.when
 
 
+def _one_site(context: Context) -> tuple[Site, ...]:
+    return ({},)
+
+
+def _as_scanned(site: Site, noise: float) -> Site:
+    return site
+
+
+def _not_rescaled(amplitude: Any, site: Site, context: Context) -> dict[str, float]:
+    return {}
+
+
+def _no_other_starts(amplitude: Any, site: Site, context: Context, places: Any) -> list:
+    return []
+
+
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One kind, ready to be scanned for.
+    """One kind, ready to be scanned for: the class of the ``effect``, and how `explain` looks for it.
 
     ``build(amplitude, site, context)`` makes the effects, ``sites(context)`` lists where to look (one empty site when
     there is no choice; a part ``position`` is an arc length, a part ``width`` the length of a span, both in m),
@@ -120,8 +136,7 @@ class CatalogueEntry:
     poses that it never saw. ``signature``: what it looks like. ``settle``: the measurement that would settle a tie.
     """
 
-    kind: str
-    place: Place
+    effect: type[AbstractEffect]
     amplitudes: tuple[str, ...]
     size: Callable[[Context], np.ndarray]
     build: Callable[[Array, Site, Context], tuple[AbstractEffect, ...]]
@@ -129,22 +144,27 @@ class CatalogueEntry:
     from_parameters: Callable[[dict[str, Any], Context], tuple[np.ndarray, Site]]
     signature: str
     settle: str
-    sites: Callable[[Context], tuple[Site, ...]] = lambda context: ({},)
+    sites: Callable[[Context], tuple[Site, ...]] = _one_site
     one_sided: tuple[bool, ...] = ()
     bounds_of: Callable[[Context], tuple[np.ndarray, np.ndarray]] | None = None
     moving: Mapping[str, Range] = default(default_factory=dict)
-    start_site: Callable[[Site, float], Site] = lambda site, noise: site
+    start_site: Callable[[Site, float], Site] = _as_scanned
     inactive_of: Callable[[Site], np.ndarray] | None = None
     continuation: tuple[float, ...] = ()
     same_shapes: tuple[SameShapes, ...] = ()
     varies: Varied | None = None
     field: bool = False
-    rescaled: Callable[[Any, Site, Context], dict[str, float]] = lambda amplitude, site, context: {}
-    other_starts: Callable[[Any, Site, Context, Any], list] = lambda amplitude, site, context, places: []
+    rescaled: Callable[[Any, Site, Context], dict[str, float]] = _not_rescaled
+    other_starts: Callable[[Any, Site, Context, Any], list] = _no_other_starts
 
     def __post_init__(self) -> None:
         """Two-sided unless it is said otherwise."""
         object.__setattr__(self, "one_sided", self.one_sided or (False,) * len(self.amplitudes))
+
+    @property
+    def kind(self) -> str:
+        """The name of the kind, in studies and results."""
+        return self.effect.kind
 
     @property
     def null(self) -> np.ndarray:

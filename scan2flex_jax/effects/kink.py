@@ -13,10 +13,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
-from scan2flex_jax.effects._span import bell_means
 from scan2flex_jax.effects.builders import AXES
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_cable, positions
+from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.spans import bell_means
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -24,9 +24,11 @@ class Kink(AbstractEffect):
     """A set bend ``angle`` (rad) over ``width`` (m) at ``position`` (m)."""
 
     kind: ClassVar[str] = "kink"
-    position: Float[Array, ""] = parameter()
-    angle: Float[Array, "3"] = parameter(3)
-    width: Float[Array, ""] = parameter(default=0.0)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a set bend, local in s"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    angle: Float[Array, "3"] = parameter("rad", 3)
+    width: Float[Array, ""] = parameter("m", domain="nonnegative", default=0.0)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the kink's curvature in their natural one."""
@@ -37,7 +39,7 @@ class Kink(AbstractEffect):
 _BENDS = (0.02, 0.12)  # of the length: of the set bends to scan
 
 ENTRY = CatalogueEntry(
-    "kink", "energy", AXES,
+    Kink, AXES,
     lambda c: np.full(3, 0.15),  # rad: a cable bent by hand keeps five to ten degrees
     build=lambda a, site, c: (Kink(site["position"], a, site["width"]),),
     to_parameters=lambda a, site, c: {

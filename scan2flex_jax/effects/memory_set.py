@@ -12,9 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter, values
-from scan2flex_jax.effects._span import hat_field
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import leaf, rows
+from scan2flex_jax.effects.spans import hat_field
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -22,8 +22,10 @@ class MemorySet(AbstractEffect):
     """Natural curvature ``memory`` (-) times the curvature ``previous`` (1/m) of the pose before."""
 
     kind: ClassVar[str] = "memory_set"
-    memory: Float[Array, ""] = parameter()
-    previous: Float[Array, "m 3"] = values(3)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable keeps part of the curvature of the pose before"
+    memory: Float[Array, ""] = leaf()
+    previous: Float[Array, "m 3"] = rows(3)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the remembered curvature."""
@@ -32,7 +34,7 @@ class MemorySet(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "memory_set", "energy", ("memory",),
+    MemorySet, ("memory",),
     lambda c: np.array([0.15]),  # plastics keep ten to twenty per cent over minutes
     build=lambda a, site, c: (MemorySet(a[0], c.previous),),
     to_parameters=lambda a, site, c: {"memory": float(np.asarray(a)[0])},

@@ -12,9 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import AXES, plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -22,7 +22,9 @@ class NaturalCurvature(AbstractEffect):
     """Set curvature ``curvature`` (1/m) of the whole cable."""
 
     kind: ClassVar[str] = "natural_curvature"
-    curvature: Float[Array, "3"] = parameter(3)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable is bent at rest, alike along s"
+    curvature: Float[Array, "3"] = parameter("1/m", 3)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the curvature added to their natural one."""
@@ -30,7 +32,7 @@ class NaturalCurvature(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "natural_curvature", "energy", AXES,
+    NaturalCurvature, AXES,
     lambda c: np.full(3, 0.5 / c.length),  # off a drum a cable keeps an arc of some thirty degrees in its length
     **plain("curvature", NaturalCurvature, 3),
     signature="a bow out of the plane of the pose, alike all along, that turns over when both clamps are rolled",

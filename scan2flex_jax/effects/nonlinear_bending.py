@@ -16,8 +16,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -25,8 +25,10 @@ class NonlinearBending(AbstractEffect):
     """Softening beyond ``slip_curvature`` (1/m) down to ``ratio`` (-) of the first stiffness."""
 
     kind: ClassVar[str] = "nonlinear_bending"
-    slip_curvature: Float[Array, ""] = parameter()
-    ratio: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "bending softens beyond a curvature of slip"
+    slip_curvature: Float[Array, ""] = parameter("1/m", domain="positive")
+    ratio: Float[Array, ""] = parameter("-", domain="nonnegative")
 
     def strain_energy(self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"]) -> Float[Array, ""]:
         """Energy per length (J/m) beyond the quadratic one."""
@@ -60,7 +62,7 @@ def _loose_wires(a, site, c, places):
 
 
 ENTRY = CatalogueEntry(
-    "nonlinear_bending", "energy", ("1 - ratio",),
+    NonlinearBending, ("1 - ratio",),
     lambda c: np.array([0.5]),  # between a slight slip and loose wires, both of which are common
     build=lambda a, site, c: (NonlinearBending(site["slip_curvature"], 1.0 - a[0]),),
     to_parameters=lambda a, site, c: {

@@ -10,9 +10,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import places
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, point_load
 
@@ -21,8 +21,10 @@ class PointMass(AbstractEffect):
     """A mass ``mass`` (kg) at arc length ``position`` (m)."""
 
     kind: ClassVar[str] = "point_mass"
-    position: Float[Array, ""] = parameter()
-    mass: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a mass hangs on the cable"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    mass: Float[Array, ""] = parameter("kg", domain="nonnegative")
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The weight of the mass."""
@@ -30,7 +32,7 @@ class PointMass(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "point_mass", "energy", ("mass",),
+    PointMass, ("mass",),
     lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite beside the whole cable
     build=lambda a, site, c: (PointMass(site["position"], a[0]),),
     to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},

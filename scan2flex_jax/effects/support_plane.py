@@ -16,8 +16,8 @@ from jax import Array
 from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 CONTACT = 1.0e6  # N/m^2: heavy hoses of 50 N/m then sink by less than a millimetre
@@ -28,9 +28,11 @@ class SupportPlane(AbstractEffect):
     """A one-sided plane ``normal . x >= offset`` (m), of ``contact_stiffness`` (N/m^2)."""
 
     kind: ClassVar[str] = "support_plane"
-    normal: Float[Array, "3"] = parameter(3)
-    offset: Float[Array, ""] = parameter()
-    contact_stiffness: Float[Array, ""] = parameter(default=CONTACT)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable rests on a plane"
+    normal: Float[Array, "3"] = parameter("-", 3, domain="unit")
+    offset: Float[Array, ""] = parameter("m")
+    contact_stiffness: Float[Array, ""] = leaf(default=CONTACT)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
         """Energy (J) of the contact of one node."""
@@ -112,7 +114,7 @@ def _plane_of(p, c):
 
 
 ENTRY = CatalogueEntry(
-    "support_plane", "energy", ("contact stiffness",),
+    SupportPlane, ("contact stiffness",),
     lambda c: np.array([20.0 * c.force / c.length**2]),  # N/m^2: its weight at a depth of 5 % of the length
     build=_table,
     to_parameters=lambda a, site, c: _plane_parameters(site, c),

@@ -12,9 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -22,7 +22,9 @@ class TensionStiffening(AbstractEffect):
     """Bending stiffness per tension ``gain`` (m^2)."""
 
     kind: ClassVar[str] = "tension_stiffening"
-    gain: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "bending stiffens under tension"
+    gain: Float[Array, ""] = parameter("m^2")
 
     def strain_energy(self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"]) -> Float[Array, ""]:
         """Energy per length (J/m) beyond the quadratic one."""
@@ -31,7 +33,7 @@ class TensionStiffening(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "tension_stiffening", "energy", ("gain",),
+    TensionStiffening, ("gain",),
     lambda c: np.array([c.radius_or_guess**2]),  # wires that lie at the radius
     **plain("gain", TensionStiffening), one_sided=(True,),
     signature="tight poses bend less than slack ones, and bent ones are shorter",

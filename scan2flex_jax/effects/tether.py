@@ -16,9 +16,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import places
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 TINY = 1.0e-24  # m^2: keeps the derivative of a distance of zero finite
@@ -35,10 +35,12 @@ class Tether(AbstractEffect):
     """A spring of ``stiffness`` (N/m) and ``rest_length`` (m) from ``anchor`` (m) to the cable at ``position`` (m)."""
 
     kind: ClassVar[str] = "tether"
-    position: Float[Array, ""] = parameter()
-    anchor: Float[Array, "3"] = parameter(3)
-    stiffness: Float[Array, ""] = parameter()
-    rest_length: Float[Array, ""] = parameter(default=0.0)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a string or spring from a fixed point"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    anchor: Float[Array, "3"] = parameter("m", 3)
+    stiffness: Float[Array, ""] = parameter("N/m", domain="positive")
+    rest_length: Float[Array, ""] = parameter("m", domain="nonnegative", default=0.0)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
         """Energy (J) of the spring, as far as it hangs on this node."""
@@ -56,11 +58,11 @@ class AnchoredSpring(AbstractEffect):
     is ``(k (d - reach) + |pull|)^2/(2 k)`` at the distance d from there, zero where it is slack. Places and lengths in m.
     """
 
-    position: Float[Array, ""] = parameter()
-    centre: Float[Array, "3"] = parameter(3)
-    stiffness: Float[Array, ""] = parameter()
-    pull: Float[Array, "3"] = parameter(3)
-    reach: Float[Array, ""] = parameter(default=0.0)
+    position: Float[Array, ""] = leaf()
+    centre: Float[Array, "3"] = leaf(3)
+    stiffness: Float[Array, ""] = leaf()
+    pull: Float[Array, "3"] = leaf(3)
+    reach: Float[Array, ""] = leaf(default=0.0)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
         """Energy (J) of the spring, as far as it hangs on this node."""
@@ -143,7 +145,7 @@ def _strings(a, site, c, places):
 
 
 ENTRY = CatalogueEntry(
-    "tether", "energy", ("stiffness", "pull x", "pull y", "pull z"),
+    Tether, ("stiffness", "pull x", "pull y", "pull z"),
     _tether_size,
     build=_tether,
     to_parameters=_tether_parameters,

@@ -46,9 +46,15 @@ class Node(eqx.Module):
 
 
 class AbstractEffect(eqx.Module):
-    """Base of all effects; every hook is the identity (or adds nothing) unless an effect overrides it."""
+    """Base of all effects; every hook is the identity (or adds nothing) unless an effect overrides it.
+
+    An effect that studies and results name has a ``kind``, the ``place`` where it acts (``clamps``, ``energy`` or
+    ``observation``) and ``words`` that say what it is.
+    """
 
     kind: ClassVar[str]
+    place: ClassVar[str]
+    words: ClassVar[str]
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with changed parameters."""

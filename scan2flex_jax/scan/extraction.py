@@ -21,12 +21,11 @@ from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.scan import cloud as clouds
-from scan2flex_jax.scan import coarse as coarse_step
-from scan2flex_jax.scan import guides as guide_step
-from scan2flex_jax.scan import minimise, refine, snakes, spline
+from scan2flex_jax.scan import coarse_curve, refine, snakes, snakes_minimisers, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
-from scan2flex_jax.scan.doubts import clamp_to_clamp, doubts
-from scan2flex_jax.scan.strands import End
+from scan2flex_jax.scan.guide_points import checked_guides, guide_tube, guided_curve
+from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts
+from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
@@ -69,7 +68,7 @@ def extract(
     stages = {"cloud": points[clouds.thin(points, 20_000)]}
     if guide_points is not None:
         at = [None if one is None else one.position for one in (start, end)]
-        guide_points, said = guide_step.checked_guides(guide_points, radius, length, *at)
+        guide_points, said = checked_guides(guide_points, radius, length, *at)
         notes += said
         stages["guide points"] = guide_points
     eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
@@ -160,7 +159,7 @@ def cleaned(points, radius, length, start, end, guides):
         )
     held = held[clouds.not_isolated(held)]
     if guides is not None:
-        curve, reach = guide_step.guide_tube(guides, radius)
+        curve, reach = guide_tube(guides, radius)
         held = held[clouds.near_polyline(held, lengthened(curve, 3.0 * reach), reach)]
         if len(held) < 4:
             raise Scan2FlexError(f"no points of the cloud lie within {reach:.3g} m of the guide points: are both in metres?")
@@ -171,10 +170,10 @@ def cleaned(points, radius, length, start, end, guides):
 
 def _coarse(cloud, points, radius, length, start, end, guides, eyes):
     """The coarse curve and how it was found; guide points have the last word, and without them doubt is a refusal."""
-    some = points[clouds.thin(points, coarse_step.VOTERS)]
+    some = points[clouds.thin(points, coarse_curve.VOTERS)]
     normals = clouds.normals_at(cloud, some)
     if guides is None:
-        found: Any = coarse_step.find_curve(some, radius, length, start, end, normals)
+        found: Any = coarse_curve.find_curve(some, radius, length, start, end, normals)
         if not found.sure:
             raise Scan2FlexError(
                 f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(found.doubts)};"
@@ -182,7 +181,7 @@ def _coarse(cloud, points, radius, length, start, end, guides, eyes):
             )
         return found, "cloud"
     try:
-        found = coarse_step.find_curve(some, radius, length, start, end, normals) if len(some) >= 200 else None
+        found = coarse_curve.find_curve(some, radius, length, start, end, normals) if len(some) >= 200 else None
     except Scan2FlexError:
         found = None
     if found is not None and found.sure:
@@ -192,7 +191,7 @@ def _coarse(cloud, points, radius, length, start, end, guides, eyes):
             found, which = replace(found, points=found.points[::-1]), 799 - which
         if np.all(away < 3.0 * radius + 0.01 * found.length) and np.all(np.diff(which) > 0):
             return found, "cloud, and the guide points agree"
-    return guide_step.guided_curve(guides, some, radius, eyes, normals), "guide points"
+    return guided_curve(guides, some, radius, eyes, normals), "guide points"
 
 
 def lengthened(curve, by, radius=0.0, start=None, end=None):
@@ -230,7 +229,7 @@ def _snake(curve, near, radius, method):
     away = cKDTree(spline.evenly(curve, 800)).query(np.asarray(points))[0]
     radii = np.clip(away, (1 - _RADII_SHARE) * radius, (1 + _RADII_SHARE) * radius)
     problem = snakes.SnakesProblem(points, jnp.asarray(radii), real, jnp.asarray(in_gap), jnp.asarray(float(radius)))
-    return minimise.minimise_snakes(x0, problem, method, 60).points
+    return snakes_minimisers.minimise_snakes(x0, problem, method, 60).points
 
 
 def _refuse_doubtful(curve: CentreCurve, length, start, end):

@@ -44,7 +44,7 @@ def checked_markers(
 def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
     """Points that a user marked on the surface, from start to end; header `x,y,z`."""
     _, table = _read_csv(path, ("x,y,z",), where)
-    return checked_points(table, 2, where)
+    return arrays.points(table, 2, where)
 
 
 def checked_curve(
@@ -53,11 +53,6 @@ def checked_curve(
     """The measured curve of a file, whose faults name the file and the column."""
     with where.placed({"points": None, "arc_length": "s"}):
         return MeasuredCurve(points, s, path)
-
-
-def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """The points of a file, when there are enough of them, all are finite, and no two neighbours are the same."""
-    return arrays.points(points, fewest, where)
 
 
 def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:

@@ -1,12 +1,9 @@
-"""What a study declares beyond the plain rod, and what it asks for: effects and unknowns, checked against the cable.
+"""The effects and the unknowns of a study, checked against its cable, its clamps and each other.
 
-The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect. TOML writes the latter as
-`[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`; both are read.
+The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -31,18 +28,6 @@ def longest_cable(study: Study) -> float | None:
         return None
     slack = 3 * study.tolerance.length if unknown is None else 0.0
     return float(np.max(longest)) + slack
-
-
-def read_effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
-    """The `[[effect]]` of a file."""
-    effects = []
-    for i, table in enumerate(v.tables(entries, where)):
-        here = where.item(i + 1)
-        kind = v.required(table, "kind", here, 'kind = "point_mass"')
-        with here.placed():
-            given = {key: value for key, value in table.items() if key not in ("kind", "poses")}
-            effects.append(EffectDeclaration(kind, given, table.get("poses")))
-    return tuple(effects)
 
 
 def check_effects(study: Study, where: Where) -> None:
@@ -104,34 +89,6 @@ def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
             if parameter.estimable:
                 formats[f"{effect.kind}.{parameter.name}"] = parameter
     return formats
-
-
-def read_unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
-    """What a file asks for under `[unknown]`, in the study that it declares above."""
-    unknowns: list[Unknown] = []
-    for name, body, here in _flat(v.sub_table(table, where, "[unknown.bending_stiffness]"), where):
-        check_name(name, study, here)
-        v.allow(body, ("guess", "range", "prior"), here)
-        bounds = body.get("range", [None, None])
-        if not isinstance(bounds, list) or len(bounds) != 2:
-            raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
-        with here.placed({"low": "range", "high": "range"}):
-            low, high = bounds
-            unknowns.append(Unknown(name, body.get("guess"), low, high, body.get("prior")))
-    return tuple(unknowns)
-
-
-def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
-    """Name, body and place of each unknown, nested tables made flat."""
-    example = "[unknown.bending_stiffness]"
-    for name, entry in table.items():
-        here = where.at(name)
-        body = v.sub_table(entry, here, example)
-        if any(isinstance(value, dict) for key, value in body.items() if key != "prior"):
-            for parameter, inner in body.items():
-                yield f"{name}.{parameter}", v.sub_table(inner, here.at(parameter), example), here.at(parameter)
-        else:
-            yield name, body, here
 
 
 def check_unknowns(study: Study, where: Where) -> None:

@@ -6,6 +6,7 @@ to do. Here TOML is turned into the parts of a study, which check themselves, an
 
 import re
 import tomllib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
@@ -14,10 +15,10 @@ import numpy as np
 
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.curves import read_curve, read_guide_points, read_markers
-from scan2flex_jax.study.declared import read_effects, read_unknowns
+from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import TOLERANCE
-from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance
+from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
 from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.study.values import Where
 
@@ -131,9 +132,9 @@ def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: 
     study = replace(
         study,
         poses=_poses(data, where, files),
-        effects=read_effects(data.get("effect", []), where.at("effect")),
+        effects=_effects(data.get("effect", []), where.at("effect")),
     )
-    study = replace(study, unknowns=read_unknowns(study, data.get("unknown", {}), where.at("unknown")))
+    study = replace(study, unknowns=_unknowns(study, data.get("unknown", {}), where.at("unknown")))
     with where.placed({"curve": "centre_curve"}):
         check_study(study)
     return study
@@ -158,7 +159,7 @@ def _poses(data: dict[str, Any], where: Where, files: StudyFiles) -> tuple[Study
 
 
 def _pose(table: dict[str, Any], where: Where, files: StudyFiles) -> StudyPose:
-    """One `[[pose]]`."""
+    """One `[[pose]]` with the files that it names: centre curve, scan, markers, guide points."""
     v.allow(table, _POSE, where)
     v.required(table, "role", where, 'role = "fit" or role = "validate"')
     held = "start = { position = [x, y, z], quaternion = [w, x, y, z] }"
@@ -166,7 +167,15 @@ def _pose(table: dict[str, Any], where: Where, files: StudyFiles) -> StudyPose:
     given["start"] = _clamp(v.required(table, "start", where, held), where.at("start"))
     if "end" in table:
         given["end"] = _clamp(table["end"], where.at("end"))
-    given |= _shape(table, where, files)
+    names = {key: v.text(table[key], where.at(key)) for key in _FILES if key in table}
+    if "centre_curve" in names:
+        given["curve"] = files.curve(names["centre_curve"], where.at("centre_curve"))
+    if "scan" in names:
+        given["scan"] = files.scan(names["scan"], where.at("scan"))
+    if "markers" in names:
+        given["markers"] = files.markers(names["markers"], where.at("markers"))
+    if "guide_points" in names:
+        given["guide_points"], given["guide_points_path"] = files.guide_points(names["guide_points"], where.at("guide_points"))
     with where.placed():
         return StudyPose(**given)
 
@@ -180,17 +189,44 @@ def _clamp(table: Any, where: Where) -> Clamp:
         return Clamp(**table)
 
 
-def _shape(table: dict[str, Any], where: Where, files: StudyFiles) -> dict[str, Any]:
-    """What was measured of a pose: centre curve, scan, markers, guide points and their file."""
-    found: dict[str, Any] = {}
-    names = {key: v.text(table[key], where.at(key)) for key in _FILES if key in table}
-    if "centre_curve" in names:
-        found["curve"] = files.curve(names["centre_curve"], where.at("centre_curve"))
-    if "scan" in names:
-        found["scan"] = files.scan(names["scan"], where.at("scan"))
-    if "markers" in names:
-        found["markers"] = files.markers(names["markers"], where.at("markers"))
-    if "guide_points" in names:
-        points, path = files.guide_points(names["guide_points"], where.at("guide_points"))
-        found |= {"guide_points": points, "guide_points_path": path}
-    return found
+def _effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
+    """All `[[effect]]`."""
+    effects = []
+    for i, table in enumerate(v.tables(entries, where)):
+        here = where.item(i + 1)
+        kind = v.required(table, "kind", here, 'kind = "point_mass"')
+        with here.placed():
+            given = {key: value for key, value in table.items() if key not in ("kind", "poses")}
+            effects.append(EffectDeclaration(kind, given, table.get("poses")))
+    return tuple(effects)
+
+
+def _unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
+    """The tables under `[unknown]`, in the study that the file declares above.
+
+    TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`.
+    """
+    unknowns: list[Unknown] = []
+    for name, body, here in _flat(v.sub_table(table, where, "[unknown.bending_stiffness]"), where):
+        check_name(name, study, here)
+        v.allow(body, ("guess", "range", "prior"), here)
+        bounds = body.get("range", [None, None])
+        if not isinstance(bounds, list) or len(bounds) != 2:
+            raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
+        with here.placed({"low": "range", "high": "range"}):
+            low, high = bounds
+            unknowns.append(Unknown(name, body.get("guess"), low, high, body.get("prior")))
+    return tuple(unknowns)
+
+
+def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
+    """Name, body and place of each unknown, nested tables made flat."""
+    example = "[unknown.bending_stiffness]"
+    for name, entry in table.items():
+        here = where.at(name)
+        body = v.sub_table(entry, here, example)
+        if any(isinstance(value, dict) for key, value in body.items() if key != "prior"):
+            for parameter, inner in body.items():
+                yield f"{name}.{parameter}", v.sub_table(inner, here.at(parameter), example), here.at(parameter)
+        else:
+            yield name, body, here

@@ -15,7 +15,8 @@ import tomlkit
 from tomlkit.items import SingleKey
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.curves import checked_curve, checked_markers, checked_points
+from scan2flex_jax.study import arrays
+from scan2flex_jax.study.curves import checked_curve, checked_markers
 from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
@@ -64,7 +65,7 @@ class NamedFiles:
     def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
         """The guide points of this name."""
         points = _of_kind(self.contents[name], np.ndarray, where)
-        return checked_points(points, 2, where), None
+        return arrays.points(points, 2, where), None
 
     def scan(self, name: str, where: Where) -> Path:
         """The scan to copy, which must still be there."""

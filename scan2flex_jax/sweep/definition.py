@@ -1,7 +1,14 @@
-"""What a sweep is: a fingerprint of everything that its numbers depend on, so that a store is never continued as another.
+"""The identity of a sweep: a fingerprint of all that its numbers depend on, so that a store is never continued as another.
 
-`digest` follows arrays, containers, dataclasses and functions: a function's instructions, its constants, defaults, and the
-values that it refers to. Libraries count by their version.
+A key given by the caller, beside a hash of the arrays, could not do this. The scene of `equilibria`, the change of `fits`, the
+function of a task and its quantities are the caller's own code, most often a cell of a notebook. If one edits that code, or a
+number that it closes over or reads from its module, and runs the same line again, the key stays as it was: some lanes of the
+store would be of one model and the rest of another, and nothing in the store would show it. So `digest` follows functions too:
+their instructions, constants and defaults, and the values that they refer to, through containers and dataclasses to the arrays.
+A file named by a `Path` counts by its content, a library by its version.
+
+Not seen: whatever a function reads while it runs, such as a file that it opens by a name. Another version of Python compiles
+other instructions; the version of Python is part of the definition anyway.
 """
 
 import dis
@@ -17,8 +24,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-import scan2flex_jax
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.version import __version__
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 _COUNTED_BY_VERSION = {"scan2flex_jax", "jaxtyping", *LIBRARIES, *sys.stdlib_module_names} - {"__main__"}
@@ -28,7 +35,7 @@ _COMPUTING = ("geometry", "rod", "effects", "statics", "study", "scan", "fitting
 
 def versions() -> dict[str, str]:
     """What computes: this package with its sources, the libraries, the interpreter and the kind of device."""
-    own = f"{scan2flex_jax.__version__}+{_sources()}"
+    own = f"{__version__}+{_sources()}"
     libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
     python = ".".join(platform.python_version_tuple()[:2])
     return {"scan2flex_jax": own, **libraries, "python": python, "device": jax.default_backend()}
@@ -37,7 +44,7 @@ def versions() -> dict[str, str]:
 @functools.cache
 def _sources() -> str:
     """A hash of the sources of this package that compute: a checkout changes under one version number."""
-    folder, h = Path(scan2flex_jax.__file__).parent, hashlib.sha256()
+    folder, h = Path(__file__).parents[1], hashlib.sha256()
     for part in _COMPUTING:
         for path in sorted((folder / part).rglob("*.py")):
             h.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")

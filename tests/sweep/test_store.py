@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.sweep import Axis, Calls, Output, failed, grid, open_sweep, sweep
+from scan2flex_jax.sweep import Axis, Calls, Output, equilibria, failed, grid, open_sweep, sweep
 from scan2flex_jax.sweep.definition import digest
 
 from . import scenes
@@ -123,6 +123,18 @@ def test_another_sweep_is_refused(tmp_path, monkeypatch):
     refused(tmp_path / "s", task, lanes, "order of lanes differ", cost=np.arange(40.0))
     monkeypatch.setattr("scan2flex_jax.sweep.run.versions", lambda: {"jax": "0.0"})
     refused(tmp_path / "s", task, lanes, f"made with jax {jax.__version__}, and this is 0.0")
+
+
+def test_edited_code_is_another_sweep_though_its_call_reads_the_same(tmp_path):
+    """The cell of a notebook with another number in it: no key and no array of the call says so."""
+
+    def task(tilt):
+        return equilibria(lambda lane: (lane["model"], lane["boundary"], tilt))
+
+    lanes = grid(x=Axis([1.0, 2.0], "m"))
+    sweep(task(0.1), lanes, store=tmp_path / "s", longest=-1.0)  # begun: no lane is solved
+    sweep(task(0.1), lanes, store=tmp_path / "s", longest=-1.0)
+    refused(tmp_path / "s", task(0.2), lanes, "its scene differ")
 
 
 def test_folders_that_hold_no_sweep(tmp_path):

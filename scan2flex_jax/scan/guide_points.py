@@ -1,7 +1,7 @@
 """Guide points: what a user marked on the cable's surface, from start to end, checked and made a coarse curve.
 
 They lie on the side that the user saw, a radius off the axis: the curve through them is moved onto the axis votes of the
-cloud around it (`coarse.axis_votes`) where there are any.
+cloud around it (`coarse_curve.axis_votes`) where there are any.
 
 Symbols: r radius, L length: m.
 """
@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan.coarse import Coarse, axis_votes, gathered
+from scan2flex_jax.scan.coarse_curve import Coarse, axis_votes, gathered
 from scan2flex_jax.scan.spline import evenly
 
 _TOO_LONG = 1.08  # of L: points on the outside of bends make a slightly longer polyline, a wrong order a much longer one

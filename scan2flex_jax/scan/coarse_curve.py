@@ -4,8 +4,8 @@ Every cloud point *votes* for the axis by stepping one radius inward along its s
 normals, else that of the points around). Votes lie close to the centre line even where only one side was seen, and two
 strands that nearly touch have votes two radii apart. Votes are gathered into nodes half a radius apart, each with the
 direction in which its neighbours line up; nodes that line up with nothing (a clamp, a table) are dropped. The nodes are
-drawn into *strands* (`strands.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 10 % of the
-length.
+drawn into *strands* (`strand_matching.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 10 %
+of the length.
 
 Symbols: ``r`` radius (m), ``L`` length (m), node spacing ``h`` = r/2 (m, at least L/400).
 Reference: normals by principal components (Hoppe et al. 1992); mean shift (Fukunaga, Hostetler 1975).
@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.spline import evenly
-from scan2flex_jax.scan.strands import End, Nodes, chains
+from scan2flex_jax.scan.strand_matching import End, Nodes, chains
 
 VOTERS = 6000  # points that vote: enough for 20 in every patch of a radius
 GAP = 0.13  # of L: the longest gap that is bridged (10 % and the thin edges of the cloud beside it)

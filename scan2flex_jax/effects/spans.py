@@ -1,4 +1,4 @@
-"""Places along the cable: smooth boxes, unit bells and hat functions, averaged over elements.
+"""Places along the cable: smooth boxes and unit bells, averaged over elements, and fields between given points.
 
 ``sigma(t)`` is the smooth step ``6 t^5 - 15 t^4 + 10 t^3`` on [0, 1] (twice continuously differentiable); ``sigma_1``
 and ``sigma_2`` are its first and second antiderivative. A span of the format is the box ``sigma((s - a)/e + 1/2) -
@@ -14,10 +14,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.geometry.fields import hats
 from scan2flex_jax.rod.effect import Section
 
 EDGE = 0.02  # of L: the length over which an edge is smoothed (study format)
-POINTS, SMOOTH = 9, 0.2  # of a random field: points along the cable, and the part of its length over which it is alike
 NARROWEST = 0.005  # of L: a quarter of the smoothing, below which a width changes nothing that a shape could show
 _POINTS, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True))
 
@@ -93,9 +93,7 @@ def bell_means(section: Section, position, width, length) -> Float[Array, " n"]:
 
 def hat_field(section: Section, values: Float[Array, "m ..."], length) -> Float[Array, "n ..."]:
     """A field given on ``m`` points evenly along the cable, linear between them, in the middles of the elements."""
-    m = values.shape[0]
-    hats = jnp.maximum(0.0, 1.0 - jnp.abs(section.s[:, None] / length * (m - 1) - jnp.arange(m)))
-    return jnp.tensordot(hats, values, 1)
+    return jnp.tensordot(hats(section.s / length, values.shape[0]), values, 1)
 
 
 def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array, " m"] | None, length):
@@ -121,11 +119,3 @@ def scaled_bending(section: Section, factor: Float[Array, " n"]) -> Float[Array,
     """Section stiffness with EI and GJ times ``factor``, and their couplings to stretching times its root."""
     root = jnp.where(jnp.arange(6) < 3, 1.0, jnp.sqrt(factor)[:, None])
     return section.stiffness * root[:, :, None] * root[:, None, :]
-
-
-def smooth_root(points: int, per_point: int) -> Float[np.ndarray, "k k"]:
-    """Root of the covariance of a random field of unit size on ``points`` evenly along the cable, with ``per_point``
-    independent components: a squared exponential over `SMOOTH` of the length."""
-    s = np.linspace(0, 1, points)
-    K = np.exp(-0.5 * ((s[:, None] - s) / SMOOTH) ** 2) + 1e-6 * np.eye(points)
-    return np.kron(np.linalg.cholesky(K), np.eye(per_point))

@@ -3,7 +3,7 @@
     x = (u - c_u) z / f,   y = (v - c_v) z / f,   z = depth
 
 Such picks are few and lie on the side that the camera sees; they are cloud and guide points at once. The camera stands at
-the origin, so the depth noise is judged along the ray (`refine.py`).
+the origin, so the depth noise is judged along the ray (`scan/refine.py`).
 
 Symbols: u, v pixel column and row; f focal length and (c_u, c_v) principal point (pixels); depth z (mm in the file, m here).
 Wrong intrinsics scale and bend the result: the part of the length that runs across the view goes with 1/f, and an unknown

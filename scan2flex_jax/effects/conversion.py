@@ -1,4 +1,4 @@
-"""From the study format to effects and back: one table of classes, each named by its ``kind``.
+"""From what a study declares to effects, and back.
 
 A class has one field per parameter of the format, of the same name; a parameter with one value per end is an array with
 leading axis 2 (start, end), where an end without a clamp holds a value that does nothing.
@@ -10,32 +10,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects._fields import INERT
+from scan2flex_jax.effects.catalogue import effect_class
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import ENDS, KindFormat, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.kinds import ENDS, KindFormat, ParameterFormat, kind_format
 
-_CLASSES: dict[str, type[AbstractEffect]] = {}
-
-
-def register_effect(cls: type[AbstractEffect]) -> type[AbstractEffect]:
-    """Make a class the effect of its ``kind``; usable as a decorator."""
-    if _CLASSES.get(cls.kind, cls) is not cls:
-        raise Scan2FlexError(f"The effect kind {cls.kind!r} is taken: give the new kind another name.")
-    _CLASSES[cls.kind] = cls
-    return cls
-
-
-def kinds() -> tuple[str, ...]:
-    """All kinds that `effect_of` knows and a study may declare, in the order of the format's table."""
-    return tuple(kind for kind in kind_names() if kind in _CLASSES)
-
-
-def effect_class(kind: str) -> type[AbstractEffect]:
-    """The class of a kind."""
-    if kind not in _CLASSES:
-        raise Scan2FlexError(f"No effect kind is called {kind!r}: the kinds are {', '.join(_CLASSES)}.")
-    return _CLASSES[kind]
+INERT = 0.0  # an end without a clamp has this value, which does nothing
 
 
 def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str] = ENDS) -> AbstractEffect:

@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.scan import cloud as clouds
-from scan2flex_jax.scan import coarse, guides, spline
+from scan2flex_jax.scan import coarse_curve, guide_points, spline
 from scan2flex_jax.scan.extraction import cleaned, extract_pose, lengthened
-from scan2flex_jax.scan.strands import End
+from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import Study, StudyPose
 
 _WIDE, _WIDE_OF_LENGTH = 3.0, 0.015  # of r, of L: half-width of the tube around the curve
@@ -75,7 +75,7 @@ def _doubtful(study, pose):
     radius, length = float(study.cable["radius"]), study.cable.get("length")
     ends = [None if c is None else End(c.position, c.tangent) for c in (pose.start, pose.end)]
     points = cleaned(_checked(study, pose), radius, length, ends[0], ends[1], pose.guide_points)
-    some = points[clouds.thin(points, coarse.VOTERS)]
+    some = points[clouds.thin(points, coarse_curve.VOTERS)]
     if pose.guide_points is not None:
-        return guides.guided_curve(pose.guide_points, some, radius, pose.viewpoints).points
-    return coarse.find_curve(some, radius, length, *ends).points
+        return guide_points.guided_curve(pose.guide_points, some, radius, pose.viewpoints).points
+    return coarse_curve.find_curve(some, radius, length, *ends).points

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scan2flex_jax.scan import End, doubts, extract, scanner, shapes, strands
+from scan2flex_jax.scan import End, extract, plausibility, scanner, shapes, strand_matching
 from tests.scan.truth import EYES, ends, scanned
 
 LENGTH, RADIUS = 1.0, 0.012
@@ -34,7 +34,7 @@ def fitted(shift=(0.0, 0.0, 0.0), sigma=5e-4, count=4000):
 
 def test_pulls_are_the_displacement_that_the_points_ask_for():
     shift = np.array([0.0, 2e-3, -1e-3])
-    u, chi, at = doubts.pulls(fitted(shift), RADIUS)
+    u, chi, at = plausibility.pulls(fitted(shift), RADIUS)
     there = np.abs(at / 39.0 - 0.5) < 0.08
     np.testing.assert_allclose(np.linalg.norm(u[there], axis=1), np.linalg.norm(shift), rtol=0.1)
     assert np.all(chi[there] > 100.0)
@@ -54,12 +54,12 @@ def test_a_curve_beside_its_points_is_doubted(shift, doubted):
         radius=SimpleNamespace(mean=RADIUS, share=1.0),
     )
     start, end = (End(np.array([x, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])) for x in (0.0, LENGTH))
-    said = doubts.doubts(curve, fitted((0.0, shift, 0.0)), RADIUS, LENGTH, start, end)
+    said = plausibility.doubts(curve, fitted((0.0, shift, 0.0)), RADIUS, LENGTH, start, end)
     assert bool(said) == doubted, said
     beside = End(end.position + np.array([0.0, 3.0 * RADIUS, 0.0]), end.tangent)
-    assert any("beside it" in s for s in doubts.doubts(curve, fitted(), RADIUS, LENGTH, start, beside))
+    assert any("beside it" in s for s in plausibility.doubts(curve, fitted(), RADIUS, LENGTH, start, beside))
     long = replace(start, position=start.position - np.array([0.05, 0.0, 0.0]))
-    assert any("clamp to clamp" in s for s in doubts.doubts(curve, fitted(), RADIUS, LENGTH, long, end))
+    assert any("clamp to clamp" in s for s in plausibility.doubts(curve, fitted(), RADIUS, LENGTH, long, end))
 
 
 def test_a_good_scan_is_sure_and_a_fifth_of_the_length_unseen_is_not():
@@ -86,12 +86,12 @@ def test_a_gap_in_a_sharp_bend_is_joined():
     before, after = (arc(np.linspace(*span, 20)) for span in ((-1.8, 0.0), (2.4, 4.2)))
     costs = {}
     for bent in (False, True):
-        a = strands._Tip(before[-1], *strands._outward(before, -1, bent))
-        b = strands._Tip(after[0], *strands._outward(after, 0, bent))
-        costs[bent] = strands._join_cost(a, b, 0.02, 0.13)
+        a = strand_matching._Tip(before[-1], *strand_matching._outward(before, -1, bent))
+        b = strand_matching._Tip(after[0], *strand_matching._outward(after, 0, bent))
+        costs[bent] = strand_matching._join_cost(a, b, 0.02, 0.13)
     assert costs[False] is None
     assert costs[True] is not None
-    out, bend = strands._outward(before, -1, True)
+    out, bend = strand_matching._outward(before, -1, True)
     np.testing.assert_allclose(out, [0.0, 1.0, 0.0], atol=0.05)
     np.testing.assert_allclose(bend, [-20.0, 0.0, 0.0], atol=3.0)
 
