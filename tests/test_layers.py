@@ -27,7 +27,7 @@ ALLOWED["prediction"] = ALLOWED["diagnosis"]
 ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction", "diagnosis"}
 ALLOWED["convert"] = {"study", "errors"}
 ALLOWED["export"] = {*ALLOWED["prediction"], "prediction"}
-ALLOWED["reporting"] = {*ALLOWED["prediction"], "diagnosis", "prediction"}
+ALLOWED["reporting"] = {*ALLOWED["plot"], "plot"}
 ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "convert", "export", "reporting"}
 NO_JAX = ("study", "convert", "errors")
 

@@ -39,6 +39,10 @@ LONG = 100.0
 """m: longer than cables whose shape is measured."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
+NO_VALIDATE = (
+    'no validate pose: nothing will tell whether the estimates hold for another shape; give one pose role = "validate".'
+)
+"""The warning of a study whose poses are all fitted."""
 
 __all__ = ["PoseFacts", "describe", "pose_facts", "study_warnings"]
 
@@ -181,7 +185,7 @@ def _of_study(study: Study) -> list[str]:
     """Warnings that concern no single pose."""
     warnings = []
     if not study.validate_poses:
-        warnings.append("no validate pose: nothing will tell whether the estimates hold for another shape.")
+        warnings.append(NO_VALIDATE)
     if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
         warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
     warnings += unit_warnings(study)
