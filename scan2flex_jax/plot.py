@@ -25,17 +25,31 @@ if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
 
     from scan2flex_jax.diagnosis import Explanation
     from scan2flex_jax.fitting import Fit
+    from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
 _PALE = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # what was before, under a thin line of what is after
 _TANGLE = 4  # poses up to which their lines can be told apart in one panel
-_COLUMNS = 3  # of panels in a figure
+_COLUMNS = 3  # of panels in a figure, and of a legend
+_ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
 
 
-def _legend(ax, **options):
-    """A legend above the axes, where it hides nothing; none where there is nothing to name."""
-    if ax.get_legend_handles_labels()[0]:
-        ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, **options)
+def in_mm(metres: float) -> str:
+    """Millimetres to three digits, never more than a thousandth of one where there is a whole one."""
+    return f"{1e3 * metres:.3f}" if metres >= 1e-3 else f"{1e3 * metres:.3g}"
+
+
+def _legend(ax):
+    """A legend above the axes, where it hides nothing, in as many columns as fit; none where there is nothing to name."""
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        columns = int(np.clip(_ROW // (max(map(len, labels)) + _HANDLE), 1, _COLUMNS))
+        ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns)
+
+
+def _named(name, words=""):
+    """A pose with words about it, as short as a panel is wide."""
+    return drawn((name if len(name) <= _LONGEST else f"{name[:_LONGEST]}...") + words)
 
 
 def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
@@ -60,14 +74,29 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     if pose is not None:
-        ax.set_title(drawn(f"{pose} ({p.role}): {1e3 * p.rms:.2f} mm RMS"), fontsize=10, pad=22)
-    _legend(ax, ncols=3)
+        ax.set_title(_named(pose, f" ({p.role}): {1e3 * p.rms:.3g} mm RMS"), fontsize=10, pad=22)
+    _legend(ax)
+    return ax
+
+
+def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
+    """The measured centre curve of one pose, where nothing was solved, in the plane that shows it best (m)."""
+    ax = plt.subplots()[1] if ax is None else ax
+    curve = study.pose(pose).curve
+    if curve is None:
+        raise Scan2FlexError(f"pose {pose!r} has no centre curve to draw")
+    axes, labels = _plane(curve.points, np.asarray(study.gravity))
+    ax.plot(*(curve.points @ axes.T).T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    ax.set_title(_named(pose), fontsize=10, pad=22)
+    _legend(ax)
     return ax
 
 
 def _modelled_as(fit, name, pose):
     if pose is None:
-        return drawn(name)
+        return _named(name)
     return "after" if getattr(fit, "added", ()) else "modelled"
 
 
@@ -83,13 +112,13 @@ def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
             ax.plot(p.s[order], 1e3 * np.linalg.norm(before[order], axis=1), color=_BEFORE, label="before", **_PALE)
         if np.isfinite(p.rms):
             colour = {} if pose is None else {"color": _MODELLED}
-            label = drawn(f"{name} ({p.role})") if pose is None else "modelled" if before is None else "after"
+            label = _named(name, f" ({p.role})") if pose is None else "modelled" if before is None else "after"
             style = "-" if p.role == "fit" or pose is not None else "--"
             ax.plot(p.s[order], 1e3 * np.linalg.norm(p.residual, axis=1)[order], style, lw=1.4, label=label, **colour)
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, None))
     if pose is not None:
-        ax.set_title(drawn(f"{pose} ({p.role})"), fontsize=10, pad=22)
-    _legend(ax, ncols=3)
+        ax.set_title(_named(pose, f" ({p.role})"), fontsize=10, pad=22)
+    _legend(ax)
     return ax
 
 
@@ -158,9 +187,9 @@ def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | Non
     for k, style in enumerate(("-", "--")):
         ax.plot(s, 1e3 * p.residual[order, k], style, color=_MODELLED, lw=1.2, label=f"after, normal {k + 1}")
     ax.set(xlabel="arc length s (m)", ylabel="residual (mm)")
-    title = drawn(f"{pose} ({p.role}): {1e3 * p.rms_before:.2f} to {1e3 * p.rms:.2f} mm")
+    title = _named(pose, f" ({p.role}): {1e3 * p.rms_before:.3g} to {1e3 * p.rms:.3g} mm")
     ax.set_title(title, fontsize=10, pad=46)
-    _legend(ax, ncols=2)
+    _legend(ax)
     return ax
 
 
@@ -170,9 +199,9 @@ def _residuals(explanation, ax):
         order, style = np.argsort(p.s), "-" if p.role == "fit" else "--"
         was, now = (1e3 * np.linalg.norm(values[order], axis=1) for values in (p.residual_before, p.residual))
         ax.plot(p.s[order], was, color=f"C{i % 10}", **{**_PALE, "alpha": 0.3})
-        ax.plot(p.s[order], now, style, lw=1.4, color=f"C{i % 10}", label=drawn(f"{name} ({p.role})"))
+        ax.plot(p.s[order], now, style, lw=1.4, color=f"C{i % 10}", label=_named(name, f" ({p.role})"))
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm), pale before", ylim=(0, None))
-    _legend(ax, ncols=3)
+    _legend(ax)
     return ax
 
 
@@ -180,9 +209,9 @@ def along(values: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, ax: A
     """One quantity along the cable, a line a pose: ``values`` are ``(s, quantity)`` by name, ``label`` its name and unit."""
     ax = plt.subplots()[1] if ax is None else ax
     for i, (name, (s, quantity)) in enumerate(values.items()):
-        ax.plot(s, quantity, color=f"C{i % 10}", lw=1.4, label=drawn(name))
+        ax.plot(s, quantity, color=f"C{i % 10}", lw=1.4, label=_named(name))
     ax.set(xlabel="arc length s (m)", ylabel=label)
-    _legend(ax, ncols=3)
+    _legend(ax)
     return ax
 
 
@@ -226,7 +255,7 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
         ax.fill_between(f.s, mean - band, mean + band, color=colour, alpha=0.15, lw=0)
     ax.axhline(0.0, color="k", lw=0.8)
     ax.set(xlabel="arc length s (m)", ylabel="equivalent load (N/m)")
-    _legend(ax, ncols=3)
+    _legend(ax)
     return ax
 
 

@@ -186,7 +186,7 @@ def _label(label: str) -> str:
 
 def distance_in_words(rms: float, length: float) -> str:
     """``0.43 mm RMS (0.036 % of the length)``."""
-    return f"{1e3 * rms:.3g} mm RMS ({100 * rms / length:.2g} % of the length)"
+    return f"{1e3 * rms:.3g} mm RMS ({percent(rms / length).lstrip('+')} of the length)"
 
 
 def warnings_of(study: Study) -> tuple[str, ...]:

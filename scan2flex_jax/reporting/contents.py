@@ -130,10 +130,11 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     said = fitted.sentences if fitted else ()
     if explanation:
         said = (*explanation.sentences, *(f"plain fit: {sentence}" for sentence in said))
-    said = tuple(sentence for sentence in said if sentence not in subject.answer.warnings)
+    answer = subject.answer
+    said = tuple(sentence for sentence in said if sentence not in answer.warnings)
     return Contents(
-        subject.answer, study, fitted, explanation, poses, _estimates(subject, fitted), sections, ranked, said, unsolved, _inputs(study),
-        _versions(), _toml(study), elements,
+        answer, study, fitted, explanation, poses, _estimates(subject, fitted), sections, ranked, said, unsolved,
+        _inputs(study), _versions(), _toml(study), elements,
     )  # fmt: skip
 
 

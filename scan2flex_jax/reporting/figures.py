@@ -48,11 +48,12 @@ def svg(draw: Callable[[Axes], object], width: float, height: float, alt: str) -
                   text[text.index("<svg") :])  # fmt: skip
     for colour, own in _OF_PAGE.items():
         text = text.replace(colour, own)
-    size = f'class="figure" style="max-width: {1.25 * width:.2f}in" role="img" aria-label="{escape(alt)}"'
-    return Html(re.sub(r'<svg height="[^"]*"|<svg width="[^"]*"', lambda found: f"<svg {size}", text, count=1))
+    begin, end = text.split(">", 1)
+    begin = re.sub(r' (?:width|height|version)="[^"]*"', "", begin)  # the page sets the width, the viewBox keeps the shape
+    return Html(f'{begin} class="figure" style="max-width: {1.25 * width:.2f}in" role="img" aria-label="{escape(alt)}">{end}')
 
 
-def space(poses) -> dict:
+def space(poses):
     """All poses in space (m), for plotly: measured points coloured by their distance from the model (mm), model, and clamps.
 
     Traces of pose k carry ``meta`` k, by which the page shows one pose alone.

@@ -18,7 +18,7 @@ from scan2flex_jax.reporting.html import Html, Part, joined, section, table, tag
 
 _TOGETHER = 4  # poses up to which the lines of their errors can be told apart in one panel
 _PANEL = (4.0, 3.5)  # inches of a panel; several stand beside each other
-_WIDE = (6.0, 3.6)
+_WIDE = (4.8, 3.2)
 _RANKED = 8  # effects that the table shows
 _SHEET = ((6, "three"), (12, "four"))  # poses up to which the printed sheet has so many columns of panels; more: five
 _QUANTITIES = (
@@ -56,8 +56,7 @@ def contents_list(sections: tuple[Html, ...]) -> Html:
 def shapes(c: Contents, found: Fit | Explanation) -> Html:
     """One panel a pose: measured, modelled, and before; and the distances of every pose."""
     columns = next((words for most, words in _SHEET if len(c.poses) <= most), "five")
-    names = [p.name for p in c.poses if p.name in found.poses]
-    panels = [_panel(lambda ax, name=name: plot.shapes(found, name, ax), f"shape of pose {name}") for name in names]
+    panels = [_shape(c, found, p.name) for p in c.poses]
     before = c.explanation is not None and c.fit is not None
     head = ("pose", "role", "before (mm)", "RMS (mm)", "largest (mm)", "left out, before (mm)", "left out (mm)", "without it",
             "")  # fmt: skip
@@ -68,13 +67,19 @@ def shapes(c: Contents, found: Fit | Explanation) -> Html:
         for p in c.poses
     ]  # fmt: skip
     said = "Poses with the role “validate” had no part in the fit."
-    said += " “Left out”: each fitted pose predicted from the others." if before else ""
+    said += " “Left out”: each fitted pose predicted from the others." if any(p.left_out for p in c.poses) else ""
     moved = any(p.without for p in c.poses)
     said += " “Without it”: by how much the stiffnesses move when the pose is left out, to first order." if moved else ""
     return section(
         "poses", "Shapes, measured and modelled", tag("div", panels, class_=f"grid {columns}"),
         table(head, rows, range(2, 7)), tag("p", said, class_="soft"),
     )  # fmt: skip
+
+
+def _shape(c, found, name):
+    if name in found.poses:
+        return _panel(lambda ax: plot.shapes(found, name, ax), f"shape of pose {name}")
+    return _panel(lambda ax: plot.measured(c.study, name, ax), f"shape of pose {name} as it was measured")
 
 
 def _panel(draw, alt: str, size: tuple[float, float] = _PANEL) -> Html:
@@ -113,13 +118,20 @@ def missing(c: Contents) -> Iterator[Html]:
     if e.noise is not None and e.concluded:
         said += [_ranking(e), _panel(lambda ax: plot.evidence(e, ax), "evidence of the effects", _WIDE)]
     if e.noise is not None:
-        names = [p.name for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
-        panels = [_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names]
-        words = "Where something acts: the equivalent load that all poses share, with its 95 % band (it does not name what acts)"
-        parts = [tag("h3", "Residual before and after"), tag("div", panels, class_="grid"), tag("h3", words)]
-        parts += [_panel(lambda ax: plot.load(e, ax), "equivalent load along the cable", _WIDE)] if e.load is not None else []
-        said.append(tag("div", parts, class_="screen"))
+        said.append(tag("div", _residuals(c, e), class_="screen"))
     yield section("missing", "What the model lacks", said, class_="lacks")
+
+
+def _residuals(c: Contents, e: Explanation) -> Iterator[Html]:
+    """Residuals of every pose before and after, and the load that all poses share."""
+    names = [p.name for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
+    yield tag("h3", "Residual before and after")
+    panels = (_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names)
+    yield tag("div", panels, class_="grid")
+    if e.load is not None:
+        said = "Where something acts: the equivalent load that all poses share, with its 95 % band (it describes, it does not"
+        yield tag("h3", f"{said} name)")
+        yield _panel(lambda ax: plot.load(e, ax), "equivalent load along the cable", _WIDE)
 
 
 def _ranking(e: Explanation) -> Html:
@@ -151,11 +163,10 @@ def forces(c: Contents) -> Iterator[Html]:
             for v in c.sections for k, end in enumerate(("start", "end"))
         ]  # fmt: skip
         head = ("pose", "support", "force on the cable (N), scan frame", "size (N)", "moment (N m)", "size (N m)")
-        said = "Of the calibrated cable, with clamps and length as the study states them. Tension is positive in a stretched"
-        yield section(
-            "sections", "Forces and moments along the cable", tag("p", f"{said} cable, torque about the tangent.", class_="soft"),
-            tag("div", panels, class_="grid"), table(head, rows, range(2, 6)), _unsolved(c), class_="screen",
-        )  # fmt: skip
+        said = "Of the calibrated cable, with clamps and length as stated in the study. Tension is positive in a stretched"
+        text = tag("p", f"{said} cable, torque about the tangent.", class_="soft")
+        parts = (text, tag("div", panels, class_="grid"), table(head, rows, range(2, 6)), _unsolved(c))
+        yield section("sections", "Forces and moments along the cable", *parts, class_="screen")
     elif c.unsolved:
         yield section("sections", "Forces and moments along the cable", _unsolved(c), class_="screen")
 
@@ -196,7 +207,8 @@ def details(c: Contents) -> Iterator[Html]:
         parts.append(table(("parameter", "before", "value", "95 % interval", "unit", ""), rows, (1, 2, 3)))
         wide = " “Before” is the plain rod; after it, intervals hold for all effects that are tied." if c.explanation else ""
         parts.append(tag("p", f"An interval holds when the model is right.{wide}{_noise(c)}", class_="soft"))
-    parts += [tag("ul", (tag("li", sentence) for sentence in c.sentences))] if c.sentences else []
+    said = [sentence for sentence in c.sentences if c.explanation is None or sentence not in c.explanation.sentences]
+    parts += [tag("ul", (tag("li", sentence) for sentence in said))] if said else []
     if c.fit and len(c.fit.labels) > 1:
         width = 1.6 + 0.6 * len(c.fit.labels)
         parts.append(tag("h3", f"Correlations{' in the plain fit' if c.explanation else ''}"))
@@ -231,8 +243,8 @@ def number(value: float | None, digits: int = 5) -> str:
 
 
 def mm(metres: float | None) -> str:
-    """Millimetres to a thousandth; a dash for what is not known."""
-    return "-" if metres is None or not np.isfinite(metres) else f"{1e3 * metres:.3f}"
+    """Millimetres; a dash for what could not be had, nothing for what there is not."""
+    return "" if metres is None else "-" if not np.isfinite(metres) else plot.in_mm(metres)
 
 
 def _vector(values: np.ndarray) -> str:
