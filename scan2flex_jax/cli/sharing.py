@@ -7,7 +7,7 @@ import typer
 
 from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, Quiet, StudyFolder, choices, file_to_write
 from scan2flex_jax.cli.setup import prepare_jax, progress
-from scan2flex_jax.cli.terminal import say
+from scan2flex_jax.cli.terminal import complain, say
 
 _TO = ("mujoco", "pyelastica", "json")
 
@@ -84,8 +84,12 @@ def export(
     outputs.claim(out)
     prepare_jax()
     from scan2flex_jax.export import export as run  # noqa: PLC0415
+    from scan2flex_jax.export.cable import THIN  # noqa: PLC0415
 
     with progress(f"solving {loaded.title}"):
         text = run(loaded, to, pose=pose, elements=elements)
     outputs.write(out, text.encode("utf-8"))
+    if to != "json" and "radius" not in loaded.cable:
+        said = f"the study has no radius: {to} is given {100 * THIN:g} % of the length, which no shape at rest feels"
+        complain(f"{said}; write radius under [cable] where pictures, contact or motion count.")
     say(f"written: {out}")
