@@ -67,11 +67,24 @@ def clamp_of_angles(
 
 
 def _clamp(position, R: np.ndarray, tangent: str) -> Clamp:
+    return Clamp(position, quaternion_of(R @ _axes(tangent)))
+
+
+def _axes(tangent: str) -> np.ndarray:
+    """The columns d1, d2, d3 in the given frame whose axis ``tangent`` points along the cable."""
     sign, axis = (-1.0, tangent[1:]) if tangent.startswith("-") else (1.0, tangent.removeprefix("+"))
     if axis not in _AXES:
         raise Scan2FlexError(f"the axis {tangent[:20]!r} is not known: use x, y, z, -x, -y or -z.")
-    axes = _AXES[axis] * np.array([1.0, sign, sign])
-    return Clamp(position, quaternion_of(R @ axes))
+    return _AXES[axis] * np.array([1.0, sign, sign])
+
+
+def other_tangent(found: str, tangent: str) -> str:
+    """The axis of the given frames that is the axis ``found`` (x, y, z for d1, d2, d3, with its sign) of the clamps that were
+    made of them with ``tangent``."""
+    sign, axis = (-1.0, found[1:]) if found.startswith("-") else (1.0, found)
+    along = sign * _axes(tangent)[:, "xyz".index(axis)]
+    k = int(np.argmax(np.abs(along)))
+    return f"{'-' if along[k] < 0 else ''}{'xyz'[k]}"
 
 
 def clamp_toml(clamp: Clamp) -> str:

@@ -18,7 +18,7 @@ from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
 from scan2flex_jax.study.curves import arc_length
 from scan2flex_jax.study.files import backup, write_atomic
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, Value
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.scans import load_geometry
 from scan2flex_jax.study.sense import CURVE_SLACK, looks_like
@@ -82,12 +82,14 @@ def new_study(
     units: str | None = None,
     columns: str | None = None,
     validate: tuple[str, ...] = (),
+    tolerance: Tolerance | None = None,
 ) -> tuple[Study, tuple[str, ...]]:
     """``(study, notes)``: a study that asks for both stiffnesses, ready for `save_study`.
 
     ``length`` m, ``length_density`` kg/m, ``radius`` m (needed by scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
     "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist. ``units`` and ``columns``
-    are those of the files. Raises `Scan2FlexError` for a name that no pose has, or what is still missing.
+    are those of the files; ``tolerance`` says what is known only nearly. Raises `Scan2FlexError` for a name that no pose has,
+    or what is still missing.
     """
     folder, notes = Path(folder).resolve(), []
     names = [pose.name for pose in poses]
@@ -113,9 +115,10 @@ def new_study(
     cable: dict[str, Value] = {"length": length, "length_density": length_density}
     cable |= {} if radius is None else {"radius": radius}
     unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
-    return Study(title or folder.name, np.asarray(gravity, float), cable, tuple(made), unknowns=unknowns, folder=folder), tuple(
-        notes
-    )
+    known_nearly = Tolerance() if tolerance is None else tolerance
+    down = np.asarray(gravity, float)
+    study = Study(title or folder.name, down, cable, tuple(made), tolerance=known_nearly, unknowns=unknowns, folder=folder)
+    return study, tuple(notes)
 
 
 def _pose(folder, files, clamps, units, columns, role):

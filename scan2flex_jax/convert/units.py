@@ -20,6 +20,20 @@ def length_unit(name: str) -> float:
     return LENGTHS[name]
 
 
+def measured(text: str, what: str) -> tuple[float, float]:
+    """A quantity and its standard deviation, from text such as ``302 +- 1 g`` or ``0.9 ± 0.001``; 0 where none is given.
+
+    A unit that one of both lacks is that of the other. Raises `Scan2FlexError`.
+    """
+    value, mark, spread = text.replace("\u00b1", "+-").partition("+-")
+    if not mark:
+        return quantity(text, what), 0.0
+    found, own = _QUANTITY.fullmatch(value), _QUANTITY.fullmatch(spread)
+    first, second = (match[2] if match else "" for match in (found, own))
+    with_unit = [text if unit else f"{text} {other}" for text, unit, other in ((value, first, second), (spread, second, first))]
+    return quantity(with_unit[0], what), quantity(with_unit[1], what)
+
+
 def quantity(text: str, what: str) -> float:
     """A positive quantity in SI units from text such as ``0.9``, ``900 mm`` or ``336 g/m``; a bare number is SI already.
 

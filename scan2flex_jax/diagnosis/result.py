@@ -1,16 +1,21 @@
 """What `explain` returns: the verdict in words, the format's JSON, and the study with the effect declared."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from scan2flex_jax.diagnosis.answer import answer_of
+from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.influence import Influence
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import Estimate, Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -146,6 +151,21 @@ class Explanation:
         known = {n: e for n, e in self.estimates.items() if e.std is not None and np.all(np.asarray(e.std) > 0)}
         return {n: (np.asarray(e.value) - np.asarray(self.fit.estimates[n].value)) / e.std for n, e in known.items()}
 
+    @cached_property
+    def influence(self) -> Influence | None:
+        """What the estimates rest on beside the added effects, to first order; None where nothing was solved.
+
+        Solves the poses twice more, when it is first asked for.
+        """
+        if self.search is None:
+            return None
+        return influence_of_refit(self.search.stage, self.search.best if self.added else self.search.stage.base)
+
+    @property
+    def answer(self) -> Answer:
+        """What the summary opens with: estimates, what they rest on, the error on unseen poses, whether to believe it."""
+        return answer_of(self)
+
     def to_json(self) -> dict:
         """The format's result object; its log evidences are over the plain rod, in nats."""
         out: dict[str, Any] = {"format": "scan2flex-result/1", "verdict": self.verdict}
@@ -199,25 +219,35 @@ class Explanation:
         return r.verdict
 
     def summary(self) -> str:
-        """The explanation in plain text, about one page."""
-        lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences)]
+        """The explanation in plain text, about one page: the answer, what was found, and every estimate and pose."""
+        lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences if self.mistakes)]
+        lines += [*self.answer.lines(), ""]
+        lines += [f"  {s}" for s in self.sentences if not self.mistakes]
         if self.noise is None or self.fit is None:
             return "\n".join(lines)
+        lines += [""] * bool(self.added) + [f"  {_effect_line(r, self.fit.study)}" for r in self.added]
         lines += ["", "  kind                      log evidence   verdict"] if self.concluded else []
         for r in self.ranking[:8] if self.concluded else ():
             tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
             lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
-        lines += [""] + [f"  {_effect_line(r)}" for r in self.added] + [""] * bool(self.added)
-        shifts = self.shifts()
-        for name, e in self.estimates.items():
-            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
-            lines += [f"  {name:<24} before  {in_words(self.fit.estimates[name])}", f"  {'':<24} after   {in_words(e)}{shift}"]
-        lines += ["", "  pose                 role       before mm   after mm   left out: before, after mm"]
-        lines += [_pose_line(n, p) for n, p in self.poses.items()]
+        lines += ["", *self._estimate_lines(), "", *self._pose_lines()]
         n = self.noise
         lines.append(f"\n  noise {1e3 * np.sqrt(2) * n.total:.3f} mm RMS (white {1e3 * n.white:.3f}, correlated "
                      f"{1e3 * n.correlated:.3f} over {1e3 * n.correlation_length:.0f} mm, per normal)")  # fmt: skip
         return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
+
+    def _estimate_lines(self):
+        shifts, fitted = self.shifts(), self.fit
+        for name, e in self.estimates.items() if fitted is not None else ():
+            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
+            yield f"  {name:<24} before  {in_words(fitted.estimates[name])}"
+            yield f"  {'':<24} after   {in_words(e)}{shift}"
+
+    def _pose_lines(self):
+        moved = {name: moved_in_words(self.influence, name) for name in self.poses}
+        beside = "   without it" if any(moved.values()) else ""
+        yield f"  pose                 role       before mm   after mm   left out: before, after mm{beside}"
+        yield from (f"{_pose_line(n, p)}   {moved[n]}".rstrip() for n, p in self.poses.items())
 
 
 def signature_of(kind: str) -> str:
@@ -225,13 +255,29 @@ def signature_of(kind: str) -> str:
     return entry_of(kind).signature
 
 
-def _effect_line(r):
+_TELLING = 10.0  # times the parameter: a standard error beyond it says that nothing is known, and no more
+_OF_ONE = {"scan_scale.factor", "density_profile.factor", "stiffness_profile.factor"}  # no effect at 1
+
+
+def parameter_in_words(study: Study, kind: str, name: str, value, std=None) -> str:
+    """A parameter with its standard error and unit; by its change where the value says nothing: of a length the one that the
+    ``study`` states, of a factor 1."""
+    known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))
+    stated = study.known("length")
+    if f"{kind}.{name}" == "length_error.length" and stated is not None:
+        error = f" (+- {1e3 * float(std):.2g} mm)" if known else ""
+        return change_in_words(float(value), float(np.max(stated))) + error
+    if f"{kind}.{name}" in _OF_ONE and np.ndim(value) == 0:
+        return percent(float(value) - 1.0) + (f" +- {100 * float(std):.2g} %" if known else "")
+    if isinstance(value, str):
+        return value
+    unit = kind_format(kind).parameter(name).unit if kind in kind_names() else "-"
+    return f"{_shown(value)}{f' +- {_shown(std)}' if known else ''}{'' if unit == '-' else ' ' + unit}"
+
+
+def _effect_line(r, study):
     """``point_mass: position 0.42 +- 0.01 m, mass 0.05 +- 0.002 kg``."""
-    said = []
-    for name, value in r.parameters.items():
-        std = f" +- {_shown(r.std[name])}" if name in r.std and np.all(np.isfinite(r.std[name])) else ""
-        unit = kind_format(r.kind).parameter(name).unit if r.kind in kind_names() else "-"
-        said.append(f"{name} {_shown(value)}{std}{'' if unit == '-' else ' ' + unit}")
+    said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in r.parameters.items()]
     return f"{r.kind}: {', '.join(said)}"
 
 

@@ -18,6 +18,8 @@ from scan2flex_jax.rod.loads import distributed_load
 from scan2flex_jax.statics.solve import Equilibrium
 from scan2flex_jax.study.model import Study
 
+THIN = 5e-3
+"""Of the length: the radius that simulators are given where the study has none."""
 _SAME = 1e-9  # part by which sections may differ and still be one cable's
 
 
@@ -42,6 +44,11 @@ class HungCable:
     held: np.ndarray
     beyond: tuple[str, ...]
     assumed: tuple[str, ...] = ()
+
+    @property
+    def drawn_radius(self) -> float:
+        """The radius (m) of the study; where it has none, a thin one that only pictures and rotational inertia know."""
+        return THIN * self.length if self.radius is None else self.radius
 
     @property
     def elements(self) -> int:

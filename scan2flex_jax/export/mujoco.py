@@ -21,7 +21,6 @@ from scan2flex_jax.export.cable import HungCable
 _STEP = 1e-3  # s
 _STABLE = 16.0  # armature over stiffness times step^2: the fastest mode of a chain of such joints then turns by 0.5 rad a step
 _SETTLE = 0.05  # s, in which the strain of a joint decays
-_THIN = 5e-3  # of the length: radius where the study has none; only pictures and rotational inertia know it
 _ORDERS = ("XYZ", "ZYX")  # intrinsic, as hinges of one body follow each other
 
 
@@ -29,10 +28,10 @@ def to_mujoco(cable: HungCable) -> str:
     """The model as XML text; raises `Scan2FlexError` for a cable that such a chain cannot represent."""
     K, natural, density = cable.uniform("MuJoCo")
     ds = cable.length / cable.elements
+    said = f" pose {cable.pose}: begin at keyframe 'hanging'; armature and damping are not calibrated"
+    said += "" if cable.radius is not None else "; the study has no radius: the one below is a guess for pictures"
     root = ET.Element("mujoco", model=_printable(cable.title or "cable"))
-    root.append(
-        ET.Comment(_printable(f" pose {cable.pose}: begin at keyframe 'hanging'; armature and damping are not calibrated "))
-    )
+    root.append(ET.Comment(_printable(f"{said} ")))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
         root, "option", gravity=_text(cable.gravity), timestep=f"{_STEP:g}", integrator="implicitfast", solver="Newton"
@@ -40,7 +39,7 @@ def to_mujoco(cable: HungCable) -> str:
     world = ET.SubElement(root, "worldbody")
     links = list(Rotation.from_matrix(cable.rotation))
     rest = Rotation.from_rotvec(ds * natural[3:])
-    stiffness, size = dict(zip("XYZ", K[3:] / ds, strict=True)), cable.radius or _THIN * cable.length
+    stiffness, size = dict(zip("XYZ", K[3:] / ds, strict=True)), cable.drawn_radius
     common = {"armature": _STABLE * max(stiffness.values()) * _STEP**2}
     start = cable.position[0] - 0.5 * ds * cable.rotation[0, :, 2]
     body, angles = ET.SubElement(world, "body", name="link0", pos=_text(start), quat=_quaternion(links[0])), []

@@ -84,7 +84,6 @@ def settle(seconds={seconds:g}, damping=8.0):
 if __name__ == "__main__":
     np.savetxt("settled.csv", centre_line(settle()), delimiter=",", header="x,y,z", comments="")
 '''
-_THIN = 5e-3  # of the length: radius where the study has none; only pictures know it
 _SECONDS = 3.0
 _SOFTER = 100.0  # times: assumed stiffness of shear and stretch, which would make time steps a tenth as long
 
@@ -103,7 +102,8 @@ def to_pyelastica(cable: HungCable, file: str = "cable.py") -> str:
         "title": cable.title,
         "pose": cable.pose,
         "length_density": density,
-        "radius": cable.radius or _THIN * cable.length,
+        "radius_is_measured": cable.radius is not None,  # else for pictures: nothing below depends on it
+        "radius": cable.drawn_radius,
         "element_length": ds,
         "stiffness": K.tolist(),
         "natural": natural.tolist(),

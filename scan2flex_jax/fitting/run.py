@@ -277,10 +277,10 @@ def _validity(poses, noise, stated, length, differ, misfit):
         return None, ["no validate pose: whether the model predicts other poses is not known"]
     bad = [n for n, v in rms.items() if not v <= _PREDICTED * np.hypot(floor, poses[n].spread)]
     worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
-    beside = f"({1e3 * rms[worst]:.2f} mm beside {1e3 * floor:.2f} mm)"
+    beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm)"
     if poses[worst].spread > _FELT * floor:
         what = "of noise, and what tolerances and errors of the estimates may do"
-        beside = f"({1e3 * rms[worst]:.2f} mm beside {1e3 * floor:.2f} mm {what}, {1e3 * poses[worst].spread:.2f} mm)"
+        beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm {what}, {1e3 * poses[worst].spread:.2g} mm)"
     if not bad:
         return True, [f"validate poses are predicted to within the noise {beside}"]
     return False, [f"the model does not predict {', '.join(bad)} to within the noise {beside}: something is missing or misread"]

@@ -4,6 +4,7 @@ Every number is computed from the study. A warning never stops anything: it says
 know, in one sentence.
 """
 
+from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
@@ -13,7 +14,7 @@ from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts, all_plan
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
 from scan2flex_jax.study.repeats import repeats
-from scan2flex_jax.study.sense import knows_a_force
+from scan2flex_jax.study.sense import knows_a_force, looks_like
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
@@ -39,12 +40,22 @@ LONG = 100.0
 """m: longer than cables whose shape is measured."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
+NO_VALIDATE = (
+    'no validate pose: nothing will tell whether the estimates hold for another shape; give one pose role = "validate".'
+)
+"""The warning of a study whose poses are all fitted."""
+
+_MEASURED = ("length", "length_density")  # of what is stated of the cable: known with a tolerance, and felt by every stiffness
+_UNIT = {"millimetres": "mm", "centimetres": "cm"}
 
 __all__ = ["PoseFacts", "describe", "pose_facts", "study_warnings"]
 
 
-def describe(study: Study) -> str:
-    """What a study says, as text for a terminal."""
+def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, "3"]]] | None = None) -> str:
+    """What a study says, as text for a terminal.
+
+    ``scans``: by pose, how many points its scan has and the extents (3,) of their box in m, as `scan_facts` counts them.
+    """
     parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
     if study.folder is not None:
         parts.append(f"Folder   {study.folder}")
@@ -52,7 +63,7 @@ def describe(study: Study) -> str:
     parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Known of the cable"]
     known = {key: value for key, value in study.cable.items() if key not in study.unknown_names}
     parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
-    parts += [f"  {sentence}" for sentence in study.assumptions]
+    parts += ["", "Assumed", *(f"  {sentence}" for sentence in assumptions(study))]
     parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
     parts += ["", "Known only nearly (standard deviations)"]
     nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]
@@ -61,10 +72,27 @@ def describe(study: Study) -> str:
         parts += ["", "Declared effects", *_effects(study)]
     parts += ["", f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"]
     for pose in study.poses:
-        parts += _pose(study, pose)
+        parts += _pose(study, pose, (scans or {}).get(pose.name))
     warnings = study_warnings(study)
     parts += ["", "Warnings" if warnings else "No warnings", *(f"  - {warning}" for warning in warnings)]
     return "\n".join(parts) + "\n"
+
+
+def assumptions(study: Study) -> tuple[str, ...]:
+    """What a fit takes for granted because the study says nothing of it, in words."""
+    said = list(study.assumptions)
+    curved = {"natural_curvature", *(f"{kind}.curvature" for kind in ("natural_curvature", "curvature_profile"))}
+    if not curved & {*study.cable, *study.unknown_names} and not any(f"{e.kind}.curvature" in curved for e in study.effects):
+        said.append("natural_curvature left out: the cable is assumed straight when nothing bends it")
+    exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
+    held = [name for name in ("clamp_position", "clamp_rotation") if not getattr(study.tolerance, name)]
+    if exact or held:
+        said.append(f"exact, with no share in the intervals: {', '.join([*exact, *held])} (give what is not under [tolerance])")
+    silent = [pose.name for pose in study.poses if pose.noise is None]
+    if silent:
+        who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
+        said.append(f"noise of {who} not stated: it is estimated from what the fit leaves")
+    return tuple(said)
 
 
 def _text(value: Value) -> str:
@@ -107,8 +135,8 @@ def _clamp_kind(clamp: Clamp | None) -> str:
     return "ball joint" if clamp.quaternion is None else "clamp"
 
 
-def _pose(study: Study, pose: StudyPose) -> list[str]:
-    """The block of one pose."""
+def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:
+    """The block of one pose, with the number of points and the box of its scan."""
     lines = ["", f"  {one_line(pose.name)} ({pose.role})"]
     ends = f"start {_clamp_kind(pose.start)}, end {_clamp_kind(pose.end)}"
     if pose.end is not None:
@@ -130,13 +158,23 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
         lines.append(f"    markers     {len(s)}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
-        lines.append(f"    scan        {scan_name(study, pose)}, guide points {guides}")
+        counted = "" if scan is None else f", {scan_in_words(study, scan)}"
+        lines.append(f"    scan        {scan_name(study, pose)}{counted}, guide points {guides}")
     noise = "not stated" if pose.noise is None else f"{_mm(pose.noise)} stated"
     lines.append(f"    noise       {noise}")
     own = next((group for group in repeats(study) if pose.name in group), ())
     if own:
         lines.append(f"    repeats     {', '.join(one_line(name) for name in own if name != pose.name)}")
     return lines + _circumstances(pose)
+
+
+def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
+    """Points and box (m) of a scan, and whether it seems to be in another unit."""
+    count, size = scan
+    length = study.known("length")
+    unit = None if length is None else looks_like(float(np.max(size)) / float(np.max(length)))
+    box = f"{count} points in a box of {' x '.join(f'{x:.3g}' for x in size)} m"
+    return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres (new --units {_UNIT[unit[0]]})"
 
 
 def _circumstances(pose: StudyPose) -> list[str]:
@@ -181,7 +219,7 @@ def _of_study(study: Study) -> list[str]:
     """Warnings that concern no single pose."""
     warnings = []
     if not study.validate_poses:
-        warnings.append("no validate pose: nothing will tell whether the estimates hold for another shape.")
+        warnings.append(NO_VALIDATE)
     if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
         warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
     warnings += unit_warnings(study)
@@ -237,13 +275,16 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
             continue
         if end.gap > GAP_WARNING * scale:
             verb = "starts" if name == "start" else "ends"
-            warnings.append(f"the curve {verb} {_mm(end.gap)} from the {name} clamp.")
+            mend = "scan up to the clamp, where the cable bends most, or correct its position"
+            warnings.append(f"the curve {verb} {_mm(end.gap)} from the {name} clamp: {mend}.")
         if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
-            warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve.")
+            mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
+            warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}.")
     if length is not None:
         warnings += _length_warnings(facts, scale)
     if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
-        warnings.append("the curve is nearly straight: it says little about stiffness.")
+        mend = "bring its clamps nearer to each other, or give the pose more sag"
+        warnings.append(f"the curve is nearly straight and says little about stiffness: {mend}.")
     return warnings
 
 
@@ -254,4 +295,5 @@ def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
     if least - unseen <= off <= LENGTH_WARNING:
         return []
     way = "longer" if off > 0 else "shorter"
-    return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length."]
+    mend = f"measure the length again (the curve says {facts.covered:.4g} m), or look for what the curve lacks"
+    return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length: {mend}."]

@@ -21,11 +21,11 @@ _SMALL = np.radians(2.0)  # rad: a roll or twist whose sign makes no difference
 _PARALLEL = 0.99  # cosine of two directions that count as one
 _HALF = 2**-0.5
 _AXES = (  # a clamp's axis along which the cable leaves it, and the rotation that takes e3 there
-    ("d1, its x axis,", (_HALF, 0.0, _HALF, 0.0)),
-    ("d2, its y axis,", (_HALF, -_HALF, 0.0, 0.0)),
-    ("-d1, against its x axis,", (_HALF, 0.0, -_HALF, 0.0)),
-    ("-d2, against its y axis,", (_HALF, _HALF, 0.0, 0.0)),
-    ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0)),
+    ("d1, its x axis,", (_HALF, 0.0, _HALF, 0.0), "x"),
+    ("d2, its y axis,", (_HALF, -_HALF, 0.0, 0.0), "y"),
+    ("-d1, against its x axis,", (_HALF, 0.0, -_HALF, 0.0), "-x"),
+    ("-d2, against its y axis,", (_HALF, _HALF, 0.0, 0.0), "-y"),
+    ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0), "-z"),
 )
 _ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that point an end the other way
 _WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # and how many of them make a kg/m
@@ -38,6 +38,7 @@ Quaternion = Annotated[np.ndarray, "4"]
 class Mistake:
     """A likely mistake of the input: what is wrong, what to do about it, and the study with it mended.
 
+    ``axis``: that of every clamp's frame along which the cable leaves it, where that is the mistake ("x", "-y"; else "").
     ``before`` and ``after``: RMS distance (m) of the fitted poses as the study stands and mended; None where no refit told.
     """
 
@@ -46,6 +47,7 @@ class Mistake:
     study: Study = field(repr=False)
     before: float | None = None
     after: float | None = None
+    axis: str = ""
 
     def __str__(self) -> str:
         """``what is wrong: what to do; by how much that is better``."""
@@ -68,9 +70,11 @@ def of_frames(study: Study) -> Iterator[Mistake]:
     yield from _changed(study, reversed_curve, "every curve runs from end to start", "reverse the order of the points")
     yield from _changed(study, exchanged_ends, "start and end of every pose are exchanged", "exchange the clamps of each pose")
     yield from _inward(study)
-    for words, turn in _AXES:
+    for words, turn, axis in _AXES:
         said = f"the cable leaves every clamp along {words} not along d3"
-        yield from _turned_clamps(study, turn, said, ("start", "end"))
+        for mistake in _turned_clamps(study, turn, said, ("start", "end")):
+            anew = f"{mistake.mend}, or make the study anew with --tangent {axis} in place of z"
+            yield replace(mistake, mend=anew, axis=axis)
     words, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
     yield from _changed(study, _each_clamp(_conjugated), words, mend)
     words, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
