@@ -45,6 +45,8 @@ API = {
 }
 """Page, its title, and the modules whose public names it documents."""
 
+LONG = 60
+"""Characters of LaTeX from which a formula in a line may be wider than a telephone: it scrolls by itself."""
 _LINK = re.compile(r"(\]\()([^)\s#]+)((?:#[^)\s]*)?\))")
 _MATHS = re.compile(r'<(span|div) class="arithmatex">(?:\\\((.*?)\\\)|\\\[(.*?)\\\])</\1>', re.DOTALL)
 _LOADED = re.compile(r'<(?:script|img|iframe)\b[^>]*\bsrc="(?:https?:)?//|<link\b[^>]*rel="(?:style|pre)[^>]*"(?:https?:)?//')
@@ -77,7 +79,8 @@ def on_page_content(content: str, **_) -> str:
 
 
 def on_post_build(config) -> None:
-    """Refuse a page that loads something from elsewhere: the site is read without a network."""
+    """Refuse a page that loads something from elsewhere: the site is read without a network, and without a server's page 404."""
+    (Path(config.site_dir) / "404.html").unlink(missing_ok=True)
     for page in Path(config.site_dir).rglob("*.html"):
         found = _LOADED.search(page.read_text("utf-8"))
         if found:
@@ -85,8 +88,11 @@ def on_post_build(config) -> None:
 
 
 def _mathml(found: re.Match) -> str:
-    inline = found[2] is not None
-    return convert(html.unescape(found[2] if inline else found[3]).strip(), display="inline" if inline else "block")
+    latex = html.unescape(found[3] if found[2] is None else found[2]).strip()
+    if found[2] is None:
+        return convert(latex, display="block")
+    formula = convert(latex, display="inline")
+    return f'<span class="long">{formula}</span>' if len(latex) > LONG else formula
 
 
 def _of_site(text: str, name: str) -> str:
