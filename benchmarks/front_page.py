@@ -2,12 +2,13 @@
 
     python -m benchmarks.front_page
 
-Lines: the first fit of docs/first-cable.md, without the time. Picture (`docs/real-cable.png`): a wire on four depth images
+Lines: the opening of the first fit of docs/first-cable.md, without the time. Picture (`docs/real-cable.png`): a wire on four depth images
 (`benchmarks.kinect_wires`; the picked points are public in github.com/qj25/adapteddlo_muj) with a guessed stiffness and fitted;
 beside it stands the error of each pose that the other three predict.
 """
 
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -15,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks import kinect_wires
-from benchmarks.record import record
+from benchmarks.record import committed, record
 
 PICTURE = Path(__file__).parents[1] / "docs" / "real-cable.png"
 SCANS = Path(__file__).parents[1] / "docs" / "first-cable" / "scans"
@@ -40,14 +41,14 @@ def first_lines() -> list[str]:
         made = CliRunner().invoke(app, ["new", str(scans), *NEW, *TITLE, "--clamps", str(scans / "clamps.csv")])
         if made.exit_code:
             sys.exit(f"the tutorial's study was not made: {made.exception or made.output}")
-        head, *lines = fit(load_study(scans)).summary().splitlines()
-    return [head.rpartition(", ")[0], *lines[: _last_of_poses(lines)]]
+        return opening(fit(load_study(scans)).summary())
 
 
-def _last_of_poses(lines):
-    """The number of the first empty line after the table of poses."""
-    table = next(i for i, line in enumerate(lines) if "rms mm" in line)
-    return next((i for i in range(table, len(lines)) if not lines[i].strip()), len(lines))
+def opening(summary: str) -> list[str]:
+    """The lines of a fit up to its second empty line, without the time in the first."""
+    head, *lines = summary.splitlines()
+    empty = [i for i, line in enumerate(lines) if not line.strip()]
+    return [re.sub(r", [0-9.]+ s$", "", head), *lines[: empty[1]]]
 
 
 def wire(paths) -> dict:
@@ -94,10 +95,13 @@ def main() -> None:
     from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
 
     folder = Path(os.environ.get("SCAN2FLEX_DATA", "")) / "wires-kinect"
-    if not folder.is_dir():
-        sys.exit("the picked points are public in github.com/qj25/adapteddlo_muj: name the folder above them in SCAN2FLEX_DATA")
     prepare_jax()
-    results = {"lines": first_lines(), "wire": wire(sorted(folder.glob(f"{WIRE}*.csv")))}
+    if folder.is_dir():
+        drawn = wire(sorted(folder.glob(f"{WIRE}*.csv")))
+    else:
+        sys.stderr.write("the picture stays as it is: SCAN2FLEX_DATA names no folder with wires-kinect\n")
+        drawn = committed("front_page")["results"]["wire"]
+    results = {"lines": first_lines(), "wire": drawn}
     record("front_page", results)
     sys.stdout.write("\n".join(results["lines"]) + f"\n{results['wire']}\n")
 
