@@ -79,7 +79,7 @@ def on_page_content(content: str, **_) -> str:
 
 
 def on_post_build(config) -> None:
-    """Refuse a page that loads something from elsewhere: the site is read without a network, and without a server's page 404."""
+    """Refuse a page that loads something from elsewhere, and leave out the page that only servers show."""
     (Path(config.site_dir) / "404.html").unlink(missing_ok=True)
     for page in Path(config.site_dir).rglob("*.html"):
         found = _LOADED.search(page.read_text("utf-8"))
