@@ -3,8 +3,8 @@
     python -m benchmarks.front_page
 
 Lines: the opening of the first fit of docs/first-cable.md, without the time. Picture (`docs/real-cable.png`): a wire on four
-depth images (`benchmarks.kinect_wires`; the picked points are public in github.com/qj25/adapteddlo_muj) with a guessed stiffness
-and fitted; beside it stands the error of each pose that the other three predict.
+depth images (`benchmarks.kinect_wires`; picked points: github.com/qj25/adapteddlo_muj) with a guessed stiffness and fitted.
+Beside it stands the error of each pose that the other three predict.
 """
 
 import os
