@@ -62,7 +62,7 @@ def boundary_of(pose: StudyPose) -> Boundary:
         pose: Its clamps; one without a quaternion is a ball joint, a missing end is free.
 
     Returns:
-        Both supports: positions (2, 3) in m, rotations (2, 3, 3), and the motions held (2, 6).
+        Both supports, with positions (2, 3) in m, rotations (2, 3, 3), and the motions held (2, 6).
 
     Examples:
         >>> boundary_of(StudyPose("sag", "fit", Clamp([0, 0, 0]))).held.tolist()[0]
