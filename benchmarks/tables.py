@@ -1,7 +1,8 @@
 """The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
 
-`python -m benchmarks.tables` from the repository's root rewrites what stands on each page between `<!-- table:NAME -->` and
-`<!-- end -->`. A figure that a file lacks is a dash. The README's tables are here; those of a page of its own stand beside it.
+`python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
+`<!-- end -->`. A figure that a record lacks is a dash. Tables of docs/accuracy.md, docs/compared.md and the README are here;
+those of the other pages are in modules of their own.
 """
 
 import math
@@ -12,7 +13,8 @@ from benchmarks import mistakes_tables, robustness_tables, scanning_tables, swee
 from benchmarks.markdown import load, made_on, table
 from benchmarks.peers import tables as peers_tables
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README, ACCURACY, COMPARED = ROOT / "README.md", ROOT / "docs" / "accuracy.md", ROOT / "docs" / "compared.md"
 _PART = re.compile(r"(<!-- table:([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -216,27 +218,35 @@ def kinect() -> str:
     return table(head, rows) + made_on(entry)
 
 
-TABLES = {
-    "firstuse": firstuse,
-    "blind": blind,
-    "ablations": ablations,
-    "tipweights": tip_weights_tables.brief,
-    "kinect": kinect,
-    "sensitivity": sensitivity,
-    "fit": fit,
-    "equilibrium": equilibrium,
-}  # in the order of the README
+def answer() -> str:
+    """The lines that a first fit prints, as `benchmarks.front_page` recorded them."""
+    return "```text\n" + "\n".join(load("front_page")["results"]["lines"]) + "\n```\n"
 
 
-_PAGES = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)
+PAGES = {
+    README: {"answer": answer},
+    ACCURACY: {
+        "blind": blind,
+        "background": background,
+        "ablations": ablations,
+        "tipweights": tip_weights_tables.brief,
+        "kinect": kinect,
+        "sensitivity": sensitivity,
+        "equilibrium": equilibrium,
+        "firstuse": firstuse,
+    },
+    COMPARED: {"fit": fit},
+}
+"""The tables made here, by page, in the order of the page."""
+_OTHERS = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)
 
 
 def pages() -> dict:
     """Every page with its tables, in the order of the page."""
-    return {README: TABLES} | {m.PAGE: m.TABLES for m in _PAGES}
+    return PAGES | {m.PAGE: m.TABLES for m in _OTHERS}
 
 
-def filled(text: str, tables: dict = TABLES) -> str:
+def filled(text: str, tables: dict) -> str:
     """The text with its tables made anew."""
     return _PART.sub(lambda m: m[1] + tables[m[2]]() + m[3], text)
 

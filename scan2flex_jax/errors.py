@@ -27,6 +27,10 @@ class StudyError(Scan2FlexError):
     """A study on disk that cannot be used: which file, which key in it, and one sentence about it.
 
     `key` is None where the whole file is at fault.
+
+    Examples:
+        >>> print(StudyError("study.toml", "cable.length", "it is missing: give its value."))
+        study.toml: cable.length: it is missing: give its value.
     """
 
     def __init__(self, file: object, key: str | None, sentence: str):

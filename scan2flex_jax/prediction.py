@@ -71,7 +71,22 @@ def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> 
 
 
 def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
-    """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
+    """Shapes, section forces and reactions of all poses, of a study in which every parameter has a value.
+
+    Args:
+        study: A calibrated study, as ``fit(study).calibrated`` is. Poses need clamps only; a pose with a measured curve is
+            solved on the branch nearest to it.
+        elements: Elements of the rod.
+
+    Returns:
+        A `Prediction` for each pose, by name; one that could not be solved says so in its verdict.
+
+    Raises:
+        StudyError: A parameter has neither a value nor a guess.
+
+    Examples:
+        >>> predict(fit(study).calibrated)["sag"].points  # doctest: +SKIP
+    """
     check_study(study, "predict")
     radius = study.cable.get("radius")
     return {pose.name: _one_pose(study, pose, elements, None if radius is None else float(radius)) for pose in study.poses}

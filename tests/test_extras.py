@@ -40,7 +40,7 @@ def imports(path: Path):
 
 
 def test_extras_are_named_for_what_they_add():
-    assert set(EXTRAS) == {"notebooks", "peers", "report", "sweep", "test"}
+    assert set(EXTRAS) == {"docs", "notebooks", "peers", "report", "sweep", "test"}
 
 
 def test_modules_import_what_is_declared():

@@ -39,13 +39,28 @@ def explain(
     ahead: AheadCompiler | None = None,
     settings: DiagnosisSettings = USUAL,
 ) -> Explanation:
-    """What physics the plain rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
+    """Physics that the baseline rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
 
-    ``progress`` is called with a line of text now and then; ``seed`` draws the noise of the test; ``mesh`` False leaves out
-    the gate that refines the mesh. ``ahead`` compiles the search in a thread beside the plain fit; without it no thread is
-    started. ``settings``: what counts as missing and as found. Poses that cannot be solved give the verdict "not in
-    equilibrium", never an exception; a study whose input is likely mistaken (``Fit.mistakes``) is "unexplained", and no physics
-    is looked for.
+    Args:
+        study: One cable; six poses or more, some of them not plane, tell effects apart.
+        elements: Elements of the rod to begin with.
+        progress: Called with a line of text now and then.
+        seed: Draws the noise of the test.
+        mesh: False leaves out the gate that refines the mesh.
+        ahead: Compiles the search in a thread beside the baseline fit; without it no thread is started.
+        settings: Thresholds of the verdict, of intervals and of the mesh.
+
+    Returns:
+        Verdict, ranking, estimates before and after, and the study with the effects declared. Poses that cannot be solved
+        give the verdict "not in equilibrium", never an exception; a study whose input is likely mistaken (``Fit.mistakes``)
+        is "unexplained", and no physics is looked for.
+
+    Raises:
+        Scan2FlexError: The study cannot be fitted at all.
+
+    Examples:
+        >>> explain(load_study("my-cable")).verdict  # doctest: +SKIP
+        'explained'
     """
     check_study(study)
     began, say = time.perf_counter(), progress or silent

@@ -55,13 +55,30 @@ def fit(
 ) -> Fit:
     """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
 
-    ``method``: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance)
-    or "nelder-mead" (the paper's). ``data``: "curve" fits centre curves (extracted first where a pose has a scan only),
-    "cloud" the points of the scans themselves, "auto" curves where every pose has one or a scan is too coarse for its
-    cable, else clouds. ``distance``, of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and
-    "nelder-mead": it has no least squares). ``progress`` is called with a line of text now and then. ``slots``: energy laws
-    of effects that may be added later, at zero amplitude, so that what is compiled here serves then too. Raises
-    `Scan2FlexError` when there is nothing to fit, and `NotSettledError` when no values let every pose settle.
+    Args:
+        study: One cable with at least one ``fit`` pose and one unknown.
+        method: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance) or
+            "nelder-mead" (the paper's).
+        data: "curve" fits centre curves (extracted first where a pose has a scan only), "cloud" the points of the scans
+            themselves, "auto" curves where every pose has one or a scan is too coarse for its cable, else clouds.
+        distance: Of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and "nelder-mead": it has
+            no least squares).
+        elements: Elements of the rod.
+        progress: Called with a line of text now and then.
+        slots: Energy laws of effects that may be added later, at zero amplitude, so that the functions compiled here serve
+            then too.
+
+    Returns:
+        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on what to believe.
+
+    Raises:
+        Scan2FlexError: There is nothing to fit.
+        NotSettledError: No values let every pose settle.
+
+    Examples:
+        >>> result = fit(load_study("my-cable"))  # doctest: +SKIP
+        >>> result.estimates["bending_stiffness"].value  # doctest: +SKIP
+        0.1
     """
     _check(study, method, distance, data)
     began, progress = time.perf_counter(), progress or silent

@@ -44,7 +44,23 @@ class Boundary(eqx.Module):
 
     @staticmethod
     def of(start, end=None) -> "Boundary":
-        """From ``(position, rotation)`` pairs; ``rotation`` is a matrix, a quaternion or None (ball joint); no end = free."""
+        """From ``(position, rotation)`` pairs.
+
+        Args:
+            start: Position (3,) in m, and rotation: a matrix (3, 3) with columns d1, d2, d3, a quaternion [w, x, y, z], or None
+                for a ball joint.
+            end: The same; None is a free end.
+
+        Returns:
+            Both supports.
+
+        Raises:
+            Scan2FlexError: What is no position or no rotation.
+
+        Examples:
+            >>> Boundary.of(([0, 0, 0], [1, 0, 0, 0])).held.tolist()[1]
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        """
         p, R, h = zip(*[_support(x) for x in (start, end)], strict=True)
         plain = all(isinstance(x, np.ndarray) for x in (*p, *R))
         xp = np if plain else jnp

@@ -34,6 +34,11 @@ class Cable(eqx.Module):
     natural curvature 1/m about d1, d2, d3, natural stretch (-) along d1, d2, d3. A single shear or bending stiffness
     stands for both axes. Without ``shear_stiffness`` or ``axial_stiffness`` the cable is practically unshearable or
     inextensible under its own weight on Earth (`rigid_stiffness`).
+
+    Examples:
+        >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+        >>> cable.bending_stiffness.tolist()
+        [0.1, 0.1]
     """
 
     length: Float[Array, ""]

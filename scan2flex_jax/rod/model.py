@@ -49,6 +49,11 @@ class CableModel(eqx.Module):
     """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses.
 
     ``gravity`` may be a list; ``effects`` one effect or several, whose parameters may be plain numbers.
+
+    Examples:
+        >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+        >>> CableModel(cable, gravity=[0.0, 0.0, -9.81]).gravity.tolist()
+        [0.0, 0.0, -9.81]
     """
 
     cable: Cable

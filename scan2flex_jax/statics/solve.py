@@ -107,11 +107,23 @@ def solve_rod(
 ) -> Equilibrium:
     """The static equilibrium of a discrete rod (paper, Section 5: (x, q0, qL) -> q*).
 
-    ``start`` pins the branch; left out, it is a generic sag along the resultant of the dead loads with ``turns`` full turns of
-    twist. ``solver``: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser, which is run by
-    `ScaledMinimiser`, each with its own tolerances. ``max_steps``: at most so many steps; None is the solver's own allowance.
-    A solve that fails is told by the `Verdict` of the answer, so that one rod of a batch harms no other; with ``throw`` it
-    raises `Scan2FlexError`, under `jax.jit` equinox's runtime error. Differentiable to any order in every array of ``rod``.
+    Differentiable to any order in every array of ``rod``.
+
+    Args:
+        rod: Sections, loads and supports, as `CableModel` discretises them.
+        start: Pins the branch; left out, a generic sag along the resultant of the dead loads.
+        turns: Full turns of twist of the generic start.
+        solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser, which is run by
+            `ScaledMinimiser`, each with its own tolerances.
+        max_steps: At most so many steps; None is the solver's own allowance.
+        throw: Raise where the solve fails. Otherwise the `Verdict` of the answer tells, so that one rod of a batch harms no
+            other.
+
+    Returns:
+        Nodes, section forces, reactions, and the verdict.
+
+    Raises:
+        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a solve that failed (under `jax.jit` equinox's own error).
     """
     whole_number(rod.elements, "the number of elements of the rod", FEWEST_ELEMENTS)
     check_start(start, rod.elements + 1, turns)
@@ -132,8 +144,31 @@ def equilibrium(
 ) -> Equilibrium:
     """The static equilibrium of ``model`` between the supports of ``boundary``: `solve_rod` of ``elements`` elements.
 
-    ``start`` pins the branch; left out, it is a generic sag along gravity with ``turns`` full turns of twist. The other
-    arguments are those of `solve_rod`. Differentiable to any order in every array of ``model`` and ``boundary``.
+    Differentiable to any order in every array of ``model`` and ``boundary``.
+
+    Args:
+        model: Cable, gravity and effects.
+        boundary: The supports of both ends.
+        start: Pins the branch; left out, a generic sag along gravity.
+        turns: Full turns of twist of the generic start.
+        elements: Elements of the rod.
+        solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser.
+        max_steps: At most so many steps; None is the solver's own allowance.
+        throw: Raise where the solve fails; otherwise the verdict of the answer tells.
+
+    Returns:
+        Nodes (m), section forces (N) and moments (N m), reactions, and the verdict.
+
+    Raises:
+        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a solve that failed (under `jax.jit` equinox's own error).
+
+    Examples:
+        >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+        >>> along_x = [0.5, 0.5, 0.5, 0.5]
+        >>> clamps = Boundary.of(([0, 0, 0], along_x), ([0.6, 0, 0], along_x))
+        >>> e = equilibrium(CableModel(cable, gravity=[0.0, 0.0, -9.81]), clamps)
+        >>> bool(e.verdict.solved), round(float(e.points[20, 2]), 2)
+        (True, -0.35)
     """
     elements = whole_number(elements, "elements", FEWEST_ELEMENTS)
     check_start(start, elements + 1, turns)

@@ -81,12 +81,30 @@ class Study(Compared):
         tolerance: Tolerance | None = None,
         effects: Sequence[EffectDeclaration] = (),
     ) -> "Study":
-        """A study of plain numbers and arrays; raises `StudyError`.
+        """A study of plain numbers and arrays.
 
-        ``cable`` holds what is known, by the keys of `[cable]`; ``unknowns`` are names, or `Unknown` with a guess or a range.
-        A pose is a dict: ``points`` (n, 3) in m of its centre curve, and their ``arc_length`` (n,) where it was measured;
-        ``start`` and ``end`` as `Clamp.of` takes them (no ``end``: a free end); any other field of `StudyPose`. Its ``name``
-        is p1, p2, ... and its ``role`` "fit" where they are left out.
+        Args:
+            cable: What is known, by the keys of `[cable]`, in SI units.
+            poses: Each a `StudyPose` or a dict: ``points`` (n, 3) in m of its centre curve, and their ``arc_length`` (n,) where
+                it was measured; ``start`` and ``end`` as `Clamp.of` takes them (no ``end``: a free end); any other field of
+                `StudyPose`. Its ``name`` is p1, p2, ... and its ``role`` "fit" where they are left out.
+            unknowns: Names, or `Unknown` with a guess or a range.
+            title: Shown in every answer.
+            gravity: m/s^2, in the scan frame.
+            tolerance: Standard deviations of what is known only nearly; None: all exact.
+            effects: Physics declared beyond the baseline rod.
+
+        Returns:
+            The study; what its parts must say together is checked when it is used.
+
+        Raises:
+            StudyError: A part that cannot be: object, key, what was got and what to do.
+
+        Examples:
+            >>> pose = {"points": [[0, 0, 0], [0.5, 0, -0.1]], "start": ([0, 0, 0], [0, 0, 1, 0])}
+            >>> study = Study.from_arrays({"length": 1.0, "length_density": 0.2}, [pose], ["bending_stiffness"])
+            >>> study.poses[0].name, study.unknown_names
+            ('p1', ('bending_stiffness',))
         """
         where = Where("Study")
         entries = all_of_kind(poses, (StudyPose, Mapping), where.at("poses"), "{'points': points, 'start': start}")

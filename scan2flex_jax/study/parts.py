@@ -55,10 +55,22 @@ class Clamp(Compared):
 
     @classmethod
     def of(cls, held: "Clamp | ArrayLike | tuple[ArrayLike, Any]") -> "Clamp":
-        """The clamp of ``(position, rotation)``, or of a 4x4 matrix; raises `StudyError`.
+        """The clamp of ``(position, rotation)``, or of a 4x4 matrix.
 
-        The position (3,) is in m. The rotation is a quaternion [w, x, y, z], a 3x3 matrix with the columns d1, d2, d3, a
-        rotation of scipy, or None for a ball joint.
+        Args:
+            held: The position (3,) is in m. The rotation is a quaternion [w, x, y, z], a 3x3 matrix with the columns d1, d2,
+                d3, a rotation of scipy, or None for a ball joint.
+
+        Returns:
+            The clamp, its quaternion normalised.
+
+        Raises:
+            StudyError: What is no position or no rotation.
+
+        Examples:
+            >>> along_x = [[0, 0, 1], [0, -1, 0], [1, 0, 0]]
+            >>> round(float(Clamp.of(([0.6, 0, 0], along_x)).tangent[0]), 6)
+            1.0
         """
         if isinstance(held, Clamp):
             return held
@@ -94,7 +106,12 @@ def third_column(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray
 @converting
 @dataclass(frozen=True, eq=False)
 class MeasuredCurve(Compared):
-    """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured."""
+    """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured.
+
+    Examples:
+        >>> MeasuredCurve([[0.0, 0.0, 0.0], [0.1, 0.0, -0.01]]).points.shape
+        (2, 3)
+    """
 
     points: Annotated[np.ndarray, "n 3"]
     arc_length: Annotated[np.ndarray, " n"] | None = None
@@ -111,7 +128,12 @@ class MeasuredCurve(Compared):
 @converting
 @dataclass(frozen=True, eq=False)
 class Markers(Compared):
-    """Points (m) that were tracked at known arc lengths (m), growing from the start: all three coordinates count."""
+    """Points (m) that were tracked at known arc lengths (m), growing from the start: all three coordinates count.
+
+    Examples:
+        >>> Markers([[0.2, 0.0, -0.05]], arc_length=[0.22]).arc_length.tolist()
+        [0.22]
+    """
 
     points: Annotated[np.ndarray, "n 3"]
     arc_length: Annotated[np.ndarray, " n"]
@@ -133,6 +155,10 @@ class Unknown(Compared):
     """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit.
 
     `prior`: what another measurement says of it, as {"mean": 0.1, "std": 0.01} in its own unit; None = nothing.
+
+    Examples:
+        >>> Unknown("bending_stiffness", guess=0.1, low=1e-3, high=1e2).guess
+        0.1
     """
 
     name: str
@@ -167,6 +193,10 @@ class EffectDeclaration(Compared):
     """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out.
 
     `poses`: the names of the poses in which it acts, None = all of them.
+
+    Examples:
+        >>> EffectDeclaration("point_mass", {"position": 0.42, "mass": 0.05}, poses=["sag-with-weight"]).poses
+        ('sag-with-weight',)
     """
 
     kind: str
@@ -206,6 +236,10 @@ class Tolerance:
 
     `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt), `clamp_roll`
     (rad, about d3 of each clamp; None = `clamp_rotation`), `length_density` (kg/m).
+
+    Examples:
+        >>> Tolerance(length=0.002).given
+        {'length': 0.002}
     """
 
     length: float = 0.0
@@ -237,6 +271,11 @@ class StudyPose(Compared):
     of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
     deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) when it was
     measured, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
+
+    Examples:
+        >>> held = Clamp([0, 0, 0], [0.7071068, 0, 0.7071068, 0])
+        >>> StudyPose("sag", "fit", held, curve=MeasuredCurve([[0, 0, 0], [0.1, 0, -0.01]])).end is None
+        True
     """
 
     name: str

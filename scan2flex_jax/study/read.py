@@ -84,7 +84,22 @@ class FolderFiles:
 
 
 def load_study(folder_or_toml: str | Path) -> Study:
-    """Read and check a study, given its folder or its `study.toml`; raises `StudyError`."""
+    """Read and check a study.
+
+    Args:
+        folder_or_toml: The folder of the study, or its `study.toml`.
+
+    Returns:
+        The study, checked, with the curves and markers that it names.
+
+    Raises:
+        StudyError: What cannot be used: file, key, what was got and what to do.
+
+    Examples:
+        >>> from scan2flex_jax.examples import example_path
+        >>> [pose.name for pose in load_study(example_path("black-wire")).poses]
+        ['turn-0', 'turn-360']
+    """
     path = Path(folder_or_toml)
     try:
         if not path.exists():

@@ -89,7 +89,21 @@ def _equal(a: Content, b: Content) -> bool:
 
 
 def save_study(study: Study, folder: str | Path) -> Path:
-    """Write `study` into `folder` and return the path of its `study.toml`; raises `StudyError`."""
+    """Write a study so that `load_study` gives back an equal one.
+
+    Args:
+        study: The study; its curves and scans are written or copied too.
+        folder: Made if it is not there. A file that would change is kept as NAME.bak.
+
+    Returns:
+        The path of its `study.toml`.
+
+    Raises:
+        StudyError: The study cannot be read back, or the folder cannot be written.
+
+    Examples:
+        >>> save_study(fit(study).calibrated, "calibrated")  # doctest: +SKIP
+    """
     folder = Path(folder)
     toml = folder / STUDY_FILE
     files = NamedFiles(study.folder)
