@@ -11,10 +11,12 @@ from scan2flex_jax.version import __version__ as __version__
 
 if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported when it is first used
     from scan2flex_jax import plot as plot
+    from scan2flex_jax.diagnosis import DiagnosisSettings as DiagnosisSettings
     from scan2flex_jax.diagnosis import explain as explain
     from scan2flex_jax.diagnosis import plan as plan
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
+    from scan2flex_jax.fitting import FitSettings as FitSettings
     from scan2flex_jax.fitting import ResidualFunction as ResidualFunction
     from scan2flex_jax.fitting import boundary_of as boundary_of
     from scan2flex_jax.fitting import fit as fit
@@ -50,7 +52,9 @@ _HOMES = {
     "CableModel": "rod.model",
     "Clamp": "study",
     "EffectDeclaration": "study",
+    "DiagnosisSettings": "diagnosis",
     "Equilibrium": "statics",
+    "FitSettings": "fitting",
     "Markers": "study",
     "MeasuredCurve": "study",
     "MixedNewton": "statics",

@@ -11,6 +11,7 @@ from scan2flex_jax.fitting.influence import Influence, influence
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.kinds import CABLE, kind_format
 from scan2flex_jax.study.mistakes import Mistake
@@ -69,7 +70,7 @@ class Fit:
     the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose.
     ``misfits``: fitted poses whose residual is no noise, in words. ``mistakes``: likely mistakes of the input, each of which
     explains the residual at a stroke (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted
-    squares of residuals and priors.
+    squares of residuals and priors. ``settings``: the thresholds of belief in it.
     """
 
     study: Study = field(repr=False)
@@ -93,6 +94,7 @@ class Fit:
     turned: tuple[str, ...] = ()
     misfits: tuple[str, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
+    settings: FitSettings = USUAL
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -167,6 +169,7 @@ class Fit:
             "messages": list(self.sentences),
             "equilibria": self.equilibria,
             "seconds": self.seconds,
+            "settings": self.settings.to_json(),
         }
 
     def summary(self) -> str:
