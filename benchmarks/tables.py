@@ -102,6 +102,16 @@ _BACKGROUND = (
     ("background_coverage_95_plain_fit_with_effect", "the same of the plain fit, before an effect is known", "92-97 %"),
 )
 
+_SCANS = (
+    ("alarms_scan", "nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most"),
+    ("alarms_curve", "the same poses as curves", "-"),
+    ("named_curve", "a strong effect: named alone from curves", "-"),
+    ("named_scan", "from scans", "-"),
+    ("right_scan", "from scans, and rightly", "-"),
+    ("named_as_from_curves", "from scans as from curves", "16 of 20"),
+    ("answered_as_from_curves", "the same answer as from curves, ties and unexplained cases included", "-"),
+)
+
 
 def _lines(t, keys) -> list[list[str]]:
     """Rows of shares with their counts, and of other numbers."""
@@ -119,6 +129,12 @@ def background() -> str:
     """The loop on blind cases in which each pose deviates by itself: the record `background` of `benchmarks.blind_score`."""
     entry = load("background")
     return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _BACKGROUND)) + made_on(entry)
+
+
+def scans() -> str:
+    """The loop on scans beside curves of the same poses: the record `scan_alarms`."""
+    entry = load("scan_alarms")
+    return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _SCANS)) + made_on(entry)
 
 
 def blind() -> str:
@@ -228,6 +244,7 @@ PAGES = {
     ACCURACY: {
         "blind": blind,
         "background": background,
+        "scans": scans,
         "ablations": ablations,
         "tipweights": tip_weights_tables.brief,
         "kinect": kinect,
