@@ -60,8 +60,9 @@ class Answer:
         said += [("", doubt) for doubt in self.doubts]
         said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]
         for label, text in said:
-            indents = {"initial_indent": f"  {label:<14}", "subsequent_indent": " " * 16}
-            out += textwrap.wrap(text, _WIDTH, break_on_hyphens=False, **indents)
+            out += textwrap.wrap(
+                text, _WIDTH, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16, break_on_hyphens=False
+            )
         return out
 
 
