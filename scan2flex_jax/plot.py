@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
     from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
-_PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # what was before, under a thin line of what is after
+_PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # of what was before, under what is after
 _TANGLE = 4  # poses up to which their lines can be told apart in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
 _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
