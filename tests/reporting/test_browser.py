@@ -59,7 +59,8 @@ def test_nothing_is_cut_off(plain, tmp_path, width):
     assert said == []
     scroll, figures, beyond = re.search(r"<title>(.*?)</title>", dom)[1].split("|")
     assert int(scroll) <= width and beyond == ""
-    assert int(figures) == plain.count("<figure>") == 16  # 4 shapes, errors, evidence, 4 residuals, load, 4 of forces, correlations
+    # 4 shapes, errors, evidence, 4 residuals, load, 4 of forces, correlations
+    assert int(figures) == plain.count("<figure>") == 16
 
 
 def test_it_prints_as_two_pages(plain, tmp_path):
