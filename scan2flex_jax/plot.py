@@ -8,7 +8,7 @@ same pictures. What was before lies broad and pale under what is after; legends 
 import io
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
     from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
-_PALE = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # what was before, under a thin line of what is after
+_PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # of what was before, under what is after
 _TANGLE = 4  # poses up to which their lines can be told apart in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
 _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
@@ -62,7 +62,7 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     if pose is not None and pose not in fit.poses:
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
     axes, labels = _plane(np.concatenate([fit.poses[name].measured for name in names]), np.asarray(fit.study.gravity))
-    before = getattr(fit, "fit", None) if pose is not None and getattr(fit, "added", ()) else None
+    before = _before(fit) if pose is not None else None
     for i, name in enumerate(names):
         p, colour = fit.poses[name], _MODELLED if pose is not None else f"C{i % 10}"
         if before is not None and before.poses[name].stable:
@@ -97,7 +97,12 @@ def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
 def _modelled_as(fit, name, pose):
     if pose is None:
         return _named(name)
-    return "after" if getattr(fit, "added", ()) else "modelled"
+    return "modelled" if _before(fit) is None else "after"
+
+
+def _before(fit) -> "Fit | None":
+    """The plain fit of an explanation that added an effect."""
+    return fit.fit if getattr(fit, "added", None) else None
 
 
 def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
@@ -107,14 +112,14 @@ def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
     for name, p in fit.poses.items() if pose is None else [(pose, fit.poses[pose])]:
         order = np.argsort(p.s)
-        before = getattr(p, "residual_before", None)
-        if pose is not None and before is not None and np.isfinite(p.rms_before):
+        before: np.ndarray | None = getattr(p, "residual_before", None)
+        if pose is not None and before is not None and np.all(np.isfinite(before)):
             ax.plot(p.s[order], 1e3 * np.linalg.norm(before[order], axis=1), color=_BEFORE, label="before", **_PALE)
         if np.isfinite(p.rms):
-            colour = {} if pose is None else {"color": _MODELLED}
+            colour = None if pose is None else _MODELLED
             label = _named(name, f" ({p.role})") if pose is None else "modelled" if before is None else "after"
             style = "-" if p.role == "fit" or pose is not None else "--"
-            ax.plot(p.s[order], 1e3 * np.linalg.norm(p.residual, axis=1)[order], style, lw=1.4, label=label, **colour)
+            ax.plot(p.s[order], 1e3 * np.linalg.norm(p.residual, axis=1)[order], style, lw=1.4, label=label, color=colour)
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, None))
     if pose is not None:
         ax.set_title(_named(pose, f" ({p.role})"), fontsize=10, pad=22)
@@ -133,8 +138,9 @@ def overview(fit: "Fit | Explanation") -> Figure:
         shapes(fit, name, figure.add_subplot(grid[i // columns, i % columns]))
     if together:
         errors(fit, ax=figure.add_subplot(grid[rows, :]))
+    one = None  # panels share their scale, so that poses can be compared
     for i, name in enumerate(() if together else names):
-        errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns]))
+        one = errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns], sharey=one))
     figure.suptitle(drawn(fit.study.title), wrap=True, fontsize=11)
     return figure
 

@@ -57,7 +57,7 @@ def _belief(explanation) -> tuple[str, str]:
     """Tone and sentence: no, with care, or yes, each with its reason."""
     unsolved = [name for name, p in explanation.poses.items() if not p.stable]
     if explanation.mistakes:
-        return BAD, "no: the input is likely mistaken, see above"
+        return BAD, f"no: the input is likely mistaken: {explanation.mistakes[0]}"
     if explanation.fit is None or explanation.verdict == verdict.UNSOLVED:
         return BAD, "no: not in equilibrium, so that nothing is concluded"
     if unsolved:

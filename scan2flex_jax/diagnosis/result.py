@@ -237,10 +237,10 @@ class Explanation:
         return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
 
     def _estimate_lines(self):
-        shifts, fitted = self.shifts(), self.fit
-        for name, e in self.estimates.items() if fitted is not None else ():
+        shifts, before = self.shifts(), {} if self.fit is None else self.fit.estimates
+        for name, e in self.estimates.items():
             shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
-            yield f"  {name:<24} before  {in_words(fitted.estimates[name])}"
+            yield f"  {name:<24} before  {in_words(before[name])}"
             yield f"  {'':<24} after   {in_words(e)}{shift}"
 
     def _pose_lines(self):

@@ -60,8 +60,9 @@ class Answer:
         said += [("", doubt) for doubt in self.doubts]
         said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]
         for label, text in said:
-            indents = {"initial_indent": f"  {label:<14}", "subsequent_indent": " " * 16}
-            out += textwrap.wrap(text, _WIDTH, break_on_hyphens=False, **indents)
+            out += textwrap.wrap(
+                text, _WIDTH, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16, break_on_hyphens=False
+            )
         return out
 
 
@@ -248,7 +249,7 @@ def _belief(fit) -> tuple[str, str]:
     """Tone and sentence: no, with care, or yes, each with its reason."""
     unsolved = [name for name, p in fit.poses.items() if not p.stable]
     if fit.mistakes:
-        return BAD, "no: the input is likely mistaken, see above"
+        return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
     if not fit.believable:

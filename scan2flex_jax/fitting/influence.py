@@ -180,10 +180,10 @@ def _linear(problem: Problem, minimum: Minimum, e: Evaluation) -> tuple[Linear, 
     ends = np.cumsum([3 * int(np.sum(keep)) for keep in real])
     rows = tuple(np.arange(end - 3 * int(np.sum(keep)), end) for end, keep in zip(ends, real, strict=True))
     width = n + poses.count * k
-    J = np.zeros((int(ends[-1]) + len(prior.at) + poses.count * k, width))
+    J, jacobian = np.zeros((int(ends[-1]) + len(prior.at) + poses.count * k, width)), np.asarray(e.jacobian)
     for i, own in enumerate(rows):
         columns = np.r_[np.arange(n), n + i * k + np.arange(k)]
-        J[np.ix_(own, columns)] = np.asarray(e.jacobian[i])[real[i]].reshape(len(own), -1) / sigma[i]
+        J[np.ix_(own, columns)] = jacobian[i][real[i]].reshape(len(own), -1) / sigma[i]
     at = int(ends[-1]) + np.arange(len(prior.at))
     J[at, prior.at] = 1.0 / prior.std
     J[at[-1] + 1 if len(at) else int(ends[-1]) :, n:] = np.eye(poses.count * k)

@@ -9,6 +9,7 @@ import io
 import re
 from collections.abc import Callable
 from html import escape
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -21,7 +22,7 @@ from scan2flex_jax.reporting.html import Html
 MODELLED = "#8a8f98"
 _INK = "#010203"  # stands for the page's own colour of text
 _OF_PAGE = {_INK: "var(--ink)", plot.MEASURED: "var(--measured)"}
-_STYLE = {
+_STYLE: Any = {
     "svg.fonttype": "none", "svg.hashsalt": "scan2flex", "axes.spines.top": False, "axes.spines.right": False,
     **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK),
 }  # fmt: skip

@@ -158,8 +158,8 @@ def forces(c: Contents) -> Iterator[Html]:
             for name, label in _QUANTITIES
         ]
         rows = [
-            (v.name, end, _vector(v.reaction_force[k]), number(np.linalg.norm(v.reaction_force[k]), 4),
-             _vector(v.reaction_moment[k]), number(np.linalg.norm(v.reaction_moment[k]), 4))
+            (v.name, end, _vector(v.reaction_force[k]), number(float(np.linalg.norm(v.reaction_force[k])), 4),
+             _vector(v.reaction_moment[k]), number(float(np.linalg.norm(v.reaction_moment[k])), 4))
             for v in c.sections for k, end in enumerate(("start", "end"))
         ]  # fmt: skip
         head = ("pose", "support", "force on the cable (N), scan frame", "size (N)", "moment (N m)", "size (N m)")
