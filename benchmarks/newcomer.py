@@ -56,7 +56,8 @@ def write_files(clone: Path) -> None:
 def timed(cwd, *words, surroundings=None) -> float:
     """Seconds that a command takes; what it says goes on only where it fails."""
     begin = perf_counter()
-    ran = subprocess.run(words, cwd=cwd, env=os.environ | (surroundings or {}), capture_output=True, text=True, check=False)
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | (surroundings or {})
+    ran = subprocess.run(words, cwd=cwd, env=env, capture_output=True, text=True, check=False)
     if ran.returncode:
         sys.exit(f"{' '.join(words)[:200]}: {ran.stderr[-1000:]}")
     return perf_counter() - begin
