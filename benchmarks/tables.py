@@ -1,8 +1,8 @@
 """The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
 
 `python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
-`<!-- end -->`. A figure that a record lacks is a dash. Tables of docs/accuracy.md, docs/compared.md and the README are here;
-those of the other pages are in modules of their own.
+`<!-- end -->`. A figure that a record lacks is a dash. Tables of the README, docs/first-cable.md, docs/accuracy.md and
+docs/compared.md are here; those of the other pages are in modules of their own.
 """
 
 import math
@@ -14,7 +14,7 @@ from benchmarks.markdown import load, made_on, table
 from benchmarks.peers import tables as peers_tables
 
 ROOT = Path(__file__).parents[1]
-README, ACCURACY, COMPARED = ROOT / "README.md", ROOT / "docs" / "accuracy.md", ROOT / "docs" / "compared.md"
+README, DOCS = ROOT / "README.md", ROOT / "docs"
 _PART = re.compile(r"(<!-- table:([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -239,9 +239,26 @@ def answer() -> str:
     return "```text\n" + "\n".join(load("front_page")["results"]["lines"]) + "\n```\n"
 
 
+_STARTS = {
+    "curves": "[centre curves or scans in mm, clamp frames of a robot](#curves-and-robot-frames)",
+    "markers": "[markers of a motion-capture system](#markers)",
+    "arrays": "[arrays in Python](python.md#a-study-from-arrays)",
+}
+
+
+def newcomer() -> str:
+    """From a fresh clone to the first stiffness."""
+    entry = load("newcomer")
+    r = entry["results"]
+    rows = [["clone and install", 2, f"{r['clone'] + r['install']:.0f} s"]]
+    rows += [[words, r[name]["commands"], f"{r[name]['seconds']:.0f} s"] for name, words in _STARTS.items()]
+    return table(["you have", "commands", "first time"], rows) + made_on(entry)
+
+
 PAGES = {
     README: {"answer": answer},
-    ACCURACY: {
+    DOCS / "first-cable.md": {"newcomer": newcomer},
+    DOCS / "accuracy.md": {
         "blind": blind,
         "background": background,
         "scans": scans,
@@ -252,7 +269,7 @@ PAGES = {
         "equilibrium": equilibrium,
         "firstuse": firstuse,
     },
-    COMPARED: {"fit": fit},
+    DOCS / "compared.md": {"fit": fit},
 }
 """The tables made here, by page, in the order of the page."""
 _OTHERS = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)

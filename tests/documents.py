@@ -44,6 +44,11 @@ def _parts(words: list[str]) -> list[list[str]]:
     return parts
 
 
+def printed_files(text: str) -> list[tuple[str, str]]:
+    """Name and content of the files that a page prints in full: a name in backquotes and a colon, then a block."""
+    return re.findall(r"^`([^`]+)`:\n\n```\w+\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
 def anchors(text: str) -> set[str]:
     """The anchors of a document's headings, as GitHub and the site make them."""
     text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)

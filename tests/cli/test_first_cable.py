@@ -15,7 +15,7 @@ from benchmarks.front_page import opening
 from benchmarks.markdown import load
 from scan2flex_jax import load_study
 from scan2flex_jax.cli.app import app
-from tests.documents import DOCS, commands, section
+from tests.documents import DOCS, commands, printed_files, section
 
 PAGE = (DOCS / "first-cable.md").read_text("utf-8")
 TRUE = {"bending_stiffness": 0.1, "torsional_stiffness": 0.25}  # of the simulated cable, N m^2
@@ -74,7 +74,7 @@ def test_the_other_steps_of_the_page(scans):
 def test_markers_lead_to_the_stiffness(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "markers").mkdir()
-    files = re.findall(r"^`(markers/\S+)`:\n\n```\w+\n(.*?)^```", section(PAGE, "Markers"), re.DOTALL | re.MULTILINE)
+    files = printed_files(section(PAGE, "Markers"))
     assert len(files) == 3
     for name, text in files:
         (tmp_path / name).write_text(text)
