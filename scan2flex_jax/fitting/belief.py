@@ -31,7 +31,9 @@ def of_discrepancy(discrepancy) -> tuple[str, ...]:
     return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals carry that",)
 
 
-def validity(poses, noise, stated, length, differ, misfit, settings: FitSettings = USUAL) -> tuple[bool | None, list[str]]:
+def validity(
+    poses, noise, stated, length, differ, misfit, settings: FitSettings = USUAL
+) -> tuple[bool | None, tuple[str, ...]]:
     """Whether the poses that were never fitted are predicted to within the noise, the discrepancy of poses, their tolerances
     and the errors of the estimates.
 
@@ -40,14 +42,14 @@ def validity(poses, noise, stated, length, differ, misfit, settings: FitSettings
     """
     rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
     if misfit:
-        return (False if rms else None), ["what the fit leaves is no noise: nothing is predicted to within it"]
+        return (False if rms else None), ("what the fit leaves is no noise: nothing is predicted to within it",)
     floor = max(np.sqrt(2.0) * noise.total, differ)
     slow = noise.correlated > settings.slow * noise.white and noise.correlation_length > settings.long * length
     if stated is None and slow and floor > settings.mesh * length:
         left = f"the residual varies slowly along the cable ({1e3 * floor:.2f} mm), unlike the noise of a scanner"
-        return (False if rms else None), [f"{left}: something is missing or misread"]
+        return (False if rms else None), (f"{left}: something is missing or misread",)
     if not rms:
-        return None, ["no validate pose: whether the model predicts other poses is not known"]
+        return None, ("no validate pose: whether the model predicts other poses is not known",)
     bad = [n for n, v in rms.items() if not v <= settings.predicted * np.hypot(floor, poses[n].spread)]
     worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
     beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm)"
@@ -55,5 +57,6 @@ def validity(poses, noise, stated, length, differ, misfit, settings: FitSettings
         what = "of noise, and what tolerances and errors of the estimates may do"
         beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm {what}, {1e3 * poses[worst].spread:.2g} mm)"
     if not bad:
-        return True, [f"validate poses are predicted to within the noise {beside}"]
-    return False, [f"the model does not predict {', '.join(bad)} to within the noise {beside}: something is missing or misread"]
+        return True, (f"validate poses are predicted to within the noise {beside}",)
+    said = f"the model does not predict {', '.join(bad)} to within the noise {beside}"
+    return False, (f"{said}: something is missing or misread",)
