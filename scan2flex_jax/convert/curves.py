@@ -73,7 +73,7 @@ def _read(path, units, columns, where):
         names = _guessed(table, where)
     unit = units or stated or "m"
     if units and stated and units != stated:
-        said = f"it says {stated}, but {units} was asked for"
+        said = f"it states {stated}, but the given unit is {units}"
         raise where.at("header").fail(f"{said}: leave the unit out, or correct the header.")
     by_name = {name: table[:, i] * length_unit(unit) for i, name in enumerate(names) if name}
     points = np.column_stack([by_name[name] for name in "xyz"])
@@ -81,7 +81,7 @@ def _read(path, units, columns, where):
     s = by_name["s"][keep] if "s" in by_name else None
     marks = {";": "semicolons", "\t": "tabs", ",": "commas", None: "blanks"}
     given = ", ".join(name or "(left out)" for name in names)
-    notes = [f"{int(keep.sum())} points in {unit}, columns {given}, apart by {marks[mark]}"]
+    notes = [f"{int(keep.sum())} points in {unit}, columns {given}, separated by {marks[mark]}"]
     notes += ["with decimal commas"] * (decimal == ",")
     notes += [f"{int(np.sum(~keep))} points that repeat the one before were left out"] * bool(np.any(~keep))
     return points[keep], s, tuple(notes)

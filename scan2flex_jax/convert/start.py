@@ -148,7 +148,7 @@ def _same_unit(files, pose, length):
     if long > CURVE_SLACK * length:
         unit = looks_like(long / length)
         hint = "" if unit is None else f" (it looks like {unit[0]})"
-        said = f"read so, the curve is {long:g} m long, but the cable is {length:g} m"
+        said = f"in this unit the curve is {long:g} m long, but the cable is {length:g} m"
         raise StudyError(files.curve, None, f"{said}: name the unit of the files{hint}, or correct the length.")
 
 

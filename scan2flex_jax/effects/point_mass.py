@@ -40,5 +40,5 @@ ENTRY = CatalogueEntry(
     sites=places, moving={"position": along_loaded}, one_sided=(True,), varies="mass",
     signature="the cable sags towards one place of it, always along gravity",
     settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
-    same_shapes=(SameShapes("density_profile", "a span that is short beside the sag"),),
+    same_shapes=(SameShapes("density_profile", "a span that is short against the sag"),),
 )  # fmt: skip

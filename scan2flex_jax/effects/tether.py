@@ -154,5 +154,5 @@ ENTRY = CatalogueEntry(
     moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
     signature="the cable is drawn at one place of it towards one point of space, from whichever side",
     settle="look for a string at the named place",
-    same_shapes=(SameShapes("point_load", "an anchor far away beside the motion of the place between poses"),),
+    same_shapes=(SameShapes("point_load", "an anchor far away against the motion of the place between poses"),),
 )  # fmt: skip

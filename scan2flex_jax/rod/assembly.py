@@ -10,7 +10,7 @@ wrench ``p = T' n`` at the far end, the material stiffness ``S = T' K T / ds``, 
 at fixed section force ``n``) and the antisymmetric part of the bracket. Tests compare these blocks with `jax.grad` and
 `jax.hessian` of the energy.
 
-The geometric stiffness depends on the section forces inserted. Those of the current strains give Newton's method; those
+The geometric stiffness is taken at given section forces. Those of the current strains give Newton's method; those
 predicted by the last step give the mixed (stress-strain) method (Magisano, Leonetti, Garcea 2017), which does not stall in
 the narrow energy valley of a nearly inextensible rod.
 """
@@ -57,7 +57,7 @@ class Derivatives(NamedTuple):
 
 
 def no_derivatives(rod: Rod) -> Derivatives:
-    """Zeros in the shape of `derivatives`, written out: finding the shape by tracing took a third of the first trace."""
+    """Zeros in the shape of `derivatives`, written out: finding it by tracing took a third of the tracing of a solve."""
     n = rod.elements
 
     def zeros(*shape):
@@ -92,8 +92,8 @@ def node_forces(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6
     def element(r0, R0, r1, R1, n):
         d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         x = lie.se3_log(d, D)
-        # T' n at the far end and -(T A)' n at the near one, where T A is the inverse left Jacobian; a dot, since under
-        # differentiation by n alone a sum would recompute the Jacobians for each of its entries (`geometry.small`)
+        # T' n at the far end and -(T A)' n at the near one, where T A is the inverse left Jacobian. A dot: the tangent of a sum
+        # by n alone would recompute the Jacobians for each entry of n (`geometry.small`)
         return n @ lie.right_jacobian_inverse(-x), n @ lie.right_jacobian_inverse(x)
 
     near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)

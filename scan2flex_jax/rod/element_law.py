@@ -24,7 +24,7 @@ from scan2flex_jax.geometry.lie import hat
 from scan2flex_jax.geometry.small import matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
 
-_PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over the smallest: the correction starts to fade, and is halved
+_PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over one of them: the correction starts to fade, and is halved
 
 
 def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:

@@ -67,7 +67,7 @@ class CableModel(eqx.Module):
 
 
 class Rod(eqx.Module):
-    """The discrete rod in one pose; ``effects`` keep the hooks of energy and observation."""
+    """The discrete rod in one pose; ``effects`` provide strain energies, node potentials and the observation."""
 
     section: Section
     load: DeadLoad

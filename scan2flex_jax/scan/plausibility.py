@@ -52,7 +52,7 @@ def doubts(curve, fit, radius, length, start, end, few: bool = False) -> list[st
         return _of_length(curve, length, start, end) + _of_clamps(curve, start, end, radius)
     said = []
     if not fit.settled:
-        said.append("the last stage had not settled after its last iteration: look at the picture")
+        said.append("the last stage did not converge: look at the picture")
     said += _of_pulls(curve, fit, radius)
     said += _of_length(curve, length, start, end) + _of_gaps(curve) + _of_shape(curve, radius)
     return said + _of_clamps(curve, start, end, radius)
@@ -68,10 +68,10 @@ def _of_pulls(curve, fit, radius):
     said = []
     mean = float(np.sqrt(np.mean(clear**2)))
     if mean > max(_PULLED * fit.sigma, 0.1 * radius):
-        said.append(f"the points ask for a curve that lies {1e3 * mean:.2g} mm (root mean square) beside this one")
+        said.append(f"the points indicate a curve {1e3 * mean:.2g} mm (root mean square) away from this one")
     elif clear.max() > max(_HARD * radius, fit.sigma):
         where = 100.0 * at[np.argmax(clear)] / (len(fit.points) - 1)
-        said.append(f"near {where:.0f} % of the length the points lie {1e3 * clear.max():.2g} mm beside the curve's surface")
+        said.append(f"near {where:.0f} % of the length the points lie {1e3 * clear.max():.2g} mm off the curve's surface")
     return said
 
 
@@ -101,7 +101,7 @@ def _of_shape(curve, radius):
     if abs(curve.radius.mean / radius - 1.0) > max(RADIUS_AGREES, curve.noise / radius):
         said.append(f"the points lie {curve.radius.mean:.4g} m from the curve where the study says a radius of {radius:.4g} m")
     if curve.radius.share < _UNEXPLAINED:
-        said.append(f"only {100 * curve.radius.share:.0f} % of the points beside the curve lie on a tube around it")
+        said.append(f"only {100 * curve.radius.share:.0f} % of the points near the curve lie on a tube around it")
     bend = np.linalg.norm(np.diff(curve.tangents, axis=0), axis=1) / curve.arc_length[1]
     if bend.max() * radius > _KINK:
         where = float(curve.arc_length[np.argmax(bend)])
@@ -117,7 +117,7 @@ def _of_clamps(curve, start, end, radius):
         off = curve.points[k] - one.position
         beside = float(np.linalg.norm(off - (off @ curve.tangents[k]) * curve.tangents[k]))
         if beside > max(radius, _BESIDE * curve.noise):
-            said.append(f"the curve passes the {name} clamp {1e3 * beside:.2g} mm beside it")
+            said.append(f"the curve misses the {name} clamp by {1e3 * beside:.2g} mm")
         if one.tangent is None:
             continue
         angle = float(np.arccos(np.clip(curve.tangents[k] @ one.tangent, -1.0, 1.0)))

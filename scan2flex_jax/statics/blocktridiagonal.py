@@ -3,7 +3,7 @@
 ``H`` has 6x6 diagonal blocks ``D_i`` and upper blocks ``U_i``. Block elimination from the first node to the last is an
 L D L^T factorisation, each block by scalar pivots without exchange; by Sylvester's law of inertia the number of negative
 pivots is the number of negative eigenvalues of ``H``. A pivot that is zero to rounding belongs to a zero-energy mode (a cable
-between ball joints spinning about its own axis); the solution has no component along it.
+between ball joints spinning about its own axis); that motion stays zero.
 """
 
 from typing import NamedTuple

@@ -6,8 +6,8 @@ nodes is the Hessian ``H`` at an equilibrium, a change ``dp`` of any array of th
     H_ff x_f + H_fh x_h = -F_p dp,   x_h = twist of the supports,
 
 with the held motions h of the two ends.
-The rule is written in functions of the rod and of the solution, and differentiates the solution by itself: ``x = H^-1 b``
-solves a linear system whose matrix is a known function of both, so ``dx = H^-1 (db - dH x)``, which gives derivatives of any
+The rule is written in functions of the rod and of the solution, so it can be differentiated again: ``x = H^-1 b`` solves a
+linear system whose matrix is a known function of both, so ``dx = H^-1 (db - dH x)``, which gives derivatives of any
 order (`jax.hessian`, `jax.jvp` of `jax.grad`, ...). First derivatives need no new matrix: each is one back-substitution
 with the factors of the solver's last Hessian. Griewank and Walther, "Evaluating Derivatives" (2008), chapter 15.
 """

@@ -36,7 +36,7 @@ MAX_STEPS = 200
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or relative to the length
 _PUSH = 0.2  # the same for a push off a saddle
 _SETTLED = 1.0e-2  # two steps below this at an indefinite Hessian indicate a saddle; a single one may be due to wrong forces
-_LEFT = 0.03  # jump of force between elements, over the largest force, in frames of a solution averaged half-way
+_LEFT = 0.03  # of the largest force: jump between elements at a solution, due to the use of half-way frames
 _ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 _HOLD = 1.0e-13  # stiffness that pins zero-energy modes, over the largest of the rod: above rounding, below physics
 _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # regularising bending stiffness, in units of `lendable_stiffness`
@@ -152,7 +152,7 @@ def _handed_on(rod, y, n):
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
-    """Bending and torsional stiffness (N m^2) of the size of the softer one or of weight times squared length, summed."""
+    """Bending and torsional stiffness (N m^2) of the size of the softer one, plus a tenth of weight times squared length."""
     own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
     weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
     return jnp.diag(jnp.array(_ROTATION)) * (own + 0.1 * weight)

@@ -87,11 +87,11 @@ def assumptions(study: Study) -> tuple[str, ...]:
     exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
     held = [name for name in ("clamp_position", "clamp_rotation") if not getattr(study.tolerance, name)]
     if exact or held:
-        said.append(f"exact, with no share in the intervals: {', '.join([*exact, *held])} (give what is not under [tolerance])")
+        said.append(f"taken as exact in the intervals: {', '.join([*exact, *held])} (give their errors under [tolerance])")
     silent = [pose.name for pose in study.poses if pose.noise is None]
     if silent:
         who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
-        said.append(f"noise of {who} not stated: it is estimated from what the fit leaves")
+        said.append(f"noise of {who} not stated: it is estimated from the residuals")
     return tuple(said)
 
 
@@ -295,5 +295,5 @@ def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
     if least - unseen <= off <= LENGTH_WARNING:
         return []
     way = "longer" if off > 0 else "shorter"
-    mend = f"measure the length again (the curve says {facts.covered:.4g} m), or look for what the curve lacks"
+    mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
     return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length: {mend}."]

@@ -116,7 +116,7 @@ def _callable_pieces(x, seen):
         yield from _pieces(x.__wrapped__, seen)
     else:
         what = type(x).__qualname__
-        raise Scan2FlexError(f"a sweep that is stored cannot tell what a {what} holds: pass it as numbers or as a dataclass")
+        raise Scan2FlexError(f"a stored sweep cannot identify the content of a {what}: pass it as numbers or as a dataclass")
 
 
 def _function_pieces(f, seen):
