@@ -35,7 +35,7 @@ _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a lin
 
 
 def in_mm(metres: float) -> str:
-    """Millimetres to three digits, no finer than a micrometre from one millimetre on."""
+    """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
     return f"{1e3 * metres:.3f}" if metres >= 1e-3 else f"{1e3 * metres:.3g}"
 
 

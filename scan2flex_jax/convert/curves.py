@@ -1,7 +1,7 @@
 """Centre curves from other tools: detection of a text file's separator, decimal mark, header, columns and unit.
 
-Properties visible in the file are detected; one error sentence requests the others. Coordinates are returned in metres, in
-the order of the file, without consecutive duplicates.
+Properties that the file determines are detected; an error requests the others. Coordinates are returned in metres, in the
+order of the file, without consecutive duplicates.
 """
 
 import re

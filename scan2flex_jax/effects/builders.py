@@ -20,7 +20,7 @@ AXES = ("about d1", "about d2", "about d3")
 XYZ = ("x", "y", "z")
 Make = Callable[..., AbstractEffect]  # the class of a kind
 _WIDTHS = (0.08, 0.18, 0.35)  # of the length: span widths to scan
-_STRONG = 0.5  # of a logarithm: spans that differ by less are distinguished by their signatures
+_STRONG = 0.5  # log factor below which spans of different widths are distinguished by their signatures
 
 
 def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:

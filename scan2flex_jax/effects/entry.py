@@ -127,8 +127,8 @@ class CatalogueEntry:
     their start, for a standard deviation ``noise`` (m) of the measured points; ``inactive_of(site)`` marks the inactive
     amplitudes. With a ``continuation`` the amplitudes are not estimated but set to these multiples of their sizes, one
     after the other, so that a stiff law (contact) is approached from a soft one. ``other_starts(amplitude, site, context,
-    places)`` lists further starts after a refit that ended there, with ``places`` (m, one per pose) of the cable at its
-    position: amplitude, site, and factors on parameters of the cable.
+    places)`` lists further starts after a refit that ended there, given the points ``places`` (m, one per pose) of the
+    cable at the site: amplitude, site, and factors on parameters of the cable.
 
     For verdicts: ``same_shapes`` lists alternatives with the same shapes; ``varies`` is the property of the cable that varies
     along s: several effects of one property are pieces of a field, which is descriptive and identifies no cause.

@@ -70,7 +70,7 @@ def _level_axes(up):
 
 
 def _facets(c, axes):
-    """Lower facets ``(tilt, tilt, a point)`` of the hull of all measured points, ordered by the number of points on them."""
+    """Lower facets ``(tilt, tilt, a point)`` of the hull of all measured points, by decreasing number of points on them."""
     if len(c.points) < 4:
         return []
     hull = ConvexHull(c.points, qhull_options="QJ")  # joggled: plane poses have no volume

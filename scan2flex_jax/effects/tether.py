@@ -77,7 +77,7 @@ class AnchoredSpring(AbstractEffect):
 
 _FAR = 1e-4  # of the size: stiffness of a constant force, from an anchor thousands of lengths away
 _REACH = (0.03, 1.0)  # of the length: distance of a string's anchor from the cable
-_SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: start of the stiffness, of the size; logarithm of the stiffness per size
+_SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: stiffness at zero amplitude, of the size; its logarithm per size
 
 
 def _tether_size(c):

@@ -145,7 +145,7 @@ def _spread(e, w) -> float:
 class _Tukey:
     """Tukey's weights: zero far from the surface, in a window that shrinks from iteration to iteration."""
 
-    known = 1.0  # share of the information left by the classification of points
+    known = 1.0  # share of the information that remains under the unknown classification
 
     def __init__(self, radius, noise, marks):
         self.radius, self.noise, self.marks = radius, noise, marks

@@ -4,8 +4,8 @@
       + w_s 1/(K-2) sum_k (1 - cos(v_{k-1}, v_k)) + w_2 E_2           shape: smooth, and even in arc length
 
 Two errors of the paper are corrected: its names of external and internal energy are swapped (the data term is the
-external one), and its smoothness term is a mean cosine, which is largest for a smooth curve: minimised is
-``1 - cos``. Its curve on ``[0, K]`` has K points at 0..K-1 (see `spline.py`).
+external one), and its smoothness term is a mean cosine, which is largest for a smooth curve, so that
+``1 - cos`` is minimised here. Its curve on ``[0, K]`` has K points at 0..K-1 (see `spline.py`).
 
 E_1 penalises leaving the cloud: at samples of the curve, the distance of the nearest cloud point beyond the radius, squared
 over r^2; samples inside a known gap do not count. E_2 penalises uneven arc length: variance of ``|v_k|`` over its mean
