@@ -1,6 +1,6 @@
 """Files of a study: bounded reading inside the folder only, and atomic writing.
 
-Reading refuses irregular files, files above the size limit, and every path that leads out of the study's folder.
+Reading refuses special files, files above the size limit, and every path that leads out of the study's folder.
 Writing goes to a new file in the same directory, is flushed to the disk, and replaces the old file in one step; the old
 content is kept in a backup. Devices, pipes and the program's own streams are written to directly.
 `outputs` decides which files may be written.
@@ -132,7 +132,7 @@ def backup(path: Path) -> Path | None:
 def write_atomic(path: Path, data: bytes | Path) -> None:
     """Make `path` contain `data`, or a copy of the file `data`, in one step: a reader sees the old content or the new one.
 
-    Irregular files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`.
+    Special files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`.
     """
     if is_stream(path):
         _write_through(path, data.read_bytes() if isinstance(data, Path) else data)

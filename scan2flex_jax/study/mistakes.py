@@ -20,7 +20,7 @@ from scan2flex_jax.study.values import one_line
 _SMALL = np.radians(2.0)  # rad: a roll or twist whose sign is irrelevant
 _PARALLEL = 0.99  # cosine of two directions that count as one
 _HALF = 2**-0.5
-_AXES = (  # a clamp's axis along the leaving cable, and the rotation of e3 to that axis
+_AXES = (  # a clamp's axis along which the cable leaves it, and the rotation of e3 to that axis
     ("d1, its x axis,", (_HALF, 0.0, _HALF, 0.0), "x"),
     ("d2, its y axis,", (_HALF, -_HALF, 0.0, 0.0), "y"),
     ("-d1, against its x axis,", (_HALF, 0.0, -_HALF, 0.0), "-x"),
@@ -38,7 +38,7 @@ Quaternion = Annotated[np.ndarray, "4"]
 class Mistake:
     """A likely mistake of the input: its description, the advice, and the corrected study.
 
-    ``axis``: the axis of every clamp's frame along the leaving cable, if that is the mistake ("x", "-y"; else "").
+    ``axis``: the axis of every clamp's frame along which the cable leaves it, if that is the mistake ("x", "-y"; else "").
     ``before`` and ``after``: RMS distance (m) of the fitted poses, as given and corrected; None without a refit.
     """
 
