@@ -25,7 +25,7 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 
 LIST = ".scan2flex-written"
-_LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: a killed process may have written one of them
+_LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: one of them is right after a process was killed
 _LONGEST_LINE = 20_000  # of a TOML that is searched
 _FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links
 

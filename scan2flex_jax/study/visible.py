@@ -20,7 +20,7 @@ from scan2flex_jax.study.sense import unit_of
 _GAP, _ANGLE = 0.1, 45.0  # of L, and degrees: a curve is astray beyond this distance from its clamp, or this angle from d3
 _BACK = 0.5  # of both: a nearer curve has been brought back
 _SAME = 0.1  # relative difference of lengths that count as equal: curves stop short of clamps
-_ARCH = 0.05  # of L: a curve whose mean lies this far above its chord stands against gravity
+_ARCH = 0.05  # of L: a curve whose mean lies this far above its chord (free end: initial tangent) stands against gravity
 _SCALES, _CLEAR = (0.01, 0.15), 0.35  # reported changes of a scale; remaining gaps over those before
 
 
@@ -95,7 +95,7 @@ def stands(study: Study, pose: StudyPose) -> bool:
 
 
 def _upward(study) -> Iterator[Mistake]:
-    """Gravity with a sign against which every curve rises."""
+    """Gravity whose direction makes every curve rise against it."""
     if study.poses and all(stands(study, pose) for pose in study.poses):
         mistake = next(mistakes.of_gravity(study), None)
         if mistake is not None:
