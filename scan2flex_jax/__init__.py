@@ -1,4 +1,4 @@
-"""The stiffness of a cable from its measured shapes: a differentiable Cosserat rod, its fit, and the physics it lacks.
+"""Stiffness of a cable from its measured shapes: a differentiable Cosserat rod, its fit, and the search for missing physics.
 
 Start with ``fit(load_study(folder))``. float64 must be on before the first array:
 ``jax.config.update("jax_enable_x64", True)``.
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from scan2flex_jax.version import __version__ as __version__
 
-if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported when it is first used
+if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported at its first use
     from scan2flex_jax import plot as plot
     from scan2flex_jax.diagnosis import DiagnosisSettings as DiagnosisSettings
     from scan2flex_jax.diagnosis import explain as explain
@@ -85,7 +85,7 @@ __all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, imported when it is first used, so that reading a study does not load JAX."""
+    """A public name, imported at its first use, so that reading a study does not load JAX."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = import_module(f"{__name__}.{_HOMES[name] or name}")

@@ -1,8 +1,8 @@
-"""Pictures of a fit, an explanation, a sweep, on matplotlib axes that they take and return.
+"""Plots of a fit, an explanation or a sweep, on matplotlib axes that each function takes and returns.
 
-Each takes its subject, then what to show of it, then axes: `shapes`, `errors`, `residual`, `evidence`, `load`, `basins`. Axes
-left out are made. `overview` and `explained` are whole figures of them; `save` writes one. The page of `report` is made of the
-same pictures. What was before lies broad and pale under what is after; legends stand above the axes, off the data.
+Arguments are the object, the part of it to show, then the axes (created by default): `shapes`, `errors`, `residual`,
+`evidence`, `load`, `basins`. `overview` and `explained` are whole figures of these plots; `save` writes one. The page of
+`report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand above the axes.
 """
 
 import io
@@ -20,7 +20,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.names import drawn
 from scan2flex_jax.study.outputs import write_file
 
-if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
+if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types
     import xarray
 
     from scan2flex_jax.diagnosis import Explanation
@@ -28,19 +28,19 @@ if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
     from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
-_PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # of what was before, under what is after
-_TANGLE = 4  # poses up to which their lines can be told apart in one panel
+_PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
+_TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
 _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
 
 
 def in_mm(metres: float) -> str:
-    """Millimetres to three digits, never more than a thousandth of one where there is a whole one."""
+    """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
     return f"{1e3 * metres:.3f}" if metres >= 1e-3 else f"{1e3 * metres:.3g}"
 
 
 def _legend(ax):
-    """A legend above the axes, where it hides nothing, in as many columns as fit; none where there is nothing to name."""
+    """A legend above the axes, off the data, in as many columns as fit; none without labels."""
     labels = ax.get_legend_handles_labels()[1]
     if labels:
         columns = int(np.clip(_ROW // (max(map(len, labels)) + _HANDLE), 1, _COLUMNS))
@@ -48,14 +48,14 @@ def _legend(ax):
 
 
 def _named(name, words=""):
-    """A pose with words about it, as short as a panel is wide."""
+    """A pose name with words appended, shortened to the width of a panel."""
     return drawn((name if len(name) <= _LONGEST else f"{name[:_LONGEST]}...") + words)
 
 
 def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
     """Measured and modelled centre curves of one pose, or of all, in the plane that shows them best (m).
 
-    Of an explanation that added an effect, one pose is shown as the baseline model has it too.
+    For one pose of an explanation with an added effect, the curve of the baseline model is drawn too.
     """
     ax = plt.subplots()[1] if ax is None else ax
     names = list(fit.poses) if pose is None else [pose]
@@ -80,7 +80,7 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
 
 
 def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
-    """The measured centre curve of one pose, where nothing was solved, in the plane that shows it best (m)."""
+    """Measured centre curve of one pose without a solve, in the plane that shows it best (m)."""
     ax = plt.subplots()[1] if ax is None else ax
     curve = study.pose(pose).curve
     if curve is None:
@@ -128,7 +128,7 @@ def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
 
 
 def overview(fit: "Fit | Explanation") -> Figure:
-    """A figure with every pose and the errors along the cable: in one panel, or one a pose where lines would tangle."""
+    """A figure with every pose and the errors along the cable: one panel, or one panel per pose if lines would tangle."""
     names = list(fit.poses)
     columns, together = min(_COLUMNS, len(names)), len(names) <= _TANGLE
     rows = -(-len(names) // columns)
@@ -146,9 +146,9 @@ def overview(fit: "Fit | Explanation") -> Figure:
 
 
 def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Path, bytes], object] = write_file) -> None:
-    """Write a figure to a file of the format that its name says, in one step: a reader sees the old or the new, whole.
+    """Write a figure in one step, in the format of the file's extension: a reader sees the old file or the new one, complete.
 
-    A study's own files are refused. ``write(path, bytes)`` puts the picture there.
+    A study's own files are refused. ``write(path, bytes)`` writes the picture.
     """
     path, picture = Path(file), io.BytesIO()
     kinds = figure.canvas.get_supported_filetypes()
@@ -173,7 +173,7 @@ def _plane(points, gravity):
 
 
 def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
-    """What is left along s (mm), before and after: of one pose both normal components over the 95 % band of the noise, of all
+    """Residual along s (mm), before and after: for one pose both normal components over the 95 % band of the noise, for all
     poses (no ``pose``) the distances."""
     ax = plt.subplots()[1] if ax is None else ax
     if explanation.noise is None:
@@ -212,7 +212,7 @@ def _residuals(explanation, ax):
 
 
 def along(values: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, ax: Axes | None = None) -> Axes:
-    """One quantity along the cable, a line a pose: ``values`` are ``(s, quantity)`` by name, ``label`` its name and unit."""
+    """One quantity along the cable, one line per pose: ``values`` are ``(s, quantity)`` by pose, ``label`` name and unit."""
     ax = plt.subplots()[1] if ax is None else ax
     for i, (name, (s, quantity)) in enumerate(values.items()):
         ax.plot(s, quantity, color=f"C{i % 10}", lw=1.4, label=_named(name))
@@ -222,7 +222,7 @@ def along(values: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, ax: A
 
 
 def correlations(fit: "Fit", ax: Axes | None = None) -> Axes:
-    """Correlations of the estimated numbers, with their figures; blank where there is none."""
+    """Correlations of the estimated parameters, with their values; blank if undefined."""
     ax = plt.subplots()[1] if ax is None else ax
     names = [drawn(label.replace("_", " ")) for label in fit.labels]
     ax.imshow(np.where(np.isfinite(fit.correlation), fit.correlation, 0.0), vmin=-1, vmax=1, cmap="coolwarm", alpha=0.7)
@@ -234,23 +234,23 @@ def correlations(fit: "Fit", ax: Axes | None = None) -> Axes:
 
 
 def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10) -> Axes:
-    """Log evidence of the likeliest kinds over the plain rod (nats), coloured by verdict."""
+    """Log evidence of the likeliest effect types over the baseline model (nats), coloured by verdict."""
     ax = plt.subplots()[1] if ax is None else ax
     rows = explanation.ranking[:most][::-1]
     colours = {"named": _MODELLED, "favoured": _MODELLED, "tied": "#e5989b"}
-    # refits of absent kinds may be far below zero: what is worse than nothing is not told apart
+    # absent effect types may lie far below zero: values worse than the baseline are not resolved
     lengths = [max(r.log_evidence, -5.0) for r in rows]
     ax.barh([r.kind.replace("_", " ") for r in rows], lengths, color=[colours.get(r.verdict, "#bbbbbb") for r in rows])
     for i, r in enumerate(rows):
         ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
     ax.axvline(0.0, color="k", lw=0.8)
     low, high = ax.get_xlim()
-    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # the words need room
+    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # room for the words
     return ax
 
 
 def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
-    """The equivalent load (N/m, scan frame) that all poses share, with its 95 % band: where something acts, not what."""
+    """Equivalent load (N/m, scan frame) common to all poses, with its 95 % band: where a cause acts, not which one."""
     ax = plt.subplots()[1] if ax is None else ax
     f = explanation.load
     if f is None:
@@ -281,8 +281,8 @@ def explained(explanation: "Explanation") -> Figure:
 
 
 def basins(sweep: "xarray.Dataset", ax: Axes | None = None, most: int = 5, within: float = 0.01) -> Axes:
-    """Where the fits of a sweep over two guesses ended: one colour for each end (estimates alike ``within`` that share),
-    by its cost, at most ``most`` of them; crosses where a fit failed, nothing where none was run yet."""
+    """Basins of attraction of a sweep of fits over two guesses: one colour per solution (estimates equal to within the fraction
+    ``within``), ordered by cost, at most ``most``; crosses mark failed fits, and fits not yet run are blank."""
     ax = plt.subplots()[1] if ax is None else ax
     across, up = sweep.attrs["lane_dims"].split()[::-1]
     names = [dim.removeprefix("guess_") for dim in (up, across)]
@@ -305,7 +305,7 @@ def basins(sweep: "xarray.Dataset", ax: Axes | None = None, most: int = 5, withi
 
 
 def _ends(logs, cost, most, within):
-    """Which end each lane reached (the cheapest first, ``most`` for all others, -1 for none), and how many reached each."""
+    """The solution reached from each start (cheapest first, ``most`` for all others, -1 for none), and the number of starts."""
     end = np.full(cost.shape, -1)
     solved = np.isfinite(cost) & np.all(np.isfinite(logs), axis=0)
     groups, left = [], solved.copy()
@@ -321,7 +321,7 @@ def _ends(logs, cost, most, within):
 
 
 def _log_edges(values):
-    """Edges of cells around positive values, in the middle of their logarithms."""
+    """Edges of cells around positive values, midway between their logarithms."""
     logs = np.log(values)
     middle = 0.5 * (logs[1:] + logs[:-1])
     return np.exp(np.r_[2 * logs[0] - middle[0], middle, 2 * logs[-1] - middle[-1]])

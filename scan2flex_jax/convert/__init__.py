@@ -1,6 +1,6 @@
-"""From what others measure to a study: units, frames of robots and trackers, centre curves of other tools, a new study.
+"""From foreign measurements to a study: units, frames of robots and trackers, centre curves of other tools, a new study.
 
-Everything here ends in the types of `scan2flex_jax.study`, in SI units. No jax here.
+All results are types of `scan2flex_jax.study`, in SI units. No jax here.
 """
 
 from scan2flex_jax.convert.curves import CurveFile, read_foreign_curve

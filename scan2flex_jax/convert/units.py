@@ -1,4 +1,4 @@
-"""Units by name, for what comes from outside: a study itself is in SI units throughout."""
+"""Units by name, for inputs from outside: a study itself is in SI units throughout."""
 
 import math
 import re
@@ -21,9 +21,9 @@ def length_unit(name: str) -> float:
 
 
 def measured(text: str, what: str) -> tuple[float, float]:
-    """A quantity and its standard deviation, from text such as ``302 +- 1 g`` or ``0.9 ± 0.001``; 0 where none is given.
+    """A quantity and its standard deviation, from text such as ``302 +- 1 g`` or ``0.9 ± 0.001``; 0 if none is given.
 
-    A unit that one of both lacks is that of the other. Raises `Scan2FlexError`.
+    A missing unit of one is that of the other. Raises `Scan2FlexError`.
     """
     value, mark, spread = text.replace("\u00b1", "+-").partition("+-")
     if not mark:

@@ -1,11 +1,12 @@
-"""Physics beyond the plain rod: one file per kind, each an effect of the rod's extension point.
+"""Physics beyond the baseline model: one file per effect type, each a subclass of the rod's extension point.
 
-`effect_of` makes the effect that a study declares, `parameters_of` writes it back, `ordered` brings several into the
-order that the format means. A new kind is one file: its class with the units and shapes of its parameters, and its catalogue
-entry. One's own ends in `add_kind` (docs/adding-an-effect.md); one of the package has its line in `catalogue.EFFECTS`.
+`effect_of` builds the effect that a study declares, `parameters_of` writes it back, `ordered` sorts several into the order
+that the format defines. A new effect type is one file: its class with the units and shapes of its parameters, and its
+catalogue entry. A user's own file ends in `add_kind` (docs/adding-an-effect.md); one of the package has its line in
+`catalogue.EFFECTS`.
 
-Where what stands: `catalogue` the list; `entry` what an entry says; `builders` and `spans` what several effects share; `format`
-the fields of a class; `conversion` from a study and back.
+Modules: `catalogue` the list; `entry` the fields of an entry; `builders` and `spans` code shared by several effects; `format`
+parameter fields of a class; `conversion` from a study and back.
 """
 
 from scan2flex_jax.effects.anisotropic_bending import AnisotropicBending as AnisotropicBending

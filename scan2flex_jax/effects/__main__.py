@@ -1,4 +1,4 @@
-"""``python -m scan2flex_jax.effects`` writes the formats of all effects where `study.kinds` reads them without JAX."""
+"""``python -m scan2flex_jax.effects`` writes the formats of all effects to a table that `study.kinds` reads without JAX."""
 
 import dataclasses
 import json
@@ -19,7 +19,7 @@ def _said(form: KindFormat) -> dict:
 
 
 def _differing(parameter: ParameterFormat) -> dict:
-    """The unit, and whatever else is not the default of `ParameterFormat`."""
+    """The unit, and every field that differs from the default of `ParameterFormat`."""
     fields = dataclasses.fields(parameter)[1:]
     return {f.name: getattr(parameter, f.name) for f in fields if getattr(parameter, f.name) != f.default}
 

@@ -1,8 +1,8 @@
 """Anisotropic bending: the bending stiffness differs between two axes of the cross section (a flat or two-core cable).
 
-Bending about ``a = cos(angle) d1 + sin(angle) d2`` keeps k_EI, about the other axis ``b`` it has ``ratio`` times k_EI:
-``K -> A K A`` with ``A = 1 + (sqrt(ratio) - 1) b b'``, which is that for equal stiffnesses and stays positive for
-others. ``angle`` in rad. Null: ratio 1 (then the angle says nothing).
+Bending about ``a = cos(angle) d1 + sin(angle) d2`` keeps k_EI; about the other axis ``b`` it has ``ratio`` times k_EI:
+``K -> A K A`` with ``A = 1 + (sqrt(ratio) - 1) b b'``. This form is exact for equal stiffnesses and stays positive for
+others. ``angle`` in rad. Null: ratio 1 (where the angle is unidentifiable).
 """
 
 import math

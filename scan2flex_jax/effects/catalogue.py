@@ -1,7 +1,7 @@
-"""All effects of the package, in one list: whatever is known of a kind follows from its class and its entry in it.
+"""All effects of the package, in one list; everything about an effect type follows from its class and its catalogue entry.
 
-A new kind of the package is a file beside the others and a name in the list (``python -m scan2flex_jax.effects`` then tells the
-reader of studies); one's own kind is added by `add_kind`.
+A new effect type of the package is a file beside the others and a name in the list (``python -m scan2flex_jax.effects`` then
+updates the table of the study reader); a user's own is registered by `add_kind`.
 """
 
 from scan2flex_jax.effects import (
@@ -39,7 +39,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import kind_names, register_kind
 
-# The order decides between kinds that fit equally well.
+# The order breaks ties between effect types that fit equally well.
 EFFECTS: tuple[CatalogueEntry, ...] = tuple(
     module.ENTRY
     for module in (
@@ -79,8 +79,8 @@ _ADDED: dict[str, CatalogueEntry] = {}
 def register_effect(cls: type[AbstractEffect]) -> type[AbstractEffect]:
     """Make a class the effect of its ``kind``: studies may declare it, and fits may estimate its parameters.
 
-    Usable as a decorator; the same class again changes nothing. Raises `Scan2FlexError` when the name is taken, and for a class
-    that does not say what a study may write of it (`format_of`).
+    Usable as a decorator; registering the same class again changes nothing. Raises `Scan2FlexError` if the name is taken or the
+    class does not define its format (`format_of`).
     """
     form = format_of(cls)
     if _CLASSES.get(cls.kind, cls) is not cls:
@@ -92,30 +92,30 @@ def register_effect(cls: type[AbstractEffect]) -> type[AbstractEffect]:
 
 
 def add_kind(entry: CatalogueEntry) -> None:
-    """Register the effect of an entry, and have `explain` look for it; errors as in `register_effect`."""
+    """Register the effect of an entry and add it to the search of `explain`; errors as in `register_effect`."""
     register_effect(entry.effect)
     _ADDED[entry.kind] = entry
 
 
 def kinds() -> tuple[str, ...]:
-    """All kinds that `effect_of` knows and a study may declare, in the order of the format's table."""
+    """All effect types that a study may declare, in the order of the format's table."""
     return tuple(kind for kind in kind_names() if kind in _CLASSES)
 
 
 def effect_class(kind: str) -> type[AbstractEffect]:
-    """The class of a kind."""
+    """The class of an effect type."""
     if kind not in _CLASSES:
         raise Scan2FlexError(f"No effect kind is called {kind!r}: the kinds are {', '.join(_CLASSES)}.")
     return _CLASSES[kind]
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
-    """All kinds that can be scanned for: those that are no fields."""
+    """All effect types that can be scanned for, without the fields."""
     return tuple(entry for entry in _entries() if not entry.field)
 
 
 def fields() -> tuple[CatalogueEntry, ...]:
-    """The kinds that take any form along the cable."""
+    """The effect types with an arbitrary form along the cable."""
     return tuple(entry for entry in _entries() if entry.field)
 
 
@@ -124,7 +124,7 @@ def _entries() -> tuple[CatalogueEntry, ...]:
 
 
 def entry_of(kind: str) -> CatalogueEntry:
-    """The entry of one kind."""
+    """The catalogue entry of an effect type."""
     for entry in _entries():
         if entry.kind == kind:
             return entry

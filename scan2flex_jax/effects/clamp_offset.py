@@ -1,4 +1,4 @@
-"""Clamp offset: a clamp is shifted from where it is said to be, in the same way in every pose.
+"""Clamp offset: a clamp is displaced from its stated position, by the same vector in every pose.
 
 ``offset`` (m) is one vector per end, in the frame of the nominal clamp: ``r + R offset``, before any `clamp_rotation`
 (`effects.ordered`). An end without a clamp has the entry 0. Null: 0.

@@ -1,7 +1,7 @@
-"""From what a study declares to effects, and back.
+"""Conversion of declared effects to effect objects and back.
 
 A class has one field per parameter of the format, of the same name; a parameter with one value per end is an array with
-leading axis 2 (start, end), where an end without a clamp holds a value that does nothing.
+leading axis 2 (start, end), in which an end without a clamp holds an inactive value.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,13 +15,13 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS, KindFormat, ParameterFormat, kind_format
 
-INERT = 0.0  # an end without a clamp has this value, which does nothing
+INERT = 0.0  # inactive value at an end without a clamp
 
 
 def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str] = ENDS) -> AbstractEffect:
     """The effect that a study declares.
 
-    ``parameters`` as in the format (arrays may carry derivatives); one with a value per end has as many rows as there
+    ``parameters`` as in the format (arrays may carry derivatives); a parameter with a value per end has as many rows as there
     are ``clamped_ends``, or two.
     """
     cls, format = effect_class(kind), kind_format(kind)
@@ -39,7 +39,7 @@ def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str]
 
 
 def parameters_of(effect: AbstractEffect, clamped_ends: Sequence[str] = ENDS) -> dict[str, Any]:
-    """The parameters of an effect as the format has them: floats and numpy arrays."""
+    """The parameters of an effect in the format's types: floats and numpy arrays."""
     format = kind_format(type(effect).kind)
     fields = effect.reported() if hasattr(effect, "reported") else {n: getattr(effect, n) for n in format.names}
     rows = [ENDS.index(end) for end in clamped_ends]
@@ -48,16 +48,16 @@ def parameters_of(effect: AbstractEffect, clamped_ends: Sequence[str] = ENDS) ->
 
 
 def ordered(effects: Iterable[AbstractEffect]) -> tuple[AbstractEffect, ...]:
-    """Effects in the order in which the format means them, whatever the order in which they were declared.
+    """Effects in the order of application that the format defines, independent of the order of declaration.
 
-    Offsets of a clamp before its rotation, stiffnesses before their couplings, the grip that yields last, the scale of
-    a scan before its shift; else as declared.
+    Offsets of a clamp before its rotation, stiffnesses before their couplings, the elastic clamp last, the scale of
+    a scan before its shift; otherwise as declared.
     """
     return tuple(sorted(effects, key=lambda effect: getattr(type(effect), "rank", 0)))
 
 
 def _given(parameter: ParameterFormat, value: Any, clamped_ends: Sequence[str], inert: float, format: KindFormat):
-    """The field of one parameter: its value, spread over both ends where it has one per end."""
+    """The field of one parameter: its value, expanded to both ends if it has one per end."""
     value = jnp.asarray(value, float)
     shapes = parameter.shapes(len(clamped_ends), value.shape[0] if value.ndim else 0)
     if value.shape not in shapes:

@@ -1,7 +1,7 @@
-"""Curvature profile: the cable is bent at rest, differently along s, as a drum, a clip and years in a machine leave it.
+"""Curvature profile: a natural curvature that varies along s, such as a drum, a clip or years in a machine leave.
 
-``curvature`` (1/m, about d1, d2, d3) at places ``s`` (m), smooth between them; without places on points evenly spaced from
-s = 0 to L, linear between them. Null: 0.
+``curvature`` (1/m, about d1, d2, d3) at places ``s`` (m), smooth between them; without ``s``, at points evenly spaced from
+s = 0 to L and linear between them. Null: 0.
 """
 
 from typing import ClassVar
@@ -36,7 +36,7 @@ class CurvatureProfile(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     CurvatureProfile,
-    size=lambda c: np.full(3 * POINTS, 0.5 / c.length),  # as natural curvature that is alike all along
+    size=lambda c: np.full(3 * POINTS, 0.5 / c.length),  # as for a homogeneous natural curvature
     **along("curvature", CurvatureProfile),
     signature="a bow that differs along the cable and turns with it when both clamps are rolled",
     settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",

@@ -38,5 +38,5 @@ ENTRY = CatalogueEntry(
     **span(DensityProfile, "mass", lambda factor: factor - 1.0),
     signature="one span sags as if it were heavier (or lighter), always along gravity",
     settle="weigh or look at the named span",
-    same_shapes=(SameShapes("point_mass", "a span that is short beside the sag"),),
+    same_shapes=(SameShapes("point_mass", "a span that is short against the sag"),),
 )  # fmt: skip

@@ -1,5 +1,5 @@
 """Density taper: the mass per length grows from start to end by ``exp(taper (2 s/L - 1))``. ``taper`` (-) is half the
-logarithm of the ratio at the two ends; the middle stays. Null: 0.
+logarithm of the ratio at the two ends; the middle is unchanged. Null: 0.
 """
 
 from typing import ClassVar

@@ -1,7 +1,7 @@
 """Distributed load: a dead load that varies along s.
 
-``force`` (N/m, scan frame) at places ``s`` (m), smooth between them; without places on points evenly spaced from s = 0 to L,
-linear between them. Null: 0.
+``force`` (N/m, scan frame) at places ``s`` (m), smooth between them; without ``s``, at points evenly spaced from s = 0 to L
+and linear between them. Null: 0.
 """
 
 from typing import ClassVar
@@ -36,7 +36,7 @@ class DistributedLoad(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     DistributedLoad,
-    size=lambda c: np.full(3 * POINTS, 0.3 * c.force / c.length),  # as a load that is alike all along
+    size=lambda c: np.full(3 * POINTS, 0.3 * c.force / c.length),  # as for a homogeneous load
     **along("force", DistributedLoad),
     signature="the cable is pulled the same way in every pose, more at some places than at others",
     settle="turn the rig, so that gravity comes from another side of the cable",

@@ -6,8 +6,8 @@ end section. It is eliminated: the twist of the end element, ``x = ds xi``, gets
 ``ds K^-1 -> ds K^-1 + (1/stiffness) U U'``,  ``U`` = the columns of the inverse left (start) or right (end) Jacobian
 that carry a rotation of the element's outer end into ``x`` (at its natural strain),
 
-so the spring sits at the clamp and not in the middle of the element. The end frame stays where the clamp holds it,
-nothing is added to the unknowns, and a rigid grip is exactly the base model. What is left is of the order of
+so the spring sits at the clamp and not in the middle of the element. The end frame stays at the clamp, no degree of freedom
+is added, and a rigid grip is exactly the baseline model. The remaining error is of the order of
 ``ds theta^2`` (0.5 % of the angle at 0.7 rad with 16 elements). ``compliance`` (rad/(N m)) adds to ``1/stiffness``: it
 is zero for a rigid grip and so has a derivative there. Null: infinite stiffness, no compliance.
 """
@@ -74,7 +74,7 @@ def _compliance(p, c):
 
 ENTRY = CatalogueEntry(
     ElasticClamp, ("compliance at start", "compliance at end"),
-    lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as soft as two per cent of the cable
+    lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as compliant as two per cent of the cable
     build=lambda a, site, c: (ElasticClamp(compliance=a * jnp.asarray(site["ends"])),),
     to_parameters=_stiffness,
     from_parameters=_compliance,

@@ -1,8 +1,7 @@
-"""Elastic support: the cable lies in or is glued to a soft bed that holds it on both sides (foam, a curtain of
-threads).
+"""Elastic support: the cable lies in or is glued to a soft two-sided bed (foam, a curtain of threads).
 
-A spring of ``stiffness`` (N/m per length, N/m^2) draws the centre line to the plane ``normal . x = offset`` (m);
-along the plane it moves freely. ``normal`` (-) is normalised. Null: stiffness 0.
+A spring of ``stiffness`` (N/m per length, N/m^2) pulls the centre line to the plane ``normal . x = offset`` (m);
+motion along the plane is free. ``normal`` (-) is normalised. Null: stiffness 0.
 """
 
 from typing import ClassVar
@@ -34,7 +33,7 @@ class ElasticSupport(AbstractEffect):
 
 
 def _levels(c):
-    """Heights of soft supports, from the lowest measured point to a little above the highest of the lowest ones."""
+    """Heights of soft supports, from the lowest measured point to slightly above the highest of the poses' lowest points."""
     least, largest = _level_range(c)
     return tuple({"offset": h} for h in np.linspace(least, largest, 13))
 

@@ -1,7 +1,7 @@
 """Extensibility: the cable stretches.
 
-``axial_stiffness`` (N) stands in for the cable's nearly rigid one; the mass counts per unstretched length. A cable that
-hangs straight down becomes longer by ``rhoA g L^2 / (2 EA)``. Null: the cable's own axial stiffness.
+``axial_stiffness`` (N) replaces the cable's nearly rigid one; the mass is per unstretched length. A cable that
+hangs straight down is longer by ``rhoA g L^2 / (2 EA)``. Null: the cable's own axial stiffness.
 """
 
 from typing import ClassVar
@@ -31,7 +31,7 @@ class Extensibility(AbstractEffect):
 
 
 class AxialCompliance(AbstractEffect):
-    """An `extensibility` beyond the cable's own: ``1/EA + compliance`` (1/N)."""
+    """An `extensibility` in addition to the cable's own: ``1/EA + compliance`` (1/N)."""
 
     compliance: Float[Array, ""] = leaf()
 

@@ -1,8 +1,8 @@
-"""The fields of an effect, and the file format that follows from them: name, unit, shape and domain of each parameter.
+"""Parameter fields of an effect class, and the file format derived from them: name, unit, shape and domain.
 
-A field made with `parameter` is one that a study writes under ``[[effect]]``, and `format_of` collects those of a class; `leaf`
-and `rows` make fields that no study sees. All of them are float64 arrays of a declared shape, so that each is a differentiable
-leaf. `study.kinds` reads the formats of the package from a table, because it reads studies without JAX: ``python -m
+A field made with `parameter` can be declared in a study under ``[[effect]]``, and `format_of` collects those of a class; `leaf`
+and `rows` make fields outside the format. All of them are float64 arrays of a declared shape, so that each is a differentiable
+leaf. `study.kinds` reads the package's formats from a table, because it reads studies without JAX: ``python -m
 scan2flex_jax.effects`` writes that table from the classes.
 """
 
@@ -31,9 +31,9 @@ def parameter(
 ) -> Any:
     """A field that a study may declare: its ``unit``, the shape of one value, and the rest as in `ParameterFormat`.
 
-    ``per_end``: the field has leading axis 2 (start, end). ``per_point``: it has as many rows as are given. A ``default`` may
-    be a scalar that fills the field, or None, which stays None; such a field is given by name. Raises `Scan2FlexError` for a
-    domain that does not exist.
+    ``per_end``: the field has leading axis 2 (start, end). ``per_point``: its number of rows is arbitrary. A ``default`` may
+    be a scalar that fills the field, or None, which stays None; such a field is keyword-only. Raises `Scan2FlexError` for an
+    unknown domain.
     """
     _check("domain of a parameter", domain, get_args(Domain))
     said = {
@@ -49,7 +49,7 @@ def leaf(*shape: int, default: Any = MISSING) -> Any:
 
 
 def rows(*trailing: int) -> Any:
-    """A field that holds rows of shape ``trailing``, as many as are given."""
+    """A field of any number of rows of shape ``trailing``."""
     return eqx.field(converter=_of_rows(trailing))
 
 
@@ -73,9 +73,9 @@ def _check(what, given, choices):
 
 
 def format_of(cls: type[AbstractEffect]) -> KindFormat | None:
-    """The format of an effect's class; None for a class without a `parameter`, which no study can declare.
+    """The format of an effect class; None for a class without a `parameter`, which no study can declare.
 
-    Raises `Scan2FlexError` for a class that lacks ``kind``, ``place`` or ``words``, for a place that does not exist, and for
+    Raises `Scan2FlexError` for a class that lacks ``kind``, ``place`` or ``words``, for an unknown place, and for
     other fields without a default.
     """
     found = dataclasses.fields(cls)

@@ -1,8 +1,8 @@
 """Kink: a set bend, local in s.
 
-``angle`` (rad, about d1, d2, d3) is the set bend in total, spread as natural curvature over a box of ``width`` (m)
-about ``position`` (m) with the edges of a span, or over what smoothing makes of a point when the width is smaller.
-Whatever the mesh, the curvatures add up to ``angle`` and their centre is ``position``; a free weightless cable turns
+``angle`` (rad, about d1, d2, d3) is the total set bend, spread as natural curvature over a box of ``width`` (m)
+about ``position`` (m) with smoothed edges; for a smaller width the smoothing itself sets the extent.
+On every mesh the curvatures integrate to ``angle`` and their centroid is ``position``; a free weightless cable turns
 by the angle. Null: angle 0.
 """
 
@@ -36,7 +36,7 @@ class Kink(AbstractEffect):
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(bend))
 
 
-_BENDS = (0.02, 0.12)  # of the length: of the set bends to scan
+_BENDS = (0.02, 0.12)  # of the length: widths of set bends to scan
 
 ENTRY = CatalogueEntry(
     Kink, AXES,

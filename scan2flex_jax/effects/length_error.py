@@ -1,6 +1,6 @@
 """Length error: the length between the clamps is not the nominal one.
 
-``length`` (m) stands in for the cable's; the mass per length stays. Null: the nominal length.
+``length`` (m) replaces the cable's; the mass per length is unchanged. Null: the nominal length.
 """
 
 from typing import ClassVar

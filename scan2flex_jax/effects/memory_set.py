@@ -1,8 +1,8 @@
-"""Memory: the cable keeps part of the curvature of the pose before (plastic or slowly relaxing).
+"""Memory: the cable keeps part of the curvature of the previous pose (plastic or slowly relaxing).
 
-Natural curvature ``memory * previous``: ``previous`` (1/m, about d1, d2, d3) is the curvature in the pose before on
-points evenly spaced from s = 0 to L. It is data of the pose that the caller supplies (`jnp.zeros((m, 3))` in the
-first pose), so this kind cannot be declared in a study. Null: memory 0.
+Natural curvature ``memory * previous``: ``previous`` (1/m, about d1, d2, d3) is the curvature in the previous pose at
+points evenly spaced from s = 0 to L. It is data of the pose, supplied by the caller (`jnp.zeros((m, 3))` in the
+first pose), so a study cannot declare this effect type. Null: memory 0.
 """
 
 from typing import ClassVar
@@ -19,7 +19,7 @@ from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
 class MemorySet(AbstractEffect):
-    """Natural curvature ``memory`` (-) times the curvature ``previous`` (1/m) of the pose before."""
+    """Natural curvature ``memory`` (-) times the curvature ``previous`` (1/m) of the previous pose."""
 
     kind: ClassVar[str] = "memory_set"
     place: ClassVar[str] = "energy"

@@ -1,8 +1,8 @@
-"""Natural curvature: the cable is bent (or twisted) at rest, alike along s.
+"""Natural curvature: the cable is bent (or twisted) at rest, uniformly along s.
 
 ``curvature`` is added to Omega_0 (1/m, about d1, d2, d3), so a section carries ``K_Omega (Omega - Omega_0)``. It
 turns with the cable: rolling both clamps rolls it. Null: 0.
-Source: paper, Eq. 3, where Omega_0 stands but is set to zero.
+Source: paper, Eq. 3, which contains Omega_0 but sets it to zero.
 """
 
 from typing import ClassVar
@@ -33,7 +33,7 @@ class NaturalCurvature(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     NaturalCurvature, AXES,
-    lambda c: np.full(3, 0.5 / c.length),  # off a drum a cable keeps an arc of some thirty degrees in its length
+    lambda c: np.full(3, 0.5 / c.length),  # a cable off a drum keeps an arc of about thirty degrees in its length
     **plain("curvature", NaturalCurvature, 3),
     signature="a bow out of the plane of the pose, alike all along, that turns over when both clamps are rolled",
     settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",

@@ -1,7 +1,7 @@
 """Point mass: a clip, a ferrite or a marker hangs on the cable.
 
-``mass`` (kg) at arc length ``position`` (m) is a dead force ``mass * g`` on the centre line, put on the two nearest
-nodes by Hermite interpolation: its derivative in ``position`` is continuous. Null: mass 0.
+``mass`` (kg) at arc length ``position`` (m) is a dead force ``mass * g`` on the centre line, distributed to the two nearest
+nodes by Hermite interpolation, with a continuous derivative in ``position``. Null: mass 0.
 """
 
 from typing import ClassVar
@@ -33,12 +33,12 @@ class PointMass(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     PointMass, ("mass",),
-    lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite beside the whole cable
+    lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite, relative to the whole cable
     build=lambda a, site, c: (PointMass(site["position"], a[0]),),
     to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},
     from_parameters=lambda p, c: (np.array([float(p["mass"])]), {"position": float(p["position"])}),
     sites=places, moving={"position": along_loaded}, one_sided=(True,), varies="mass",
     signature="the cable sags towards one place of it, always along gravity",
     settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
-    same_shapes=(SameShapes("density_profile", "a span that is short beside the sag"),),
+    same_shapes=(SameShapes("density_profile", "a span that is short against the sag"),),
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Scan offset: measured shapes are shifted by the same vector in every pose. Null: 0.
 
-The supports are not: they come from elsewhere than the scan (else nothing could be seen of it).
+The supports are not shifted: they do not come from the scan (a shift of both would be unobservable).
 """
 
 from typing import ClassVar

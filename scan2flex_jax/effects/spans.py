@@ -1,10 +1,10 @@
-"""Places along the cable: smooth boxes and unit bells, averaged over elements, and fields between given points.
+"""Spans and points along the cable: smooth boxes and unit bells, averaged over elements, and fields between given points.
 
 ``sigma(t)`` is the smooth step ``6 t^5 - 15 t^4 + 10 t^3`` on [0, 1] (twice continuously differentiable); ``sigma_1``
 and ``sigma_2`` are its first and second antiderivative. A span of the format is the box ``sigma((s - a)/e + 1/2) -
 sigma((s - b)/e + 1/2)`` from ``a = position - width/2`` to ``b = position + width/2`` with ``e = 2 %`` of L. Means
-over elements are taken in closed form (or by quadrature inside elements), so that answers converge at second order in
-the mesh also when an edge lies inside an element, and are smooth in position and width. All lengths in m.
+over elements are in closed form (or by quadrature inside elements), so that solutions converge at second order in
+the mesh even with an edge inside an element, and are smooth in position and width. All lengths in m.
 """
 
 from itertools import pairwise
@@ -18,7 +18,7 @@ from scan2flex_jax.geometry.fields import hats
 from scan2flex_jax.rod.effect import Section
 
 EDGE = 0.02  # of L: the length over which an edge is smoothed (study format)
-NARROWEST = 0.005  # of L: a quarter of the smoothing, below which a width changes nothing that a shape could show
+NARROWEST = 0.005  # of L: a quarter of the smoothing; a smaller width changes no shape visibly
 _POINTS, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True))
 
 
@@ -52,11 +52,11 @@ def box_means(section: Section, position, width, length) -> Float[Array, " n"]:
 
 
 def series_factor(section: Section, position, width, factor, length) -> Float[Array, " n"]:
-    """Factor (-) on the stiffness of each element that has the compliance of a span ``factor`` times stiffer.
+    """Factor (-) on the stiffness of each element, from the compliance of a span ``factor`` times as stiff.
 
-    Parts of an element carry the same moment, so their compliances add: averaging the stiffness instead would turn the
-    element in which an edge lies by an angle that is wrong at first order. Quadrature goes from edge to edge, so that
-    it stays smooth when an edge moves through an element.
+    Parts of an element carry the same moment, so their compliances add; averaging the stiffness instead would give an element
+    that contains an edge a first-order error in its rotation. Quadrature runs from edge to edge, so that the factor stays
+    smooth when an edge moves through an element.
     """
     e, near, far = EDGE * length, position - 0.5 * width, position + 0.5 * width
     first, last = jnp.minimum(near + 0.5 * e, far - 0.5 * e), jnp.maximum(near + 0.5 * e, far - 0.5 * e)
@@ -71,11 +71,11 @@ def series_factor(section: Section, position, width, factor, length) -> Float[Ar
 
 
 def bell_means(section: Section, position, width, length) -> Float[Array, " n"]:
-    """Density (1/m) with integral one of a box of ``width`` at ``position``, its edges smoothed; for a width of zero
-    it is the bell that smoothing makes of a point.
+    """Density (1/m) of unit integral: a box of ``width`` at ``position`` with smoothed edges; at zero width the bell of a
+    smoothed point.
 
-    Weighted with hat functions about the middles of the elements (half-hats outside are folded back), which keeps the
-    first moment too: a mean over elements would move a kink inside an element to its middle.
+    Weighted with hat functions about the midpoints of the elements (half-hats outside are folded back), which keeps the
+    first moment too: a mean over elements would move a kink inside an element to its midpoint.
     """
     ds, e = section.ds, EDGE * length
     width = jnp.sqrt(width**2 + (NARROWEST * length) ** 2)
@@ -92,14 +92,14 @@ def bell_means(section: Section, position, width, length) -> Float[Array, " n"]:
 
 
 def hat_field(section: Section, values: Float[Array, "m ..."], length) -> Float[Array, "n ..."]:
-    """A field given on ``m`` points evenly along the cable, linear between them, in the middles of the elements."""
+    """A field given at ``m`` points evenly along the cable, linear between them, at the midpoints of the elements."""
     return jnp.tensordot(hats(section.s / length, values.shape[0]), values, 1)
 
 
 def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array, " m"] | None, length):
-    """A field in the middles of the elements: smooth between given places ``s`` (m), or a `hat_field` where they are None.
+    """A field at the midpoints of the elements: smooth between given places ``s`` (m), or a `hat_field` if ``s`` is None.
 
-    The smooth curve is the natural cubic spline; beyond the first and the last place it keeps their values.
+    The smooth curve is the natural cubic spline; outside the first and the last place it is constant.
     """
     if s is None:
         return hat_field(section, values, length)
@@ -116,6 +116,6 @@ def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array,
 
 
 def scaled_bending(section: Section, factor: Float[Array, " n"]) -> Float[Array, "n 6 6"]:
-    """Section stiffness with EI and GJ times ``factor``, and their couplings to stretching times its root."""
+    """Section stiffness with EI and GJ times ``factor``, and their couplings to stretching times its square root."""
     root = jnp.where(jnp.arange(6) < 3, 1.0, jnp.sqrt(factor)[:, None])
     return section.stiffness * root[:, :, None] * root[:, None, :]

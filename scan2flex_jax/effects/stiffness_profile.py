@@ -1,7 +1,7 @@
 """Stiffness profile: a span is stiffer or softer (a sleeve, an overmould, a damaged place).
 
-EI and GJ are ``factor`` (-) times as large in a box of ``width`` (m) about ``position`` (m). Elements in which an
-edge lies get the stiffness of the two parts in series. Null: factor 1.
+EI and GJ are ``factor`` (-) times as large in a box of ``width`` (m) about ``position`` (m). An element that contains an
+edge gets the series stiffness of its two parts. Null: factor 1.
 """
 
 from typing import ClassVar

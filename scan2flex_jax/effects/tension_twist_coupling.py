@@ -2,8 +2,8 @@
 
 At twist tau and tension N the torque is ``GJ tau + lever N``, and so the cable shortens by ``lever tau`` per length:
 the energy is ``1/2 EA (epsilon + lever tau)^2 + 1/2 GJ tau^2``, with ``K[2, 5] = lever EA``. GJ is the torsional
-stiffness of the cable that is free to change its length, so the energy stays positive however stiff the cable is
-against stretching. ``lever`` in m, of the size of the tenth part of the diameter for ropes. Null: 0.
+stiffness of a cable free to change its length, so the energy is positive at every axial stiffness. ``lever`` in m, about
+a tenth of the diameter for ropes. Null: 0.
 """
 
 from typing import ClassVar

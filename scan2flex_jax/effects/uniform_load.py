@@ -1,7 +1,7 @@
 """Uniform load: a dead load along the whole cable, the same in every pose (wind, buoyancy, or a tilt of gravity).
 
-``force`` (N/m, scan frame) per unstretched length. The shapes are those of a rod whose gravity vector is
-``g + force / k_rhoA``, exactly where the density is uniform: shapes alone cannot tell the two apart. Null: 0.
+``force`` (N/m, scan frame) per unstretched length. The shapes are those of a rod in the gravity
+``g + force / k_rhoA``, exactly for uniform density: from shapes alone the two cannot be distinguished. Null: 0.
 """
 
 from typing import ClassVar

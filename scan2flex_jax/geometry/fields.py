@@ -1,6 +1,6 @@
-"""Fields along the cable that are given on points evenly spaced from one end to the other.
+"""Fields along the cable, given at evenly spaced points from one end to the other.
 
-Between the points a field is linear, a sum of hat functions. A smooth random field has a Gaussian process as its prior, with
+Between the points a field is linear, a sum of hat functions. A smooth random field has a Gaussian-process prior with
 the squared-exponential kernel ``exp(-(t - t')^2/(2 SMOOTH^2))``. Symbol: ``t = s/L`` (-), relative arc length.
 """
 
@@ -11,11 +11,11 @@ from jax import Array
 from jaxtyping import Float
 
 POINTS = 9  # of a random field
-SMOOTH = 0.2  # of the length: distance over which it is alike
+SMOOTH = 0.2  # correlation length, relative to the cable's length
 
 
 def hats(t: Float[Array | np.ndarray, " n"], points: int) -> Float[Array | np.ndarray, "n points"]:
-    """The hat function (-) of each of ``points`` points at the places ``t`` (-): numpy for numpy, traced for traced places."""
+    """Hat functions (-) of ``points`` points at ``t`` (-); numpy for numpy input, traced for traced input."""
     away: Any = t[:, None] * (points - 1) - np.arange(points)
     return (1.0 - abs(away)).clip(min=0.0)
 

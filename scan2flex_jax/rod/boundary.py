@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.reals import reals
 
-_ORTHONORMAL = 1.0e-3  # of the entries of R R' - 1: what four written digits leave
+_ORTHONORMAL = 1.0e-3  # of the entries of R R' - 1: the error of four written digits
 CLAMP, BALL, FREE = (1.0,) * 6, (1.0,) * 3 + (0.0,) * 3, (0.0,) * 6
 
 
@@ -34,8 +34,8 @@ class Boundary(eqx.Module):
     """The start (index 0) and the end (index 1) of the cable.
 
     ``position`` m; ``rotation`` with columns d1, d2, d3 (the tangent, pointing to growing arc length); ``held`` is 1 for a
-    motion that the support prevents and 0 for a free one, translations first. Values at unheld motions are only where a
-    start may begin.
+    motion that the support prevents and 0 for a free one, translations first. Position and rotation of a free motion serve
+    only as a start.
     """
 
     position: Float[Array, "2 3"]
@@ -55,7 +55,7 @@ class Boundary(eqx.Module):
             Both supports.
 
         Raises:
-            Scan2FlexError: What is no position or no rotation.
+            Scan2FlexError: A position or rotation that is not one.
 
         Examples:
             >>> Boundary.of(([0, 0, 0], [1, 0, 0, 0])).held.tolist()[1]

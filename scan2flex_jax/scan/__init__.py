@@ -1,22 +1,22 @@
-"""From a scanned point cloud to a centre curve (paper, Section 4), and a scanner that makes clouds to test it with.
+"""From a scanned point cloud to a centre curve (paper, Section 4), and a simulated scanner for its tests.
 
-In the order in which a scan goes through them:
+Modules, in the order of the chain:
 
 =====================  =================================================================================
 `extraction`           the whole chain, for one cloud, one pose or all scans of a study
-`cloud`                reading a file, checking, cleaning and thinning its points
+`cloud`                reading, checking, cleaning and thinning a point cloud
 `guide_points`         a coarse curve from the points that the user marked
-`coarse_curve`         a coarse curve without them: points vote for the axis
-`strand_matching`      the votes' nodes drawn into strands, which are joined from clamp to clamp
+`coarse_curve`         a coarse curve without guide points: every point votes for the axis
+`strand_matching`      nodes of the votes chained into strands, joined from clamp to clamp
 `snakes`               the paper's energy of a curve (Eq. 8)
-`snakes_minimisers`    four ways to minimise it
+`snakes_minimisers`    four minimisers of that energy
 `refine`               the most probable smooth curve, and its standard deviation
-`sensor_noise`         honest, flying and stray points: the mixture that `refine` weighs them by
-`plausibility`         reasons to doubt that the curve is the cable's
-`centre_curve`         the answer: points, frames, standard deviation, gaps, warnings
-`picture`              a picture of it
-`fit_points`           beside the chain: the points of a scan for a fit without a centre curve
-`spline`               the curve that all of them share
+`sensor_noise`         mixture of honest, flying and stray points, which sets the weights of `refine`
+`plausibility`         reasons to doubt the extracted curve
+`centre_curve`         the result: points, frames, standard deviation, gaps, warnings
+`picture`              its plot
+`fit_points`           outside the chain: points of a scan for a fit without a centre curve
+`spline`               the curve representation shared by all
 `scanner`, `shapes`    simulated scans of known curves
 =====================  =================================================================================
 """

@@ -1,10 +1,10 @@
-"""The coarse centre curve found without guide points (the step that the paper tried and gave up).
+"""The coarse centre curve without guide points (a step that the paper tried and abandoned).
 
-Every cloud point *votes* for the axis by stepping one radius inward along its surface normal (the file's, where it has
-normals, else that of the points around). Votes lie close to the centre line even where only one side was seen, and two
-strands that nearly touch have votes two radii apart. Votes are gathered into nodes half a radius apart, each with the
-direction in which its neighbours line up; nodes that line up with nothing (a clamp, a table) are dropped. The nodes are
-drawn into *strands* (`strand_matching.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 10 %
+Every cloud point *votes* for the axis one radius inward along its surface normal (the file's if present, else that of the
+neighbouring points). Votes lie close to the centre line even if only one side was seen, and two strands that nearly touch
+have votes two radii apart. Votes are gathered into nodes half a radius apart, each with the principal direction of its
+neighbours; nodes without such a direction (a clamp, a table) are dropped. The nodes are
+chained into *strands* (`strand_matching.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 10 %
 of the length.
 
 Symbols: ``r`` radius (m), ``L`` length (m), node spacing ``h`` = r/2 (m, at least L/400).
@@ -23,27 +23,27 @@ from scan2flex_jax.scan.spline import evenly
 from scan2flex_jax.scan.strand_matching import End, Nodes, chains
 
 VOTERS = 6000  # points that vote: enough for 20 in every patch of a radius
-GAP = 0.13  # of L: the longest gap that is bridged (10 % and the thin edges of the cloud beside it)
-_PATCH = 16  # neighbours of a normal
-_CROWD = 160  # neighbours of a mean or a direction
-_WIDER = 1.5  # a noisy tube looks this many standard deviations wide
+GAP = 0.13  # of L: the longest gap that is bridged (10 % and the thin edges of the cloud on both sides)
+_PATCH = 16  # neighbours for a normal
+_CROWD = 160  # neighbours for a mean or a direction
+_WIDER = 1.5  # apparent radius of a noisy tube, in standard deviations
 _MEDIAN_OF_TWO = 1.18  # median distance from the centre of a two-dimensional Gaussian, in standard deviations
-_THIN = 0.2  # of the usual crowd: less is debris
-_NOISY = 0.3  # normals are useless when the patch is thicker than this share of r
-WIDE_GAP = 0.28  # of L: the longest where no other way leads on, and the length must then agree
+_THIN = 0.2  # of the usual density: less is debris
+_NOISY = 0.3  # normals are useless for patches thicker than this share of r
+WIDE_GAP = 0.28  # of L: longest gap if no other path exists; the length must then agree
 _EXPLAINED = 0.75  # share of the votes that a trusted curve explains
-_ENOUGH = 0.35  # the same for a curve whose length and clamps agree: what else lines up is clutter
-_LENGTH_OFF, _LENGTH_MEETS = 0.08, 0.02  # of L: for a trusted curve, and for one that length alone makes trusted
+_ENOUGH = 0.35  # the same for a curve whose length and clamps agree: the remaining votes are clutter
+_LENGTH_OFF, _LENGTH_MEETS = 0.08, 0.02  # of L: for a trusted curve, and for one that is trusted for its length alone
 _MEETS = 0.8  # cosine between the curve's ends and the clamps' directions
-_AS_GOOD = 0.15  # of badness: a curve that is worse by less is another answer
-_OTHERWISE = 0.06  # of L: two curves that are this far apart at some s are not the same
+_AS_GOOD = 0.15  # of badness: another curve within this margin makes the result ambiguous
+_OTHERWISE = 0.06  # of L: two curves at a larger distance at some s are different
 _SHARP = 0.5  # rad of turn per radius of length: a sharper turn is a jump between strands
 _LINE_UP = 0.7  # share of the variance along the first axis: less is no curve
 
 
 @dataclass(frozen=True)
 class Coarse:
-    """A rough centre curve: points (m) from start to end, whether to trust it, and why not."""
+    """A coarse centre curve: points (m) from start to end, whether it is trusted, and the doubts."""
 
     points: Float[np.ndarray, "m 3"]
     sure: bool
@@ -56,11 +56,11 @@ class Coarse:
 
 
 def axis_votes(points: Float[np.ndarray, "n 3"], radius: float, normals=None) -> tuple[Float[np.ndarray, "n 3"], float]:
-    """Where each point believes the axis to be (m), and the radius at which the cloud looks like a tube.
+    """Each point's estimate of the axis (m), and the apparent radius of the tube.
 
-    ``normals`` (n, 3), of either sign, take the place of those that the points around show.
-    With noise beyond 0.3 r normals mean nothing: then each point votes for the middle of its surroundings, and the tube
-    looks as wide as the noise makes it.
+    ``normals`` (n, 3), of either sign, replace those estimated from the neighbouring points.
+    With noise above 0.3 r normals carry no information: each point then votes for the mean of its neighbourhood, and the
+    apparent radius is that of the noise.
     """
     tree = cKDTree(points)
     patch = points[tree.query(points, min(_PATCH, len(points)))[1]]
@@ -105,7 +105,7 @@ def gathered(votes, source, width):
 
 
 def _nodes(votes, spacing, radius) -> Nodes:
-    """Votes gathered on a grid; what is thin of votes or lines up with nothing is dropped."""
+    """Votes gathered on a grid; nodes with few votes or without a direction are dropped."""
     cell = np.floor(votes / spacing).astype(int)
     _, which, count = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
     which = which.ravel()
@@ -121,7 +121,7 @@ def _nodes(votes, spacing, radius) -> Nodes:
 
 
 def find_curve(points, radius, length, start: End | None, end: End | None, normals=None) -> Coarse:
-    """The centre curve through a cloud without guide points; a doubtful one says why, an absent one is refused."""
+    """The centre curve through a cloud without guide points; a doubtful one carries its doubts, an absent one is refused."""
     votes, apparent = axis_votes(points, radius, normals)
     scale = length or 2.0 * float(np.max(np.ptp(points, axis=0)))
     spacing = max(0.5 * apparent, scale / 400.0)
@@ -153,12 +153,12 @@ def find_curve(points, radius, length, start: End | None, end: End | None, norma
 
 
 def _differ(one, other) -> float:
-    """Largest distance (m) between two curves at the same share of their lengths."""
+    """Largest distance (m) between two curves at equal fractions of their lengths."""
     return float(np.max(np.linalg.norm(evenly(one, 100) - evenly(other, 100), axis=1)))
 
 
 def _smoothed(path, spacing, radius):
-    """The path at even spacing, its zigzag from node to node taken out over about a radius."""
+    """The path at even spacing, smoothed over about a radius to remove its zigzag from node to node."""
     count = max(16, int(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)) / (0.5 * spacing)))
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     even = np.column_stack([np.interp(np.linspace(0, s[-1], count), s, x) for x in path.T])
@@ -170,7 +170,7 @@ def _smoothed(path, spacing, radius):
 
 
 def _judged(curve, nodes, radius, length, start, end, wide):
-    """Badness of a curve, and the doubts about it: its length beside L, the share of lined-up votes it explains."""
+    """Badness of a curve, and the doubts: its length against L, and the share of lined-up votes it explains."""
     doubts = []
     near = cKDTree(evenly(curve, 400)).query(nodes.at)[0] < 2.0 * radius + 0.01 * (length or 0.0)
     share = nodes.votes[near].sum() / nodes.votes.sum()

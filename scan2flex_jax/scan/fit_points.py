@@ -1,7 +1,7 @@
-"""The points of a scan for a direct fit, and a curve that is good enough for it to start from.
+"""The points of a scan for a direct fit, and a curve good enough to start it.
 
-The points come from the whole file: all that lie near the curve, whether it was given, found or marked. Cleaning is left to
-the fit's weights, so that the same scan gives the same points, but for a few at the tube's edge, wherever a fit starts.
+The points come from the whole file: all that lie near the curve, whether given, found or marked. Cleaning is left to
+the weights of the fit, so that the same scan gives the same points for every start, up to a few at the tube's edge.
 
 Symbols: r radius, L length: m.
 """
@@ -25,7 +25,7 @@ _WIDE, _WIDE_OF_LENGTH = 3.0, 0.015  # of r, of L: half-width of the tube around
 class NearCurve:
     """Points (m) of a scan near a curve (m), for a direct fit.
 
-    ``noise``: standard deviation of a point from the surface (m), where extraction found it; ``refused``: why it did not.
+    ``noise``: standard deviation of a point from the surface (m), if extraction estimated it; ``refused``: its reason if not.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -35,9 +35,9 @@ class NearCurve:
 
 
 def near_curve(study: Study, pose: StudyPose) -> NearCurve:
-    """The points of a pose near its centre curve: the study's, an extracted one, or a coarse one where that fails.
+    """The points of a pose near its centre curve: the study's, an extracted one, or a coarse one if extraction fails.
 
-    What cannot be used is refused in one `Scan2FlexError`, in the words of the extraction where that failed first.
+    An unusable pose is refused with one `Scan2FlexError`, that of the extraction if it failed first.
     """
     if study.cable.get("radius") is None:
         raise StudyError(str(pose.scan), "cable.radius", "a scan needs the cable's radius (m): give it under [cable].")
@@ -54,7 +54,7 @@ def near_curve(study: Study, pose: StudyPose) -> NearCurve:
 
 
 def _near(study, pose, curve):
-    """The points of the scan around a curve, which is led on a little at both ends."""
+    """The points of the scan around a curve that is extended slightly at both ends."""
     radius = float(study.cable["radius"])
     wide = max(_WIDE * radius, _WIDE_OF_LENGTH * float(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))))
     points = _checked(study, pose)
@@ -71,7 +71,7 @@ def _checked(study, pose):
 
 
 def _doubtful(study, pose):
-    """Where extraction refuses: the curve through the guide points, or the doubtful one."""
+    """After a refusal of the extraction: the curve through the guide points, or the doubtful one."""
     radius, length = float(study.cable["radius"]), study.cable.get("length")
     ends = [None if c is None else End(c.position, c.tangent) for c in (pose.start, pose.end)]
     points = cleaned(_checked(study, pose), radius, length, ends[0], ends[1], pose.guide_points)

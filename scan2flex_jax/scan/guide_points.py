@@ -1,7 +1,7 @@
-"""Guide points: what a user marked on the cable's surface, from start to end, checked and made a coarse curve.
+"""Guide points: the user's marks on the cable's surface, from start to end, checked and turned into a coarse curve.
 
-They lie on the side that the user saw, a radius off the axis: the curve through them is moved onto the axis votes of the
-cloud around it (`coarse_curve.axis_votes`) where there are any.
+They lie on the visible side, a radius off the axis: the curve through them is moved onto the axis votes of the
+cloud around it (`coarse_curve.axis_votes`), if there are any.
 
 Symbols: r radius, L length: m.
 """
@@ -15,13 +15,13 @@ from scan2flex_jax.scan.coarse_curve import Coarse, axis_votes, gathered
 from scan2flex_jax.scan.spline import evenly
 
 _TOO_LONG = 1.08  # of L: points on the outside of bends make a slightly longer polyline, a wrong order a much longer one
-_FOLD = -0.5  # cosine of a turn at a guide point that no cable makes
-_NEAR_VOTES = 1.5  # radii within which a vote may be meant
-_SHORTER = 0.85  # an exchange of points that makes the polyline this much shorter betrays a wrong order
+_FOLD = -0.5  # cosine of a turn at a guide point too sharp for a cable
+_NEAR_VOTES = 1.5  # radii within which a vote is assigned to the curve
+_SHORTER = 0.85  # an exchange of points that shortens the polyline to this fraction indicates a wrong order
 
 
 def checked_guides(guides, radius: float, length: float | None, start=None, end=None):
-    """The guide points from start to end and a note when they ran the other way; a wrong order is refused."""
+    """The guide points from start to end, and a note if they ran the other way; a wrong order is refused."""
     guides = np.asarray(guides, float)
     if guides.ndim != 2 or guides.shape[1] != 3 or len(guides) < 2 or not np.isfinite(guides).all():
         raise Scan2FlexError(
@@ -53,7 +53,7 @@ def _length(points) -> float:
 
 
 def _untangled(points):
-    """The order that 2-opt exchanges find shortest, the first and last point kept."""
+    """The shortest order under 2-opt exchanges, with first and last point kept."""
     order, improved = points.copy(), True
     while improved:
         improved = False
@@ -68,14 +68,14 @@ def _untangled(points):
 
 
 def guide_tube(guides, radius: float) -> tuple[Float[np.ndarray, "m 3"], float]:
-    """The spline through the guide points, finely, and how far (m) the cable may be from it."""
+    """Fine samples of the spline through the guide points, and the largest distance (m) of the cable from it."""
     spacing = np.max(np.linalg.norm(np.diff(guides, axis=0), axis=1))
     return evenly(guides, 400), max(4.0 * radius, 0.3 * spacing)
 
 
 def guided_curve(guides, points, radius: float, eyes=None, normals=None) -> Coarse:
-    """The curve through the guide points, moved onto the axis: a radius away from the viewpoint that saw them, where one is
-    known, then onto the votes around it."""
+    """The curve through the guide points, moved onto the axis: by a radius away from the viewpoint that saw them, if known,
+    then onto the votes around it."""
     curve = evenly(guides, 200)
     if eyes is not None:
         behind = [_behind(curve, eye, radius) for eye in eyes]
@@ -95,7 +95,7 @@ def guided_curve(guides, points, radius: float, eyes=None, normals=None) -> Coar
 
 
 def _behind(curve, eye, radius):
-    """The curve moved by a radius away from an eye, across itself."""
+    """The curve moved by a radius away from an eye, perpendicular to itself."""
     tangent = np.gradient(curve, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     look = curve - eye

@@ -1,11 +1,11 @@
-"""Is this curve the cable's? What speaks against an extracted curve, in sentences; each makes it not `sure`.
+"""Plausibility of an extracted curve: the doubts about it, in sentences; any of them makes it not `sure`.
 
-A curve that took a wrong way fits somewhere badly, or is too long or too short, or turns as no cable does, or leaves points
-beside it unexplained. Every sign is judged by what the points themselves say, in units of their noise:
+A curve that followed a wrong path fits badly somewhere, is too long or too short, bends more sharply than a cable can, or
+leaves nearby points unexplained. Each indicator is compared with the noise of the points:
 
-* *pulls*: per station along the cable the points' score and information give the displacement ``u`` that they ask for.
+* *pulls*: at each station along the cable, score and information of the points give a displacement ``u`` of the curve.
   Smoothness may keep the curve from following noise, never from following the cable;
-* *length* from clamp to clamp beside the stated one, *directions* at the clamps beside theirs, the *radius*;
+* *length* from clamp to clamp against the stated one, *directions* at the clamps against theirs, the *radius*;
 * *points near the curve* that lie on no surface around it.
 
 Symbols: r radius, L length, u, s: m; kappa curvature, 1/m.
@@ -17,20 +17,20 @@ import numpy as np
 from scan2flex_jax.scan import spline
 
 LENGTH_AGREES, RADIUS_AGREES, TANGENT_AGREES = 0.01, 0.15, 0.15  # of L, of r, rad
-FREE_AGREES = 0.03  # of L, where one end is free
+FREE_AGREES = 0.03  # of L, with one free end
 _STATIONS = 40
-_PULLED = 0.5  # of sigma or 0.1 r, whichever is more: a mean pull beyond is no noise
-_HARD, _SIGNIFICANT = 1.0, 25.0  # of r: one station pulled by this much; its chi-squared of two degrees
-_LONG_GAP = 0.16  # of L: a longer one is no small gap
-_VAGUE = 3.0  # of the noise of a point: a curve that is less sure than this, and than a thousandth of L, is a guess
-_BESIDE = 2.5  # of the noise: an end this far beside its clamp, or a radius, is another's
-_MOST_BENT = 0.6  # rad that a bend between the last seen point and the clamp may account for
-_KINK = 0.7  # kappa r that no cable reaches
-_UNEXPLAINED = 0.4  # share of the points within a radius of the surface that lie on it
+_PULLED = 0.5  # of sigma or 0.1 r, whichever is larger: a larger mean pull is significant
+_HARD, _SIGNIFICANT = 1.0, 25.0  # of r: pull of a single station; its chi-squared with two degrees of freedom
+_LONG_GAP = 0.16  # of L: longest gap that may be interpolated
+_VAGUE = 3.0  # of the noise of a point: a curve with a larger std, also above a thousandth of L, is a guess
+_BESIDE = 2.5  # of the noise: largest offset of an end from its clamp; also for the radius
+_MOST_BENT = 0.6  # rad: largest bend between the last seen point and the clamp
+_KINK = 0.7  # kappa r out of reach of a cable
+_UNEXPLAINED = 0.4  # smallest share of the points within a radius of the surface that must lie on it
 
 
 def pulls(fit, radius: float):
-    """Displacements (b, 2) in m that the points of each station ask for, their chi-squared (b,), parameters (b,)."""
+    """Score-test displacements (b, 2) of each station in m, their chi-squared (b,), parameters (b,)."""
     K = len(fit.points)
     station = np.clip((fit.parameter / (K - 1) * _STATIONS).astype(int), 0, _STATIONS - 1)
     c = spline.coefficients(jnp.asarray(fit.points))
@@ -47,12 +47,12 @@ def pulls(fit, radius: float):
 
 
 def doubts(curve, fit, radius, length, start, end, few: bool = False) -> list[str]:
-    """Sentences that speak against an extracted `CentreCurve`; a ``few`` points set by hand show length and ends only."""
+    """Doubts about an extracted `CentreCurve`, in sentences; for ``few`` hand-set points only length and ends are tested."""
     if few:
         return _of_length(curve, length, start, end) + _of_clamps(curve, start, end, radius)
     said = []
     if not fit.settled:
-        said.append("the last stage had not settled after its last iteration: look at the picture")
+        said.append("the last stage did not converge: look at the picture")
     said += _of_pulls(curve, fit, radius)
     said += _of_length(curve, length, start, end) + _of_gaps(curve) + _of_shape(curve, radius)
     return said + _of_clamps(curve, start, end, radius)
@@ -68,15 +68,15 @@ def _of_pulls(curve, fit, radius):
     said = []
     mean = float(np.sqrt(np.mean(clear**2)))
     if mean > max(_PULLED * fit.sigma, 0.1 * radius):
-        said.append(f"the points ask for a curve that lies {1e3 * mean:.2g} mm (root mean square) beside this one")
+        said.append(f"the points indicate a curve {1e3 * mean:.2g} mm (root mean square) away from this one")
     elif clear.max() > max(_HARD * radius, fit.sigma):
         where = 100.0 * at[np.argmax(clear)] / (len(fit.points) - 1)
-        said.append(f"near {where:.0f} % of the length the points lie {1e3 * clear.max():.2g} mm beside the curve's surface")
+        said.append(f"near {where:.0f} % of the length the points lie {1e3 * clear.max():.2g} mm off the curve's surface")
     return said
 
 
 def _of_length(curve, length, start, end):
-    """From clamp to clamp; a free end may stop a little short of where the cable does."""
+    """Length from clamp to clamp; up to a free end the scan may be slightly short."""
     if not length or start is None:
         return []
     whole = clamp_to_clamp(curve, start, end)
@@ -87,7 +87,7 @@ def _of_length(curve, length, start, end):
 
 
 def _of_gaps(curve):
-    """A curve that is little more than a guess over a part that nobody saw."""
+    """Doubt about a curve interpolated over a long unseen part."""
     long = [(a, b) for a, b in curve.gaps if b - a > _LONG_GAP * curve.length]
     said = [f"from s = {a:.3g} m to {b:.3g} m nothing was seen: too much of the length to guess" for a, b in long]
     worst = float(np.max(curve.std))
@@ -101,7 +101,7 @@ def _of_shape(curve, radius):
     if abs(curve.radius.mean / radius - 1.0) > max(RADIUS_AGREES, curve.noise / radius):
         said.append(f"the points lie {curve.radius.mean:.4g} m from the curve where the study says a radius of {radius:.4g} m")
     if curve.radius.share < _UNEXPLAINED:
-        said.append(f"only {100 * curve.radius.share:.0f} % of the points beside the curve lie on a tube around it")
+        said.append(f"only {100 * curve.radius.share:.0f} % of the points near the curve lie on a tube around it")
     bend = np.linalg.norm(np.diff(curve.tangents, axis=0), axis=1) / curve.arc_length[1]
     if bend.max() * radius > _KINK:
         where = float(curve.arc_length[np.argmax(bend)])
@@ -117,7 +117,7 @@ def _of_clamps(curve, start, end, radius):
         off = curve.points[k] - one.position
         beside = float(np.linalg.norm(off - (off @ curve.tangents[k]) * curve.tangents[k]))
         if beside > max(radius, _BESIDE * curve.noise):
-            said.append(f"the curve passes the {name} clamp {1e3 * beside:.2g} mm beside it")
+            said.append(f"the curve misses the {name} clamp by {1e3 * beside:.2g} mm")
         if one.tangent is None:
             continue
         angle = float(np.arccos(np.clip(curve.tangents[k] @ one.tangent, -1.0, 1.0)))
@@ -130,7 +130,7 @@ def _of_clamps(curve, start, end, radius):
 
 
 def clamp_to_clamp(curve, start, end) -> float:
-    """Length (m) of the curve and of what is missing at its ends, along it: an end that lies beside its clamp is no longer."""
+    """Length (m) of the curve plus the missing parts at its ends, along it: a lateral offset from a clamp adds nothing."""
     first = (curve.points[0] - start.position) @ curve.tangents[0]
     last = 0.0 if end is None else (end.position - curve.points[-1]) @ curve.tangents[-1]
     return float(curve.length + first + last)

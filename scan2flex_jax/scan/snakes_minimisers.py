@@ -1,13 +1,13 @@
-"""Four ways to minimise a snakes energy, with what each costs.
+"""Four minimisers of a snakes energy, with their costs.
 
 * ``cg``: nonlinear conjugate gradients (Polak-Ribiere), restarted along the gradient, as in the paper;
 * ``bfgs``: quasi-Newton;
 * ``least squares``: Levenberg-Marquardt on the residual vector, the default;
-* ``cg numerical``: the paper's own way: conjugate gradients whose gradient is a central difference, two evaluations per
-  coordinate. It is the baseline that the others are measured against, no way to work.
+* ``cg numerical``: the paper's method: conjugate gradients with central differences, two evaluations per
+  coordinate. It is a baseline for comparison, not for use.
 
-Points move in units of the radius, so that steps are of order one. A solver's own word is not taken: an answer counts as
-converged when the gradient (per unit of r) has fallen below `GRADIENT_TOLERANCE` of what it was, or of the energy.
+Coordinates are in units of the radius, so that steps are of order one. Convergence is tested independently of the solver:
+the gradient (per unit of r) must have fallen below `GRADIENT_TOLERANCE` of its initial value, or of the energy.
 
 Symbols: ``x`` (K, 3) points (m), ``y = (x - x_0)/r`` (-), energy E (-).
 Reference: optimistix (NonlinearCG, BFGS, LevenbergMarquardt).
@@ -35,7 +35,7 @@ _RESTART = 40  # conjugate-gradient steps before the next restart
 
 @dataclass(frozen=True)
 class Minimised:
-    """Points (m), energy before and after, gradient norm per r, evaluations of the energy, seconds, and the verdict."""
+    """Points (m), energy before and after, gradient norm per r, evaluations of the energy, seconds, and convergence."""
 
     points: Float[np.ndarray, "K 3"]
     start_energy: float
@@ -89,7 +89,7 @@ def _judge(y, args):
 
 @eqx.filter_jit
 def _solve(method: str, y, args, steps):
-    """One run of a solver: the new y and the steps that it took."""
+    """One run of a solver: the new y and the number of steps."""
     out: optx.Solution
     if method == "least squares":
         solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)

@@ -1,9 +1,9 @@
-"""Strands: chains of axis nodes, and how they are joined end to end into one cable.
+"""Strands: chains of axis nodes, joined end to end into one cable.
 
-A cable that passes close to itself has many short ways across, and a shortest path takes them. So the nodes are first
-drawn into strands that never turn sharply and never leave out a step; then strand *ends* are joined, each at most once,
+A cable that passes close to itself offers many short cuts, and a shortest path takes them. So the nodes are first
+chained into strands without sharp turns or skipped steps; then strand *ends* are joined, each at most once,
 by a minimum-cost matching in which a join costs its length and its turn. Where two strands cross, going straight on is
-the cheapest pairing of the four ends; a way from the middle of one strand to another does not exist.
+the cheapest pairing of the four ends; a path from the middle of one strand to another does not exist.
 
 Symbols: node positions (m), ``reach`` the longest step inside a strand (m), ``gap`` the longest join (m).
 Reference: Dijkstra's algorithm (scipy.sparse.csgraph); weighted matching (Galil 1986, networkx).
@@ -23,16 +23,16 @@ from scipy.spatial import cKDTree
 
 _TURN_COST = 2.0  # a turn by one radian makes a step this much longer
 _MOST_STRANDS = 60
-_CRUMB = 1.5  # reaches: shorter strands are debris, and a join goes over their place
-_TAIL = 7  # nodes at the end of a strand that tell its direction
+_CRUMB = 1.5  # reaches: shorter strands are debris, which joins may bridge
+_TAIL = 7  # nodes at the end of a strand that give its direction
 _LAGS = 0.2  # smallest cosine between that direction and the chord of these nodes: less is noise
-_MOST_TURN = 0.8  # rad by which an end may be expected to go on turning
-_FACING = 0.1  # smallest cosine between a join and the direction in which a strand ends
+_MOST_TURN = 0.8  # rad: largest extrapolated turn beyond an end
+_FACING = 0.1  # smallest cosine between a join and the direction of a strand at its end
 
 
 @dataclass(frozen=True)
 class End:
-    """One end of the cable as the study tells it: position (m) and unit tangent (towards growing s), if known."""
+    """One end of the cable from the study: position (m) and unit tangent (towards growing s), if known."""
 
     position: Float[np.ndarray, "3"]
     tangent: Float[np.ndarray, "3"] | None = None
@@ -40,7 +40,7 @@ class End:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Axis nodes (m), the direction in which each lines up with its neighbours, and how many votes it holds."""
+    """Axis nodes (m), the principal direction of each one's neighbours, and its number of votes."""
 
     at: Float[np.ndarray, "n 3"]
     along: Float[np.ndarray, "n 3"]
@@ -50,9 +50,9 @@ class Nodes:
 def chains(
     nodes: Nodes, reach: float, gap: float, start: End | None, end: End | None, bent: bool = False
 ) -> Iterator[Float[np.ndarray, "m 3"]]:
-    """Candidate cables, each as node positions from start to end: timid and bold strands, short and long joins.
+    """Candidate cables, each as node positions from start to end: cautious and bold strands, short and long joins.
 
-    ``bent`` strands are expected to go on bending beyond their ends as they did before, others to go on straight.
+    ``bent`` strands are extrapolated beyond their ends with their curvature, others straight.
     """
     for step, straight in ((0.75, 0.85), (1.0, 0.75), (0.75, 0.95)):
         strands = draw_strands(nodes, step * reach, straight)
@@ -63,7 +63,7 @@ def chains(
 
 
 def draw_strands(nodes: Nodes, reach: float, straight: float) -> list[Float[np.ndarray, "m 3"]]:
-    """Strands, longest first: the longest gently turning path of what is left, until only crumbs are left.
+    """Strands, longest first: repeatedly the longest gently turning path of the remaining nodes, until only crumbs remain.
 
     ``straight`` is the smallest cosine between a step and the directions of its two nodes.
     """
@@ -87,7 +87,7 @@ def draw_strands(nodes: Nodes, reach: float, straight: float) -> list[Float[np.n
 
 
 def _longest(at, along, reach, straight) -> list[int]:
-    """The longest of the cheapest paths over (node, heading) states: found by two sweeps."""
+    """The longest of the cheapest paths over (node, heading) states, by two sweeps."""
     pairs = cKDTree(at).query_pairs(reach, output_type="ndarray").reshape(-1, 2)
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     step = at[pairs[:, 1]] - at[pairs[:, 0]]
@@ -108,7 +108,7 @@ def _longest(at, along, reach, straight) -> list[int]:
     best: list[int] = []
     for seed in np.linspace(0, n - 1, 6).astype(int):
         first = dijkstra(graph, indices=seed)
-        far = int(np.argmax(np.where(np.isfinite(first), first, -1.0))) ^ 1  # turned round, back along the whole strand
+        far = int(np.argmax(np.where(np.isfinite(first), first, -1.0))) ^ 1  # reversed, back along the whole strand
         cost, before = dijkstra(graph, indices=far, return_predecessors=True)
         state = int(np.argmax(np.where(np.isfinite(cost), cost, -1.0)))
         path = []
@@ -121,7 +121,7 @@ def _longest(at, along, reach, straight) -> list[int]:
 
 
 class _Tip(NamedTuple):
-    """An end to be joined: where it is (m), the unit direction in which it leaves (None: any), how it bends there (1/m)."""
+    """An end to be joined: position (m), unit outward direction (None: any), curvature vector there (1/m)."""
 
     at: np.ndarray
     out: np.ndarray | None
@@ -153,15 +153,15 @@ def _joined(strands, reach, limit, gap, start, end, bent):
 
 
 def _offer(graph, i, j, cost, limit):
-    """A join worth more than leaving both ends open."""
+    """Offer a join that is cheaper than leaving both ends open."""
     if cost is not None and cost < 6.0 * limit:
         graph.add_edge(i, j, weight=6.0 * limit - cost)
 
 
 def _outward(strand, side, bent):
-    """Unit direction in which a strand leaves at its first (0) or last (-1) node, and how it bends there (1/m).
+    """Unit outward direction of a strand at its first (0) or last (-1) node, and its curvature there (1/m).
 
-    The chord of the last nodes lags behind where a cable bends sharply, by up to a radian; a parabola (``bent``) does not,
+    The chord of the last nodes lags behind a sharp bend, by up to a radian; a parabola (``bent``) does not,
     but takes the noise of the nodes for a bend.
     """
     back = strand[min(4, len(strand) - 1)] if side == 0 else strand[max(-5, -len(strand))]
@@ -178,14 +178,14 @@ def _outward(strand, side, bent):
 
 
 def _heading(out, bend, size):
-    """The direction in which a strand's end looks for what lies ``size`` (m) ahead, if it goes on bending as it did."""
+    """Outward direction of a strand's end towards a point ``size`` (m) ahead, extrapolated with its curvature."""
     turn = 0.5 * size * bend
     ahead = out + turn * min(1.0, _MOST_TURN / max(float(np.linalg.norm(turn)), 1e-12))
     return ahead / np.linalg.norm(ahead)
 
 
 def _join_cost(a: _Tip, b: _Tip, reach, limit):
-    """Cost (m) of joining two ends, or None if they are too far or face elsewhere. No direction faces anywhere."""
+    """Cost (m) of joining two ends, or None if they are too far apart or face elsewhere. An end without direction faces any."""
     step = b.at - a.at
     size = float(np.linalg.norm(step))
     if size > limit + reach:
@@ -200,13 +200,13 @@ def _join_cost(a: _Tip, b: _Tip, reach, limit):
         return None
     if along < -0.9:
         return None
-    if size <= 1.5 * reach:  # too short for its own direction to mean much
+    if size <= 1.5 * reach:  # too short for a meaningful direction of its own
         return size + reach * _TURN_COST * (1.0 - along)
     return size * (1.0 + _TURN_COST * (np.arccos(min(c1, 1.0)) + np.arccos(min(c2, 1.0))))
 
 
 def _follow(strands, mate, at):
-    """Walk from strand end ``at`` through strands and joins; positions, and where the walk stopped."""
+    """Walk from strand end ``at`` through strands and joins; positions, and the end of the walk."""
     parts, seen = [], set()
     while isinstance(at, int) and at // 2 not in seen:
         seen.add(at // 2)
@@ -217,7 +217,7 @@ def _follow(strands, mate, at):
 
 
 def _longest_chain(strands, mate):
-    """With no clamp given: the chain with the most nodes."""
+    """Without clamps: the chain with the most nodes."""
     walks = [_follow(strands, mate, i)[0] for i in range(2 * len(strands)) if mate.get(i) is None]
     walks = walks or [_follow(strands, mate, 0)[0]]
     return max(walks, key=len)

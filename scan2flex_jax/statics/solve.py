@@ -1,8 +1,8 @@
-"""The answer: a static equilibrium with its verdict, its section forces and its derivatives.
+"""Static equilibrium with its status, section forces and derivatives.
 
-`solve_rod` solves a discrete rod; `equilibrium` is `solve_rod` of the rod that `discretise` makes of a cable between its
-supports. Derivatives of any order come from the implicit function theorem at the solution (`implicit`), forward, reverse and
-batched; the solve itself is not differentiated.
+`solve_rod` solves a discrete rod; `equilibrium` discretises a cable between its supports and calls `solve_rod`. Derivatives
+of any order come from the implicit function theorem at the solution (`implicit`), forward, reverse and batched; the solve
+itself is not differentiated.
 """
 
 import equinox as eqx
@@ -32,7 +32,7 @@ Solver = AbstractRodSolver | optx.AbstractMinimiser | None
 
 
 class Equilibrium(eqx.Module):
-    """A static equilibrium of a rod. Everything but the verdict carries derivatives."""
+    """A static equilibrium of a rod. Every field except the verdict is differentiable."""
 
     rod: Rod
     configuration: Configuration
@@ -62,14 +62,14 @@ class Equilibrium(eqx.Module):
         return points
 
     def section_forces(self) -> tuple[Float[Array, " n"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-        """``(s, f, m)``: middles of the elements (m), force (N) and moment (N m) on the section there, in the scan frame.
+        """``(s, f, m)``: midpoints of the elements (m), force (N) and moment (N m) on the section there, in the scan frame.
 
-        They act on the part before the section and are exerted by the part after it (paper, Eq. 3).
+        They are exerted by the part after the section on the part before it (paper, Eq. 3).
         """
         return self.rod.section.s, *_section_forces(self.rod, self.configuration)
 
     def reactions(self) -> tuple[Float[Array, "2 3"], Float[Array, "2 3"]]:
-        """``(force, moment)``, N and N m, scan frame: what the supports exert on start and end."""
+        """``(force, moment)`` of the supports on start and end, N and N m, scan frame."""
         return _reactions(self.rod, self.configuration)
 
 
@@ -110,20 +110,20 @@ def solve_rod(
     Differentiable to any order in every array of ``rod``.
 
     Args:
-        rod: Sections, loads and supports, as `CableModel` discretises them.
-        start: Pins the branch; left out, a generic sag along the resultant of the dead loads.
-        turns: Full turns of twist of the generic start.
+        rod: Sections, loads and supports, from `discretise`.
+        start: Initial configuration, which selects the branch; by default a sag along the resultant of the dead loads.
+        turns: Full turns of twist of the default start.
         solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser, which is run by
             `ScaledMinimiser`, each with its own tolerances.
-        max_steps: At most so many steps; None is the solver's own allowance.
-        throw: Raise where the solve fails. Otherwise the `Verdict` of the answer tells, so that one rod of a batch harms no
-            other.
+        max_steps: Largest number of steps; None is the solver's default.
+        throw: Raise if the solve fails. Otherwise the failure stands in the `Verdict` of the result, so that one rod of a
+            batch does not affect the others.
 
     Returns:
-        Nodes, section forces, reactions, and the verdict.
+        Nodes, section forces, reactions, and the status of the solve.
 
     Raises:
-        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a solve that failed (under `jax.jit` equinox's own error).
+        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a failed solve (under `jax.jit` equinox's own error).
     """
     whole_number(rod.elements, "the number of elements of the rod", FEWEST_ELEMENTS)
     check_start(start, rod.elements + 1, turns)
@@ -149,18 +149,18 @@ def equilibrium(
     Args:
         model: Cable, gravity and effects.
         boundary: The supports of both ends.
-        start: Pins the branch; left out, a generic sag along gravity.
-        turns: Full turns of twist of the generic start.
+        start: Initial configuration, which selects the branch; by default a sag along gravity.
+        turns: Full turns of twist of the default start.
         elements: Elements of the rod.
         solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser.
-        max_steps: At most so many steps; None is the solver's own allowance.
-        throw: Raise where the solve fails; otherwise the verdict of the answer tells.
+        max_steps: Largest number of steps; None is the solver's default.
+        throw: Raise if the solve fails; otherwise the failure stands in the verdict of the result.
 
     Returns:
-        Nodes (m), section forces (N) and moments (N m), reactions, and the verdict.
+        Nodes (m), section forces (N) and moments (N m), reactions, and the status of the solve.
 
     Raises:
-        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a solve that failed (under `jax.jit` equinox's own error).
+        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a failed solve (under `jax.jit` equinox's own error).
 
     Examples:
         >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
@@ -196,7 +196,7 @@ _discretised, _judged = compiled(discretise), compiled(judge)
 
 
 def _raised(found: Equilibrium) -> Equilibrium:
-    """The equilibrium, unless it failed."""
+    """The equilibrium; raises if the solve failed."""
     code = found.verdict.code
     if not isinstance(code, jax.core.Tracer):
         bad = [int(c) for c in code.ravel() if c != 0]
@@ -212,7 +212,7 @@ def _allowed(max_steps: int | None) -> int | None:
 
 
 def _rod_solver(solver: object) -> AbstractRodSolver:
-    """The rod solver that a user's ``solver`` stands for: None, a rod solver, or an optimistix minimiser."""
+    """The rod solver for a user's ``solver``: None, a rod solver, or an optimistix minimiser."""
 
     if solver is None:
         return MixedNewton()

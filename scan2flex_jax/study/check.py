@@ -1,7 +1,7 @@
-"""A study in words, before any fit: what is known and asked for, how each curve meets its clamps, what is in doubt.
+"""Summary of a study before any fit: known and unknown parameters, the ends of each curve at its clamps, warnings.
 
-Every number is computed from the study. A warning never stops anything: it says what a reader of the result should
-know, in one sentence.
+Every number is computed from the study. A warning never stops anything: it informs a reader of the result,
+in one sentence.
 """
 
 from collections.abc import Mapping
@@ -19,21 +19,21 @@ from scan2flex_jax.study.values import one_line
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
 GAP_WARNING = 0.01
-"""Of L: a curve that stops further from its clamp tells nothing of the strongest bend."""
+"""Of L: a curve that stops further from its clamp misses the strongest bend."""
 LENGTH_WARNING = 0.02
 """Of L: tape measures and scanners agree better than this."""
 FREE_WARNING = 0.1
-"""Of L: a curve that stops this far from a free end misses a good part of the cable."""
+"""Of L: a curve that stops this far from a free end misses a large part of the cable."""
 ANGLE_WARNING = 5.0
 """Degrees, beyond two standard deviations: careful mounting stays within about 3."""
 PLANE_LIMIT = 0.005
-"""Of L, RMS: below it a curve counts as plane, or as straight."""
+"""Of L, RMS: a curve with a smaller deviation counts as plane, or as straight."""
 HEAVY = 50.0
-"""kg/m: beyond the heaviest cables that people lay by hand."""
+"""kg/m: beyond the heaviest cables that are laid by hand."""
 DENSE = 20000.0
-"""kg/m^3: nothing that cables are made of is denser."""
+"""kg/m^3: above the density of every cable material."""
 LIGHT = 1e-4
-"""kg/m: a sewing thread; what is lighter is seldom called a cable."""
+"""kg/m: a sewing thread; lighter objects are seldom called a cable."""
 LOOSE = 50.0
 """kg/m^3: foams are denser."""
 LONG = 100.0
@@ -43,18 +43,18 @@ GRAVITY = 9.81
 NO_VALIDATE = (
     'no validate pose: nothing will tell whether the estimates hold for another shape; give one pose role = "validate".'
 )
-"""The warning of a study whose poses are all fitted."""
+"""The warning of a study without validation pose."""
 
-_MEASURED = ("length", "length_density")  # of what is stated of the cable: known with a tolerance, and felt by every stiffness
+_MEASURED = ("length", "length_density")  # cable inputs that may have a tolerance and that influence every stiffness
 _UNIT = {"millimetres": "mm", "centimetres": "cm"}
 
 __all__ = ["PoseFacts", "describe", "pose_facts", "study_warnings"]
 
 
 def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, "3"]]] | None = None) -> str:
-    """What a study says, as text for a terminal.
+    """Summary of a study as text for a terminal.
 
-    ``scans``: by pose, how many points its scan has and the extents (3,) of their box in m, as `scan_facts` counts them.
+    ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`.
     """
     parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
     if study.folder is not None:
@@ -79,7 +79,7 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
 
 
 def assumptions(study: Study) -> tuple[str, ...]:
-    """What a fit takes for granted because the study says nothing of it, in words."""
+    """Assumptions of a fit about inputs that the study does not state, in words."""
     said = list(study.assumptions)
     curved = {"natural_curvature", *(f"{kind}.curvature" for kind in ("natural_curvature", "curvature_profile"))}
     if not curved & {*study.cable, *study.unknown_names} and not any(f"{e.kind}.curvature" in curved for e in study.effects):
@@ -87,11 +87,11 @@ def assumptions(study: Study) -> tuple[str, ...]:
     exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
     held = [name for name in ("clamp_position", "clamp_rotation") if not getattr(study.tolerance, name)]
     if exact or held:
-        said.append(f"exact, with no share in the intervals: {', '.join([*exact, *held])} (give what is not under [tolerance])")
+        said.append(f"taken as exact in the intervals: {', '.join([*exact, *held])} (give their errors under [tolerance])")
     silent = [pose.name for pose in study.poses if pose.noise is None]
     if silent:
         who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
-        said.append(f"noise of {who} not stated: it is estimated from what the fit leaves")
+        said.append(f"noise of {who} not stated: it is estimated from the residuals")
     return tuple(said)
 
 
@@ -178,7 +178,7 @@ def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) ->
 
 
 def _circumstances(pose: StudyPose) -> list[str]:
-    """Gravity, time and reset of a pose, where they were given."""
+    """Gravity, time and reset of a pose, if given."""
     lines = [] if pose.gravity is None else [f"    gravity     {_text(pose.gravity)} m/s^2 in this pose"]
     lines += [] if pose.time is None else [f"    measured    at {pose.time:.6g} s"]
     return [*lines, "    before      the cable was taken out and straightened"] if pose.reset else lines
@@ -189,7 +189,7 @@ def _mm(metres: float) -> str:
 
 
 def _end(end: EndFacts) -> str:
-    """How a curve meets a clamp, in words."""
+    """Position and direction of a curve's end at its clamp, in words."""
     gap = f"{_mm(end.gap)} from the clamp"
     if end.angle is None:
         return gap
@@ -197,7 +197,7 @@ def _end(end: EndFacts) -> str:
 
 
 def study_warnings(study: Study) -> list[str]:
-    """What is doubtful in a study, one sentence each, likely mistakes first; empty when nothing is."""
+    """Warnings about a study, one sentence each, likely mistakes first; empty without any."""
     warnings = [f"{mistake}." for mistake in visible_mistakes(study)]
     scale = None if warnings else scale_between(study)
     warnings += [] if scale is None else [f"{scale}."]
@@ -234,7 +234,7 @@ def _of_study(study: Study) -> list[str]:
 
 
 def unit_warnings(study: Study) -> list[str]:
-    """Numbers that no cable on Earth has: of these a fit may know nothing, since shapes tell only ratios of forces."""
+    """Numbers outside the range of cables on Earth. A fit may not notice them, since shapes depend on ratios of forces."""
     warnings = _odd_gravity("", study.gravity)
     for pose in study.poses:
         warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
@@ -245,14 +245,14 @@ def unit_warnings(study: Study) -> list[str]:
 
 
 def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:
-    """Whether gravity is not that of Earth; none at all may be meant so."""
+    """Warning about a gravity unlike that of Earth; none at all may be intended."""
     size = float(np.linalg.norm(gravity))
     odd = size and abs(size - GRAVITY) > 0.01 * GRAVITY
     return [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit."] if odd else []
 
 
 def _odd_weight(study: Study) -> list[str]:
-    """Whether the cable weighs more, or less, than cables do."""
+    """Warning about a weight per length unlike that of cables."""
     density, radius = study.known("length_density"), study.known("radius")
     if density is None:
         return []
@@ -289,11 +289,11 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
 
 
 def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
-    """Whether curve and gaps add up to the cable's length (m)."""
+    """Warning if curve and gaps do not add up to the cable's length (m)."""
     off, unseen = facts.covered / length - 1, facts.unseen / length
     least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
     if least - unseen <= off <= LENGTH_WARNING:
         return []
     way = "longer" if off > 0 else "shorter"
-    mend = f"measure the length again (the curve says {facts.covered:.4g} m), or look for what the curve lacks"
+    mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
     return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length: {mend}."]

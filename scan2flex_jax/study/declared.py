@@ -14,13 +14,13 @@ from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
 from scan2flex_jax.study.values import Where
 
 FEWEST_PLACES = 2
-"""Of a field along the cable: with fewer it does not vary, and has a kind of its own."""
+"""Of a field along the cable: with fewer it would not vary, and is an effect type of its own."""
 _ROUNDING = 1e-9
-"""Of a bound: how far a start may lie beyond it. An estimate at its bound comes back through a logarithm."""
+"""Of a bound: tolerance for a start beyond it. An estimate at its bound changes by rounding through a logarithm."""
 
 
 def longest_cable(study: Study) -> float | None:
-    """How long (m) the cable may be: L, or the high end of its range with three sigma; None when nothing says it."""
+    """Largest possible length (m) of the cable: L, or the high end of its range with three sigma; None if unknown."""
     unknown = next((u for u in study.unknowns if u.name == "length"), None)
     length = study.cable.get("length")
     longest = length if unknown is None else unknown.high
@@ -31,7 +31,7 @@ def longest_cable(study: Study) -> float | None:
 
 
 def check_effects(study: Study, where: Where) -> None:
-    """Every parameter is given or asked for, has its shape, and places lie on the cable."""
+    """Every parameter is given or unknown, has its shape, and places lie on the cable."""
     longest = longest_cable(study)
     for i, effect in enumerate(study.effects):
         form, here = kind_format(effect.kind), where.item(i + 1)
@@ -48,7 +48,7 @@ def check_effects(study: Study, where: Where) -> None:
 
 
 def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
-    """On how many points a field is given; its places grow along the cable."""
+    """Number of points of a field; its places increase along the cable."""
     if not any(parameter.per_point for parameter in form.parameters) or "s" not in effect.parameters:
         return 0
     count = int(np.size(effect.parameters["s"]))
@@ -58,7 +58,7 @@ def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> 
 
 
 def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
-    """An effect acts in poses of the study."""
+    """The poses of an effect are poses of the study."""
     names = [pose.name for pose in study.poses]
     for name in effect.poses or ():
         if name not in names:
@@ -66,7 +66,7 @@ def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
 
 
 def _ends(study: Study, form: KindFormat, where: Where) -> int:
-    """How many ends have a clamp, for a kind that needs one."""
+    """Number of clamped ends, for an effect type that needs one."""
     ends = len(study.clamped_ends)
     if ends == 0 and any(parameter.per_end for parameter in form.parameters):
         raise where.fail(f"{form.kind} acts on clamps, and no pose has one: give a clamp its quaternion.")
@@ -74,7 +74,7 @@ def _ends(study: Study, form: KindFormat, where: Where) -> int:
 
 
 def _coupled(effect: EffectDeclaration, where: Where) -> None:
-    """Fractions of sqrt(EI GJ) whose squares sum to one or more leave a rod without resistance (isotropic EI)."""
+    """Fractions of sqrt(EI GJ) whose squares sum to one or more make the stiffness singular or indefinite (isotropic EI)."""
     coupling = effect.parameters.get("coupling")
     if effect.kind == "bend_twist_coupling" and coupling is not None and float(np.sum(np.square(coupling))) >= 1:
         size = float(np.linalg.norm(coupling))
@@ -92,7 +92,7 @@ def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
 
 
 def check_unknowns(study: Study, where: Where) -> None:
-    """Every name is something of this study, once, and starts and ranges are values that it may take."""
+    """Every name exists in this study, once, and starts and ranges are admissible values."""
     formats, longest = unknown_formats(study), longest_cable(study)
     for unknown, name in zip(study.unknowns, study.unknown_names, strict=True):
         here = where.at(name)
@@ -103,7 +103,7 @@ def check_unknowns(study: Study, where: Where) -> None:
 
 
 def check_name(name: str, study: Study, where: Where) -> None:
-    """Refuse a name that nothing in the study has, or that two effects share."""
+    """Refuse a name that the study does not contain, or that two effects share."""
     kind, formats = name.partition(".")[0], unknown_formats(study)
     if name not in formats:
         if name in CABLE:
@@ -116,7 +116,7 @@ def check_name(name: str, study: Study, where: Where) -> None:
 
 
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
-    """The range is a range of values that the quantity may take, and the start lies in it."""
+    """The range lies in the domain of the quantity, and contains the start."""
     shapes = form.bound_shapes(len(study.clamped_ends), study.places_of(unknown.name))
     domain = "any" if form.domain == "unit" else form.domain
     low, high, key = unknown.low, unknown.high, where.at("range")
@@ -136,7 +136,7 @@ def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest:
 def _check_prior(
     unknown: Unknown, shapes: tuple[tuple[int, ...], ...], form: ParameterFormat, longest: float | None, where: Where
 ) -> None:
-    """The mean is a value that the quantity may take, and the standard deviation is above zero."""
+    """The mean is an admissible value of the quantity, and the standard deviation is positive."""
     if unknown.prior is None:
         return
     v.check_domain(v.array(unknown.prior["mean"], shapes, where.at("mean")), form.domain, where.at("mean"), longest)
@@ -165,7 +165,7 @@ _MISMATCH = "its shape does not match the value: write one number, or one for ea
 
 
 def _match(a: Value, b: Value) -> bool:
-    """Whether two values stand for the same entries; one entry may stand for all."""
+    """Whether two values refer to the same entries; a scalar refers to all."""
     try:
         np.broadcast_shapes(np.shape(a), np.shape(b))
     except ValueError:

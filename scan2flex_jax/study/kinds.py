@@ -1,11 +1,11 @@
-"""Every quantity that a study can hold, declared once: name, unit, shape and the values it may take.
+"""Every quantity of a study, declared once: name, unit, shape and domain.
 
-`CABLE` lists the keys of `[cable]`, `TOLERANCE` those of `[tolerance]`, and the table of kinds the effects that an
+`CABLE` lists the keys of `[cable]`, `TOLERANCE` those of `[tolerance]`, and the table of effect types the effects that an
 `[[effect]]` may declare. An effect acts on the clamps, on the energy of the rod, or on the observation of the shape.
 The reader checks a study against these tables, and reports take names and units from them.
 
-The effects of the package say their formats themselves (`effects.format`). They are read here from `TABLE`, which is written
-from their classes, so that a study is read without JAX. A later effect adds itself with `register_kind(KindFormat(...))`.
+The package's effect classes define their own formats (`effects.format`). They are read here from `TABLE`, which is generated
+from the classes, so that a study is read without JAX. A user's effect is added by `register_kind(KindFormat(...))`.
 SI units; `s` is arc length from 0 to L.
 """
 
@@ -26,9 +26,9 @@ ENDS = ("start", "end")
 class ParameterFormat:
     """One quantity: `unit` as text ("-" for none), `shape` of one value, `domain` of its entries.
 
-    `pair`: two entries, about d1 and d2, may stand in place of a scalar. `per_end`: one value of `shape` for each end
-    that has a clamp, in the order start, end. `per_point`: one value of `shape` for each point of a field along the cable.
-    `estimable`: it may stand under `[unknown]`.
+    `pair`: two entries, about d1 and d2, may replace a scalar. `per_end`: one value of `shape` for each clamped end, in the
+    order start, end. `per_point`: one value of `shape` for each point of a field along the cable.
+    `estimable`: it may be listed under `[unknown]`.
     """
 
     name: str
@@ -41,7 +41,7 @@ class ParameterFormat:
     estimable: bool = True
 
     def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
-        """The shapes that a whole value may have, with `ends` clamps or `points` of a field; the plainest first."""
+        """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""
         if self.per_point:
             return ((points, *self.shape),)
         if self.per_end:
@@ -50,13 +50,13 @@ class ParameterFormat:
         return (self.shape, (2,)) if self.pair else (self.shape,)
 
     def bound_shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
-        """The shapes of a guess or of one end of a range: a whole value, or a scalar for every entry alike."""
+        """The shapes of a guess or of one end of a range: a whole value, or a scalar for all entries."""
         return tuple(dict.fromkeys(((), self.shape, *self.shapes(ends, points))))
 
 
 @dataclass(frozen=True)
 class KindFormat:
-    """One kind of effect: where it acts, its parameters, and `words` that say what it is."""
+    """One effect type: where it acts, its parameters, and its description `words`."""
 
     kind: str
     place: Place
@@ -105,7 +105,7 @@ _KINDS: dict[str, KindFormat] = {}
 
 
 def register_kind(kind: KindFormat) -> KindFormat:
-    """Add a kind to the table; the same kind twice is no fault, another one of the same name is."""
+    """Add an effect type to the table; the same one twice is no error, another one of the same name is."""
     if _KINDS.get(kind.kind, kind) != kind:
         raise Scan2FlexError(f"The effect kind {kind.kind!r} is taken: give the new kind another name.")
     _KINDS[kind.kind] = kind
@@ -113,18 +113,18 @@ def register_kind(kind: KindFormat) -> KindFormat:
 
 
 def kind_format(kind: str) -> KindFormat:
-    """The format of a declared or found kind."""
+    """The format of an effect type."""
     if kind not in _KINDS:
         raise Scan2FlexError(f"No effect kind is called {kind!r}: the kinds are {', '.join(_KINDS)}.")
     return _KINDS[kind]
 
 
 def kind_names() -> tuple[str, ...]:
-    """The names of all kinds that a study may declare, in the order in which they were registered."""
+    """The names of all effect types that a study may declare, in the order of registration."""
     return tuple(_KINDS)
 
 
-TABLE = Path(__file__).parent / "kinds.json"  # of the effects of the package: `python -m scan2flex_jax.effects` writes it
+TABLE = Path(__file__).parent / "kinds.json"  # effects of the package; `python -m scan2flex_jax.effects` writes it
 
 
 def _read(kind: str, said: dict) -> KindFormat:
@@ -138,4 +138,4 @@ for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
     register_kind(_read(_kind, _said))
 
 DESCRIPTIVE_KINDS = tuple(kind for kind, form in _KINDS.items() if any(p.per_point for p in form.parameters))
-"""Fields along the cable: what the package may answer when no kind explains the shapes. They can be declared like any kind."""
+"""Fields along the cable: possible answers when no other effect type explains the shapes. They can be declared like any."""

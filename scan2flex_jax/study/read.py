@@ -1,7 +1,7 @@
-"""Read a study from its folder: `study.toml` and the files that it names.
+"""Reading of a study from its folder: `study.toml` and the files that it names.
 
-`load_study` returns a `Study`, or raises one `StudyError` that names the file and the key, says what was got and what
-to do. Here TOML is turned into the parts of a study, which check themselves, and their faults get their place in the file.
+`load_study` returns a `Study`, or raises one `StudyError` with the file, the key, the value found and the remedy. This
+module converts TOML to the parts of a study, which check themselves, and adds the place in the file to their errors.
 """
 
 import re
@@ -30,8 +30,8 @@ _POSE = (
     "repeat_of", "gravity", "time", "reset",
 )  # fmt: skip
 MOST_PARTS = 32
-"""Parts of a dotted key. A study's keys have three at most, and the time that tomllib takes grows with their square or cube."""
-# possessive, so that the search takes a time in proportion to the text
+"""Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
+# possessive, for a search in linear time
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\\\n]*+(?:\\.[^"\\\n]*+)*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_PART}[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}", re.MULTILINE)
 _FILES = ("centre_curve", "scan", "markers", "guide_points")
@@ -39,7 +39,7 @@ _FILES = ("centre_curve", "scan", "markers", "guide_points")
 
 @runtime_checkable
 class StudyFiles(Protocol):
-    """Where the files that a study names come from: a folder, or the memory that is about to be saved."""
+    """Source of the files named by a study: a folder, or the memory of a study about to be saved."""
 
     def curve(self, name: str, where: Where) -> MeasuredCurve:
         """The centre curve of this name."""
@@ -55,7 +55,7 @@ class StudyFiles(Protocol):
 
 
 class FolderFiles:
-    """The files in the folder of a study; `shown_folder` is the folder as the user named it."""
+    """The files in the folder of a study; `shown_folder` is the folder in the user's notation."""
 
     def __init__(self, folder: Path, shown_folder: Path):
         """Keep both."""
@@ -79,7 +79,7 @@ class FolderFiles:
         return read_guide_points(path, self._where(name)), path
 
     def scan(self, name: str, where: Where) -> Path:
-        """Only see that the file is there."""
+        """Check only that the file exists."""
         return existing(self.folder, name, where)
 
 
@@ -90,10 +90,10 @@ def load_study(folder_or_toml: str | Path) -> Study:
         folder_or_toml: The folder of the study, or its `study.toml`.
 
     Returns:
-        The study, checked, with the curves and markers that it names.
+        The checked study, with the curves and markers that it names.
 
     Raises:
-        StudyError: What cannot be used: file, key, what was got and what to do.
+        StudyError: An invalid input: file, key, the value found and the remedy.
 
     Examples:
         >>> from scan2flex_jax.examples import example_path
@@ -133,7 +133,7 @@ def _parse(content: str, where: Where) -> dict[str, Any]:
 
 
 def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: StudyFiles) -> Study:
-    """The checked study that a TOML tree says; `where` is the file, `files` gives what it names."""
+    """The checked study of a TOML tree; `where` is the file, `files` provides the files it names."""
     given = data.get("format")
     if given != FORMAT:
         found = "it is missing" if given is None else f"got {v.shown(given)}"
@@ -156,7 +156,7 @@ def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: 
 
 
 def _tolerance(table: Any, where: Where) -> Tolerance:
-    """`[tolerance]`: standard deviations; each entry left out is exact."""
+    """`[tolerance]`: standard deviations; an omitted entry is exact."""
     table = v.sub_table(table, where, "[tolerance]")
     v.allow(table, TOLERANCE, where)
     with where.placed():
@@ -164,7 +164,7 @@ def _tolerance(table: Any, where: Where) -> Tolerance:
 
 
 def _poses(data: dict[str, Any], where: Where, files: StudyFiles) -> tuple[StudyPose, ...]:
-    """All `[[pose]]`, in the order in which they were measured."""
+    """All `[[pose]]`, in the order of measurement."""
     here = where.at("pose")
     entries = v.tables(v.required(data, "pose", where, "[[pose]] with its clamps and its shape"), here)
     for i, entry in enumerate(entries):
@@ -217,7 +217,7 @@ def _effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
 
 
 def _unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
-    """The tables under `[unknown]`, in the study that the file declares above.
+    """The tables under `[unknown]`, for the study declared above them in the file.
 
     TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`.
     """
@@ -235,7 +235,7 @@ def _unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
 
 
 def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
-    """Name, body and place of each unknown, nested tables made flat."""
+    """Name, body and place of each unknown, with nested tables flattened."""
     example = "[unknown.bending_stiffness]"
     for name, entry in table.items():
         here = where.at(name)

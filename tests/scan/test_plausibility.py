@@ -57,7 +57,7 @@ def test_a_curve_beside_its_points_is_doubted(shift, doubted):
     said = plausibility.doubts(curve, fitted((0.0, shift, 0.0)), RADIUS, LENGTH, start, end)
     assert bool(said) == doubted, said
     beside = End(end.position + np.array([0.0, 3.0 * RADIUS, 0.0]), end.tangent)
-    assert any("beside it" in s for s in plausibility.doubts(curve, fitted(), RADIUS, LENGTH, start, beside))
+    assert any("misses the" in s for s in plausibility.doubts(curve, fitted(), RADIUS, LENGTH, start, beside))
     long = replace(start, position=start.position - np.array([0.05, 0.0, 0.0]))
     assert any("clamp to clamp" in s for s in plausibility.doubts(curve, fitted(), RADIUS, LENGTH, long, end))
 

@@ -232,5 +232,5 @@ def test_fingerprints_see_what_a_function_uses(monkeypatch):
     assert digest(scaled) != before
     assert digest(lambda x: x + 1) != digest(lambda x: x + 2)
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
-    with pytest.raises(Scan2FlexError, match="cannot tell what a Generator holds"):
+    with pytest.raises(Scan2FlexError, match="cannot identify the content of a Generator"):
         digest(np.random.default_rng(0))
