@@ -122,16 +122,16 @@ class HungCable:
         """Raises `Scan2FlexError` where the cable has an effect or a feature beyond those that the simulator ``holds``."""
         if beyond := [kind for kind in self.beyond if kind != "point_mass"]:
             raise Scan2FlexError(
-                f"The export to {simulator} cannot hold {', '.join(beyond)}: leave the effect out of the study, or export to json."
+                f"The export to {simulator} cannot hold {', '.join(beyond)}: leave it out of the study, or export to json."
             )
         if missing := [feature for feature in self.features() if feature not in holds]:
             brought = dict.fromkeys(kind for feature in missing for kind in self.sources.get(feature, ()))
             by = f" ({', '.join(brought)})" if brought else ""
-            raise Scan2FlexError(f"This cable has {missing[0]}{by}, which the export to {simulator} cannot hold: export to json.")
+            raise Scan2FlexError(f"The export to {simulator} cannot hold {missing[0]}{by}: export this cable to json.")
         loose = self.held.any(axis=1) & ~self.held.all(axis=1)
         if not self.held[0].any() or (loose.any() and not ball_joints):
             what = "a ball joint" if loose.any() else "no support at its start"
-            raise Scan2FlexError(f"Pose {self.pose!r} has {what}, which the export to {simulator} cannot hold: name another pose.")
+            raise Scan2FlexError(f"The export to {simulator} cannot hold {what}, as pose {self.pose!r} has: name another pose.")
 
     def features(self) -> tuple[str, ...]:
         """What the sections have beyond a straight, uniform, isotropic rod."""
