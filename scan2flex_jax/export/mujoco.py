@@ -81,11 +81,11 @@ def _link(body, k, cable):
     density = np.mean(cable.density[max(k - 1, 0) : k + 1])
     none = {"contype": "0", "conaffinity": "0"}
     size, mass = repr(float(cable.drawn_radius)), repr(float(density * (high - low)))
-    ET.SubElement(body, "geom", type="capsule", size=size, fromto=ends, mass=mass, **none)
+    ET.SubElement(body, "geom", {"type": "capsule", "size": size, "fromto": ends, "mass": mass, **none})
     for place, hung in cable.masses:
         if round(place / ds) == k:
             at = _text([0, 0, place - (k - 0.5) * ds])
-            ET.SubElement(body, "geom", type="sphere", size=size, pos=at, mass=repr(float(hung)), **none)
+            ET.SubElement(body, "geom", {"type": "sphere", "size": size, "pos": at, "mass": repr(float(hung)), **none})
 
 
 def _quaternion(rotation) -> str:
