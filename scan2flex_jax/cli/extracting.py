@@ -42,7 +42,8 @@ def extract(
     written = {pose.name: pose.curve.path for pose in load_study(toml).poses if pose.name in curves and pose.curve is not None}
     for name, one in curves.items():
         said = "".join(f"; {warning}" for warning in one.warnings)
-        say(f"{name}: {one.arc_length[-1]:.4f} m of centre curve -> {written[name]}{said}")
+        into = f" -> {written[name]}" if name in written else ""
+        say(f"{name}: {one.arc_length[-1]:.4f} m of centre curve{into}{said}")
         if name in pictures:
             drawing()
             from scan2flex_jax.scan import save_picture  # noqa: PLC0415

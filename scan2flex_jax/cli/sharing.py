@@ -9,7 +9,7 @@ from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile,
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import complain, say
 
-_TO = ("mujoco", "pyelastica", "json")
+_TO = ("mujoco", "pyelastica", "usd", "json")
 
 
 def report(
@@ -64,13 +64,13 @@ def report(
 
 def export(
     study: StudyFolder,
-    to: Annotated[str, typer.Option(help="mujoco, pyelastica or json.", autocompletion=choices(*_TO))],
+    to: Annotated[str, typer.Option(help="mujoco, pyelastica, usd or json.", autocompletion=choices(*_TO))],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
     pose: Annotated[str | None, typer.Option(help="The pose in which the cable hangs; left out, the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
     force: Force = False,
 ) -> None:
-    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, or plain JSON.
+    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, OpenUSD for Newton, or plain JSON.
 
     Every parameter must have a value: fit the study first, with --save.
 

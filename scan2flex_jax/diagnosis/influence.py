@@ -13,7 +13,7 @@ from scan2flex_jax.fitting.influence import Influence, Linear, changed_studies, 
 def influence_of_refit(stage: Stage, found: Refit) -> Influence:
     """The influence on the unknowns at a refit, with its effects and its law of the residual; solves all poses twice more."""
     bench, problem = stage.bench, stage.bench.problem
-    numbers, prior = Numbers(bench, found.components), Prior(bench, found.components)
+    numbers, prior = Numbers(bench, found.components), Prior(bench, found.components, found.wider)
     white = whiten(found.shapes, bench.real, numbers, found.vector, found.law)
     precision = prior.precision + prior.width
     precision[numbers.nearly_known] = 0.0  # they are rows

@@ -256,22 +256,20 @@ def signature_of(kind: str) -> str:
 
 
 _TELLING = 10.0  # times the parameter: a standard error beyond it says that nothing is known, and no more
-_OF_ONE = {"scan_scale.factor", "density_profile.factor", "stiffness_profile.factor"}  # no effect at 1
 
 
 def parameter_in_words(study: Study, kind: str, name: str, value, std=None) -> str:
     """A parameter with its standard error and unit; by its change where the value says nothing: of a length the one that the
     ``study`` states, of a factor 1."""
-    known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))
-    stated = study.known("length")
-    if f"{kind}.{name}" == "length_error.length" and stated is not None:
-        error = f" (+- {1e3 * float(std):.2g} mm)" if known else ""
-        return change_in_words(float(value), float(np.max(stated))) + error
-    if f"{kind}.{name}" in _OF_ONE and np.ndim(value) == 0:
-        return percent(float(value) - 1.0) + (f" +- {100 * float(std):.2g} %" if known else "")
     if isinstance(value, str):
         return value
-    unit = kind_format(kind).parameter(name).unit if kind in kind_names() else "-"
+    known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))
+    stated, unit = study.known("length"), kind_format(kind).parameter(name).unit if kind in kind_names() else "-"
+    if name == "length" and stated is not None:
+        error = f" (+- {1e3 * float(std):.2g} mm)" if known else ""
+        return change_in_words(float(value), float(np.max(stated))) + error
+    if (name, unit) == ("factor", "-") and np.ndim(value) == 0:
+        return percent(float(value) - 1.0) + (f" +- {100 * float(std):.2g} %" if known else "")
     return f"{_shown(value)}{f' +- {_shown(std)}' if known else ''}{'' if unit == '-' else ' ' + unit}"
 
 

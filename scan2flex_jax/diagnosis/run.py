@@ -11,6 +11,7 @@ from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, rep
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.evidence import one_step
+from scan2flex_jax.diagnosis.refit import freed
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Bench
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
@@ -94,6 +95,7 @@ def explain(
             found.best, found.after = simplest, stage.test_after(found.stage, simplest)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
+    _free(found, say)
     warnings: tuple[str, ...] = ()
     if base.coarse:
         warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
@@ -147,6 +149,18 @@ def _base(
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _free(found: search.Found, say: Progress) -> None:
+    """The models on which the answer rests are freed of the usual sizes of their effects, where those are exceeded."""
+    models = [r for r in (found.best, *found.tied, *_likely(found)) if r.components]
+    if not models:
+        return
+    say("estimates")
+    free = {id(r): freed(found.stage.bench, r) for r in models}
+    found.best = free.get(id(found.best), found.best)
+    found.tied = [free.get(id(r), r) for r in found.tied]
+    found.refits = {kinds: free.get(id(r), r) for kinds, r in found.refits.items()}
 
 
 def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:

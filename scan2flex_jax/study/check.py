@@ -81,8 +81,9 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
 def assumptions(study: Study) -> tuple[str, ...]:
     """Assumptions of a fit about inputs that the study does not state, in words."""
     said = list(study.assumptions)
-    curved = {"natural_curvature", *(f"{kind}.curvature" for kind in ("natural_curvature", "curvature_profile"))}
-    if not curved & {*study.cable, *study.unknown_names} and not any(f"{e.kind}.curvature" in curved for e in study.effects):
+    unknown = (name.split(".")[-1] for name in study.unknown_names)
+    named = {*study.cable, *unknown, *(name for e in study.effects for name in e.parameters)}
+    if not named & {"natural_curvature", "curvature"}:
         said.append("natural_curvature left out: the cable is assumed straight when nothing bends it")
     exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
     held = [name for name in ("clamp_position", "clamp_rotation") if not getattr(study.tolerance, name)]
