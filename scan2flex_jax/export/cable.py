@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from scan2flex_jax.effects.point_mass import PointMass
 from scan2flex_jax.errors import Scan2FlexError
 
 _SAME = 1e-9  # part by which sections may differ and still be one cable's
@@ -120,7 +121,7 @@ class HungCable:
 
     def require(self, simulator: str, holds: frozenset[str], *, ball_joints: bool = True) -> None:
         """Raises `Scan2FlexError` where the cable has an effect or a feature beyond those that the simulator ``holds``."""
-        if beyond := [kind for kind in self.beyond if kind != "point_mass"]:
+        if beyond := [kind for kind in self.beyond if kind != PointMass.kind]:  # `masses` hold it
             raise Scan2FlexError(
                 f"The export to {simulator} cannot hold {', '.join(beyond)}: leave it out of the study, or export to json."
             )

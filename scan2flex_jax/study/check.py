@@ -45,6 +45,7 @@ NO_VALIDATE = (
 )
 """The warning of a study without validation pose."""
 
+_CLAMPED = tuple(f"clamp_{what}" for what in ("position", "rotation"))
 _MEASURED = ("length", "length_density")  # cable inputs that may have a tolerance and that influence every stiffness
 _UNIT = {"millimetres": "mm", "centimetres": "cm"}
 
@@ -86,7 +87,7 @@ def assumptions(study: Study) -> tuple[str, ...]:
     if not named & {"natural_curvature", "curvature"}:
         said.append("natural_curvature left out: the cable is assumed straight when nothing bends it")
     exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
-    held = [name for name in ("clamp_position", "clamp_rotation") if not getattr(study.tolerance, name)]
+    held = [name for name in TOLERANCE if name in _CLAMPED and not getattr(study.tolerance, name)]
     if exact or held:
         said.append(f"taken as exact in the intervals: {', '.join([*exact, *held])} (give their errors under [tolerance])")
     silent = [pose.name for pose in study.poses if pose.noise is None]
