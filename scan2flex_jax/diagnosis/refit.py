@@ -31,7 +31,7 @@ _HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
 _TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
 _PATIENCE = 3  # steps in a row that promise too little
 _STRONG, _SHARE = 5.0, 0.3  # times the noise: a residual far above it; its share that is the noise of plain distances
-_FREE = 30.0  # times the usual size of an effect: standard deviation of the prior of one that exceeds that size
+_FREE = 100.0  # times the usual size of an effect: standard deviation of the prior of one that exceeds that size
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 
 
