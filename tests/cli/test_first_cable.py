@@ -71,6 +71,7 @@ def test_the_other_steps_of_the_page(scans):
     assert len(list((scans / "predicted").iterdir())) >= 4
 
 
+@pytest.mark.slow
 def test_markers_lead_to_the_stiffness(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "markers").mkdir()

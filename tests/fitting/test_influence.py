@@ -35,7 +35,9 @@ def logs(f):
 TOLERANT = Tolerance(length=5e-4, clamp_position=2e-4, clamp_rotation=2e-3)
 
 
-@pytest.mark.parametrize("tolerance", [scenes.EXACT, TOLERANT], ids=["exact", "tolerances"])
+@pytest.mark.parametrize(
+    "tolerance", [scenes.EXACT, pytest.param(TOLERANT, marks=pytest.mark.slow)], ids=["exact", "tolerances"]
+)
 def test_a_pose_moves_the_estimates_as_a_refit_without_it(tolerance):
     whole = fitted(tolerance)
     found = influence(whole.problem, whole.minimum)
