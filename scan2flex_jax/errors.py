@@ -43,3 +43,7 @@ class StudyError(Scan2FlexError):
     def __str__(self) -> str:
         """FILE: KEY: sentence."""
         return ": ".join(part for part in (self.file, self.key, self.sentence) if part is not None)
+
+
+class SettingsError(Scan2FlexError, ValueError):
+    """A setting that cannot be used; the sentence names it."""

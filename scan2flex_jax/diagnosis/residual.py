@@ -37,7 +37,7 @@ _RANK = 24  # directions of all signatures together that are kept out of the noi
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
 _STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
-_ALIKE = 10.0  # rows of unit variance that draw the noise of a pose to that of all
+_PRIOR_ROWS = 10.0  # rows of unit variance that draw the noise of a pose to that of all
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 
@@ -231,7 +231,8 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
 
 def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
     """Standard deviation of the noise in each pose over that of all, from white residuals with the model's numbers and the
-    directions ``signatures`` (per pose (m, 2, K)) of all effects taken out; drawn to one as by `_ALIKE` rows of unit variance.
+    directions ``signatures`` (per pose (m, 2, K)) of all effects taken out; drawn to one as by `_PRIOR_ROWS` rows of unit
+    variance.
 
     A scan that sees a cable from one side only errs several times as much as one from three sides.
     """
@@ -242,7 +243,7 @@ def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
     y = white.r - Q @ (Q.T @ white.r)
     free = np.array([len(rows) - np.sum(Q[rows] ** 2) for rows in white.rows])
     squares = np.array([np.sum(y[rows] ** 2) for rows in white.rows])
-    return tuple(float(v) for v in np.sqrt((squares + _ALIKE) / (free + _ALIKE)))
+    return tuple(float(v) for v in np.sqrt((squares + _PRIOR_ROWS) / (free + _PRIOR_ROWS)))
 
 
 class Complement:

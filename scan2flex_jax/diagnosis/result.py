@@ -12,7 +12,6 @@ from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
-from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.influence import Influence
@@ -248,11 +247,6 @@ class Explanation:
         beside = "   without it" if any(moved.values()) else ""
         yield f"  pose                 role       before mm   after mm   left out: before, after mm{beside}"
         yield from (f"{_pose_line(n, p)}   {moved[n]}".rstrip() for n, p in self.poses.items())
-
-
-def signature_of(kind: str) -> str:
-    """What a kind looks like, in plain words."""
-    return entry_of(kind).signature
 
 
 _TELLING = 10.0  # times the parameter: a standard error beyond it says that nothing is known, and no more

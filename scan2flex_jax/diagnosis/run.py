@@ -72,10 +72,11 @@ def explain(
         study = _on_axes(study, elements, say)
         base = _base(study, elements, say, seed, mesh, ahead, scanned, settings)
         if isinstance(base, Fit):
-            return _mistaken(base, began)
+            return _mistaken(base, began, settings)
     except NotSettledError as fault:
         seconds = time.perf_counter() - began
-        return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
+        said = (str(fault),)
+        return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=said, seconds=seconds, settings=settings)
     found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
         left = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
@@ -153,11 +154,11 @@ def _base(
 
 def _free(found: search.Found, say: Progress) -> None:
     """The models on which the answer rests are freed of the usual sizes of their effects, where those are exceeded."""
-    models = [r for r in (found.best, *found.tied, *_likely(found)) if r.components]
-    if not models:
+    models = {id(r): r for r in (found.best, *found.tied, *_likely(found)) if r.components}
+    if not models or found.verdict == verdict.UNSOLVED:
         return
     say("estimates")
-    free = {id(r): freed(found.stage.bench, r) for r in models}
+    free = {key: freed(found.stage.bench, r) for key, r in models.items()}
     found.best = free.get(id(found.best), found.best)
     found.tied = [free.get(id(r), r) for r in found.tied]
     found.refits = {kinds: free.get(id(r), r) for kinds, r in found.refits.items()}
@@ -171,12 +172,13 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
     return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
 
 
-def _mistaken(fitted: Fit, began: float) -> Explanation:
+def _mistaken(fitted: Fit, began: float, settings: DiagnosisSettings) -> Explanation:
     """What is said of a study whose input is likely mistaken: no physics is looked for."""
     said = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
     seconds = time.perf_counter() - began
     return Explanation(
-        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes
+        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes,
+        settings=settings,
     )
 
 

@@ -1,10 +1,13 @@
 """The choices on which the answer of `explain` rests, in one object that is passed, and stored with the result."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+
+from scan2flex_jax.errors import SettingsError
+from scan2flex_jax.fitting.settings import Settings
 
 
 @dataclass(frozen=True)
-class DiagnosisSettings:
+class DiagnosisSettings(Settings):
     """What counts as missing, as found and as one size; evidence is in nats over the model before.
 
     The test: ``level`` of the tests of the plain rod and of what is left beside an effect, with ``draws`` of noise;
@@ -48,18 +51,12 @@ class DiagnosisSettings:
     most_elements: int = 160
 
     def __post_init__(self):
-        """Bad values end in a sentence that names the setting."""
-        for name, value in asdict(self).items():
-            if not value > 0:
-                raise ValueError(f"DiagnosisSettings: {name} is {value}; it must be positive")
+        """Probabilities and leads have an order beside being positive."""
+        super().__post_init__()
         if not self.level < 1 or not self.same_size_level < 1:
-            raise ValueError("DiagnosisSettings: level and same_size_level are probabilities, below 1")
+            raise SettingsError("DiagnosisSettings: level and same_size_level are probabilities, below 1")
         if self.lead_favoured > self.lead_named:
-            raise ValueError("DiagnosisSettings: lead_favoured exceeds lead_named")
-
-    def to_json(self) -> dict:
-        """All of them, by their names."""
-        return asdict(self)
+            raise SettingsError("DiagnosisSettings: lead_favoured exceeds lead_named")
 
 
 USUAL = DiagnosisSettings()

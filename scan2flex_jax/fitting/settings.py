@@ -2,9 +2,26 @@
 
 from dataclasses import asdict, dataclass
 
+from scan2flex_jax.errors import SettingsError
+
 
 @dataclass(frozen=True)
-class FitSettings:
+class Settings:
+    """Positive numbers with names, checked when they are made. Raises `SettingsError` with the name of a bad one."""
+
+    def __post_init__(self):
+        """Bad values end in a sentence that names the setting."""
+        for name, value in asdict(self).items():
+            if not value > 0:
+                raise SettingsError(f"{type(self).__name__}: {name} is {value}; it must be positive")
+
+    def to_json(self) -> dict:
+        """All of them, by their names."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class FitSettings(Settings):
     """When the residual of a fit is no noise, when a pose counts as predicted, and which interval is no information.
 
     No noise: a residual ``beyond_noise`` times the noise that is stated or that the points show, and beyond ``largest_noise``
@@ -25,16 +42,6 @@ class FitSettings:
     predicted: float = 1.5
     felt: float = 0.3
     vaguest_interval: float = 5.0
-
-    def __post_init__(self):
-        """Bad values end in a sentence that names the setting."""
-        for name, value in asdict(self).items():
-            if not value > 0:
-                raise ValueError(f"FitSettings: {name} is {value}; it must be positive")
-
-    def to_json(self) -> dict:
-        """All of them, by their names."""
-        return asdict(self)
 
 
 USUAL = FitSettings()

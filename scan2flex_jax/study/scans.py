@@ -21,7 +21,6 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.limits import Limit, scan_limit
 from scan2flex_jax.study.survey import KINDS, Survey, survey
 
-PACKED = (".gz", ".zip")
 _BLOCK = 1 << 20
 _ADVICE = "export it again, as PLY or XYZ."
 _NAMES = ", ".join(f".{kind}" for kind in KINDS)

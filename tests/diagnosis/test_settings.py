@@ -1,10 +1,14 @@
 """Settings of the diagnosis: they reach the verdict, they are stored, and bad ones are refused by name."""
 
 import json
+from importlib import import_module
 
 import pytest
 
 from scan2flex_jax.diagnosis import DiagnosisSettings, explain, verdict
+from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.study import load_study
 
 from . import scenes
 
@@ -29,6 +33,15 @@ def test_the_lead_that_names_is_a_setting():
 def test_bad_settings_are_refused_by_name(wrong, said):
     with pytest.raises(ValueError, match=said):
         DiagnosisSettings(**wrong)
+
+
+def test_they_are_kept_where_nothing_is_concluded(monkeypatch):
+    def unsettled(*_):
+        raise NotSettledError("no pose settles", "try others", {})
+
+    monkeypatch.setattr(import_module("scan2flex_jax.diagnosis.run"), "_base", unsettled)
+    found = explain(load_study(example_path("simulated-cable")), settings=DiagnosisSettings(level=0.01))
+    assert (found.verdict, found.settings.level) == ("not in equilibrium", 0.01)
 
 
 @pytest.mark.slow
