@@ -137,7 +137,8 @@ def _rivals(found) -> list[Refit]:
             continue
         near = settings.lead_named if len(r.kinds) == 1 and alike(*r.kinds, *best.kinds) else settings.lead_favoured
         said = confirm.compared(found.stage, r, best)
-        contained = contains(r, best) and not said.better  # the simpler one of two that are nested stands
-        if r.log_evidence > best.log_evidence - near and not said.worse and not contained:
+        wider = contains(r, best) and not said.better  # the simpler one of two that are nested stands where it is as likely
+        least = best.log_evidence + (settings.lead_favoured if wider else -near)
+        if r.log_evidence > least and not said.worse:
             out.append(r)
     return sorted(out, key=lambda r: -r.log_evidence)

@@ -92,7 +92,7 @@ def refit(bench: Bench, components, law: Law, guess, amplitudes=(), *, most: int
 
 def again(bench: Bench, before: Refit, law: Law, least: float = np.inf, most: int = _MOST) -> Refit:
     """A refit anew under another law of the residual, from where it ended before."""
-    n, prior = Numbers(bench, before.components), Prior(bench, before.components)
+    n, prior = Numbers(bench, before.components), Prior(bench, before.components, before.wider)
     return _descend(bench, before.components, n, prior, law, before.vector, configurations(before.shapes), most, least)
 
 

@@ -60,6 +60,11 @@ class Law:
     most: int = 0
     scales: tuple[float, ...] = ()
 
+    def only(self, which) -> "Law":
+        """The law of some of the poses, in this order."""
+        scatter, scales = (tuple(values[i] for i in which) if values else () for values in (self.scatter, self.scales))
+        return replace(self, scatter=scatter, scales=scales)
+
     def of_pose(self, i: int, shape, keep) -> "Metric":
         """The metric of pose ``i``, of whose points ``keep`` are real."""
         pick = thinned(shape.s[keep], self.most) if self.most else np.arange(int(np.sum(keep)))

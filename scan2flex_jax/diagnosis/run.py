@@ -223,7 +223,7 @@ def _explanation(base, found, warnings, began):
     added = _chosen(bench, refitted, ranking)
     chosen = added if found.verdict in verdict.FOUND else ()
     estimates = report.estimates(bench, _likely(found), refitted, alike=_alike(found))
-    poses = _poses(study, found.stage, other, refitted)
+    poses = _poses(study, found, other, refitted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
     discrepancy = report.discrepancy(bench, law_of)
@@ -259,14 +259,16 @@ def _explanation(base, found, warnings, began):
 
 
 def _refitted(found):
-    """The model of "after": the best one, also where it is not established, unless it predicts poses left out no better."""
+    """The model of "after": the best one, also where it is not established, unless it is no likelier than the plain rod or
+    predicts poses left out no better."""
     if found.verdict in verdict.FOUND:
         return found.best
     if found.verdict != verdict.UNEXPLAINED or not found.best.components:
         return found.stage.base
     if found.stage.bench.poses.count < 2:  # no pose can be left out
         return found.best if found.best.log_evidence > found.stage.settings.lead_named else found.stage.base
-    return found.best if confirm.compared(found.stage, found.best, found.baseline).better else found.stage.base
+    better = found.best.log_evidence > 0 and confirm.compared(found.stage, found.best, found.baseline).better
+    return found.best if better else found.stage.base
 
 
 def _likely(found):
@@ -300,10 +302,13 @@ def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
     )  # fmt: skip
 
 
-def _poses(study, stage, other, refitted) -> dict[str, PoseChange]:
+def _poses(study, found, other, refitted) -> dict[str, PoseChange]:
     """Every pose before and after, in the order of the study; ``other``: the bench of the ``validate`` poses, or None."""
-    several = stage.bench.poses.count > 1
-    unseen = np.transpose([confirm.left_out(stage, r) for r in (stage.base, refitted)]) if several else None
+    stage, unseen = found.stage, None
+    if stage.bench.poses.count > 1:
+        errors = confirm.left_out if found.floor is None else confirm.predicted
+        models = (found.baseline, refitted if refitted.components else found.baseline)
+        unseen = np.transpose([errors(stage, r) for r in models])
     poses = report.pose_changes(study.fit_poses, stage.bench, stage.base.shapes, refitted.shapes, unseen)
     if other:
         before, after = report.predicted(other, stage.base), report.predicted(other, refitted, stage.base)

@@ -7,6 +7,7 @@ columns of the whole catalogue share the base model's factors, so each costs one
 Units: residuals in m; columns in m per unit of their number; amplitudes as the catalogue has them.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any, cast
@@ -88,6 +89,14 @@ class Bench:
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.off = _root_mean_square(minimum.evaluation.residual, problem.poses.mask)
         self.solves = 0
+
+    def only(self, which) -> "Bench":
+        """The same fitted study with some of its poses, in this order."""
+        some = copy(self)
+        some.poses = self.poses.only(which)
+        some.start = jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
+        some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
+        return some
 
     def shapes(self, components, vector, start=None, derivative=True):
         """All poses solved at the numbers: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""

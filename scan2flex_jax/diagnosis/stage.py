@@ -1,6 +1,6 @@
 """What every score rests on: signatures, the noise beside them, the base in the metric of that noise, and the global test."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Stage:
 
     ``known``: refits with another estimate of the noise, by their kinds; a refit of the same kinds begins where they ended.
     ``least``: the lowest cost of a refit so far; those that cannot come near it are given up on the way.
+    ``unseen``: refits (by identity) with the errors (m) of their poses left out in turn, where these were computed.
     """
 
     bench: Bench
@@ -49,6 +50,7 @@ class Stage:
     known: dict[frozenset[str], Refit]
     of: "Signatures"
     least: float = np.inf
+    unseen: dict[int, tuple[Refit, np.ndarray]] = field(default_factory=dict)
 
     @property
     def noise(self) -> Noise:

@@ -11,7 +11,8 @@ where the first has come to its end:
 3. a curve shows the torque ``GJ phi / L``, not the twist ``phi``: turns ``k`` and a stiffness ``GJ'`` that leave the torques
    of all poses nearly the same, ``GJ' (phi + 2 pi k) = GJ phi``, are a choice that is fitted, however small the residual.
 
-A fit that comes far closer, or closer by more than noise can tell, gets those turns, and the user is told.
+A fit that comes far closer, or closer by more than noise can tell, gets those turns, and the user is told. Where poses stay far
+from their curves even so, the model lacks something, other turns make up for part of it, and those of the study stand.
 """
 
 from collections.abc import Iterator
@@ -52,15 +53,15 @@ def distances(evaluation, mask) -> np.ndarray:
     return np.where(np.asarray(evaluation.verdict.code) == 0, np.sqrt(squares), np.inf)
 
 
-def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0) -> dict[str, int]:
+def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0, within: float = np.inf) -> dict[str, int]:
     """Turns, where they are not the study's, that bring doubtful poses nearest to their measured curves at some shared numbers,
-    and to less than ``factor`` of the distance with the study's turns."""
+    to less than ``factor`` of the distance with the study's turns, and ``within`` (m) of the curve."""
     out = {}
     for pose in (p for p, doubt in zip(study_poses, doubtful, strict=True) if doubt and p.end is not None):
         found = {t: _distance(problem, replace(pose, turns=t), shared) for t in (pose.turns, pose.turns - 1, pose.turns + 1)}
         alike = [t for t in found if found[t] <= _SAME * min(found.values())]
         best = min(alike, key=abs)  # two turns may slip over the cable itself and lead to the same shape
-        if best != pose.turns and found[best] < factor * found[pose.turns]:
+        if best != pose.turns and found[best] < min(factor * found[pose.turns], within):
             out[pose.name] = best
     return out
 
@@ -98,16 +99,26 @@ class _Choice(NamedTuple):
 
 
 def on_its_branches(problem, minimum, method, progress):
-    """The problem and its minimum with every pose, validate poses too, on the branch that was measured."""
+    """The problem and its minimum with every fitted pose on the branch that was measured."""
     while True:
         problem, minimum = full_turns(problem, minimum, method, progress)
         before = problem
         problem, minimum = _beyond_doubt(problem, minimum, method, progress)
         if problem is before:
-            break
+            return problem, minimum
+
+
+def believed(problem, minimum, declared):
+    """The problem and its minimum where the turned poses came near their curves, else those ``declared`` before; with the turns
+    of validate poses, under the same condition."""
+    before, own = declared[0], distances(minimum.evaluation, problem.poses.mask)
+    turned = [a.turns != b.turns for a, b in zip(before.study.fit_poses, problem.study.fit_poses, strict=True)]
+    if np.any(own[turned] > ASTRAY * problem.length):
+        before.evaluator.equilibria = problem.evaluator.equilibria
+        problem, minimum = declared
     if unseen := problem.study.validate_poses:
-        own = distances(problem.predicted(minimum), problem.held_out.mask) / problem.length
-        seen = nearest(problem, unseen, own > FAR, minimum.shared, BETTER)
+        far = distances(problem.predicted(minimum), problem.held_out.mask) > FAR * problem.length
+        seen = nearest(problem, unseen, far, minimum.shared, BETTER, ASTRAY * problem.length)
         problem.hold_out(with_turns(problem.study, seen))
     return problem, minimum
 

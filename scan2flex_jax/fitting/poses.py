@@ -54,6 +54,14 @@ class Poses(eqx.Module):
         """Number of poses."""
         return len(self.turns)
 
+    def only(self, which: Sequence[int]) -> "Poses":
+        """Some of the poses, in this order."""
+        at = np.array(which, int)
+        arrays = (self.points, self.mask, self.expected, self.boundary, self.turns, self.start, self.marked)
+        points, mask, expected, boundary, turns, start, marked = jax.tree.map(lambda x: np.asarray(x)[at], arrays)
+        group = tuple(self.group[i] for i in which)
+        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked)
+
 
 def boundary_of(pose: StudyPose) -> Boundary:
     """The supports of a study's pose, as `equilibrium` takes them.

@@ -134,8 +134,10 @@ def _minimum(problem, method, progress):
     except NotSettledError as fault:
         raise mistakes.instead_of(fault, problem, progress) from fault
     if not likely:
+        declared = problem, minimum
         problem, minimum = branches.on_its_branches(problem, minimum, method, progress)
         likely = mistakes.hidden(study, problem, minimum, progress)
+        problem, minimum = branches.believed(problem, minimum, declared)
     return problem, minimum, likely
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import confirm
+from scan2flex_jax.diagnosis import confirm, partial
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.diagnosis.refit import Refit
@@ -21,7 +21,8 @@ ERRORS = {  # mm, of four poses left out in turn
 
 
 def model(*kinds, nats, errors="equal", scatter=0.0):
-    places = {"kink": {"position": 0.3, "width": 0.01}, "point_mass": {"position": 0.3}, "point_load": {"position": 0.3}}
+    places = {"kink": {"position": 0.3, "width": 0.01}, "point_mass": {"position": 0.3}, "point_load": {"position": 0.3},
+              "density_profile": {"position": 0.3, "width": 0.05}}  # fmt: skip
     components = tuple(Component(kind, places.get(kind, {})) for kind in kinds)
     found = Refit(
         components=components, vector=np.zeros(0), shapes=[], cost=0.0, chi2=0.0, log_marginal=nats, log_evidence=nats,
@@ -32,11 +33,16 @@ def model(*kinds, nats, errors="equal", scatter=0.0):
 
 
 @pytest.fixture
-def best(monkeypatch):
-    """`best_of` among models whose errors in poses left out are given."""
-    monkeypatch.setattr(confirm, "left_out", lambda stage, r: 1e-3 * np.array(r.errors))
+def stage(monkeypatch):
+    """One at which the errors of models in poses left out are given."""
+    monkeypatch.setattr(confirm, "predicted", lambda stage, r: 1e-3 * np.array(r.errors))
     monkeypatch.setattr(confirm, "scatter", lambda stage, r, k: r.scatter)
-    stage = SimpleNamespace(base=model(nats=0.0), bench=SimpleNamespace(poses=SimpleNamespace(count=4)), settings=USUAL)
+    return SimpleNamespace(base=model(nats=0.0), bench=SimpleNamespace(poses=SimpleNamespace(count=4)), settings=USUAL)
+
+
+@pytest.fixture
+def best(stage):
+    """`best_of` among models."""
 
     def choose(*models):
         return best_of(stage, models, len(models[0].kinds)).kinds
@@ -76,6 +82,18 @@ def test_sets_whose_sizes_differ_between_poses_stand_back(best):
 def test_two_that_make_one_property_vary_are_pieces_of_a_field(best):
     pieces, whole = model("point_mass", "density_taper", nats=50.0), model("point_mass", "uniform_load", nats=30.0)
     assert best(pieces, whole) == whole.kinds
+
+
+def test_a_wider_effect_ties_only_where_it_is_likelier(stage):
+    """A heavy span contains a mass: the mass stands, and is tied with the span where the shapes speak for that."""
+
+    def rivals(nats):
+        mass, span = model("point_mass", nats=50.0), model("density_profile", nats=nats)
+        refits = {frozenset(r.kinds): r for r in (mass, span)}
+        return [r.kinds for r in partial._rivals(SimpleNamespace(best=mass, refits=refits, stage=stage))]
+
+    assert rivals(49.0) == rivals(52.0) == []
+    assert rivals(54.0) == [("density_profile",)]
 
 
 @pytest.mark.parametrize(("errors", "better"), [("half", True), ("one pose", False), ("lost again", False), ("equal", False)])

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import confirm, explain, gates, plan, search
-from scan2flex_jax.diagnosis.refit import configurations
+from scan2flex_jax.diagnosis import confirm, explain, gates, left_out, plan, search
+from scan2flex_jax.diagnosis.refit import again, configurations, plain_law
 from scan2flex_jax.diagnosis.residual import whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import one_step
@@ -135,6 +135,16 @@ def test_a_pose_left_out_is_predicted_as_by_a_refit_without_it(stage):
         again = fit(replace(rest, poses=(*rest.poses, replace(full.poses[i], role="validate"))), elements=ELEMENTS)
         assert got[i] == pytest.approx(again.poses[full.poses[i].name].rms, rel=0.25)
         assert got[i] > 1.02 * stage_rms(stage, i)
+
+
+def test_refits_without_a_pose_predict_it_as_a_fit_of_the_other_poses(stage):
+    """In the metric of plain distances, which is that of a fit."""
+    model = again(stage.bench, stage.base, plain_law(stage.bench, 1e-3))
+    got, full = left_out.refitted(stage.bench, model), study("t004")
+    for i in (0, 2):
+        poses = tuple(replace(p, role="validate") if k == i else p for k, p in enumerate(full.poses))
+        alone = fit(replace(full, poses=poses), elements=ELEMENTS)
+        assert got[i] == pytest.approx(alone.poses[full.poses[i].name].rms, rel=0.01)
 
 
 def stage_rms(stage, i):

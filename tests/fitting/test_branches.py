@@ -1,6 +1,7 @@
 """Poses whose turns are off by a full turn: found from their measured shapes, said, and no matter for the estimates."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -45,6 +46,17 @@ def test_a_full_turn_too_many_is_found_and_said(right, wrong):
 def test_right_turns_stay_and_nothing_is_said(right):
     assert right.turned == ()
     assert turns(right.calibrated) == turns(with_turns({}))
+
+
+def test_turns_that_leave_a_pose_far_from_its_curve_are_not_believed(right):
+    """What else is wrong is not known then: a missing effect is made up for by a turn in every pose."""
+    turned = Problem(branches.with_turns(right.study, {"plane": 1}), elements=right.problem.elements)
+    found = turned.evaluator(right.minimum.shared)
+    off = branches.distances(found, turned.poses.mask)[0]
+    assert off > branches.ASTRAY * turned.length
+    minimum = replace(right.minimum, evaluation=found)
+    assert branches.believed(turned, minimum, (right.problem, right.minimum))[0] is right.problem
+    assert branches.believed(right.problem, right.minimum, (turned, minimum))[0] is right.problem
 
 
 def test_distances_are_those_of_solved_poses():
