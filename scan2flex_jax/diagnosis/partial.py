@@ -45,6 +45,7 @@ def search(before: Found, progress: Progress) -> Found:
     for kind in (k for k in likeliest if frozenset([k]) not in found.refits):
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
+    _add_parts(found, progress)
     found.best = best_of(stage, found.refits.values(), 1)
     most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
     while found.best.components and len(found.best.components) < most:
@@ -56,11 +57,28 @@ def search(before: Found, progress: Progress) -> Found:
     return _judged(found)
 
 
+def _add_parts(found, progress) -> None:
+    """Refits of each effect of a set that is likelier than all single ones, from where the set ended: one step of a strong
+    effect may rank it far too low."""
+    bench, most = found.stage.bench, max((r.log_evidence for r in found.singles), default=0.0)
+    sets = (r for r in list(found.refits.values()) if len(r.kinds) > 1)
+    for wider in (r for r in sets if r.log_evidence > most + found.stage.settings.lead_named):
+        for k, component in enumerate(wider.components):
+            known = found.refits.get(frozenset([component.kind]))
+            if known is None or not known.converged:
+                progress(f"refit with {component.kind} alone")
+                found.add([_from(found, [component], wider, [wider.amplitudes(bench, k)])])
+
+
 def _refitted(found, near: Refit, scores, g) -> Refit:
-    """One component more beside a refit: from one step in the metric of plain distances, then at its own floor."""
+    """One component more beside a refit, from one step."""
+    held = [near.amplitudes(found.stage.bench, k) for k in range(len(near.components))]
+    return _from(found, [*near.components, scores.components[g]], near, [*held, scores.amplitudes[g]])
+
+
+def _from(found, components, near: Refit, begin) -> Refit:
+    """A refit from the base numbers of another: in the metric of plain distances, then at its own floor."""
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
-    held = [near.amplitudes(stage.bench, k) for k in range(len(near.components))]
-    components, begin = [*near.components, scores.components[g]], [*held, scores.amplitudes[g]]
     plain = plain_law(stage.bench, stage.bench.off)
     end = refit(stage.bench, components, plain, near.vector[: numbers.base], begin, most=_STEPS)
     return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.floor, stage.bench.context)
