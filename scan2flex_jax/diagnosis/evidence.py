@@ -5,8 +5,8 @@ base taken out)
 
     log B_t = 1/2 b' (I/t^2 + A)^-1 b - 1/2 log |I + t^2 A|.
 
-A size is known to a factor of three or so: ``B`` is the mean over ``t`` of `SCALES`, so that a kind that is stronger or weaker
-than its size is not ranked behind others for that alone. A one-sided amplitude has half the prior: times ``2 Phi(mean/sd)``. A
+A size is known to an order of magnitude, and missing effects are strong ones rather than weak ones: ``B`` is the mean over
+``t`` of `SCALES`, so that an effect type is not ranked behind others for its strength alone. A one-sided amplitude has half the prior: times ``2 Phi(mean/sd)``. A
 kind with several sites has the mean of ``B`` over them. Reference: MacKay, "Bayesian interpolation" (1992). BIC,
 ``T/2 - k/2 log n``, is the second opinion.
 """
@@ -14,7 +14,7 @@ kind with several sites has the mean of ``B`` over them. Reference: MacKay, "Bay
 import numpy as np
 from scipy import special
 
-SCALES = (1.0 / 3.0, 1.0, 3.0)  # of a physical size, each as likely as the others
+SCALES = (1.0 / 3.0, 1.0, 3.0, 10.0, 30.0)  # of a physical size, each as likely as the others
 
 
 def log_evidence(A: np.ndarray, b: np.ndarray, one_sided=()) -> float:

@@ -6,7 +6,7 @@ their tolerance and size, continuous parts of a site are flat over the range tha
     log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites),
 
 and what is compared is its excess over the base model's, the log evidence in nats. A flat range R counts as a normal of
-standard deviation ``R/sqrt(12)``. Each effect's size is known to a factor of three (`evidence.SCALES`): its evidence is the
+standard deviation ``R/sqrt(12)``. Each effect's size is known to an order of magnitude (`evidence.SCALES`): its evidence is the
 mean over those. Priors are in `prior`: a base number that no pose feels stays where it was, and adds nothing to the evidence.
 Symbols as in `sensitivity` and `residual`.
 """
