@@ -6,9 +6,9 @@ base taken out)
     log B_t = 1/2 b' (I/t^2 + A)^-1 b - 1/2 log |I + t^2 A|.
 
 A size is known to an order of magnitude, and missing effects are strong ones rather than weak ones: ``B`` is the mean over
-``t`` of `SCALES`, so that an effect type is not ranked behind others for its strength alone. A one-sided amplitude has half the prior: times ``2 Phi(mean/sd)``. A
-kind with several sites has the mean of ``B`` over them. Reference: MacKay, "Bayesian interpolation" (1992). BIC,
-``T/2 - k/2 log n``, is the second opinion.
+``t`` of `SCALES`, so that an effect type is not ranked behind others for its strength alone. A one-sided amplitude has half
+the prior: times ``2 Phi(mean/sd)``. A kind with several sites has the mean of ``B`` over them. Reference: MacKay, "Bayesian
+interpolation" (1992). BIC, ``T/2 - k/2 log n``, is the second opinion.
 """
 
 import numpy as np
