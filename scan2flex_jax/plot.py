@@ -154,7 +154,7 @@ def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Pa
     kinds = figure.canvas.get_supported_filetypes()
     kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:
-        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
+        raise Scan2FlexError(f"{path.name} is not a picture: name a file that ends in .png, .svg or .pdf")
     figure.savefig(picture, format=kind, dpi=dpi)
     write(path if path.suffix else path.with_suffix(".png"), picture.getvalue())
 
