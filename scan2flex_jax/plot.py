@@ -101,7 +101,7 @@ def _modelled_as(fit, name, pose):
 
 
 def _before(fit) -> "Fit | None":
-    """The plain fit of an explanation that added an effect."""
+    """The baseline fit of an explanation that added an effect."""
     return fit.fit if getattr(fit, "added", None) else None
 
 
@@ -245,7 +245,7 @@ def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10)
         ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
     ax.axvline(0.0, color="k", lw=0.8)
     low, high = ax.get_xlim()
-    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # room for the words
+    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the baseline model (nats)")  # room for the words
     return ax
 
 
