@@ -1,8 +1,8 @@
-"""What each part of the loop is good for: the same blind cases diagnosed with one part left out at a time.
+"""Ablations of the loop: the same blind cases diagnosed with one part left out at a time.
 
     python -m benchmarks.ablations CASES ANSWERS --json FILE [--first 40] [--jobs 2]
 
-Where no setting leaves a part out, something simpler is put in its place from here. Each variant runs in processes of its own.
+A part that no setting disables is replaced by a simpler one defined here. Each variant runs in its own processes.
 ``as it is`` is run on the same cases, and writes to `results/ablations.json` with the others.
 """
 
@@ -49,7 +49,7 @@ def white_noise() -> None:
 
 
 def no_sizes() -> None:
-    """BIC in place of the evidence: what size an effect may plausibly have plays no part."""
+    """BIC in place of the evidence: without prior sizes of effects."""
     evidence, pairs, search = (_module(f"diagnosis.{name}") for name in ("evidence", "pairs", "search"))
     points = {}
 
@@ -73,14 +73,14 @@ def no_sizes() -> None:
 
 
 def no_ties() -> None:
-    """The first kind is named whatever its lead."""
+    """The first effect type is named whatever its lead."""
     verdict = _module("diagnosis.verdict")
     verdict.ties = lambda candidates, settings: [max(range(len(candidates)), key=lambda i: candidates[i].log_evidence)]
     verdict.leading = lambda candidates, field=0.0, settings=None: verdict.NAMED
 
 
 def _as_it_is() -> None:
-    """Nothing is put in the place of anything."""
+    """No replacement."""
 
 
 def _one_effect() -> dict:

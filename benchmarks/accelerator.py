@@ -1,8 +1,8 @@
-"""Equilibria per second over the number of lanes, on a GPU if JAX has one: the same sweep, vectorised, in float64.
+"""Equilibria per second over the number of samples (lanes), on a GPU if JAX has one: the same sweep, vectorised, in float64.
 
 `python -m benchmarks.accelerator [--most LANES] [--cpu]` from the repository's root writes
-`benchmarks/results/accelerator.json` with the name of the device. Without an accelerator it says so and writes nothing; with
-`--cpu` it runs on the processor all the same, where a sweep takes lanes one after the other. The cable is that of
+`benchmarks/results/accelerator.json` with the name of the device. Without an accelerator it prints that and writes nothing;
+with `--cpu` it runs on the processor, where a sweep takes samples one after the other. The cable is that of
 `benchmarks.equilibrium`, EI and GJ each over two decades, 40 elements, generic start. Target on an H200: 50,000 a second.
 """
 
@@ -21,7 +21,7 @@ MIDDLE = {"middle": Quantity(lambda e: e.points[len(e.points) // 2], Output("m",
 
 
 def measured(task, count) -> dict:
-    """Seconds of one call with ``count`` lanes, what it compiles left out, and how many were solved."""
+    """Seconds of one call with ``count`` samples without compilation, and the number solved."""
     values = 10.0 ** np.random.default_rng(0).uniform(-2, 0, (2, count))
     lanes = draws(**{name: Axis(x, "N m^2") for name, x in zip(("EI", "GJ"), values, strict=True)})
     found = sweep(task, lanes, chunk=count)

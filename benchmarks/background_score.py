@@ -1,9 +1,9 @@
-"""Scores of blind cases with a background: each pose deviates by itself, beneath an effect or with nothing else.
+"""Scores of blind cases with a background (a random deviation of each pose), with and without an effect.
 
-An effect counts as *named* when the answer is "explained" or "partly explained"; where there is background alone, nothing may
-be. The size of an effect is its main parameter as a vector that is zero where the effect is absent, so that 15 % of it means
-the same for a factor of 1.1 as for one of 3; it is looked up in the chosen effects first, then in the ranking. What *attained*
-means stands in the answer: the RMS distance of validate poses from the true effect's curves without background.
+An effect counts as *named* if the answer is "explained" or "partly explained"; with background alone none should be. The size
+of an effect is its main parameter as a vector that is zero if the effect is absent, so that 15 % of it means the same for a
+factor of 1.1 as for one of 3; it is looked up in the chosen effects first, then in the ranking. *Attained*, in the answer, is
+the RMS distance of validate poses from the true effect's curves without background.
 """
 
 from statistics import median
@@ -36,7 +36,7 @@ SIZES = {
 
 
 def size_off_by(kind: str, found: dict, true: dict, length: float) -> float | None:
-    """Relative error of an effect's size; None for a kind without one. An end that only one of them has counts as zero."""
+    """Relative error of an effect's size; None for a type without one. An end that only one of them has counts as zero."""
     if kind not in SIZES:
         return None
     a, b = (np.ravel(np.asarray(SIZES[kind](p, length), float)) for p in (found, true))
@@ -46,7 +46,7 @@ def size_off_by(kind: str, found: dict, true: dict, length: float) -> float | No
 
 
 def row(result: dict, answer: dict, in_tie_set: bool) -> dict:
-    """What one case with a background counts for, beside what `blind_score.score` says of every case."""
+    """The score of one case with a background, in addition to `blind_score.score`."""
     out = {"background": answer["background"], "named": bool(result.get("chosen")) and result.get("verdict") in NAMED}
     after = result.get("after", {}).get("rms_validate")
     if after is not None:
@@ -64,7 +64,7 @@ def row(result: dict, answer: dict, in_tie_set: bool) -> dict:
 
 
 def covered(prefix: str, estimates: dict, answer: dict) -> dict:
-    """Whether the intervals of the stiffnesses hold the truth, where there are intervals."""
+    """Whether the intervals of the stiffnesses contain the truth, if there are intervals."""
     out = {}
     for name in STIFFNESSES:
         e, true = estimates.get(name, {}), answer.get(f"true_{name}")

@@ -2,9 +2,9 @@
 
     python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--jobs 2] [--record blind]
 
-Answers are read only after all cases are diagnosed. ``accept`` in an answer lists the kinds that shapes alone cannot tell
-from the truth; a case counts as found when the tie set holds an accepted kind. Cases that `benchmarks.blind.generate
---background` made have a class, and lines in the table, of their own (`background_score`).
+Answers are read only after all cases are diagnosed. ``accept`` in an answer lists the effect types with the same shapes as the
+truth; a case counts as found if the tie set contains an accepted type. Cases of `benchmarks.blind.generate --background` have
+their own class and lines in the table (`background_score`).
 """
 
 import argparse
@@ -55,7 +55,7 @@ def diagnose(folder: Path, options: dict | None = None) -> dict:
 
 
 def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
-    """What one case counts for; ``tolerances``: its study knows clamps, length or gravity only nearly."""
+    """The score of one case; ``tolerances``: its study states tolerances of clamps, length or gravity."""
     truth = set(answer.get("kinds", []))
     accept = set(answer.get("accept", [])) | truth
     off = answer.get("off_catalogue", "none")

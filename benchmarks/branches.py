@@ -1,10 +1,10 @@
-"""Random twisted studies: a fit finds the branch that was measured, or is not sure of another one.
+"""Random twisted studies: does a fit find the measured branch, and does it doubt a wrong one?
 
 `python -m benchmarks.branches` makes studies of three poses by the package's own equilibrium (80 elements, from the generic
 start, turns -1 to 1), with white noise that no study states and clamps that are off within their declared tolerances, fits
 each for EI and GJ, and compares the estimates with the truth in standard errors (z, of the logarithm). A study depends on its
-number alone. Studies that were recorded are kept, so that a run that was broken off goes on; `--again` makes them anew. The
-record is `benchmarks/results/branches.json`.
+number alone. Recorded studies are kept, so that an interrupted run continues; `--again` repeats them. The record is
+`benchmarks/results/branches.json`.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def _clamp(position, rotation):
 
 
 def fitted(number: int) -> dict:
-    """What the fit of one study says, beside the truth."""
+    """The fit of one study, and the truth."""
     study, truth = drawn(number)
     begin = perf_counter()
     try:
@@ -94,7 +94,7 @@ def fitted(number: int) -> dict:
 
 
 def summary(studies: dict) -> dict:
-    """Counts over all studies: refused, believed, and of the believed ones how the estimates lie about the truth."""
+    """Counts over all studies: refused, believed, and for the believed ones the errors of the estimates."""
     believed = [s for s in studies.values() if s.get("believed")]
     out = {"studies": len(studies), "refused": sum("refused" in s for s in studies.values()), "believed": len(believed)}
     out["turned"] = sum(bool(s.get("turned")) for s in studies.values())
@@ -112,7 +112,7 @@ def numbers(said: str) -> range:
 
 
 def recorded() -> dict:
-    """The studies of the record as it lies there, by number."""
+    """The recorded studies, by number."""
     path = RESULTS / "branches.json"
     return json.loads(path.read_text())["results"]["studies"] if path.exists() else {}
 
@@ -132,7 +132,7 @@ def main() -> None:
 
 
 def _line(row) -> str:
-    """What came of one study, in a line."""
+    """The result of one study, in a line."""
     if "refused" in row:
         return f"refused: {row['refused']}"
     off = {k: "not determined" if row[k]["z"] is None else f"z {row[k]['z']:+.1f}" for k in UNKNOWNS.values()}

@@ -1,4 +1,4 @@
-"""How often `explain` raises an alarm where nothing is missing: its p-values must be uniform.
+"""Rate of false alarms of `explain` on studies with nothing missing: its p-values must be uniform.
 
     python -m benchmarks.calibration --json FILE [--jobs 2] CASES ANSWERS [CASES ANSWERS ...]
 
@@ -23,7 +23,7 @@ LEVEL = 0.05
 
 
 def with_nothing_missing(cases: Path, answers: Path) -> dict[str, Path]:
-    """Study folders by a name that tells their folder too."""
+    """Study folders by a name that includes their parent folder."""
     found = {}
     for folder in sorted(f for f in cases.iterdir() if f.is_dir()):
         answer = tomllib.loads((answers / f"{folder.name}.toml").read_text())
@@ -33,7 +33,7 @@ def with_nothing_missing(cases: Path, answers: Path) -> dict[str, Path]:
 
 
 def summary(p: list[float]) -> dict:
-    """What p-values of cases without an effect say of the test."""
+    """Calibration of the test from p-values of cases without an effect."""
     alarms = sum(v < LEVEL for v in p)
     low, high = stats.binomtest(alarms, len(p)).proportion_ci(method="exact")
     uniform = stats.kstest(p, "uniform")

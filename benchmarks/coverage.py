@@ -1,11 +1,11 @@
-"""Do the intervals of EI and GJ hold the truth where the rod is not all there is?  `fit` alone, before any effect is known.
+"""Coverage of the intervals of EI and GJ if the baseline model is incomplete: `fit` alone, before any effect is found.
 
     python -m benchmarks.blind.generate --background --cases CASES --answers ANSWERS --count 60 --seed N
     python -m benchmarks.coverage CASES ANSWERS --json FILE [--only b001,b002] [--record]
 
-In `alone` each pose deviates by itself and nothing else is missing; in `with_effect` an effect that nobody declared lies above
-it. A value that is withheld (no interval), or that the fit itself does not believe, is counted apart: an interval that holds
-the truth with a warning is worth less than one without. What is in the file of an earlier run is kept.
+In `alone` each pose has a random deviation and nothing else is missing; `with_effect` adds an undeclared effect. A value
+without an interval, or that the fit itself doubts, is counted separately: an interval that contains the truth with a warning
+is worth less than one without. Results of an earlier run in the file are kept.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from benchmarks.record import record
 
 
 def fitted(folder: Path, answer: dict) -> dict:
-    """What `fit` says of one case beside its truth."""
+    """The fit of one case, and its truth."""
     from scan2flex_jax.errors import Scan2FlexError  # noqa: PLC0415 - the environment must be set first
     from scan2flex_jax.fitting import fit  # noqa: PLC0415
     from scan2flex_jax.study import load_study  # noqa: PLC0415
@@ -39,7 +39,7 @@ def fitted(folder: Path, answer: dict) -> dict:
 
 
 def table(rows: list[dict]) -> dict:
-    """Coverage of each class and stiffness, and how wide the intervals are."""
+    """Coverage and width of the intervals of each class and stiffness."""
     out = {"cases": len(rows), "faults": sum("fault" in r for r in rows)}
     for words, some in (("alone", [r for r in rows if not r["kinds"]]), ("with_effect", [r for r in rows if r["kinds"]])):
         known = [r for r in some if "estimates" in r]

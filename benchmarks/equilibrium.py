@@ -1,9 +1,9 @@
 """Seconds for an equilibrium, its Jacobian, its growth with the mesh, its compilation and a batch.
 
-`python -m benchmarks.equilibrium [PART ...]` from the repository's root writes `benchmarks/results/equilibrium.json`; parts
-that are not named keep their figures. The cable: 1 m, EI 0.1, GJ 0.25 N m^2, 0.2 kg/m, the end clamp at (0.6, 0.2, 0) m turned
-by 90 degrees about the tangent. Targets: 1 ms from the solution, 5 ms from a generic start, Jacobian at most half a forward
-solve, linear growth, first call 8 s and 2 s from the persistent cache.
+`python -m benchmarks.equilibrium [PART ...]` from the repository's root writes `benchmarks/results/equilibrium.json`; other
+parts keep their figures. The cable: 1 m, EI 0.1, GJ 0.25 N m^2, 0.2 kg/m, the end clamp at (0.6, 0.2, 0) m turned by 90
+degrees about the tangent. Targets: 1 ms from the solution, 5 ms from a generic start, Jacobian at most half a forward solve,
+linear growth, first call 8 s and 2 s from the persistent cache.
 """
 
 import json
@@ -72,7 +72,7 @@ def solves() -> dict:
 
 
 def told(answer) -> dict:
-    """The verdict of an answer."""
+    """The status of a solution."""
     v = answer.verdict
     return {"verdict": v.sentence(), "steps": int(v.steps), "out_of_balance": float(v.out_of_balance)}
 

@@ -1,4 +1,4 @@
-"""Does Newton hang an exported cable as we do? Needs `newton[importers]` and no JAX; a CPU will do (kernels compile once).
+"""The equilibrium of an exported cable in Newton against ours. Needs `newton[importers]`, no JAX; runs on a CPU.
 
     scan2flex export STUDY --to usd  -o cable.usda --pose NAME --elements 20
     scan2flex export STUDY --to json -o cable.json --pose NAME --elements 20

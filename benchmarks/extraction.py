@@ -3,20 +3,20 @@
 `python -m benchmarks.extraction [--quick] [--resume] [--only-cases | --only-rest] [--keys K ...]` from the repository's root
 writes `benchmarks/results/extraction.json`.
 
-Curves of four families that no rod model made, two sensors, one to three viewpoints, with and without a gap and guide
+Curves of four families independent of the rod model, two sensors, one to three viewpoints, with and without a gap and guide
 points. Failures stay in the results. Single-point noise is the sensor's standard deviation along the ray at the range of
 the scan; targets: RMS at most 0.3 (structured light) or 0.5 (time of flight) of it, bias toward the sensor at most 0.2 of
 the radius, length from clamp to clamp within 0.5 % (the curve and what is missing at its ends, as the package tells it to a
 user; `arc_error` compares the arc alone with the same stretch of the true one). A case is
 
-* *met*: within all targets, and nothing speaks against it;
+* *met*: within all targets, and without a doubt;
 * *not sure*: the curve comes with doubts, right or wrong; *refused*: there is no curve;
-* *missed*: a target is missed, and nothing was said. This is the class by which users are hurt.
+* *missed*: a target is missed without a doubt. This class harms users.
 
-Beside every error stands what the points can tell at all, `bound_mm`: the Cramer-Rao bound on the RMS distance for a spline
-of the fewest points that draws the true curve to a twentieth of the noise, from the true points (no flying ones, no
-strays), their viewpoints and their noise. No estimator that is right on average comes below it; one that knows more of the
-cable than that it is a smooth tube may. Where a part was not seen, the bound grows with what is guessed there.
+Every error comes with `bound_mm`, the Cramer-Rao bound on the RMS distance for a spline of the fewest points that represents
+the true curve to a twentieth of the noise, from the true points (no flying ones, no strays), their viewpoints and their
+noise. No unbiased estimator is below it; one that assumes more of the cable than a smooth tube may be. In unseen parts the
+bound grows with the distance from the points.
 """
 
 import argparse
@@ -66,7 +66,7 @@ def guides(curve, radius, eye, count=10):
 
 
 def fewest_knots(curve, noise):
-    """The smallest spline that draws the curve to a twentieth of the noise (RMS)."""
+    """The smallest spline that represents the curve to a twentieth of the noise (RMS)."""
     at = np.linspace(0.0, 1.0, len(curve))
     for count in range(6, 80, 2):
         W = np.asarray(spline.weights(count, jnp.asarray(at * (count - 1))))
@@ -166,7 +166,7 @@ def specifications(quick: bool):
 
 
 def accuracy(wanted, results):
-    """The cases, added to the results and written as they come, so that an interrupted run can be gone on with."""
+    """The cases, added to the results and written one by one, so that an interrupted run can be continued."""
     done = {case["key"]: case for case in results.get("cases", [])}
     for key, specification in wanted.items():
         if key not in done:

@@ -1,9 +1,9 @@
-"""What a user waits for the first time and the second: whole commands, compilation included.
+"""Waiting time of a user at the first and the second run of whole commands, compilation included.
 
     python -m benchmarks.first_use [STUDY ...]
 
-Each command runs in a process of its own, once with an empty cache of compiled functions and once with what that run left.
-Studies named besides (blind cases of eight poses) are explained likewise; they are recorded by their folder's name.
+Each command runs in its own process, once with an empty cache of compiled functions and once with the cache of that run.
+Further studies given (blind cases of eight poses) are explained likewise, and recorded by their folder's name.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def commands(studies: list[Path], out: Path) -> dict[str, tuple[str, ...]]:
 
 
 def seconds(words: tuple[str, ...], cache: Path) -> float:
-    """How long a command takes with a cache folder."""
+    """Seconds of a command with a cache folder."""
     began = perf_counter()
     environment = {**os.environ, "SCAN2FLEX_CACHE": str(cache)}
     subprocess.run([*PROGRAM, *words], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)

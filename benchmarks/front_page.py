@@ -1,10 +1,10 @@
-"""What the README's first screen shows: the lines that come back from a first fit, and a real cable before and after.
+"""The README's first screen: the first lines of a fit, and a real cable before and after.
 
     python -m benchmarks.front_page
 
 Lines: the opening of the first fit of docs/first-cable.md, without the time. Picture (`docs/real-cable.png`): a wire on four
 depth images (`benchmarks.kinect_wires`; picked points: github.com/qj25/adapteddlo_muj) with a guessed stiffness and fitted.
-Beside it stands the error of each pose that the other three predict.
+Its titles include the error of each pose predicted from the other three.
 """
 
 import os
@@ -30,7 +30,7 @@ AFTER = {"color": "#c1272d", "lw": 1.6, "label": "after: fit of the four poses"}
 
 
 def first_lines() -> list[str]:
-    """What the first fit of the tutorial prints, up to the errors of its poses, and without the time that it took."""
+    """The output of the tutorial's first fit up to the errors of its poses, without its run time."""
     from typer.testing import CliRunner  # noqa: PLC0415
 
     from scan2flex_jax import fit, load_study  # noqa: PLC0415

@@ -1,10 +1,10 @@
-"""Bytes that nobody meant to write, given to every reader of the package.
+"""Broken and random bytes, given to every reader of the package.
 
-`python -m benchmarks.fuzz --inputs 100000` mutates valid files (pieces taken out, doubled, exchanged, bytes turned) or makes
-raw bytes, and lets the reader have them. A reader gives what it says, or raises `Scan2FlexError` with one line. Anything else
-is a failure: another exception, more than `LIMIT_S` seconds of processor time, more than `LIMIT_MB` of memory beyond what is
-there before. Failures are counted by where they come from, with the first input of each kept; the record is
-`benchmarks/results/fuzz.json`. The same seed gives the same inputs.
+`python -m benchmarks.fuzz --inputs 100000` mutates valid files (pieces removed, doubled, exchanged, bytes changed) or makes
+raw bytes, and passes them to a reader. A reader returns the contents, or raises `Scan2FlexError` with one line. Anything else
+is a failure: another exception, more than `LIMIT_S` seconds of processor time, more than `LIMIT_MB` of additional memory.
+Failures are counted by the line that raised them, with the first input of each; the record is `benchmarks/results/fuzz.json`.
+The same seed gives the same inputs.
 """
 
 import argparse
@@ -54,7 +54,7 @@ class Hang(BaseException):
 
 @dataclass
 class Reader:
-    """What is fuzzed: ``read(bytes)``, and valid ``seeds`` to begin from."""
+    """A fuzzed reader: ``read(bytes)``, and valid ``seeds`` to mutate."""
 
     read: Callable[[bytes], object]
     seeds: list[bytes]
@@ -171,7 +171,7 @@ def _restoring(stored, name, original):
 
 
 def attempt(reader: Reader, data: bytes) -> None:
-    """One input; what goes wrong is kept by the line of the package that it comes from."""
+    """One input; a failure is recorded under the line of the package that raised it."""
     began, fault = time.process_time(), None
     signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
     try:

@@ -1,8 +1,8 @@
-"""How long `import scan2flex_jax` takes, beside jax and equinox alone, each in processes of its own.
+"""Time of `import scan2flex_jax`, compared with jax and equinox alone, each in its own processes.
 
-`python -m benchmarks.imports` writes `benchmarks/results/imports.json`. Seconds are those that the processor spent (user and
-system), which other programs on the machine disturb least; the imports take turns, so that a slow spell meets all of them.
-The package's own import loads no JAX (reading a study needs none), so beside it stand those of the functions that compute.
+`python -m benchmarks.imports` writes `benchmarks/results/imports.json`. Seconds are processor seconds (user and system), which
+other programs on the machine disturb least; the imports alternate, so that a slow period affects all of them. The package's own
+import loads no JAX (reading a study needs none), so the imports of the computing functions are timed too.
 """
 
 import argparse
@@ -30,7 +30,7 @@ WHAT = {
 
 
 def processor_seconds(code: str) -> float:
-    """What a Python of its own spends on the code."""
+    """Processor seconds of the code in a new Python process."""
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)

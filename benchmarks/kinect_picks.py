@@ -1,4 +1,4 @@
-"""Points picked on a depth image: pixel coordinates and depth, made points in space by the pinhole model.
+"""Points picked on a depth image: pixel coordinates and depth, converted to points in space by the pinhole model.
 
     x = (u - c_u) z / f,   y = (v - c_v) z / f,   z = depth
 
@@ -7,7 +7,7 @@ the origin, so the depth noise is judged along the ray (`scan/refine.py`).
 
 Symbols: u, v pixel column and row; f focal length and (c_u, c_v) principal point (pixels); depth z (mm in the file, m here).
 Wrong intrinsics scale and bend the result: the part of the length that runs across the view goes with 1/f, and an unknown
-radial distortion adds to it. `length_sensitivity` says how much for a given set of picks.
+radial distortion adds to it. `length_sensitivity` computes the effect for a given set of picks.
 """
 
 import warnings

@@ -2,12 +2,12 @@
 
     SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires      (the folder that holds `wires-kinect`)
 
-Known are the weight per length and the length of 0.40 m; a pose's clamps are where its picks end, along the directions in
-which they end, and free of twist. What the images do not tell has tolerances: directions, places, length (the camera's focal
-length is nominal) and gravity, taken as the image's downward direction. The pose left out has no part in the fit, and none of
-its tolerances are used: its clamps are taken as they were read. Nothing is rotated, scaled or stretched onto anything. "All
-fitted" is the error of the four poses that a fit of all saw, with their tolerances used: what the published figures are
-closest to. "Explained" is the pose left out, predicted with the effects that `explain` finds in the other three.
+The weight per length and the length of 0.40 m are known; a pose's clamps are at the ends of its picks, along their directions
+there, without twist. Quantities that the images do not determine have tolerances: directions, places, length (the camera's
+focal length is nominal) and gravity, taken as the image's downward direction. The pose left out is not fitted, and its
+tolerances are not used: its clamps are taken as read. No shape is rotated, scaled or stretched to match. "All fitted" is the
+error of the four poses fitted together, with their tolerances used, which is closest to the published figures. "Explained" is
+the pose left out, predicted with the effects that `explain` finds in the other three.
 
 Published for these wires (Chen, Bretl, Pham, arXiv 2310.00911), mean node error over length, all poses known to the fit and
 measured curves rotated and stretched onto the simulated chord: adapted discrete elastic rod 1.33, 2.44, 3.05 %, MuJoCo's
@@ -88,7 +88,7 @@ def study_of(wire, paths, unseen=None):
 
 
 def fitted(wire, paths, unseen=None):
-    """The fit of a wire's poses; an error's sentence where there is none."""
+    """The fit of a wire's poses, or the sentence of its error."""
     from scan2flex_jax.errors import Scan2FlexError  # noqa: PLC0415
     from scan2flex_jax.fitting import fit  # noqa: PLC0415
 
@@ -99,7 +99,7 @@ def fitted(wire, paths, unseen=None):
 
 
 def explained(wire, paths, unseen) -> dict:
-    """What `explain` makes of three poses, and the error in the fourth with it; none where that pose is not solved."""
+    """The explanation of three poses, and the error of its prediction of the fourth; None if that pose is not solved."""
     from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
 
     e = explain(study_of(wire, paths, unseen))

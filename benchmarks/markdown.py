@@ -1,4 +1,4 @@
-"""What all pages of tables are made with: the record of a benchmark, a table in Markdown, and the line below it."""
+"""Shared by all pages of tables: the record of a benchmark, a table in Markdown, and the line below it."""
 
 import json
 
@@ -17,7 +17,7 @@ def table(head, rows) -> str:
 
 
 def made_on(entry) -> str:
-    """Where and when the figures were made, a sentence below the table."""
+    """Machine and date of the figures, in a sentence below the table."""
     m = entry["machine"]
     return (
         f"\n{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "

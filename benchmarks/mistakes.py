@@ -1,19 +1,19 @@
-"""Mistakes made to studies on purpose: what `check` and `fit` say of them, and whether they accuse studies without any.
+"""Deliberate mistakes in studies: are they named by `check` and `fit`, and is a study without any accused?
 
     SCAN2FLEX_DATA=... python -m benchmarks.mistakes      (the folder that holds `practice`, `textile-strip` and `black-wire`)
 
-Every kind of mistake is made to three simulated studies (the first of the practice studies, by number, that have centre
-curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake counts as
+Every mistake is applied to three simulated studies (the first of the practice studies, by number, that have centre curves,
+clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake counts as
 
-* *named* where `check_study` refuses the study, `check` warns or `fit` says so in its first three lines, with the right mend,
-  and the mended study fits as the one before the mistake (within a fifth);
-* *without trace* where the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
-* *warned* where the first three lines doubt the values without the name; else it is *missed*, and `explain` is run too.
+* *named* if `check_study` refuses the study, `check` warns or `fit` reports it in its first three lines, with the right remedy,
+  and the corrected study fits as the one before the mistake (within a fifth);
+* *without trace* if the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
+* *warned* if the first three lines doubt the values without naming it; else it is *missed*, and `explain` is run too.
 
-Then all other practice studies, most of them with an effect that they do not declare, are fitted as they are: whatever is
-called a mistake there is a false accusation.
+Then all other practice studies, most of them with an undeclared effect, are fitted as they are: any mistake named there is a
+false accusation.
 
-Cases that were recorded are kept, so that a run that was broken off goes on; `--again` makes them anew. The record is
+Recorded cases are kept, so that an interrupted run continues; `--again` repeats them. The record is
 `benchmarks/results/mistakes.json`.
 """
 
@@ -292,7 +292,7 @@ def fitted(study):
 
 
 def judged(study, clean, words, truth) -> dict:
-    """What is said of a mistaken study; ``clean`` is the fit before the mistake."""
+    """The result for a mistaken study; ``clean`` is the fit before the mistake."""
     begin = perf_counter()
     found = fitted(study)
     seconds = round(perf_counter() - begin, 1)
@@ -317,7 +317,7 @@ def judged(study, clean, words, truth) -> dict:
 
 
 def traceless(study, found, clean) -> bool:
-    """Whether the shapes cannot tell: the same ones fit the mistaken study as well, at the values that its fit finds, or at
+    """Whether the shapes do not reveal the mistake: they fit the mistaken study as well, at the values of its fit or at
     stiffnesses in proportion to its weight."""
     off = [found.poses[p.name].modelled - clean.poses[p.name].modelled for p in clean.study.fit_poses]
     if not found.turned and alike(off, found.rms(), clean.rms()):
@@ -346,7 +346,7 @@ def evaluated(study, shared, start=None):
 
 
 def same(mended, study) -> bool:
-    """Whether a mended study says what the study said before the mistake, up to a roll that both clamps of a pose share."""
+    """Whether a corrected study equals the study before the mistake, up to a roll common to both clamps of a pose."""
     pairs = list(zip(mended.poses, study.poses, strict=True))
     apart = [mended.gravity - study.gravity, mended.cable["length"] - study.cable["length"]]
     for a, b in pairs:
@@ -365,14 +365,14 @@ def _roll(a, b):
 
 
 def excluded(found, truth) -> bool | None:
-    """Whether an interval leaves the truth out; None where there is none to compare with."""
+    """Whether an interval excludes the truth; None without a truth."""
     known = {n: truth.get(f"true_{n}") for n in found.estimates}
     bars = [(e.low, known[n], e.high) for n, e in found.estimates.items() if known[n] is not None and e.low is not None]
     return any(not low <= true <= high for low, true, high in bars) if bars else None
 
 
 def explained(study) -> dict:
-    """What `explain` answers where nobody else says anything."""
+    """The answer of `explain` to a mistake that nothing else reports."""
     from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
 
     found = explain(study, elements=ELEMENTS, mesh=False)
@@ -380,7 +380,7 @@ def explained(study) -> dict:
 
 
 def accused(study) -> dict:
-    """What is said of a study without a mistake."""
+    """The result for a study without a mistake."""
     found = fitted(study)
     if isinstance(found, str):
         return {"says": found[-200:], "mistakes": []}
@@ -388,7 +388,7 @@ def accused(study) -> dict:
 
 
 def summed(cases, silent) -> dict:
-    """How often mistakes were named, and how often nobody was to blame."""
+    """Counts of named mistakes and of false accusations."""
     rows = [case for study in cases.values() for case in study.values() if case is not None]
     counts = {outcome: sum(r["outcome"] == outcome for r in rows) for outcome in (NAMED, WARNED, TRACELESS, MISSED)}
     wrong = [r for r in rows if r["outcome"] in (TRACELESS, MISSED) and r.get("excludes the truth") and not r.get("doubted")]

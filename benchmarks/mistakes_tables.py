@@ -1,4 +1,4 @@
-"""The table of docs/mistakes.md: what is said of mistakes made on purpose. See `benchmarks.tables`."""
+"""The table of docs/mistakes.md: deliberate mistakes and the step that names each. See `benchmarks.tables`."""
 
 from pathlib import Path
 

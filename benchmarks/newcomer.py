@@ -2,7 +2,7 @@
 
     python -m benchmarks.newcomer
 
-A clone, an empty environment, no compiled functions; then the very text of docs/first-cable.md and docs/python.md.
+A clone, an empty environment, no compiled functions; then the commands of docs/first-cable.md and docs/python.md as written.
 """
 
 import os
@@ -54,7 +54,7 @@ def write_files(clone: Path) -> None:
 
 
 def timed(cwd, *words, surroundings=None) -> float:
-    """Seconds that a command takes; what it says goes on only where it fails."""
+    """Seconds of a command; its output is shown only if it fails."""
     begin = perf_counter()
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | (surroundings or {})
     ran = subprocess.run(words, cwd=cwd, env=env, capture_output=True, text=True, check=False)

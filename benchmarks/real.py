@@ -1,10 +1,10 @@
-"""The loop on the real measurements that come with the package: what the plain rod leaves, what is named or not, and why.
+"""The loop on the real measurements of the package: residual of the baseline model, the effects named or not, and why.
 
     python -m benchmarks.real [--pages docs/real]
 
-Writes `results/real.json` and, with ``--pages``, a page with its picture for each study. The text of a page is made of what
-`explain` says; what is known independently (the twist at which a loop buckles) is compared with what the calibrated model
-predicts. Sources and licences: `scan2flex_jax/examples/README.md`.
+Writes `results/real.json` and, with ``--pages``, a page with its picture for each study. The text of a page is that of
+`explain`; an independent measurement (the twist at which a loop buckles) is compared with the prediction of the calibrated
+model. Sources and licences: `scan2flex_jax/examples/README.md`.
 """
 
 import argparse
@@ -31,7 +31,7 @@ ABOUT = {
 
 
 def variants(name, study):
-    """The study as it was measured, and with what a user might declare."""
+    """The study as measured, and with declarations that a user might add."""
     from scan2flex_jax.study import Tolerance  # noqa: PLC0415
 
     every = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
@@ -45,7 +45,7 @@ def variants(name, study):
 
 
 def told(e) -> dict:
-    """What an explanation says, in figures."""
+    """The figures of an explanation."""
     out = {"verdict": e.verdict, "sentences": list(e.sentences), "settle": list(e.settle), "seconds": e.seconds}
     if e.fit is None:
         return out

@@ -1,8 +1,8 @@
-"""Benchmarks are data: `record` writes the figures of one with the versions and the machine that made them.
+"""Records of benchmarks: `record` writes the figures with the versions and the machine that made them.
 
-Seconds differ from machine to machine and from hour to hour; ratios of two measurements of one run do not, so ratios are what
-is watched. A benchmark names its own, all of them written so that *smaller is better* (ours over theirs, warm over generic),
-and `conclude` holds them against the record that was committed.
+Seconds differ from machine to machine and from hour to hour; ratios of two measurements in one run do not, so ratios are
+compared. A benchmark defines its own, such that *smaller is better* (ours over theirs, warm over generic), and `conclude`
+compares them with the committed record.
 """
 
 import importlib.metadata
@@ -47,7 +47,7 @@ def one_processor() -> None:
 
 
 def conclude(name: str, results: dict, ratios: dict[str, float]) -> None:
-    """`record` at the end of a run; says which ratios are worse than the committed ones, and ends with code 1 if any is."""
+    """`record` at the end of a run; prints ratios that are worse than the committed ones, and exits with code 1 if any is."""
     before = committed(name).get("ratios", {})
     record(name, results, ratios)
     sentences = worse(before, ratios)
@@ -70,7 +70,7 @@ def worse(before: dict[str, float], now: dict[str, float], by: float = REGRESSIO
 
 
 def committed(name: str) -> dict:
-    """The record as it was committed last; without git, as it lies there; nothing if there is none."""
+    """The record as last committed; without git, the file; empty if there is none."""
     path = RESULTS / f"{name}.json"
     command = ["git", "-C", str(path.parent), "show", f"HEAD:./{path.name}"]
     try:
@@ -96,7 +96,7 @@ def timed(call, repeats: int, clock=perf_counter) -> dict:
 
 
 def timed_in_turn(calls: dict, repeats: int, clock=perf_counter) -> dict:
-    """The same of several calls, one after the other in each repeat, so that a slow spell of the machine meets all of them.
+    """Likewise for several calls, one after the other in each repeat, so that a slow period of the machine affects all of them.
 
     Calls that take long are timed by ``process_time``: no slice of a shared machine is long enough for them.
     """

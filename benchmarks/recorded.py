@@ -1,4 +1,4 @@
-"""Fits and answers of recorded studies, to hold a change of the code against the code before it.
+"""Fits and answers of recorded studies, to compare a change of the code with the code before it.
 
     python -m benchmarks.recorded --write        # record the answers of this code
     python -m benchmarks.recorded                # compare this code with the record
@@ -77,7 +77,7 @@ def answers(names: list[str]) -> dict:
 
 
 def differences(before: dict, now: dict) -> list[str]:
-    """A sentence for each fit or answer that is another one."""
+    """A sentence for each fit or answer that changed."""
     said = []
     for name, fit in now["fits"].items():
         old = before["fits"].get(name)

@@ -1,9 +1,9 @@
-"""Cables and poses far from what the package is made for: each is solved, or refused with a reason.
+"""Cables and poses outside the intended range: each is solved, or refused with a reason.
 
-`python -m benchmarks.robustness` takes every case through `equilibrium`, through `scan2flex check` and `simulate`, and, where a
-shape was found, through a fit to that shape. An outcome is "solved" (a stable equilibrium, all finite), "refused" (with
-the sentence), or "failure": a traceback, a number that is not finite or a length that no force explains without a verdict
-that says so, an exit code that is not 0, 2 or 3. The record is `benchmarks/results/robustness.json`.
+`python -m benchmarks.robustness` runs every case through `equilibrium`, through `scan2flex check` and `simulate`, and, if a
+shape was found, through a fit to that shape. An outcome is "solved" (a stable equilibrium, all finite), "refused" (with the
+sentence), or "failure": a traceback, an unreported number that is not finite or length that no force explains, an exit code
+that is not 0, 2 or 3. The record is `benchmarks/results/robustness.json`.
 """
 
 import argparse
@@ -138,7 +138,7 @@ def _clamp(position, quaternion):
 
 
 def commanded(*arguments: str) -> dict:
-    """A command in this process: exit code, and what it says."""
+    """A command in this process: exit code and output."""
     said, code = io.StringIO(), 0
     called = mock.patch.object(sys, "argv", ["scan2flex", *arguments])
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), called:
@@ -153,7 +153,7 @@ def commanded(*arguments: str) -> dict:
 
 
 def fitted(case: Case, folder: Path, points) -> dict:
-    """A fit to the shape that was found: the value back, or said not to be determined."""
+    """A fit to the shape that was found: it recovers the value, or reports it as not determined."""
     try:
         found = fit(load_study(written(case, folder, points, True)), elements=case.elements)
     except Scan2FlexError as error:
@@ -168,7 +168,7 @@ def fitted(case: Case, folder: Path, points) -> dict:
 
 
 def attempted(step, *arguments) -> dict:
-    """A step with what it took; an exception is a failure."""
+    """A step with its time; an exception is a failure."""
     begin = perf_counter()
     try:
         out = step(*arguments)
@@ -180,7 +180,7 @@ def attempted(step, *arguments) -> dict:
 
 
 def run(case: Case, folder: Path, fits: bool = True) -> dict:
-    """Every way through the package that a case can go."""
+    """Every step of the package on one case."""
     found = attempted(solved, case)
     points = found.pop("points", None)
     model, boundary = _scene(case)

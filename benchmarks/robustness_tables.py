@@ -9,7 +9,7 @@ WAYS = ("equilibrium", "check", "simulate", "fit")
 
 
 def extremes() -> str:
-    """Every case by what came of it on each way through the package, with the reason where it was refused."""
+    """Outcome of every case in each step of the package, with the reason of a refusal."""
     entry = load("robustness")
     rows = []
     for name, ways in entry["results"]["cases"].items():
@@ -22,7 +22,7 @@ def extremes() -> str:
 
 
 def fuzz() -> str:
-    """Every reader: how many broken inputs it got, how many it refused, the slowest, and what failed."""
+    """Every reader: number of broken inputs and of refusals, the slowest, and failures."""
     entry = load("fuzz")
     rows = []
     for name, r in entry["results"]["readers"].items():
@@ -35,7 +35,7 @@ def fuzz() -> str:
 
 
 def branches() -> str:
-    """Random twisted studies: how many were believed, and how their estimates lie about the truth."""
+    """Random twisted studies: number of believed fits, and the errors of their estimates."""
     entry = load("branches")
     r, rows = entry["results"]["summary"], []
     for letters in ("EI", "GJ"):
@@ -62,7 +62,7 @@ _ATTACKED = {
 
 
 def attacks() -> str:
-    """Every class of attacks: how many tries, what came of them, and what failed first."""
+    """Every class of attacks: number of tries, their outcomes, and the first failure."""
     entry = load("attacks")
     r, rows = entry["results"], []
     for name, c in r["classes"].items():

@@ -1,11 +1,11 @@
-"""Does a scan raise alarms of its own, and does it hide what curves would show?
+"""`explain` on scans compared with curves: false alarms, and effects that are named from both.
 
     python -m benchmarks.scan_alarms --json FILE [--none 40] [--strong 20] [--seed 1] [--only n001,e003] [--record]
 
 Cables, poses and true shapes come from the independent rod of `benchmarks.blind`; the package's scanner sees them from one to
 three sides, with clamp blocks, its noise, outliers and hidden backs. `none` studies miss nothing: any verdict but "no missing
-effect" is an alarm. `strong` ones miss one effect of 4 to 10 times the noise of `SENSED`; the same poses as curves with white
-noise of that size stand beside, and the scan should name what they name. What is in the file of an earlier run is kept.
+effect" is an alarm. `strong` ones miss one effect of 4 to 10 times the noise of `SENSED`; the scan should name the same
+effect as curves of the same poses with white noise of that size. Results of an earlier run in the file are kept.
 """
 
 import argparse
@@ -108,7 +108,7 @@ def studies(key, made, folder):
 
 
 def answered(study) -> dict:
-    """What `explain` says, or how it failed."""
+    """The answer of `explain`, or its failure."""
     from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
 
     began = perf_counter()
@@ -139,7 +139,7 @@ def one(seed, index, kinds) -> dict:
 
 
 def table(rows: dict) -> dict:
-    """Alarms of studies with nothing missing, and how many of the others are named as from curves."""
+    """Alarms of studies with nothing missing, and the number of others named as from curves."""
     none = [r for r in rows.values() if not r["kinds"]]
     some = [r for r in rows.values() if r["kinds"]]
     return {
@@ -154,19 +154,19 @@ def table(rows: dict) -> dict:
 
 
 def named(row, data) -> set:
-    """The kinds that an answer names."""
+    """The effect types that an answer names."""
     told = row.get(data, {})
     return {c["kind"] for c in told.get("chosen", [])} if told.get("verdict") in NAMED else set()
 
 
 def answer(row, data) -> tuple:
-    """The verdict, and the kinds that it rests on."""
+    """The verdict, and its effect types."""
     told = row.get(data, {})
     return told.get("verdict"), {c["kind"] for c in told.get("chosen", [])}
 
 
 def wanted(args) -> dict:
-    """Name, place in the seed's sequence, and kinds of each case."""
+    """Name, place in the seed's sequence, and effect types of each case."""
     kinds = list(np.random.default_rng([args.seed, 0, 0, 3]).permutation(list(effects.CATALOGUE)))
     out = {f"n{k + 1:03d}": (k, ()) for k in range(args.none)}
     out |= {f"e{k + 1:03d}": (1000 + k, (str(kinds[k % len(kinds)]),)) for k in range(args.strong)}

@@ -1,4 +1,4 @@
-"""The tables of docs/scanning.md: what extraction and direct fits made of simulated scans. See `benchmarks.tables`."""
+"""The tables of docs/scanning.md: extraction from simulated scans, and direct fits to them. See `benchmarks.tables`."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +22,7 @@ def _row(name, cases, target):
 
 
 def _over(case, target) -> float:
-    """How many times the worst of its errors is what is asked for."""
+    """The largest ratio of an error to its target."""
     return max(case["rms_over_noise"] / target, case["bias_over_radius"] / 0.2, abs(case["length_error"]) / 0.005)
 
 
@@ -44,7 +44,7 @@ def extraction() -> str:
 
 
 def kinds() -> str:
-    """By what else is in the scan or in the user's hands."""
+    """By other features of the scan: gap, table, guide points."""
     entry = load("extraction")
     cases, target = entry["results"]["cases"], entry["results"]["targets"]
     chosen: dict[str, Callable] = {

@@ -1,4 +1,4 @@
-"""The tables of docs/sweeps.md: lanes in a loop and in batches. See `benchmarks.tables`."""
+"""The tables of docs/sweeps.md: samples in a loop and in batches. See `benchmarks.tables`."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "sweeps.md"
 
 
 def batches() -> str:
-    """Milliseconds of a lane by what one compiled call does with how many lanes."""
+    """Milliseconds of a sample, by the number of samples in one compiled call and their evaluation."""
     entry = load("sensitivity")
     ms = entry["results"]["batches"]["a loop and vmap"]["ms per lane"]
     first = next(iter(ms.values()))
@@ -17,7 +17,7 @@ def batches() -> str:
 
 
 def order() -> str:
-    """Steps that batches of 16 run over the steps that their lanes need."""
+    """Steps of batches of 16 over the steps that their samples need."""
     entry = load("sensitivity")
     b = entry["results"]["batches"]["a loop and vmap"]
     rows = [[name, f"{x:.2f}"] for name, x in b["steps of batches of 16 over steps of the lanes"].items()]

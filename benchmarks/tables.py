@@ -2,7 +2,7 @@
 
 `python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
 `<!-- end -->`. A figure that a record lacks is a dash. Tables of the README, docs/first-cable.md, docs/accuracy.md and
-docs/compared.md are here; those of the other pages are in modules of their own.
+docs/compared.md are here; those of the other pages are in their own modules.
 """
 
 import math
@@ -126,7 +126,7 @@ def _lines(t, keys) -> list[list[str]]:
 
 
 def background() -> str:
-    """The loop on blind cases in which each pose deviates by itself: the record `background` of `benchmarks.blind_score`."""
+    """The loop on blind cases with a random deviation of each pose: the record `background` of `benchmarks.blind_score`."""
     entry = load("background")
     return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _BACKGROUND)) + made_on(entry)
 
@@ -149,7 +149,7 @@ def blind() -> str:
 
 
 def _calibrated() -> list[str]:
-    """The rate of false alarms in all cases with nothing missing that there are."""
+    """The rate of false alarms in all cases with nothing missing."""
     c = load("calibration")["results"]
     words = "the same in all such cases of three seeds, opened before (p-values against uniform ones: Kolmogorov-Smirnov)"
     rate = f"{100 * c['share']:.1f} % of {c['cases']} ({100 * c['low']:.1f} to {100 * c['high']:.1f} %)"
@@ -181,7 +181,7 @@ def firstuse() -> str:
 
 
 def sensitivity() -> str:
-    """Recovery from grids of guesses, and what turned clamps do to the estimates."""
+    """Recovery from grids of guesses, and errors of the estimates under turned clamps."""
     entry = load("sensitivity")
     r, rows = entry["results"], []
     for name, g in r["guesses"].items():
@@ -209,7 +209,7 @@ def sensitivity() -> str:
 
 
 def _earlier(figures) -> str:
-    """Says of figures that a sweep of the release before made that they are its own."""
+    """A note on figures that come from a sweep of the previous release."""
     return ", earlier run" if figures.get("by") == "the release before" else ""
 
 

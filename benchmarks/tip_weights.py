@@ -1,4 +1,4 @@
-"""Weights at the tips of real cables, left undeclared: are they found, how heavy, and what poses never seen gain.
+"""Undeclared weights at the tips of real cables: are they found, with which mass, and is the prediction of unseen poses better?
 
     git clone https://github.com/sebtiburzio/PAC_model_matlab
     git clone https://github.com/sebtiburzio/floating_PAC_model
@@ -9,14 +9,15 @@ a vertical plane, a marker in the middle and one at the end (MSc thesis TU Delft
 licence, so nothing of them is kept here: the record holds what this package makes of them.
 
 How a row is read (x to the side, z up, metres, radians): the clamp is turned by `Gamma` about y from a cable that hangs down,
-`X, Z` are the markers in the turned frame, at L/2 and L. The plain rod says whether that is right: read with the other sign of
-`Gamma`, or of gravity, it must fit worse (`reading` in the record). Poses are planar, so GJ is a given number that they do not
-feel. Sorted by angle, every third pose is fitted from the first on; the others have no part in anything but `validate`.
+`X, Z` are the markers in the turned frame, at L/2 and L. The baseline fit checks this reading: with the other sign of
+`Gamma`, or of gravity, it must be worse (`reading` in the record). Poses are planar, so GJ is a given number without
+influence on them. Sorted by angle, every third pose is fitted from the first on; the others have no part in anything but
+`validate`.
 
 Seven questions per cable, each with the noise of a marker unstated and as 1 mm:
 
 * `without`: what is missing when only the fitting is on (it is known, 0.03 kg of point mass at the tip);
-* `carried over`: what the answer to that, nothing fitted, predicts of the poses with the weight;
+* `carried over`: prediction of the poses with the weight by the answer to that, nothing fitted;
 * `with`: the weight on and undeclared, EI and the effects from `without` as an experimenter would carry them over;
 * `with, alone`: the same poses with nothing carried over;
 * `both`: both series in one study, the weight an unknown point mass that acts in its own poses;
@@ -101,7 +102,7 @@ def poses_of(series: Series, noise, sign=1.0) -> list[dict]:
 
 
 def cable_of(series: Series) -> dict:
-    """What is stated of a cable."""
+    """The stated properties of a cable."""
     known = {"length": series.length, "radius": series.diameter / 2, "length_density": series.mass / series.length}
     return known | {"torsional_stiffness": GJ}
 
@@ -191,7 +192,7 @@ def together(without: Series, with_weight: Series, noise, known_weight=False, so
 
 
 def of_explanation(found, seconds) -> dict:
-    """What an explanation says, in figures."""
+    """The figures of an explanation."""
     told = found.to_json()
     kept = ("verdict", "chosen", "estimates", "before", "after", "discrepancy", "noise", "test", "settle")
     out = {key: told[key] for key in kept if key in told} | {"added": [r.in_short() for r in found.added]}
@@ -200,7 +201,7 @@ def of_explanation(found, seconds) -> dict:
 
 
 def of_fit(found, seconds) -> dict:
-    """What a fit says, in figures; RMS distances in m."""
+    """The figures of a fit; RMS distances in m."""
     told = found.to_json()
     out = {key: told[key] for key in ("estimates", "noise", "discrepancy") if key in told}
     after = {f"rms_{role}": found.rms(role) for role in ("fit", "validate") if np.isfinite(found.rms(role))}
@@ -218,7 +219,7 @@ def asked(call, tell) -> tuple:
 
 
 def reading(series: Series) -> dict:
-    """RMS distance (m) that the plain rod leaves with the angles, and gravity, read one way and the other."""
+    """RMS distance (m) of the baseline fit with either sign of the angles and of gravity."""
     from scan2flex_jax.fitting import fit  # noqa: PLC0415
 
     out = {}
@@ -273,7 +274,7 @@ def named(chosen, fitting) -> str:
 
 
 def main() -> None:
-    """All cables that were asked for; what is in the file of an earlier run is kept."""
+    """All selected cables; results of an earlier run in the file are kept."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clone", type=Path, help="work tree of PAC_model_matlab")
     parser.add_argument("--parameters", type=Path, help="work tree of floating_PAC_model; left out: it lies beside the other")

@@ -32,7 +32,7 @@ def weights() -> str:
 
 
 def brief() -> str:
-    """The README's: what was found of each cable, and poses never seen before and after."""
+    """The short table: the finding for each cable, and the error of unseen poses before and after."""
     entry = load("tip_weights")
     rows = []
     for cable, r in entry["results"].items():

@@ -1,7 +1,7 @@
 """The paper's two physical experiments (Section 6.1) as virtual ones, fitted to curves and to clouds side by side.
 
 `python -m benchmarks.virtual_experiments [--seeds N] [--pictures FOLDER]` from the repository's root writes
-`benchmarks/results/virtual_experiments.json`. Their scans were never published, so the numbers that the paper found are the
+`benchmarks/results/virtual_experiments.json`. Their scans were never published, so the stiffnesses found in the paper are the
 truth here: true shapes are those of the continuous equations (`tests/reference/cosserat_bvp.py`), not of the package's rod,
 and the package's scanner sees them with its noise, outliers, hidden backs, a clamp block at each end and a table. Eight
 guide points per pose are marked roughly on the seen side, as in the paper.
@@ -163,7 +163,7 @@ def _fine(points):
 
 
 def one_run(x: Experiment, study: Study, data: str):
-    """A fit and what it found beside the truth, or why it failed."""
+    """A fit compared with the truth, or the reason of its failure."""
     begin = perf_counter()
     try:
         f = fit(study, data=data)

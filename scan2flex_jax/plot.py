@@ -101,7 +101,7 @@ def _modelled_as(fit, name, pose):
 
 
 def _before(fit) -> "Fit | None":
-    """The plain fit of an explanation that added an effect."""
+    """The baseline fit of an explanation that added an effect."""
     return fit.fit if getattr(fit, "added", None) else None
 
 
@@ -154,7 +154,7 @@ def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Pa
     kinds = figure.canvas.get_supported_filetypes()
     kind = path.suffix.lstrip(".").lower() or "png"
     if kind not in kinds:
-        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
+        raise Scan2FlexError(f"{path.name} is not a picture: name a file that ends in .png, .svg or .pdf")
     figure.savefig(picture, format=kind, dpi=dpi)
     write(path if path.suffix else path.with_suffix(".png"), picture.getvalue())
 
@@ -245,7 +245,7 @@ def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10)
         ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
     ax.axvline(0.0, color="k", lw=0.8)
     low, high = ax.get_xlim()
-    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # room for the words
+    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the baseline model (nats)")  # room for the words
     return ax
 
 

@@ -14,8 +14,8 @@ from scan2flex_jax.errors import Scan2FlexError
 
 _HELP = """Find the stiffness of a cable from its measured shapes.
 
-Begin with a study: `scan2flex new DIR` makes one from scans or centre curves, `scan2flex check` says what it holds,
-`scan2flex report` puts everything on one page.
+Begin with a study: `scan2flex new DIR` makes one from scans or centre curves, `scan2flex check` describes it,
+`scan2flex report` puts all results on one page.
 """
 
 app = typer.Typer(
@@ -35,13 +35,13 @@ for _command in (
 
 
 def main() -> None:
-    """Entry point: faults in the input are one sentence and exit code 2."""
+    """Entry point: a fault of the input ends in one sentence and exit code 2."""
     try:
         _run()
     except SystemExit as end:
         if not any(t is not threading.main_thread() and not t.daemon for t in threading.enumerate()):
             raise
-        # the answer, or the refusal, is there: nobody waits for what is still being compiled ahead, which cannot be stopped
+        # the output is complete: do not wait for a thread that still compiles ahead, which cannot be stopped
         for stream in (sys.stdout, sys.stderr):
             stream.flush()
         os._exit(end.code if isinstance(end.code, int) else int(end.code is not None))
@@ -49,7 +49,7 @@ def main() -> None:
 
 def _run() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # names that the terminal's encoding does not know
+        sys.stdout.reconfigure(errors="backslashreplace")  # for names outside the terminal's encoding
     try:
         app()
     except Scan2FlexError as error:

@@ -1,11 +1,11 @@
-"""The cache of compiled functions: where it lies, and entries that are whole.
+"""The cache of compiled functions: its folder, and entries with a checksum.
 
-It lies in ``$SCAN2FLEX_CACHE``, by default ``scan2flex`` under the user's cache folder; ``SCAN2FLEX_CACHE=off`` does
-without. It holds nothing but compiled functions and may be deleted at any time. They are machine code: a folder of another
-user (the administrator apart) is not used. Without a folder of one's own, it lies in the folder for temporary files.
+The folder is ``$SCAN2FLEX_CACHE``, by default ``scan2flex`` under the user's cache folder; ``SCAN2FLEX_CACHE=off`` disables
+the cache. It holds only compiled functions and may be deleted at any time. They are machine code, so a folder that belongs to
+another user (except the administrator) is not used: the cache then lies in the folder for temporary files.
 
-JAX compiles a function anew when its entry is damaged, warns, and keeps the damaged entry. Here every entry begins with the
-SHA-256 of its key and itself, is put there in one step, and is thrown away when it is not what was written under this key.
+JAX recompiles a function whose entry is damaged, warns, and keeps the damaged entry. Here every entry begins with the SHA-256
+of its key and content, is written in one step, and is deleted if the checksum does not match.
 """
 
 import contextlib
@@ -21,17 +21,17 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 class Entries:
-    """Entries by key, as `jax._src.compilation_cache_interface.CacheInterface` has them."""
+    """Entries by key, with the interface of `jax._src.compilation_cache_interface.CacheInterface`."""
 
     def __init__(self, folder: Path):
-        """`folder` need not be there."""
+        """`folder` need not exist."""
         self._path = folder
 
     def get(self, key: str) -> bytes | None:
-        """What was put under a key; None where nothing is, or not the whole of it."""
+        """The value stored under a key; None if it is missing or damaged."""
         file = self._file(key)
         with contextlib.suppress(OSError):
-            if not file.is_file():  # a pipe would be waited for
+            if not file.is_file():  # reading a pipe would block
                 return None
             data = file.read_bytes()
             if _digest(key, data[_DIGEST:]) == data[:_DIGEST]:
@@ -40,7 +40,7 @@ class Entries:
         return None
 
     def put(self, key: str, value: bytes) -> None:
-        """Keep a value, in one step; a folder that takes nothing (read-only, full) costs no result."""
+        """Store a value in one step; a folder that is read-only or full is ignored."""
         from scan2flex_jax.study.files import write_atomic  # noqa: PLC0415
 
         with contextlib.suppress(OSError):
@@ -55,7 +55,7 @@ def _digest(key: str, value: bytes) -> bytes:
 
 
 def cache_folder() -> Path | None:
-    """The folder of the cache, made where it was not there; None where there is none. Says so where it is not the usual."""
+    """The folder of the cache, created if missing; None without a cache. A fallback is reported on standard error."""
     given = os.environ.get("SCAN2FLEX_CACHE")
     if given == "off":
         return None
@@ -78,7 +78,7 @@ def _user() -> int:
 
 
 def _own(folder: Path) -> Path:
-    """A folder that is there, and belongs to this user or the administrator; raises `OSError`."""
+    """The folder, created if missing; raises `OSError` unless it is readable and belongs to this user or the administrator."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = folder.stat()
     writable_by_all = stat.S_IMODE(found.st_mode) & stat.S_IWOTH
@@ -95,7 +95,7 @@ def _entries(path: str) -> tuple[Entries, str]:
 
 
 def keep_compiled(folder: Path) -> None:
-    """Let JAX keep compiled functions in a folder, through `Entries`; versions that have no place for them do it themselves."""
+    """Make JAX store compiled functions in a folder, through `Entries` where its version has a hook for another storage."""
     import jax  # noqa: PLC0415
 
     jax.config.update("jax_compilation_cache_dir", str(folder))
@@ -105,4 +105,4 @@ def keep_compiled(folder: Path) -> None:
         from jax._src import compilation_cache as own  # noqa: PLC0415  (no public way to exchange the storage)
 
         if hasattr(own, "get_file_cache"):
-            own.get_file_cache = _entries  # type: ignore[assignment]  # an Entries does what it asks for
+            own.get_file_cache = _entries  # type: ignore[assignment]  # same interface

@@ -1,4 +1,4 @@
-"""Commands about what the model lacks: explain, plan."""
+"""Commands that search for missing physics and for the next pose to measure: explain, plan."""
 
 from pathlib import Path
 from typing import Annotated
@@ -59,9 +59,9 @@ def explain(
 def plan(
     study: StudyFolder, json: JsonFile = None, elements: Elements = 40, force: Force = False, quiet: Quiet = False
 ) -> None:
-    """Rank poses that could be scanned next by what they would settle.
+    """Rank candidate poses by how much they would add to the answer.
 
-    The clamps of the first poses are varied: twisted, rolled, nearer, aside. Poses of your own: `scan2flex_jax.plan` in Python.
+    Candidates vary the clamps of the first poses: twisted, rolled, nearer, aside. For your own poses use `scan2flex_jax.plan`.
 
     Example: scan2flex plan my-cable --json next.json
     """
@@ -75,7 +75,7 @@ def plan(
     from scan2flex_jax.diagnosis import plan as rank  # noqa: PLC0415
 
     result = explained(loaded, elements, quiet=quiet)
-    with progress("solving poses that could be scanned", quiet):
+    with progress("solving candidate poses", quiet):
         ranked = rank(result)
     say("\n" + ranked.summary())
     if json:

@@ -21,9 +21,9 @@ def extract(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the centre curves of scanned poses and write them into the study.
+    """Extract the centre curves of scanned poses and write them into the study.
 
-    Ends with exit code 3 when something speaks against one of the curves; the sentence says what.
+    Ends with exit code 3 if a curve is doubtful; its sentence gives the reason.
 
     Example: scan2flex extract my-cable --figures pictures
     """
@@ -51,7 +51,7 @@ def extract(
             save_picture(one, pictures[name], name, outputs.write)
             if pictures[name].stem != name:
                 say(f"  its picture is {pictures[name]}")
-    said = "which names them" if curves else "as it was: every pose with a scan has its centre curve"
+    said = "with these curves" if curves else "unchanged: every pose with a scan has its centre curve"
     say(f"written: {toml}, {said}")
     if json:
         outputs.write_json(json, {n: _curve_to_json(c) for n, c in curves.items()})

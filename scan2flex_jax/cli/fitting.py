@@ -72,9 +72,9 @@ def fit(
 
     with progress(f"fitting {loaded.title}", quiet) as tell:
         asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}, {elements} elements"
-        tell(f"{asked}; a first fit compiles before it moves")
+        tell(f"{asked}; the first fit compiles first")
         result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
-        tell("what the estimates rest on")
+        tell("influence of each pose and of the stated values")
         said = result.summary()
     say(said)
     if json:
@@ -89,7 +89,7 @@ def fit(
 
 
 def _poses(study) -> str:
-    """How many poses are fitted, and how many are kept."""
+    """The numbers of fitted and of validate poses, in words."""
     fitted, kept = len(study.fit_poses), len(study.validate_poses)
     return f"{fitted} pose{'s' * (fitted > 1)}" + (f" ({kept} more never fitted)" if kept else "")
 
@@ -134,7 +134,7 @@ def demo(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Fit two studies that come with the package, and find what the rod lacks for the real wire.
+    """Fit two studies that come with the package, and search for physics missing from the model of the real wire.
 
     Example: scan2flex demo --out pictures
     """
@@ -152,11 +152,11 @@ def demo(
 
     cable, wire = (load_study(example_path(name)) for name in names)
     ahead = AheadCompiler()
-    ahead.start(wire)  # beside the fits: half of the time is compilation, on the second core
+    ahead.start(wire)  # half of the time is compilation: it runs on a second core during the fits
     plot = drawing()
     for name, loaded in zip(names, (cable, wire), strict=True):
         with progress(f"fitting {name}", quiet) as tell:
-            result = run(loaded, progress=tell, slots=empty_slots_of(loaded))  # compiled for the search too
+            result = run(loaded, progress=tell, slots=empty_slots_of(loaded))  # functions that the search reuses
         say(result.summary())
         plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
         outputs.write_json(out / f"{name}.json", result.to_json())

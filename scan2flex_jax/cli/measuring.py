@@ -25,11 +25,11 @@ Units = Annotated[
     str | None,
     typer.Option(help=f"Unit of lengths in the files: {', '.join(_UNITS)}.", autocompletion=choices(*_UNITS)),
 ]
-Columns = Annotated[str | None, typer.Option(help="What the columns of a curve are, as in s,x,y,z or -,x,y,z.")]
+Columns = Annotated[str | None, typer.Option(help="Columns of a curve, as in s,x,y,z or -,x,y,z.")]
 Convention = Annotated[
     str | None,
     typer.Option(
-        help="What three angles mean: kuka, fanuc, staubli, kawasaki, rpy, rotvec, or axes (ZYX moving, xyz fixed).",
+        help="Convention of three angles: kuka, fanuc, staubli, kawasaki, rpy, rotvec, or axes (ZYX moving, xyz fixed).",
         autocompletion=choices(*_CONVENTIONS),
     ),
 ]
@@ -60,14 +60,14 @@ def new(
     convention: Convention = None,
     radians: Radians = False,
     tangent: Tangent = "z",
-    gravity: Annotated[str | None, typer.Option(help="Gravity in the scan frame, m/s^2; left out, 0,0,-9.81.")] = None,
-    validate: Annotated[list[str] | None, typer.Option(help="A pose that no fit may use; may be repeated.")] = None,
+    gravity: Annotated[str | None, typer.Option(help="Gravity in the scan frame, m/s^2; default: 0,0,-9.81.")] = None,
+    validate: Annotated[list[str] | None, typer.Option(help="Validate pose, which no fit uses; may be repeated.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the study.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the study; left out, DIR itself.", callback=folder_to_write)
+        Path | None, typer.Option(help="Folder of the study; default: DIR itself.", callback=folder_to_write)
     ] = None,
 ) -> None:
-    """Start a study from a folder of scans or centre curves; asks for what it cannot know.
+    """Make a study from a folder of scans or centre curves; prompts for missing values.
 
     Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
     """
@@ -118,26 +118,26 @@ def _length_and_weight(length, density, mass):
 
 
 def _validated(given, poses):
-    """Names of the poses that no fit may use."""
+    """Names of the validate poses."""
     if given is None and interactive() and len(poses) > 1:
-        question = "Poses that no fit may use, apart by commas (they judge the answer)"
+        question = "Validate poses, which judge the fit and are not fitted, separated by commas"
         answer = typer.prompt(question, default="", show_default=False)
         given = [name.strip() for name in answer.split(",") if name.strip()]
     return tuple(given or ())
 
 
 def _assumed(gravity, units, tangent, frames):
-    """What was taken for granted because no option said it."""
+    """Defaults that were used because their option was omitted."""
     down = ", ".join(f"{g:g}" for g in _gravity(None))
     said = [f"assumed: gravity is {down} m/s^2 in the scan frame (--gravity)"] if gravity is None else []
-    said += ["assumed: lengths in the files are in metres where a file does not say it (--units)"] if units is None else []
+    said += ["assumed: lengths are in metres in files that name no unit (--units)"] if units is None else []
     if frames is not None and tangent == "z":
         said.append("assumed: the cable leaves each frame along its z axis, from start to end (--tangent)")
     return said
 
 
 def _suggest_tangent(study, tangent):
-    """The axis that was probably meant, where the cable leaves every clamp along another one."""
+    """Suggest another --tangent if the cable leaves every clamp along another axis."""
     from scan2flex_jax.convert import other_tangent  # noqa: PLC0415
     from scan2flex_jax.study import pose_facts  # noqa: PLC0415
     from scan2flex_jax.study.visible import visible_mistakes  # noqa: PLC0415
@@ -162,7 +162,7 @@ def _scans(study):
 
 
 def _quantity(given, what, question, option):
-    """A quantity and its standard deviation, given or asked for."""
+    """A quantity and its standard deviation, from the option or a prompt."""
     from scan2flex_jax.convert import measured  # noqa: PLC0415
 
     if given is not None:
@@ -184,12 +184,12 @@ def _numbers(text, count, what):
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise Scan2FlexError(f"the {what} {text[:60]!r} is not {count} numbers: write them apart by commas or blanks.")
+        raise Scan2FlexError(f"the {what} {text[:60]!r} is not {count} numbers: separate them by commas or blanks.")
     return values
 
 
 def _asked_clamps(poses, units, convention, degrees, tangent):
-    """Clamps by name, one question an end; None when they are to be taken from the curves."""
+    """Clamps by name, one prompt per end; None if they are taken from the curves."""
     import numpy as np  # noqa: PLC0415
 
     from scan2flex_jax.convert import clamp_of_angles, length_unit  # noqa: PLC0415
@@ -259,7 +259,7 @@ def pose(
         values = _numbers(matrix, 12 if count == 12 else 16, "matrix")
         found = {"": clamp_of_matrix(np.reshape(values, (-1, 4)), units=unit, tangent=tangent)}
     elif angles is None or convention is None:
-        raise Scan2FlexError("a position needs --angles and what they mean: --convention kuka, rpy, or axes as in ZYX.")
+        raise Scan2FlexError("a position needs --angles and their --convention: kuka, rpy, or axes as in ZYX.")
     else:
         where = _numbers(position, 3, "position"), _numbers(angles, 3, "angles")
         found = {"": clamp_of_angles(*where, convention, units=unit, degrees=not radians, tangent=tangent)}
@@ -302,7 +302,7 @@ def curve(
 
 
 def check(study: StudyFolder, json: JsonFile = None, force: Force = False) -> None:
-    """Read a study; say what it holds and what is wrong with it.
+    """Read a study; print its contents and warnings.
 
     Example: scan2flex check my-cable
     """
@@ -323,7 +323,7 @@ def check(study: StudyFolder, json: JsonFile = None, force: Force = False) -> No
 
 
 def _measured(pose, scan):
-    """What was measured of a pose, for the JSON of `check`."""
+    """The measurements of a pose, for the JSON of `check`."""
     markers = 0 if pose.markers is None else len(pose.markers.points)
     return {"role": pose.role, "curve": pose.curve is not None, "scan": scan, "markers": markers}
 

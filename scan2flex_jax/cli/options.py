@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, options that several have, and the steps that several take."""
+"""Exit codes, options and steps that several commands share."""
 
 import os
 import sys
@@ -21,7 +21,7 @@ EXIT_CODES = (
 
 
 def file_to_write(path: Path | None) -> Path | None:
-    """The file that an option names, refused before anything is computed where it could not be written after."""
+    """The file that an option names; one that cannot be written is refused before anything is computed."""
     if path is not None:
         if path.is_dir():
             raise Scan2FlexError(f"{path} is a folder: name a file in it.")
@@ -42,20 +42,20 @@ def _stream(path: Path) -> bool:
 
 
 def folder_to_write(path: Path | None) -> Path | None:
-    """The folder that an option names; it need not be there, but somebody must be able to make it."""
+    """The folder that an option names; it need not exist, but it must be possible to create it."""
     if path is not None:
         there = next(p for p in (path, *path.absolute().parents) if p.exists() or p.is_symlink())
         if not there.is_dir():
-            raise Scan2FlexError(f"{there} is no folder: name another place for {path.name}.")
+            raise Scan2FlexError(f"{there} is not a folder: name another place for {path.name}.")
         if not os.access(there, os.W_OK | os.X_OK):
-            raise Scan2FlexError(f"{there}: nothing may be written there: name another place.")
+            raise Scan2FlexError(f"{there} is not writable: name another place.")
     return path
 
 
 def picture_to_write(path: Path | None) -> Path | None:
     """The picture that an option names."""
     if path is not None and path.suffix.lower() not in PICTURES:
-        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in {', '.join(PICTURES)}.")
+        raise Scan2FlexError(f"{path.name} is not a picture: name a file that ends in {', '.join(PICTURES)}.")
     return file_to_write(path)
 
 
@@ -74,12 +74,12 @@ def choices(*names: str):
 
 
 def interactive() -> bool:
-    """Whether somebody is there to be asked."""
+    """Whether standard input is a terminal, so that the user can be prompted."""
     return sys.stdin.isatty()
 
 
 def explained(study, elements: int, ahead=None, quiet: bool = False):
-    """The explanation of a study; its summary is printed. ``ahead`` (an `AheadCompiler`) may have begun to compile."""
+    """Explain a study and print the summary; ``ahead`` (an `AheadCompiler`) may have begun to compile."""
     from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
 
@@ -113,14 +113,14 @@ def explanation_pictures(folder: Path) -> tuple[Path, Path]:
 
 
 def draw_explanation(result, folder: Path, write) -> None:
-    """Pictures of the evidence, the residuals and the shapes, put there by ``write(path, bytes)``."""
+    """Pictures of the evidence, the residuals and the shapes, written by ``write(path, bytes)``."""
     plot = drawing()
     for figure, file in zip((plot.explained(result), plot.overview(result)), explanation_pictures(folder), strict=True):
         plot.save(figure, file, write=write)
 
 
 def asked_or_refused(question: str, option: str, check, default: str | None = None):
-    """``check(answer)`` of what a person answers; where nobody is there to be asked, a refusal that names the option."""
+    """``check(answer)`` of the answer to a prompt; without a terminal, an error that names the option."""
     if not interactive():
         raise Scan2FlexError(f"{question} is not known: give {option}.")
     while True:

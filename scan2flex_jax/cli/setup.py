@@ -1,4 +1,4 @@
-"""What the command line sets before JAX is imported: double precision, and a cache of compiled functions (`cache`)."""
+"""Set-up of a command: double precision and the compilation cache, before JAX is imported, and progress messages."""
 
 import contextlib
 import os
@@ -13,9 +13,9 @@ __all__ = ["ERRORS", "prepare_jax", "progress"]
 
 
 def prepare_jax() -> None:
-    """Switch on float64 and the compilation cache; a cache folder that cannot be made is done without."""
+    """Enable float64, and the compilation cache where its folder can be used."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA names tuning hints of cached code it does not know as errors
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs unknown tuning hints of cached code as errors
     import jax  # noqa: PLC0415 - the environment must be set first
 
     jax.config.update("jax_enable_x64", True)
@@ -26,10 +26,10 @@ def prepare_jax() -> None:
 
 @contextlib.contextmanager
 def progress(what: str, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """Progress on standard error while something runs; yields the function that tells it.
+    """Report progress on standard error; yields the function that takes a message.
 
     On a terminal it is one line that changes, elsewhere (a log, a pipe) a line for each message, without control codes; with
-    ``quiet``, nothing. Brackets in it (a title of a study) are no markup.
+    ``quiet``, nothing. Brackets in messages (in a study's title) are not markup.
     """
     if quiet:
         yield lambda message: None

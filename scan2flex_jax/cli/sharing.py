@@ -1,4 +1,4 @@
-"""Commands that hand results on: report, export."""
+"""Commands that write results for others to use: report, export."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,17 +16,17 @@ def report(
     study: StudyFolder,
     out: Annotated[Path, typer.Option("--out", "-o", help="HTML file to write.", callback=file_to_write)] = Path("report.html"),
     no_explain: Annotated[
-        bool, typer.Option("--no-explain", help="Only the fit: no search for what the model lacks, no next pose (fast).")
+        bool, typer.Option("--no-explain", help="Only the fit (fast): no search for missing physics, no next pose.")
     ] = False,
     interactive: Annotated[
-        bool, typer.Option("--interactive", help="Add all poses in space, to be turned with a mouse: needs the extra [report].")
+        bool, typer.Option("--interactive", help="Add a plot of all poses that a mouse rotates; needs the extra [report].")
     ] = False,
     json: JsonFile = None,
     elements: Elements = 40,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write one self-contained page: the answer, shapes, errors, what the model lacks, forces, what to scan next.
+    """Write one self-contained page: the answer, shapes, errors, missing physics, forces, and the next pose to scan.
 
     It needs neither network nor script, and prints as a data sheet of two pages.
 
@@ -66,7 +66,7 @@ def export(
     study: StudyFolder,
     to: Annotated[str, typer.Option(help="mujoco, pyelastica, usd or json.", autocompletion=choices(*_TO))],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
-    pose: Annotated[str | None, typer.Option(help="The pose in which the cable hangs; left out, the first.")] = None,
+    pose: Annotated[str | None, typer.Option(help="Pose in which the cable hangs; default: the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
     force: Force = False,
 ) -> None:
@@ -90,6 +90,6 @@ def export(
         text = run(loaded, to, pose=pose, elements=elements)
     outputs.write(out, text.encode("utf-8"))
     if to != "json" and "radius" not in loaded.cable:
-        said = f"the study has no radius: {to} is given {100 * THIN:g} % of the length, which no shape at rest feels"
-        complain(f"{said}; write radius under [cable] where pictures, contact or motion count.")
+        said = f"the study has no radius: the {to} file has {100 * THIN:g} % of the length, which changes no equilibrium"
+        complain(f"{said}; set radius under [cable] if pictures, contact or motion matter.")
     say(f"written: {out}")

@@ -1,4 +1,4 @@
-"""What a user sees: text of a study that cannot move the cursor, and an output that may be closed or full."""
+"""Terminal output: text of a study has its control characters escaped, and a closed or full stream is tolerated."""
 
 import contextlib
 import os
@@ -11,15 +11,15 @@ ERRORS = Console(stderr=True, highlight=False)
 
 
 def printable(text: str) -> str:
-    """``text`` as a terminal may have it."""
+    """``text`` with control characters escaped."""
     from scan2flex_jax.study.names import printable as escaped  # noqa: PLC0415  (numpy comes with it, and --help needs none)
 
     return escaped(text)
 
 
 def say(text: str = "", *, err: bool = False) -> None:
-    """Print to standard output (or error). Where nobody reads on (``| head``), the command goes on in silence: it may still
-    have files to write."""
+    """Print to standard output (or error). If the reader has closed it (``| head``), the command continues silently, since it
+    may still have files to write."""
     try:
         typer.echo(printable(text), err=err)
     except BrokenPipeError:
@@ -27,7 +27,7 @@ def say(text: str = "", *, err: bool = False) -> None:
 
 
 def tell_line(text: str) -> None:
-    """One line on standard error that is there at once; where nobody reads it, nothing is lost."""
+    """Print one line to standard error at once; a closed stream is ignored."""
     with contextlib.suppress(OSError, ValueError):  # ValueError: a stream that was closed
         print(printable(text), file=sys.stderr, flush=True)
 
@@ -38,7 +38,7 @@ def complain(sentence: str) -> None:
 
 
 def close_output() -> None:
-    """Send what is left of standard output nowhere: Python would try again at its end, and say so."""
+    """Redirect standard output to the null device: Python would flush it again at exit, and report the error."""
     try:
         handle = sys.stdout.fileno()
     except (AttributeError, ValueError):  # no output at all, or one in memory

@@ -44,7 +44,7 @@ def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[Measu
     """The poses in a folder, in natural order of their names (pose-2 before pose-10); raises `Scan2FlexError`."""
     folder = Path(folder)
     if not folder.is_dir():
-        raise Scan2FlexError(f"{folder} is no folder: name the one that holds the scans or centre curves.")
+        raise Scan2FlexError(f"{folder} is not a folder: name the one that holds the scans or centre curves.")
     if (folder / STUDY_FILE).exists():
         raise StudyError(folder / STUDY_FILE, None, "there is a study already: edit it, or name another folder.")
     skip = {path.resolve() for path in leave_out}

@@ -1,4 +1,4 @@
-"""The calibrated cable for simulators that users have: MuJoCo, PyElastica, OpenUSD for Newton, and plain JSON."""
+"""Export of the calibrated cable to MuJoCo, PyElastica, OpenUSD (for Newton) and plain JSON: one file per format."""
 
 from scan2flex_jax.export.cable import HungCable
 from scan2flex_jax.export.hanging import hung

@@ -1,12 +1,12 @@
-"""What every export writes: the cable's numbers and how it hangs in one pose, free of JAX.
+"""The input of every exporter: the cable's properties and its equilibrium in one pose, free of JAX.
 
-Simulators made of rigid links see a rod whose links *begin and end between* our nodes: link ``k`` (0..n) is centred on node
-``k``, its neighbours are joined half an element away. Then the first and the last link have exactly the orientations of the
-clamps, the joints carry the stiffness over one element each, and shapes agree to second order in the element length; with
-links from node to node the clamps would be half an element off.
+For simulators made of rigid links, the links *begin and end between* our nodes: link ``k`` (0..n) is centred on node ``k`` and
+joined to its neighbours half an element away. Then the first and the last link have exactly the orientations of the clamps,
+each joint carries the stiffness of one element, and shapes agree to second order in the element length; with links from node
+to node the clamps would be half an element off.
 
-Whatever a study has goes along or is refused by name: each target lists which of `FEATURES` it holds, `HungCable.require`
-refuses the others, and `HungCable.remarks` are the sentences that every file states.
+Every property of a study is exported or refused by name: each target lists which of `FEATURES` it supports,
+`HungCable.require` refuses the others, and `HungCable.remarks` are the sentences that every file contains.
 """
 
 from dataclasses import dataclass, field
@@ -16,9 +16,9 @@ import numpy as np
 from scan2flex_jax.effects.point_mass import PointMass
 from scan2flex_jax.errors import Scan2FlexError
 
-_SAME = 1e-9  # part by which sections may differ and still be one cable's
-_STRETCH = 1e-3  # strain of a pose up to which a chain of rigid links may leave out stretch and shear
-_SOFTER = 100.0  # times: assumed stiffness of shear and stretch, which costs simulators small steps or digits
+_SAME = 1e-9  # relative difference below which sections count as equal
+_STRETCH = 1e-3  # largest strain of a pose for which a chain of rigid links may neglect stretch and shear
+_SOFTER = 100.0  # divisor of an assumed stiffness of shear or stretch, which costs simulators small steps or digits
 THIN = 5e-3  # of the length: radius where the study has none
 
 STIFFNESS = "a stiffness that varies along the cable"
@@ -39,10 +39,10 @@ class HungCable:
     (-, 1/m), ``density`` (n,) kg/m, nodes ``s`` (m), ``position`` (m) and ``rotation`` (columns d1, d2, d3), supports ``held``
     (2, 6), ``gravity`` m/s^2, ``radius`` (m, None where the study has none).
 
-    ``masses``: ``(arc length m, kg)`` of what hangs on the cable. ``beyond``: effect types that none of these hold. ``seen``:
-    those of the scanner, which no simulator needs. ``assumed``: the stiffnesses that the study leaves out. ``effects``: all
-    that act, ``(effect type, parameters)``. ``strain``: bound of stretch and shear (-). ``sources``: effect types by the
-    feature that they bring.
+    ``masses``: ``(arc length m, kg)`` of point masses on the cable. ``beyond``: effect types that none of these fields
+    represents. ``seen``: those of the scanner, which no simulator needs. ``assumed``: stiffnesses that the study omits.
+    ``effects``: all acting effects, ``(effect type, parameters)``. ``strain``: bound of stretch and shear (-). ``sources``:
+    effect types by the feature that they cause.
     """
 
     title: str
@@ -77,19 +77,19 @@ class HungCable:
 
     @property
     def drawn_radius(self) -> float:
-        """Radius (m) for pictures, contact and rotational inertia; `remarks` say so where the study has none."""
+        """Radius (m) for pictures, contact and rotational inertia; a default, named in `remarks`, if the study has none."""
         return THIN * self.length if self.radius is None else self.radius
 
     @property
     def softened(self) -> np.ndarray:
-        """``stiffness`` with a hundredth of what was assumed: still practically rigid, and easier for a simulator."""
+        """``stiffness`` with assumed entries divided by 100: still practically rigid, and easier for a simulator."""
         soft = [("shear_stiffness" in self.assumed)] * 2 + ["axial_stiffness" in self.assumed] + [False] * 3
         scale = np.where(soft, _SOFTER**-0.5, 1.0)
         return self.stiffness * np.outer(scale, scale)
 
     @property
     def link_masses(self) -> np.ndarray:
-        """Masses (n + 1,) of the links (kg), with what hangs on them: shared by the two nearest, so that moments are kept."""
+        """Masses (n + 1,) of the links (kg) with point masses, each split between the two nearest, so that moments are kept."""
         half = 0.5 * self.element_length * self.density
         out = np.append(half, 0.0) + np.insert(half, 0, 0.0)
         for place, mass in self.masses:
@@ -105,7 +105,7 @@ class HungCable:
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences that a file must state: what was assumed, and what is left out because it is the scanner's."""
+        """Sentences that a file must contain: assumptions, and omitted effects of the scanner."""
         out = []
         if self.radius is None:
             out.append(
@@ -116,26 +116,26 @@ class HungCable:
             names = " and ".join(self.assumed)
             out.append(f"The study has no {names}: the cable is assumed practically rigid there.")
         if self.seen:
-            out.append(f"Left out: {', '.join(self.seen)}, which is the scanner's and not the cable's.")
+            out.append(f"Left out: {', '.join(self.seen)}, an effect of the scanner and not of the cable.")
         return out
 
     def require(self, simulator: str, holds: frozenset[str], *, ball_joints: bool = True) -> None:
-        """Raises `Scan2FlexError` where the cable has an effect or a feature beyond those that the simulator ``holds``."""
-        if beyond := [kind for kind in self.beyond if kind != PointMass.kind]:  # `masses` hold it
+        """Raises `Scan2FlexError` if the cable has an effect or a feature that the simulator does not support (``holds``)."""
+        if beyond := [kind for kind in self.beyond if kind != PointMass.kind]:  # that one is in `masses`
             raise Scan2FlexError(
-                f"The export to {simulator} cannot hold {', '.join(beyond)}: leave it out of the study, or export to json."
+                f"The export to {simulator} cannot represent {', '.join(beyond)}: leave it out of the study, or export to json."
             )
         if missing := [feature for feature in self.features() if feature not in holds]:
             brought = dict.fromkeys(kind for feature in missing for kind in self.sources.get(feature, ()))
             by = f" ({', '.join(brought)})" if brought else ""
-            raise Scan2FlexError(f"The export to {simulator} cannot hold {missing[0]}{by}: export this cable to json.")
+            raise Scan2FlexError(f"The export to {simulator} cannot represent {missing[0]}{by}: export this cable to json.")
         loose = self.held.any(axis=1) & ~self.held.all(axis=1)
         if not self.held[0].any() or (loose.any() and not ball_joints):
             what = "a ball joint" if loose.any() else "no support at its start"
-            raise Scan2FlexError(f"The export to {simulator} cannot hold {what}, as pose {self.pose!r} has: name another pose.")
+            raise Scan2FlexError(f"The export to {simulator} cannot represent {what} (pose {self.pose!r}): name another pose.")
 
     def features(self) -> tuple[str, ...]:
-        """What the sections have beyond a straight, uniform, isotropic rod."""
+        """The `FEATURES` of the sections beyond a straight, uniform, isotropic rod."""
         found = features_of(self.stiffness, self.natural, self.density)
         return (*found, GIVES) if self.strain > _STRETCH else found
 

@@ -1,4 +1,4 @@
-"""From a study to the cable in one pose: the equilibrium, and which effect brings what."""
+"""From a study to a `HungCable`: the equilibrium of one pose, and the feature that each effect causes."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ _OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "no
 
 
 def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
-    """The cable of a study whose parameters are all known, hanging in one pose; raises `Scan2FlexError`."""
+    """The cable of a study whose parameters all have values, in one pose; raises `Scan2FlexError` if it cannot be solved."""
     chosen = study.poses[0] if pose is None else study.pose(pose)
     model = model_of(study, chosen)
     e = settled(study, chosen, model, elements)
@@ -46,7 +46,7 @@ def described(
 
 
 def _beyond(model: CableModel) -> tuple[str, ...]:
-    """Types of effects that are neither in the sections, nor in the supports, nor in what the scanner sees."""
+    """Types of effects that are neither in the sections, nor in the supports, nor in the observation."""
     hooks = ("strain_energy", "node_potential", "dead_load")
     return tuple(dict.fromkeys(effect.kind for hook in hooks for effect in overriding(model.effects, hook)))
 
@@ -59,7 +59,7 @@ def _strain(e: Equilibrium) -> float:
 
 
 def _sources(model: CableModel, section: Section) -> dict[str, tuple[str, ...]]:
-    """Effect types by the feature that each brings to the sections of a straight, uniform, isotropic rod."""
+    """Effect types by the feature that each gives to the sections of a straight, uniform, isotropic rod."""
     K = jnp.mean(section.stiffness, axis=0)
     diagonal = jnp.diag(jnp.stack([K[0, 0], K[0, 0], K[2, 2], K[3, 3], K[3, 3], K[5, 5]]))
     bare = eqx.tree_at(

@@ -1,15 +1,14 @@
 """A MuJoCo model: a chain of rigid links with springs in their joints, hanging in one pose.
 
 Links are as in `export.cable`: link k is centred on node k; its body has the axes d1, d2, d3. A joint is three hinges with
-the stiffness EI1/ds, EI2/ds, GJ/ds about them; the natural curvature is where their springs rest. Angles of hinges one after
-the other differ from the rotation vector by half their products: the order x, y, z in every other joint and z, y, x between
-takes that out, and shapes stay of second order. Plain joints are read by every version of MuJoCo (its cable plugin is gone
-since 4.0).
+the stiffness EI1/ds, EI2/ds, GJ/ds; their spring references give the natural curvature. Angles of successive hinges differ
+from the rotation vector by half their products: alternating the orders x, y, z and z, y, x from joint to joint cancels that
+difference, and shapes stay of second order. Hinges are read by every version of MuJoCo (the cable plugin was removed in 4.0).
 
 The reference of the model is the straight cable; the keyframe ``hanging`` has the joint angles of our equilibrium. Stretch and
-shear are rigid; a cable that stretches is refused. The end is a weld to the world, soft as all constraints of MuJoCo are;
-``solimp`` makes it nearly as hard as can be. An armature keeps the joints stable at the model's timestep and a damping lets the
-cable settle; both leave the equilibrium alone, and dynamics are not calibrated. Contact is switched off: this model has none.
+shear are rigid; a cable that stretches is refused. The end is a weld to the world, which is soft, as all constraints of MuJoCo
+are; ``solimp`` makes it nearly as stiff as possible. Armature keeps the joints stable at the model's timestep, and damping lets
+the cable settle; neither changes the equilibrium, and dynamics are not calibrated. Contact is disabled: it is not modelled.
 """
 
 import xml.etree.ElementTree as ET
@@ -58,7 +57,7 @@ def to_mujoco(cable: HungCable) -> str:
 
 
 def _joints(body, k, cable, turn):
-    """The three hinges before link k, with the stiffness of the element that they stand for; their angles in the pose."""
+    """Add the three hinges before link k, with the stiffness of their element; returns their angles in the pose."""
     order, ds = _ORDERS[k % 2], cable.element_length
     stiffness = dict(zip("XYZ", np.diag(cable.stiffness[k - 1])[3:] / ds, strict=True))
     armature = _STABLE * float(np.max(cable.stiffness[:, [3, 4, 5], [3, 4, 5]])) / ds * _STEP**2
@@ -74,7 +73,7 @@ def _joints(body, k, cable, turn):
 
 
 def _link(body, k, cable):
-    """The part of the link that is cable, half of it at the ends, and the masses that hang on it."""
+    """Add the geometry and mass of a link, half of it at the ends, and the point masses on it."""
     ds, last = cable.element_length, cable.elements
     low, high = (0.5 * ds if k == 0 else 0.0), (0.5 * ds if k == last else ds)
     ends = _text([0, 0, low, 0, 0, high])
@@ -97,5 +96,5 @@ def _text(values) -> str:
 
 
 def _printable(text: str) -> str:
-    """Text that XML can hold: no control characters, and no end of a comment."""
+    """Text valid in XML: no control characters, and no end of a comment."""
     return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -").rstrip("-")[:200]

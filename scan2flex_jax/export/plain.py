@@ -13,9 +13,9 @@ _MEANING = {
     "stiffness": "one 6x6 matrix per element: [force, moment] = K ([Gamma, Omega] - natural_strain), in material axes",
     "quaternion": "scalar first, turns material vectors into the scan frame; d3 is the tangent",
     "held": "1 where the support of start and end prevents a motion: three translations, three rotations",
-    "beyond": "effects that no stiffness, natural strain or density holds; a simulator must add them",
+    "beyond": "effects that stiffness, natural strain and density do not represent; a simulator must add them",
     "effects": "all effects of the cable and its scans with their parameters, as study.toml declares them (SI; null: infinite)",
-    "remarks": "what was assumed, and what is left out of the numbers above",
+    "remarks": "assumptions, and effects left out of the numbers above",
 }
 
 
@@ -51,5 +51,5 @@ def to_json(cable: HungCable) -> str:
 
 
 def _plain(value):
-    """A number or an array as JSON holds it: null for an infinite one."""
+    """A number or an array for JSON: null for an infinite one."""
     return [_plain(v) for v in value] if np.ndim(value) else float(value) if np.isfinite(value) else None

@@ -1,8 +1,8 @@
 """A PyElastica script: a Cosserat rod with the calibrated stiffness, held at both clamps, settling under gravity.
 
-PyElastica's rod has positions at nodes and frames on elements. As in `export.cable` its element k is centred on our node k:
+PyElastica's rod has positions at nodes and frames on elements. As in `export.cable`, its element k is centred on our node k:
 the rod is one element longer than the cable, half an element beyond each clamp, and those end elements are fixed.
-The script stands alone: numbers are written into it, ``python FILE`` settles the cable and writes its centre line.
+The script is self-contained: it includes all numbers, and ``python FILE`` settles the cable and writes its centre line.
 """
 
 import json
@@ -59,7 +59,7 @@ def build(damping=8.0):
         constrained_director_idx=(0, -1) if CABLE["clamped_end"] else (0,),
     )
     scene.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array(CABLE["gravity"]))
-    # A thin section turns much faster than it moves: more rotational inertia, which no equilibrium feels, allows longer steps.
+    # A thin section turns much faster than it moves: larger rotational inertia allows longer steps, at the same equilibrium.
     mass, stiffest = min(CABLE["masses"][2:-2]), np.max(shear) / ds
     inertia = 2.0 * max(np.max(bend) / ds, 0.25 * np.max(shear) * ds) * mass / stiffest
     rod.mass_second_moment_of_inertia[:] = inertia * np.eye(3)[:, :, None]
@@ -89,7 +89,7 @@ _SECONDS = 3.0
 
 
 def to_pyelastica(cable: HungCable, file: str = "cable.py") -> str:
-    """The script as text; raises `Scan2FlexError` for a cable that such a rod cannot represent."""
+    """The script as text; raises `Scan2FlexError` for a cable that PyElastica's rod cannot represent."""
     cable.require("PyElastica", HOLDS, ball_joints=False)
     ds, d3, r, K = cable.element_length, cable.rotation[:, :, 2], cable.position, cable.softened
     reach = 0.5 * ds * d3[[0, -1]]

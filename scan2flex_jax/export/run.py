@@ -1,4 +1,4 @@
-"""`export`: one cable, one pose, one format."""
+"""`export`: a calibrated study to the text of one simulator's file."""
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.export.hanging import hung
@@ -12,11 +12,11 @@ TO = {"mujoco": to_mujoco, "pyelastica": to_pyelastica, "usd": to_usd, "json": t
 
 
 def export(study: Study, to: str, *, pose: str | None = None, elements: int = 40) -> str:
-    """The calibrated cable of ``study`` as text for a simulator, hanging in one ``pose`` (left out, the first).
+    """The calibrated cable of ``study`` as text for a simulator, hanging in one ``pose`` (default: the first).
 
     ``to``: "mujoco" (an XML model), "pyelastica" (a script), "usd" (an OpenUSD stage, for Newton) or "json" (stiffness matrices
-    of every element). Simulators place a cable to second order in the length of ``elements``. An effect of the cable goes along
-    or is refused by name; a file says what it assumes, as the radius of a study that has none. Raises `Scan2FlexError` for
+    of every element). Simulators reproduce the shape to second order in the element length. An effect of the cable is exported
+    or refused by name; a file states its assumptions, such as the radius if the study has none. Raises `Scan2FlexError` for
     parameters without a value, a pose that cannot be solved, and a cable that the simulator cannot represent.
     """
     if to not in TO:

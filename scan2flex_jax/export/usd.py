@@ -1,15 +1,15 @@
 """An OpenUSD file: the cable as a curve deformable, which Newton imports as a rod, hanging in one pose.
 
 The prim ``/World/Cable`` is a linear `BasisCurves` with the schemas of the AOUSD proposal for deformable physics
-(`PhysicsCurvesDeformableSimAPI`, `PhysicsCurvesDeformableMaterialAPI`): Newton makes a chain of capsules of it, joined by
-springs of EA/ds, GA/ds, EI/ds, GJ/ds. No release of OpenUSD registers these schemas yet; they are read by name.
+(`PhysicsCurvesDeformableSimAPI`, `PhysicsCurvesDeformableMaterialAPI`): Newton converts it to a chain of capsules joined by
+springs of EA/ds, GA/ds, EI/ds, GJ/ds. No release of OpenUSD registers these schemas yet; Newton reads them by name.
 
 The curve's segments are the links of `export.cable`: segment k is centred on node k, so the curve begins and ends half an
 element beyond the cable. Normals are d2: a body of Newton then has the axes d1, d2, d3. ``restShapePoints`` and
-``restNormals`` are the cable under no load, with its natural curvature; ``masses`` are those of the segments, in kg.
+``restNormals`` give the unloaded cable with its natural curvature; ``masses`` are those of the segments, in kg.
 
-A support is a `PhysicsAttachment`: sites of the end segment that are tied to points of the world. Three sites, one of them off
-the axis, make a clamp; one makes a ball joint. Units are SI: stage metadata, and the doc of each attribute where it has one.
+A support is a `PhysicsAttachment`: sites of the end segment, tied to points of the world. Three sites, one of them off the
+axis, make a clamp; one makes a ball joint. Units are SI, as the stage metadata and the doc of attributes state.
 """
 
 import json
@@ -23,12 +23,12 @@ HOLDS = frozenset({DENSITY, GIVES, NATURAL})
 _TANGENT, _NORMAL = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 _UNITS = {"curvesStretchStiffness": "EA, N", "curvesShearStiffness": "GA, N", "curvesBendStiffness": "EI, N m^2",
           "curvesTwistStiffness": "GJ, N m^2"}  # fmt: skip
-_CLOSING = 50  # steps of closing the chain, each of which leaves a small part of the gap
+_CLOSING = 50  # iterations that close the chain, each of which leaves a small part of the gap
 _SINGLE = 3.0e38  # largest number of a USD float
 
 
 def to_usd(cable: HungCable) -> str:
-    """The stage as USDA text; raises `Scan2FlexError` for a cable that no uniform, isotropic curve deformable represents."""
+    """The stage as USDA text; raises `Scan2FlexError` for a cable that is not a uniform, isotropic curve deformable."""
     cable.require("USD", HOLDS)
     K = cable.softened[0]
     values = dict(zip(_UNITS, (K[2, 2], K[0, 0], K[3, 3], K[5, 5]), strict=True))
@@ -62,7 +62,7 @@ def to_usd(cable: HungCable) -> str:
 
 
 def _head(cable):
-    """Stage metadata, what the file is, and what it assumes."""
+    """Stage metadata, with title, pose and assumptions as documentation."""
     axis = "Y" if abs(cable.gravity[1]) > np.max(np.abs(cable.gravity[[0, 2]])) else "Z"
     said = [f"{cable.title}: pose {cable.pose}, begun in equilibrium. Units are SI: m, kg, s, N, N m^2.", *cable.remarks]
     return [
@@ -87,14 +87,14 @@ def _material(values):
 
 
 def _chain(start, tangents, ds):
-    """Points (n + 2, 3) of a curve of equal segments along unit ``tangents``; ``start`` is the middle of the first."""
+    """Points (n + 2, 3) of a curve of equal segments along unit ``tangents``; ``start`` is the centre of the first segment."""
     return np.cumsum(np.concatenate([[start - 0.5 * ds * tangents[0]], ds * tangents]), axis=0)
 
 
 def _closed(cable):
-    """The curve in the pose: segments of the very element length, or a stiff cable would start with a jerk.
+    """The curve in the pose, with segments of exactly the element length: otherwise a stiff cable would start with a jerk.
 
-    Its tangents are those of the nodes, turned a little (second order) so that the last segment is centred on the end.
+    Its tangents are those of the nodes, with a second-order rotation so that the last segment is centred on the end.
     """
     ds, tangents = cable.element_length, cable.rotation[:, :, 2].copy()
     given, gap = tangents[1:-1].copy(), np.zeros(3)
@@ -110,7 +110,7 @@ def _normals(rotation):
 
 
 def _unloaded(cable):
-    """Rotations (n + 1, 3, 3) of the segments where no load acts, the first as in the pose."""
+    """Rotations (n + 1, 3, 3) of the segments under no load, the first as in the pose."""
     turns = Rotation.from_rotvec(cable.element_length * cable.natural[:, 3:])
     out = [Rotation.from_matrix(cable.rotation[0])]
     for turn in turns:
@@ -119,7 +119,7 @@ def _unloaded(cable):
 
 
 def _attachments(cable):
-    """Supports, as sites on the end segments: `(u, s, t)` is the part of the length, and metres along normal and binormal."""
+    """Supports as sites on the end segments: `(u, s, t)` is the fraction of the length, and m along normal and binormal."""
     out, ds = [], cable.element_length
     for name, segment, held in (("Start", 0, cable.held[0]), ("End", cable.elements, cable.held[-1])):
         if not held[0]:
@@ -161,7 +161,7 @@ def _tuple(row):
 
 
 def _number(value) -> str:
-    """A number as a USD float holds it: nine digits, and no more than its largest."""
+    """A number for a USD float: nine digits, limited to the largest float."""
     return f"{min(float(value), _SINGLE) + 0.0:.9g}"
 
 

@@ -1,4 +1,11 @@
-"""From measured centre curves to material parameters, with their uncertainty and a verdict on their validity."""
+"""Estimation: from measured shapes to material parameters, with intervals and a validation on unseen poses.
+
+`run` is the sequence of a fit; `settings` its thresholds. Input: `poses`, `parameters` (unknowns, nuisance parameters and their
+priors), `start`, `problem`. Residuals: `distance`, `states`, `evaluate`, and `residuals` as one traced function. Minimisers:
+`least_squares`, with `branches` (full turns) and `mistakes` (of the input). Statistics: `noise`, `discrepancy`, `statistics`
+(covariance, identifiability), `influence` (sensitivities), `belief` (validation). Scans: `direct`, `cloud`, `cloud_noise`.
+Output: `result`, `answer`.
+"""
 
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of

@@ -1,7 +1,7 @@
-"""The answer first: estimates with relative intervals, what they rest on, the error on poses never seen, whether to believe it.
+"""The opening lines of a result: estimates with relative intervals, sensitivities, error on unseen poses, and belief.
 
-A `Fit` and an `Explanation` give one each; the summary and the report open with it. Every figure in it is computed: the
-sensitivities to length and mass are those of `fitting.influence`.
+A `Fit` and an `Explanation` have one `Answer` each; the summary and the report open with it. The sensitivities to length and
+mass are those of `fitting.influence`.
 """
 
 import textwrap
@@ -20,15 +20,15 @@ SYMBOLS = {
     "length_density": "rho A", "length": "L",
 }  # fmt: skip
 _WORDS = {"length": "length", "length_density": "mass"}
-_MOST = 6  # entries of one estimate that the answer shows: a field along the cable has its place in the details
+_MOST = 6  # largest number of entries of an estimate in the answer: a field along the cable is only in the details
 _WIDTH = 116  # columns of the answer on a terminal
-_SAME = 0.05  # relative: sensitivities that are said together
+_SAME = 0.05  # relative difference of sensitivities that are reported as one
 
 
 @dataclass(frozen=True)
 class Row:
     """One estimate in words: its ``name`` in the format, ``symbol``, ``value`` with unit, 95 % ``interval`` relative to it, and
-    what has to be known of it (``note``). ``value`` and ``interval`` are empty where the poses do not determine it."""
+    a ``note``. ``value`` and ``interval`` are empty if the poses do not determine it."""
 
     name: str
     symbol: str
@@ -39,8 +39,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Answer:
-    """``rows`` of the estimates, what they ``rest`` on, the error on ``unseen`` poses, whether to believe it (``belief``, with
-    its ``tone``: good, fair or bad), the ``warnings`` of `check`, and what else has to be read first (``doubts``)."""
+    """``rows`` of the estimates, the stated values they ``rest`` on with sensitivities, the error on ``unseen`` poses, whether
+    to believe it (``belief``, with its ``tone``: good, fair or bad), the ``warnings`` of `check`, and further ``doubts``."""
 
     rows: tuple[Row, ...]
     rest: str
@@ -87,13 +87,13 @@ def _rows(study, name, e):
             continue
         digits = digits_of(v, low[i], high[i])
         interval = f"({percent(low[i] / v - 1)} {percent(high[i] / v - 1)})"
-        if not low[i] * high[i] > 0:  # relative to a value that may be zero nothing is said
+        if not low[i] * high[i] > 0:  # no relative interval for a value that may be zero
             interval = f"({number(low[i], 3)} to {number(high[i], 3)})"
         yield Row(name, symbol, f"{number(v, digits)}{unit}", interval, "; ".join(notes))
 
 
 def symbol_of(name: str, entry: int | None = None) -> str:
-    """The letters of a quantity, those of one entry of several with its number: EI, EI1, EI2."""
+    """The symbol of a quantity, with the number of the entry if there are several: EI, EI1, EI2."""
     symbol = SYMBOLS.get(name, name.replace("_", " "))
     if entry is None:
         return symbol
@@ -101,12 +101,12 @@ def symbol_of(name: str, entry: int | None = None) -> str:
 
 
 def change_in_words(value: float, stated: float) -> str:
-    """A value by its change from the stated one, where the value itself says little: ``+0.12 mm from the stated 1.2 m``."""
+    """The change of a value from the stated one: ``+0.12 mm from the stated 1.2 m``."""
     return f"{number(1e3 * (value - stated), 2, sign=True)} mm from the stated {stated:g} m"
 
 
 def digits_of(value: float, low: float, high: float, least: int = 3) -> int:
-    """Significant digits that show an interval: one of its width, ``least`` to nine in all."""
+    """Significant digits that resolve an interval: one digit of its width, ``least`` to nine in all."""
     width = abs(high - low)
     if not (np.isfinite(width) and width > 0 and value):
         return least
@@ -114,7 +114,7 @@ def digits_of(value: float, low: float, high: float, least: int = 3) -> int:
 
 
 def number(value: float, digits: int, sign: bool = False) -> str:
-    """``value`` to so many significant digits, none of them left out; with its sign."""
+    """``value`` with ``digits`` significant digits, trailing zeros included, and optionally its sign."""
     text = f"{value:{'+' if sign else ''}#.{digits}g}"
     mantissa, e, exponent = text.partition("e")
     return f"{mantissa.rstrip('.')}{e}{exponent}"
@@ -129,7 +129,7 @@ def percent(share: float) -> str:
 
 
 def rests_on(study: Study, influence: Influence | None) -> str:
-    """Length and mass with their tolerances, and by how much each per cent of them moves the estimates."""
+    """Length and mass with their tolerances, and the change of the estimates per cent of each."""
     parts = [part for part in (_stated(study, name) for name in STATED) if part]
     moved = [_sensitivity(study, name, influence) for name in (STATED[1], STATED[0])] if influence is not None else []
     said = " and ".join(parts) or "neither a stated length nor a stated mass"
@@ -191,12 +191,12 @@ def distance_in_words(rms: float, length: float) -> str:
 
 
 def warnings_of(study: Study) -> tuple[str, ...]:
-    """The warnings of `check`, without the one that the belief says in other words."""
+    """The warnings of `check`, without the one that the belief repeats."""
     return tuple(w for w in study_warnings(study) if w != NO_VALIDATE)
 
 
 def moved_in_words(influence: Influence | None, pose: str) -> str:
-    """By how much leaving out a pose moves the stiffnesses: ``EI -0.3 %, GJ +1.2 %``; empty for a pose that was not fitted."""
+    """Change of the stiffnesses when a pose is left out: ``EI -0.3 %, GJ +1.2 %``; empty for a pose that was not fitted."""
     if influence is None or len(influence.poses) < 2:
         return ""
     changes, said = influence.of_pose(pose), []
@@ -211,14 +211,14 @@ def answer_of(fit) -> Answer:
     tone, belief = _belief(fit)
     rows = rows_of(fit.study, fit.estimates)
     lost = [row.symbol for row in rows if not row.value]
-    belief += f"; {' and '.join(lost)} cannot be told from these poses" if lost and tone != BAD else ""
+    belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
     beside = tuple(d for d in fit.doubts if d not in belief) if not fit.mistakes else ()
     warnings = tuple(w for w in warnings_of(fit.study) if w not in beside)
     return Answer(rows, rests_on(fit.study, fit.influence), _unseen(fit), belief, tone, warnings, beside)
 
 
 def _unseen(fit):
-    """The error on poses that had no part in the fit; without them, of each fitted pose predicted from the others."""
+    """The error on validate poses; without them, on fitted poses left out in turn."""
     length, poses = fit.problem.length, [p for p in fit.poses.values() if p.role == "validate"]
     rms = fit.rms("validate")
     if poses and np.isfinite(rms):
@@ -233,7 +233,7 @@ def left_out_in_words(rms: float | None, length: float, poses: int) -> str:
     if poses < 2:
         return "not known: there is one pose only"
     if rms is None or not np.isfinite(rms):
-        return "not known: left out in turn, some pose is not predicted by the others"
+        return "not known: a pose left out in turn is not predicted by the others"
     return f"{distance_in_words(rms, length)} in poses left out in turn, to first order"
 
 

@@ -1,4 +1,4 @@
-"""What a fit is believed to tell: poses whose residual is no noise, and poses never fitted that it predicts."""
+"""Validation of a fit: are residuals of fitted poses noise, and are validate poses predicted to within it?"""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from scan2flex_jax.fitting.settings import USUAL, FitSettings
 
 
 def misfits(study, poses, length, settings: FitSettings = USUAL) -> tuple[str, ...]:
-    """Fitted poses whose residual is no noise: far beyond the stated one whatever its correlation, or large and smooth."""
+    """Fitted poses whose residual is not noise: far above the stated noise, or large and smooth."""
     said = []
     for pose in study.fit_poses:
         own, noise = poses[pose.name].rms, np.sqrt(NORMALS) * min(white_noise(pose), settings.largest_noise * length)
@@ -24,25 +24,25 @@ _NO_NOISE = "something is missing or misread, and the values are not to be belie
 
 
 def of_discrepancy(discrepancy) -> tuple[str, ...]:
-    """The deviation of each pose by itself, in words."""
+    """The discrepancy of poses, in words."""
     if not discrepancy.curvature:
         return ()
     said = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals carry that",)
+    return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals include that",)
 
 
 def validity(
     poses, noise, stated, length, differ, misfit, settings: FitSettings = USUAL
 ) -> tuple[bool | None, tuple[str, ...]]:
-    """Whether the poses that were never fitted are predicted to within the noise, the discrepancy of poses, their tolerances
-    and the errors of the estimates.
+    """Whether the validate poses are predicted to within the noise, the discrepancy of poses, their tolerances and the errors
+    of the estimates, with sentences that give the reason. None without a validate pose.
 
-    Without a stated noise the fit's own residual stands for it; when that varies slowly along the cable it is no scanner's
-    noise, and nothing that it leaves can be called "within the noise". None where no pose was held out.
+    Without a stated noise the fit's own residual stands in for it; a residual that varies slowly along the cable is not the
+    noise of a scanner, and no prediction is then called "within the noise".
     """
     rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
     if misfit:
-        return (False if rms else None), ("what the fit leaves is no noise: nothing is predicted to within it",)
+        return (False if rms else None), ("the residual of the fit is not noise: no prediction can be within it",)
     floor = max(np.sqrt(2.0) * noise.total, differ)
     slow = noise.correlated > settings.slow * noise.white and noise.correlation_length > settings.long * length
     if stated is None and slow and floor > settings.mesh * length:
@@ -54,8 +54,8 @@ def validity(
     worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
     beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm)"
     if poses[worst].spread > settings.felt * floor:
-        what = "of noise, and what tolerances and errors of the estimates may do"
-        beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm {what}, {1e3 * poses[worst].spread:.2g} mm)"
+        what = "of noise; tolerances and errors of the estimates:"
+        beside = f"({1e3 * rms[worst]:.2g} mm beside {1e3 * floor:.2g} mm {what} {1e3 * poses[worst].spread:.2g} mm)"
     if not bad:
         return True, (f"validate poses are predicted to within the noise {beside}",)
     said = f"the model does not predict {', '.join(bad)} to within the noise {beside}"

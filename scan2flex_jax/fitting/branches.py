@@ -1,18 +1,18 @@
-"""Which of the branches that differ by full turns a measured pose is on.
+"""Search for the branch of each measured pose among equilibria that differ by full turns of twist.
 
-Two quaternions tell the twist of a cable up to half a turn, and only for a given curve: where a cable winds, or is twisted by
-nearly half a turn, the number that `turns` has is a matter of convention. A measured curve then leads to an equilibrium far
-from it, and the fit bends the stiffnesses to that. Three searches put poses on the branch that was measured, the last two only
-where the first has come to its end:
+Two quaternions determine the twist of a cable up to full turns, and only for a given curve: where a cable winds, or is twisted
+by nearly half a turn, the value of `turns` is a matter of convention. With a wrong value the solve leads to an equilibrium far
+from the measured curve, and the fit distorts the stiffnesses. Three searches find the measured branch, the last two after the
+first has ended:
 
-1. poses far from their curves are solved with a turn more and a turn less at the values of the fit, each choice is fitted;
-2. where a residual is more than the noise, all poses are solved at a grid of stiffnesses, since those of the fit are then wrong
-   as well; at each of its points every pose takes its nearest turns, and the nearest choices are fitted;
-3. a curve shows the torque ``GJ phi / L``, not the twist ``phi``: turns ``k`` and a stiffness ``GJ'`` that leave the torques
-   of all poses nearly the same, ``GJ' (phi + 2 pi k) = GJ phi``, are a choice that is fitted, however small the residual.
+1. poses far from their curves are solved with one turn more and one less at the values of the fit; each choice is fitted;
+2. if a residual exceeds the noise, all poses are solved on a grid of stiffnesses, since those of the fit are then wrong as
+   well; at each grid point every pose takes its nearest turns, and the nearest choices are fitted;
+3. a curve determines the torque ``GJ phi / L``, not the twist ``phi``: turns ``k`` and a stiffness ``GJ'`` that keep the
+   torques of all poses nearly the same, ``GJ' (phi + 2 pi k) = GJ phi``, are a choice to fit, however small the residual.
 
-A fit that comes far closer, or closer by more than noise can tell, gets those turns, and the user is told. Where poses stay far
-from their curves even so, the model lacks something, other turns make up for part of it, and those of the study stand.
+The turns of a fit that is far closer, or closer by more than the noise explains, are adopted and reported. If poses remain far
+from their curves even so, the model lacks physics for which other turns compensate, and the turns of the study are kept.
 """
 
 from collections.abc import Iterator
@@ -30,37 +30,37 @@ from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
 
-FAR = 0.003  # of the length: RMS distance from which on a pose may be on another branch
-ASTRAY = 0.01  # of the length: one from which on a minimum may have gone where it is for the sake of a wrong branch
+FAR = 0.003  # of the length: RMS distance above which a pose may be on another branch
+ASTRAY = 0.01  # of the length: RMS distance above which a wrong branch may have displaced the minimum
 _SAME = 1.01  # times the least distance: the same shape
-BETTER = 0.5  # of the squared distance of all poses: what other turns have to come down to
-_CLEAR = 25.0  # of squares in units of the noise: what they have to gain where their residual is noise; a chance of 1e-6
-_EQUAL = 1.0  # of the same squares: two turns may slip over the cable itself and lead to the same shapes
-_NOISE = 1.2  # times the noise of the curves: a residual that may be nothing else
-_FINEST = 2.0e-4  # of the length: a pose that is nearer is on its branch, whatever the noise
-_TURNS = (0, -1, 1)  # more than those of the study
+BETTER = 0.5  # factor on the squared distance of all poses that other turns must reach
+_CLEAR = 25.0  # decrease of the squares in units of the noise that is required where the residual is noise; a chance of 1e-6
+_EQUAL = 1.0  # difference of these squares that counts as equal: two turns may pass over the cable and lead to the same shapes
+_NOISE = 1.2  # times the noise of the curves: largest residual that may be noise
+_FINEST = 2.0e-4  # of the length: a pose nearer than this is on its branch, whatever the noise
+_TURNS = (0, -1, 1)  # added to those of the study
 _BENDING = np.log([0.6, 1.0, 1.7])  # of the grid: bending stiffness over that of the fit,
 _RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiffness
-_TRIED = 4  # choices of turns that a search may fit, the nearest ones
-_ALIKE = 0.4  # of the torques: what a choice of turns may change them by (the search by torques)
+_TRIED = 4  # largest number of choices of turns, the nearest ones, that a search fits
+_ALIKE = 0.4  # largest relative change of the torques by a choice of turns (third search)
 _TINY = 1.0e-9  # rad
-_TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit, of that search
+_TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit (third search)
 
 
 def distances(evaluation, mask) -> np.ndarray:
-    """RMS distance (m) of each pose; infinite where it was not solved."""
+    """RMS distance (m) of each pose; infinite if it was not solved."""
     squares = np.sum(evaluation.residual**2, axis=(1, 2)) / np.sum(np.asarray(mask), axis=1)
     return np.where(np.asarray(evaluation.verdict.code) == 0, np.sqrt(squares), np.inf)
 
 
 def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0, within: float = np.inf) -> dict[str, int]:
-    """Turns, where they are not the study's, that bring doubtful poses nearest to their measured curves at some shared numbers,
-    to less than ``factor`` of the distance with the study's turns, and ``within`` (m) of the curve."""
+    """Turns, where they differ from the study's, that bring doubtful poses nearest to their measured curves at given shared
+    numbers: below ``factor`` times the distance with the study's turns, and below ``within`` (m)."""
     out = {}
     for pose in (p for p, doubt in zip(study_poses, doubtful, strict=True) if doubt and p.end is not None):
         found = {t: _distance(problem, replace(pose, turns=t), shared) for t in (pose.turns, pose.turns - 1, pose.turns + 1)}
         alike = [t for t in found if found[t] <= _SAME * min(found.values())]
-        best = min(alike, key=abs)  # two turns may slip over the cable itself and lead to the same shape
+        best = min(alike, key=abs)  # two turns may pass over the cable and lead to the same shape
         if best != pose.turns and found[best] < min(factor * found[pose.turns], within):
             out[pose.name] = best
     return out
@@ -82,7 +82,7 @@ def with_turns(study, turns: dict[str, int]):
 
 
 def sentences(before, after) -> tuple[str, ...]:
-    """What the user has to know of poses whose turns are others in the study ``after``."""
+    """Sentences on poses whose turns differ in the study ``after``."""
     changed = [(a.name, a.turns, b.turns) for b, a in zip(before.poses, after.poses, strict=True) if a.turns != b.turns]
     return tuple(
         f"pose {name} was solved with turns = {found} in place of {said}: a full turn nearer to the measured shape"
@@ -91,7 +91,7 @@ def sentences(before, after) -> tuple[str, ...]:
 
 
 class _Choice(NamedTuple):
-    """Turns of all poses by name, the unknown numbers at which they are near, and how near (smaller is nearer)."""
+    """Turns of all poses by name, the unknowns at which they were chosen, and a measure of distance there."""
 
     turns: dict[str, int]
     start: np.ndarray | None
@@ -99,7 +99,7 @@ class _Choice(NamedTuple):
 
 
 def on_its_branches(problem, minimum, method, progress):
-    """The problem and its minimum with every fitted pose on the branch that was measured."""
+    """The problem and its minimum with every fitted pose on the measured branch."""
     while True:
         problem, minimum = full_turns(problem, minimum, method, progress)
         before = problem
@@ -124,14 +124,14 @@ def believed(problem, minimum, declared):
 
 
 def full_turns(problem, minimum, method, progress):
-    """The search at the values of the fit, again from each better one."""
+    """The first search, at the values of the fit, repeated from each better fit."""
     while True:
         own = distances(minimum.evaluation, problem.poses.mask) / problem.length
         vectors = [minimum.shared]
         if np.any(own > ASTRAY):
             vectors += [np.r_[x, minimum.shared[len(x) :]] for x in problem.starts()]
         turns = []
-        for x in vectors:  # all poses that are nearer with other turns, and each of them alone
+        for x in vectors:  # all poses that are nearer with other turns, and each of these separately
             nearer = nearest(problem, problem.study.fit_poses, own > FAR, x)
             turns += [nearer, *({name: n} for name, n in nearer.items())]
         choices = [_Choice(t, None, 0.0) for i, t in enumerate(turns) if t and t not in turns[:i]]
@@ -144,7 +144,7 @@ def full_turns(problem, minimum, method, progress):
 
 
 def _fitted(problem, choices, method, progress, beat):
-    """Problem and minimum of each choice with which anything settles; counts what the caller solves with them too."""
+    """Problem and minimum of each choice that settles; their equilibria are counted."""
     progress = prefixed(progress, "other turns")
     for choice in choices:
         tried = problem.with_study(with_turns(problem.study, choice.turns))
@@ -154,8 +154,8 @@ def _fitted(problem, choices, method, progress, beat):
 
 
 def _beyond_doubt(problem, minimum, method, progress):
-    """The searches on the grid and by torques; minima are compared with the nearly known numbers free within tolerances."""
-    if problem.evaluator.distance == "hausdorff":  # its residuals are no squares
+    """The searches on the grid and by torques; minima are compared with the nuisance parameters free under their priors."""
+    if problem.evaluator.distance == "hausdorff":  # not a sum of squares
         return problem, minimum
     finest, coarsest = _FINEST * problem.length, ASTRAY * problem.length
     sigma = np.clip([white_noise(p) for p in problem.study.fit_poses], finest, coarsest)
@@ -181,12 +181,12 @@ def _beyond_doubt(problem, minimum, method, progress):
 
 
 def _changes(before, after) -> int:
-    """By how many turns the poses of two studies differ."""
+    """Sum over poses of the difference in turns between two studies."""
     return sum(abs(b.turns - a.turns) for b, a in zip(before.poses, after.poses, strict=True))
 
 
 def _cost_within_tolerances(problem, minimum, sigma):
-    """Squares in units of the noise of the curves, at the minimum with the nearly known numbers free under their priors."""
+    """Sum of squares in units of the curves' noise, at the minimum with the nuisance parameters free under their priors."""
     start = minimum.evaluation.configuration
     return levenberg_marquardt(problem.goal(sigma), minimum.shared, minimum.local, start=start).cost
 
@@ -204,7 +204,7 @@ def _on_a_grid(problem, shared) -> list[_Choice]:
             found.append(distances(evaluator(x, derivative=False), poses.mask))
             problem.evaluator.equilibria += evaluator.equilibria
         least = np.min(found, axis=0)
-        which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns where alike
+        which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns if equal
         turns = {p.name: p.turns + _TURNS[k] for p, k in zip(study.fit_poses, which, strict=True)}
         key = tuple(turns.values())
         if np.isfinite(off) and (key not in best or off < best[key].off):
@@ -225,12 +225,12 @@ def _grid(problem, shared) -> Iterator[np.ndarray]:
 
 
 def _slot(problem, name) -> slice | None:
-    """Where an unknown stands among the shared numbers."""
+    """The place of an unknown among the shared numbers."""
     return next((slice(s.at, s.at + s.size) for s in problem.layout.slots if s.name == name), None)
 
 
 def _by_torques(problem, minimum) -> list[_Choice]:
-    """The choices that leave the torques of the minimum nearly the same; none where a single pose could take any turns."""
+    """The choices that nearly keep the torques of the minimum; none for a single pose, which could take any turns."""
     poses, torsion = problem.study.fit_poses, _slot(problem, STIFFNESSES[1])
     if torsion is None or len(poses) < 2:
         return []

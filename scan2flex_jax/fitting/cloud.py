@@ -1,24 +1,23 @@
-"""The direct fit: the rod against the points of a scan, with no centre curve in between.
+"""The direct fit: residuals of scan points from the rod's surface, without a centre curve.
 
 A point's residual is its distance from the surface of the tube around the modelled centre line:
 
 * *radial*, ``e = |p - r(s)| - (radius + offset)``, ``s`` the arc length of the closest point;
-* *along the ray*, where viewpoints are known: how far behind the tube's surface the point lies on its ray. Noise of a scanner
-  runs along rays. It moves a point around the tube as well as outwards, which bends radial distances by ``noise^2/radius``
-  (most where the surface is steep); along the ray there is no such bias. Rays that only graze the tube have no say.
+* *along the ray*, where viewpoints are known: the distance of the point behind the tube's surface on its ray. Noise of a
+  scanner acts along rays. It moves a point around the tube as well as outwards, which biases radial distances by
+  ``noise^2/radius`` (most where the surface is steep); along the ray there is no such bias. Grazing rays have zero weight.
 
-``offset`` is one number per scan for what the sensor's range and the stated radius get wrong; it is linear, so it is
-eliminated exactly, under a prior. Backs that no scanner saw need nothing: a point says how far the axis is, wherever it lies
-on the cable. Points whose closest point is an end of the rod, or so near to one that the face of a clamp may be meant, have
-no say.
+``offset`` is one number per scan for errors of the sensor's range and the stated radius; it is linear, so it is eliminated
+exactly, under a prior. A scan from one side suffices: each point measures its distance from the axis, wherever it lies on the
+cable. Points have zero weight if their closest point is an end of the rod, or so near to it that they may lie on a clamp.
 
-Distances, directions and weights (Tukey's) of points are taken where the cable *lies*: around a displacement field ``u(s)``
-across the model, fitted to the same points. So a model that is wrong in places does not turn the evidence into outliers, nor
-leave the range in which a distance says where the axis is. With ``e_i`` and the direction ``n_i = d e_i / d u`` at the field's
-axis ``c_i``, the model's residual is ``e_i + n_i . (c_i - r(s_i))``. All are renewed between runs of Levenberg-Marquardt until
-they settle. The first field comes from the curve that starts the solve, so a rough curve is enough.
+Distances, directions and weights (Tukey's) of points are evaluated around the *observed* axis: a displacement field ``u(s)``
+across the model, fitted to the same points. A locally wrong model therefore neither turns valid points into outliers nor
+leaves the range in which distances are informative. With ``e_i`` and the direction ``n_i = d e_i / d u`` at the field's axis
+``c_i``, the model's residual is ``e_i + n_i . (c_i - r(s_i))``. All are updated between runs of Levenberg-Marquardt until they
+converge. The first field comes from the curve that starts the solve, so a rough curve suffices.
 
-What is left along the cable is again ``u(s)``: the statistics are in `cloud_noise`.
+The residual along the cable is again ``u(s)``: its statistics are in `cloud_noise`.
 Reference: Huber and Ronchetti, "Robust Statistics" (2009), section 7.8; Golub and Pereyra (1973) for the elimination.
 """
 
@@ -46,23 +45,23 @@ from scan2flex_jax.statics.starts import complete_curve
 MOST_POINTS = 4096  # of a scan that enter a fit
 CURVE_POINTS = 256  # of the curve that starts the solve, carried along to place the first field
 STATIONS = 73  # of the displacement field along the cable
-TUKEY = 4.685  # standard deviations beyond which a point has no say: 95 % efficient for normal noise
+TUKEY = 4.685  # standard deviations beyond which a point has zero weight: 95 % efficient for normal noise
 OFFSET = 0.05  # of the radius: standard deviation of the prior of its offset
 _LEAST = 1.0e-3  # of the radius: smaller residuals are rounding of the scanner
-_WIDE, _NARROWING, _SWEEPS = 1.0, 0.75, 18  # radii within which a point has a say at first, and how that shrinks
-_RAYS_FROM = 9  # sweep from which distances are taken along the ray: the field must be within the radius by then
-GRAZING = 0.9  # of the radius: a ray that passes further from the axis tells nothing
-FACING = 0.5  # cosine of the incidence below which a point tells nothing: silhouettes have mixed pixels
+_WIDE, _NARROWING, _SWEEPS = 1.0, 0.75, 18  # first cut-off in radii, its factor per sweep, and the number of sweeps
+_RAYS_FROM = 9  # first sweep with distances along the ray: the field must be within the radius by then
+GRAZING = 0.9  # of the radius: a ray that passes further from the axis has zero weight
+FACING = 0.5  # cosine of the incidence below which a point has zero weight: silhouettes have mixed pixels
 _BEND = 0.02  # weight of second differences of the field over the mean weight of a station
 _NEAR_CLAMP, _SHORTEST = 0.5, 0.005  # of the radius, of the length: nearer to an end a point may lie on the clamp's face
-_ROUNDS, _SETTLED = 12, 0.02  # rounds of weights; of a standard deviation: a smaller change of every residual ends them
+_ROUNDS, _SETTLED = 12, 0.02  # rounds of weights, which end when no residual changes by this part of a standard deviation
 
 
 @dataclass(frozen=True)
 class Raw:
-    """Where given points lie beside the modelled centre lines: components (P, m, 2) in m of the way from the closest point in
-    two normals, their slopes by the numbers of the fit, the normals (P, m, 2, 3), arc length (m), and whether the closest
-    point lies inside the rod, off the clamps."""
+    """Points relative to the modelled centre lines: components (P, m, 2) in m of the displacement from the closest point along
+    two normals, their Jacobian by the parameters, the normals (P, m, 2, 3), arc length (m), and whether the closest point lies
+    inside the rod, off the clamps."""
 
     off: np.ndarray
     slope: np.ndarray | None
@@ -79,8 +78,8 @@ class CloudEvaluation(Evaluation):
 
 @dataclass(frozen=True)
 class Weights:
-    """Per pose and point, at the field: weight, distance ``e`` (m) with no offset, its direction ``n`` (P, m, 3), its change
-    with the radius, the axis ``c`` (P, m, 3) in m; per pose the deviation of a point and the offset of the radius (m)."""
+    """Per pose and point, at the field: weight, distance ``e`` (m) without offset, its direction ``n`` (P, m, 3), its slope
+    by the radius (``swell``), the axis ``c`` (P, m, 3) in m; per pose the standard deviation of a point and the offset (m)."""
 
     weight: np.ndarray
     distance: np.ndarray
@@ -109,9 +108,9 @@ def _evaluate(layout: Layout, template: CableModel, boundary, expected, points, 
 
 
 def offsets_from(r, d3, ds, points, expected, margin, observe):
-    """``(off (m, 2), (normals (m, 2, 3), s (m,), inside (m,)))`` of points beside the curve through nodes ``r``, as in `Raw`.
+    """``(off (m, 2), (normals (m, 2, 3), s (m,), inside (m,)))`` of points near the curve through nodes ``r``, as in `Raw`.
 
-    Closest points and normals are held while differentiating. ``margin`` (m) is what inside keeps from both ends.
+    Closest points and normals are constant under differentiation. ``margin`` (m): distance of "inside" from both ends.
     """
     fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
     frames = curves.transported_frames(fixed_d3, curves.frame_on(fixed_d3[0]))
@@ -142,7 +141,7 @@ class CloudEvaluator(Evaluator):
         self.weights: Any = None  # `Weights` once `weigh` has made them
 
     def look(self, shared, local=None, *, start=None) -> CloudEvaluation:
-        """The points of the scans beside the model: what `weigh` needs."""
+        """The points of the scans relative to the model: the input of `weigh`."""
         return self._at(np.asarray(self.poses.points), shared, local, start, False)
 
     def __call__(self, shared, local=None, *, start=None, derivative=True) -> CloudEvaluation:
@@ -173,7 +172,7 @@ class CloudEvaluator(Evaluator):
         return e
 
     def _weighted(self, raw):
-        """Residuals with the offset eliminated, and its prior's row; their slopes."""
+        """Residuals with the offset eliminated, the row of its prior, and their Jacobian."""
         said = self.weights
         w, swell = said.weight, said.swell
         pull = (said.sigma / (OFFSET * self.radius)) ** 2
@@ -196,7 +195,7 @@ class CloudEvaluator(Evaluator):
 def scans_of(poses: Poses, points: list[np.ndarray], curve_points: list[np.ndarray], length: float) -> Poses:
     """The poses with the points of their scans in place of curves: thinned, padded, and where each is expected (s, m).
 
-    The lot decides which points of a large scan enter, whatever curve begins the fit: with others a value moves by a
+    Points of a large scan are drawn at random, independently of the curve that starts the fit: another draw moves a value by a
     third of its standard deviation. After the `MOST_POINTS` places of the cloud come those of the curve; their mask is 0.
     """
     rows = [_rows(one(poses.boundary, i), p, c, length) for i, (p, c) in enumerate(zip(points, curve_points, strict=True))]
@@ -220,14 +219,14 @@ def _rows(boundary, points, curve, length):
 
 
 def weigh(raw: Raw, evaluator: CloudEvaluator) -> Weights:
-    """What all points say about the axis where the cable lies, from a look at them; see the head of this module."""
+    """Weights and distances of all points around the observed axis; see the head of this module."""
     each = [_weigh_pose(raw, evaluator, i) for i in range(evaluator.poses.count)]
     return Weights(*(np.stack(column) for column in zip(*each, strict=True)))
 
 
 def _weigh_pose(raw, evaluator, i):
-    """One pose from two fields, that of the curve that starts its solve and that of the model: a curve in front of the surface
-    instead of behind it, or one that took another strand, leads to a field that explains fewer points."""
+    """One pose, from two initial fields: the curve that starts its solve, and the model. A curve in front of the surface, or
+    along another strand, leads to a field that explains fewer points."""
     radius, normals, y = evaluator.radius, raw.normals[i], raw.off[i]
     points = np.asarray(evaluator.poses.points[i])
     real = (np.asarray(evaluator.poses.mask[i]) > 0) & raw.inside[i]
@@ -237,14 +236,14 @@ def _weigh_pose(raw, evaluator, i):
     finest = min(f.sigma for f in found)
     best = min(found, key=lambda f: f.missed(real, finest))
     axis = points - np.einsum("mc,mci->mi", y - best.here, normals)
-    axis = np.where(real[:, None], axis, points)  # what has no say stays where it is
+    axis = np.where(real[:, None], axis, points)  # points of zero weight stay where they are
     direction = np.einsum("mc,mci->mi", best.normal, normals)
     return best.weight, best.distance, direction, best.swell, axis, best.sigma, best.offset
 
 
 class _Seen(NamedTuple):
-    """The points of a pose beside a settled field: as `Weights`, in the two normals of each point; ``here`` (m, 2) is the
-    field (m), ``told`` whether a point tells anything."""
+    """The points of a pose at a converged field: as `Weights`, in the two normals of each point; ``here`` (m, 2) is the field
+    (m), ``told`` whether a point is informative."""
 
     weight: np.ndarray
     distance: np.ndarray
@@ -256,13 +255,13 @@ class _Seen(NamedTuple):
     offset: float
 
     def missed(self, real, sigma: float) -> float:
-        """Squared distances over ``sigma`` (m), none above the cut: what the field leaves of the points."""
+        """Sum of squared residuals of the points over ``sigma`` (m), each limited to the cut-off."""
         left = np.where(self.told, (self.distance + self.swell * self.offset) / sigma, np.inf)
         return float(np.sum(np.minimum(left[real] ** 2, TUKEY**2)))
 
 
 def _weigh_from(u, at, y, rays, real, radius) -> _Seen:
-    """What the points say, from a field ``u`` (STATIONS, 2) of the axis beside the model, in m."""
+    """Fit the field from an initial ``u`` (STATIONS, 2), the displacement of the axis from the model in m."""
     k = np.clip(np.floor(at).astype(int), 0, STATIONS - 2)
     t = at - k
     offset, sigma = 0.0, 0.3 * radius
@@ -282,14 +281,14 @@ def _weigh_from(u, at, y, rays, real, radius) -> _Seen:
 
 
 def _first_field(at, y):
-    """Where the curve that starts the solve lies beside the model, at the stations (n, 2)."""
+    """Displacement (n, 2) at the stations of the curve that starts the solve from the model."""
     curve = slice(MOST_POINTS, None)
     order = np.argsort(at[curve], kind="stable")
     return np.stack([np.interp(np.arange(STATIONS), at[curve][order], y[curve][order, c]) for c in range(2)], axis=1)
 
 
 def _rays(points, normals, eyes):
-    """Directions (v, m, 2), in the two normals of each point, of the rays from the viewpoints; None where none is known."""
+    """Directions (v, m, 2) of the rays from the viewpoints, in the two normals of each point; None without viewpoints."""
     if eyes is None:
         return None
     ray = points - np.asarray(eyes)[:, None]
@@ -297,8 +296,8 @@ def _rays(points, normals, eyes):
 
 
 def _from_surface(off, rays, radius):
-    """Distances (m) of points ``off`` (m, 2) the axis from the surface: their gradient by ``off``, their change with the
-    radius, and whether they tell anything. A point was seen from where its distance along the ray is least."""
+    """Distances (m) from the surface of points at ``off`` (m, 2) from the axis, their derivatives by ``off`` and by the radius,
+    and whether they are informative. Each point is assigned the viewpoint of least distance along the ray."""
     if rays is None:
         away = np.linalg.norm(off, axis=1) + 1e-30
         return away - radius, off / away[:, None], -np.ones(len(off)), np.ones(len(off), bool)
@@ -318,7 +317,7 @@ def _from_surface(off, rays, radius):
 
 
 def _field_step(u, k, t, n, e, w):
-    """Gauss-Newton step (n, 2) of the field at the stations: points' residuals and a weak penalty on its bends."""
+    """Gauss-Newton step (n, 2) of the field at the stations: residuals of points, and a weak penalty on its curvature."""
     count, size = len(u), 2 * len(u)
     hats = (1.0 - t, t)
     blocks, g = np.zeros((count, 2, count, 2)), np.zeros((count, 2))
@@ -349,8 +348,8 @@ def _roughness(count):
 def descend(
     problem: Problem, evaluator: CloudEvaluator, begun: Minimum, start, inflation: float = 1.0, progress: Progress = silent
 ) -> Minimum:
-    """Levenberg-Marquardt from the numbers of ``begun``, under weights that are renewed until they settle; ``start``:
-    configurations; ``inflation`` of the points' deviations."""
+    """Levenberg-Marquardt from the parameters of ``begun``, with weights that are updated until they converge; ``start``:
+    configurations; ``inflation``: factor on the standard deviations of the points."""
     shared, local = begun.shared, begun.local
     raw = evaluator.look(shared, local, start=start).raw
     for _ in range(_ROUNDS):

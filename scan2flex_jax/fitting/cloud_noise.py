@@ -1,9 +1,9 @@
-"""What is left of a direct fit along the cable, how it is correlated, and the covariance of the estimates.
+"""Noise of a direct fit: residual displacements along the cable, their correlation, and the covariance of the estimates.
 
-Thousands of points of one scan are not thousands of measurements of the shape: what moves one moves its neighbours. A
+Thousands of points of one scan are not independent measurements of the shape: errors of neighbours are correlated. A
 point's residual is ``n_i . f(s_i) + noise``, ``n_i`` its direction from the axis, ``f`` a random displacement of the axis
 in two normals with the covariance ``sc^2 k(|s - s'|/l)`` (Matern 3/2), and the noise of points is white. Per station along
-the cable the points give a displacement ``u`` with its own white covariance ``V`` (large across the side that nobody saw).
+the cable the points give a displacement ``u`` with its own white covariance ``V`` (large along directions not scanned).
 ``a`` (a factor on V), ``sc`` and ``l`` maximise the restricted likelihood of the u with the parameters' influence projected
 out, as in `fitting.noise` for curves. The covariance of the estimates is the sandwich ``A^-1 B A^-1`` with the points' own
 ``A = J' W J`` and ``B = a t^2 J' W^2 J + sc^2 G' k G``, ``G`` the sum of ``w_i n_i J_i`` per station.
@@ -19,8 +19,8 @@ from scan2flex_jax.fitting.cloud import STATIONS, CloudEvaluator
 from scan2flex_jax.fitting.noise import Noise, matern
 from scan2flex_jax.fitting.statistics import Uncertainty, uncertainty
 
-_FEWEST = 6.0  # weight of points from which a station has a displacement
-_ROUND = 0.02  # smaller over larger information of a station: less, and it saw one direction only
+_FEWEST = 6.0  # least weight of points for a displacement at a station
+_ROUND = 0.02  # least ratio of the smaller to the larger information of a station: below it, one direction is unobserved
 _WHITE_SPREAD, _LENGTH_SPREAD = 0.4, 0.8  # of the logarithms of a and l under their priors
 _TYPICAL = 0.07  # of the length: centre of the prior of l, as for curves
 
@@ -28,7 +28,7 @@ _TYPICAL = 0.07  # of the length: centre of the prior of l, as for curves
 @dataclass(frozen=True)
 class Stations:
     """One pose: arc length (m), displacement u (n, 2) of the cable from the model (m), its white covariance V (n, 2, 2),
-    slope of u by the pose's numbers and its offset (n, 2, p), point scatter t (m)."""
+    Jacobian of u by the pose's parameters and its offset (n, 2, p), scatter of points t (m)."""
 
     s: np.ndarray
     u: np.ndarray
@@ -67,7 +67,7 @@ def _stations_of(weights, raw, i, length):
 
 
 def _rows(weights, raw, i):
-    """Per point of a pose: direction (m, 2), residual (m), what is left of it at the field (m), slopes, that of the offset."""
+    """Per point of a pose: direction (m, 2), residual (m), residual at the field (m), and Jacobian with the offset's column."""
     n = np.einsum("mci,mi->mc", raw.normals[i], weights.direction[i])
     left = weights.distance[i] + weights.swell[i] * weights.offset[i]
     Z = None
@@ -91,7 +91,7 @@ def _per_station(k, values):
 
 
 def estimate_field(found: list[Stations], shared: int, length: float) -> FieldNoise:
-    """Restricted maximum likelihood; the first ``shared`` columns of the slopes are those that all poses have in common."""
+    """Restricted maximum likelihood; the first ``shared`` columns of the Jacobians are common to all poses."""
     slopes = [one.slope for one in found if one.slope is not None]
     own = slopes[0].shape[2] - shared
     columns = shared + own * len(found)
@@ -154,7 +154,7 @@ def information(evaluator: CloudEvaluator, e, field: FieldNoise, offset_spread: 
 
 
 def inflation(parts, unknowns: int) -> float:
-    """Factor on the points' standard deviation that gives them, beside the priors, the weight that they deserve."""
+    """Factor on the points' standard deviation that weighs them correctly against the priors: the median of ``B / A``."""
     A, B = (np.sum([np.diag(p[k])[:unknowns] for p in parts], axis=0) for k in (0, 1))
     seen = A / np.max(A, initial=1e-300) > 1e-12
     return float(np.sqrt(max(1.0, np.median(B[seen] / A[seen])))) if seen.any() else 1.0
@@ -162,7 +162,7 @@ def inflation(parts, unknowns: int) -> float:
 
 @dataclass(frozen=True)
 class _Middle(Noise):
-    """A `Noise` whose covariance is that of the rows of a pose, told apart by their ``s``: the pose's number."""
+    """A `Noise` with one covariance per pose; ``s`` of its rows holds the number of the pose."""
 
     blocks: tuple = ()
 
@@ -174,7 +174,7 @@ class _Middle(Noise):
 def cloud_uncertainty(minimum, layout, parts, factor: float) -> Uncertainty:
     """Covariance and open directions, from ``A`` and ``B`` of every pose and the ``factor`` that inflated the fit.
 
-    Each pose is handed on as as many rows as it has numbers: rows ``A^(1/2)``, covariance ``A^(-1/2) B A^(-1/2)``.
+    Each pose is represented by as many rows as it has parameters: rows ``A^(1/2)``, covariance ``A^(-1/2) B A^(-1/2)``.
     """
     rows, blocks = [], []
     for A, B in parts:

@@ -1,4 +1,4 @@
-"""A fit to point clouds, step by step: which data a study offers, the descent, its statistics, and what every pose shows."""
+"""The sequence of a fit to point clouds: choice of the data, descent, statistics, and the results of every pose."""
 
 from dataclasses import replace
 
@@ -17,17 +17,17 @@ from scan2flex_jax.geometry import curves
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study import MeasuredCurve
 
-COARSE = 0.25  # of the radius: noise of a point beyond which its distance to the axis is no longer a fair measure
-_EXPLAINED = 0.6  # share of the points near the cable that lie on it: fewer is worth a sentence
+COARSE = 0.25  # of the radius: noise of a point beyond which its distance to the axis is biased
+_EXPLAINED = 0.6  # fraction of the points near the cable that lie on its surface, below which a sentence reports it
 
 
 def measured_by(study, data, method, distance, progress):
     """``(study with a curve for every pose, its `NearCurve` by pose name or None for a fit to curves, sentences)``.
 
-    "auto": given curves where every pose has one. Else clouds, when all poses have one and their noise is small beside the
-    radius. Measured (`benchmarks/virtual_experiments.py`): estimates from clouds of a structured-light scanner are two to six
-    times nearer to the truth than those from extracted curves, from a time-of-flight camera up to three times less near (by
-    0.1 %); their intervals are several times narrower than those from curves, and held the truth in every run.
+    "auto": given curves if every pose has one; else clouds, if all poses have one with noise well below the radius. Measured
+    (`benchmarks/virtual_experiments.py`): errors of estimates from clouds of a structured-light scanner are two to six times
+    smaller than from extracted curves, from a time-of-flight camera up to three times larger (by 0.1 %); their intervals are
+    several times narrower than those from curves, and contained the truth in every run.
     """
     bare = [p.name for p in study.poses if p.curve is None]
     marked = any(p.markers is not None for p in study.poses)
@@ -78,7 +78,7 @@ def _clouds(study, progress):
 
 
 class Direct:
-    """The direct fit of one study: the problem of its curves, which gives the start, and the scans."""
+    """The direct fit of one study, from the problem of its curves, which gives the start, and its scans."""
 
     def __init__(self, problem: Problem, scans, progress: Progress = silent):
         """Nothing is solved yet."""
@@ -95,12 +95,12 @@ class Direct:
 
     @property
     def equilibria(self) -> int:
-        """How many were solved, those of the start included."""
+        """Number of equilibria solved, those of the start included."""
         others = 0 if self.others is None else self.others.equilibria
         return self.problem.evaluator.equilibria + self.evaluator.equilibria + others
 
     def fit(self, minimum: Minimum):
-        """``(minimum, noise, uncertainty)`` from the minimum of the curves; with priors a second descent weighs them."""
+        """``(minimum, noise, uncertainty)`` from the minimum of the curves; priors need a second descent for their weight."""
         layout, length = self.problem.layout, self.problem.length
         start, factor = minimum.evaluation.configuration, 1.0
         for again in (False, True):
@@ -121,7 +121,7 @@ class Direct:
         return minimum, self.field.noise, known
 
     def pose_fits(self, minimum: Minimum) -> dict[str, PoseFit]:
-        """Distances of the cable's axis, as the cloud shows it, from the modelled one, at stations along every pose."""
+        """Distances between the axis observed in the cloud and the modelled one, at stations along every pose."""
         study, out = self.problem.study, {}
         groups = [(study.fit_poses, self.evaluator, minimum.evaluation)]
         if study.validate_poses:
@@ -148,7 +148,7 @@ class Direct:
         return PoseFit(pose.role, rms, worst, code == 0, measured, r, found.s, residual, SENTENCES[code])
 
     def sentences(self) -> list[str]:
-        """What was fitted, the offsets of the radius, and scans that the cable explains badly."""
+        """Sentences on the number of points, the offsets of the radius, and scans that the cable explains badly."""
         parts = [(self.problem.study.fit_poses, self.evaluator)]
         parts += [] if self.others is None else [(self.problem.study.validate_poses, self.others)]
         said, offsets, count = [], [], 0

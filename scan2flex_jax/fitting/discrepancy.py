@@ -1,13 +1,13 @@
-"""The discrepancy of a pose: what differs from pose to pose and is not the sensor's.
+"""The discrepancy of a pose: a random deviation from the model that differs from pose to pose and is not sensor noise.
 
-Real cables have strands, friction and a history, and clamps are never seated twice alike. Each pose therefore has a random
-natural curvature of its own, a Gaussian process along s in material axes, and clamps that are turned by random small angles:
+Real cables have strands, friction and a history, and clamps never seat twice alike. Each pose therefore has a random natural
+curvature of its own, a Gaussian process along s in material axes, and clamps rotated by random small angles:
 
     kappa_0(s) ~ b^2 k(|s - s'|/L),    rotation of a clamp ~ (b L SEAT)^2,
 
-so that one size ``b`` (1/m) is estimated for both. The equilibrium carries it to the shape: with the columns ``Z`` (m per unit
-of b) along `directions` the covariance of a pose is that of its sensor and ``b^2 Z Z'``. It respects clamps and balance, and
-extrapolates to poses that were not measured. References: Girolami et al., "The statistical finite element method" (2021);
+so that one size ``b`` (1/m) is estimated for both. The equilibrium maps it to the shape: with the columns ``Z`` (m per unit
+of b) along `directions`, the covariance of a pose is that of its sensor plus ``b^2 Z Z'``. It satisfies clamps and balance,
+and extrapolates to poses not measured. References: Girolami et al., "The statistical finite element method" (2021);
 Sargsyan, Huan and Najm, "Embedded model error representation" (2019).
 """
 
@@ -24,15 +24,15 @@ from scan2flex_jax.geometry.fields import POINTS, hats, smooth_root
 SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
 _FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
 _NEAR = 0.05  # of the length
-_TINY = 1e-12  # of the largest square of a direction: one that no point feels
+_TINY = 1e-12  # of the largest square of a direction: below it a direction moves no point
 USUAL, SPREAD = 0.03, 1.5  # median of b over the curvature of the poses, and standard deviation of its logarithm
 
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """What differs from pose to pose: ``curvature`` (1/m), its size ``b``; ``rms`` (m), by how much it moves the points of the
-    poses, most likely; ``length`` (m) of the cable. ``columns``: per pose (m, 3, k), in m per 1/m, and ``moved`` (m, 2), in m
-    along the normals; none where there is no discrepancy."""
+    """The discrepancy: ``curvature`` (1/m), its size ``b``; ``rms`` (m), its most likely displacement of the points; ``length``
+    (m) of the cable. ``columns``: per pose (m, 3, k), in m per 1/m, and ``moved`` (m, 2), the most likely displacement in m
+    along the normals; both empty without a discrepancy."""
 
     curvature: float = 0.0
     length: float = 1.0
@@ -41,12 +41,12 @@ class Discrepancy:
 
     @property
     def by_pose(self) -> np.ndarray:
-        """The RMS distance (m) by which it moves each pose."""
+        """RMS displacement (m) of each pose."""
         return np.array([np.sqrt(np.mean(np.sum(d**2, axis=1))) for d in self.moved])
 
     @property
     def rms(self) -> float:
-        """The RMS distance (m) over all poses; 0 where there is none."""
+        """RMS displacement (m) over all poses; 0 without a discrepancy."""
         return float(np.sqrt(np.mean(self.by_pose**2))) if self.curvature else 0.0
 
     @property
@@ -61,14 +61,14 @@ class Discrepancy:
 
 @lru_cache
 def _curvatures(elements: int) -> np.ndarray:
-    """Natural curvature (k, elements, 3) of all elements for each independent component of the field of unit size."""
+    """Natural curvature (k, elements, 3) of the elements for each independent component of the unit field."""
     middles = (np.arange(elements) + 0.5) / elements
     field = smooth_root(POINTS, 3).T.reshape(-1, POINTS, 3)
     return np.einsum("ep,kpc->kec", hats(middles, POINTS), field)
 
 
 def directions(state: states.State) -> states.State:
-    """Tangents of a state, on a leading axis: those of the curvature at unit size, then those of the clamps."""
+    """Tangents of a state on a leading axis: those of the unit curvature field, then those of the clamps."""
     section, boundary = state.rod.section, state.rod.boundary
     elements = len(np.asarray(section.s))
     length = float(section.ds) * elements
@@ -90,7 +90,7 @@ _HAT = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # [e_k]
 def principal(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Orthonormal directions ``U`` (n, q) and sizes ``d`` (q,), per 1/m, of white columns (n, k): ``U diag(d)^2 U' = Z Z'``.
 
-    By the Gram matrix of the few columns, a tenth of the time of a singular value decomposition.
+    Computed from the Gram matrix of the few columns, in a tenth of the time of a singular value decomposition.
     """
     squares, V = np.linalg.eigh(white.T @ white)
     seen = squares > _TINY * squares[-1]
@@ -99,8 +99,8 @@ def principal(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def most_likely_part(curvature: float, columns: np.ndarray, residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """The part (m, 2) of a residual (m, 2) along the normals that a discrepancy most likely is, beside a noise of this
-    ``covariance`` (m, m): the mean of the Gaussian process given the residual (Rasmussen and Williams 2006, eq. 2.25)."""
+    """The most likely displacement (m, 2) along the normals, given a residual (m, 2) with noise of ``covariance`` (m, m): the
+    posterior mean of the Gaussian process (Rasmussen and Williams 2006, eq. 2.25)."""
     factor = np.linalg.cholesky(covariance)
     Z = curvature * columns[:, :2]
     m, _, k = Z.shape
@@ -110,16 +110,16 @@ def most_likely_part(curvature: float, columns: np.ndarray, residual: np.ndarray
 
 
 def foreshortening(curvature: float, columns: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Standard deviation (m) along the tangent, at arc lengths ``s`` (m), of what a discrepancy does to second order.
+    """Standard deviation (m) along the tangent, at arc lengths ``s`` (m), of the second-order displacement by a discrepancy.
 
-    Points (m, c, k) that go aside by ``d`` come nearer to the start by about ``d^2/s``, which the columns do not hold.
+    Points (m, c, k) displaced by ``d`` across move towards the start by about ``d^2/s``, which the columns do not contain.
     """
     aside = curvature**2 * np.sum(columns[:, :-1] ** 2, axis=(1, 2))
     return aside / np.maximum(s, _NEAR * np.max(s))
 
 
 def usual_size(configurations) -> float:
-    """The size ``b`` (1/m) that is expected of poses: a few per cent of the curvatures that they have."""
+    """Prior median of the size ``b`` (1/m): a few per cent of the curvature of the poses."""
     r, R = np.asarray(configurations.r), np.asarray(configurations.R)
     ds = np.linalg.norm(np.diff(r, axis=1), axis=2)
     bend = np.linalg.norm(np.cross(R[:, :-1, :, 2], R[:, 1:, :, 2]), axis=2)
@@ -127,7 +127,7 @@ def usual_size(configurations) -> float:
 
 
 def planes_of(points, gravity) -> int:
-    """In how many directions across the cable points (n, 3) may err: one where all lie in a plane with gravity, else two."""
+    """Number of directions across a cable in which points (n, 3) may err: one if all lie in a plane with gravity, or two."""
     spread = np.asarray(points) - np.mean(points, axis=0)
     size = np.linalg.svd(spread, compute_uv=False)
     if size[2] > _FLAT * size[0]:

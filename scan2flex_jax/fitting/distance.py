@@ -1,8 +1,8 @@
 """Distances between a measured centre curve and the modelled one.
 
 The modelled curve is the cubic Hermite curve through the rod's nodes with their tangents d3. Three distances:
-*normal*, from each measured point to the closest point of the modelled curve, in its two rotation-minimising normals, which
-does not mind how the measured curve is parametrised or where it stops; *integrated*, the paper's Pi (Eq. 10), at equal arc
+*normal*, from each measured point to the closest point of the modelled curve, along its two rotation-minimising normals,
+independent of the parametrisation and the ends of the measured curve; *integrated*, the paper's Pi (Eq. 10), at equal arc
 length; *Hausdorff*, the largest distance from any point of one curve to the other.
 """
 
@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scan2flex_jax.geometry import curves
 
 NORMALS = 2  # of the three components of a residual: the first two, across the curve
-_WINDOW = 0.25  # of the length: a measured point is sought this far along the rod from where its arc length puts it
+_WINDOW = 0.25  # of the length: the closest point is searched within this distance of the expected arc length
 _REFINEMENTS = 6  # Gauss-Newton steps for the closest point, from the nearest node: converged to rounding
 
 
@@ -47,8 +47,8 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
     """``(residual (m, 3), s (m,))``: measured minus modelled (m) along two rotation-minimising normals, and along the
     tangent only where the closest point is an end of the rod.
 
-    Closest points and frames are held while differentiating; the gradient of the squared distance is exact all the same,
-    since the closest point is where it is stationary.
+    Closest points and frames are constant under differentiation; the gradient of the squared distance is still exact, since
+    the distance is stationary at the closest point.
     """
     fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
     axes_at = _held_axes(fixed_r, fixed_d3, fixed_ds)
@@ -65,10 +65,10 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
 
 
 def closest_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
-    """``(residual (m, 3), s (m,))``: measured minus modelled (m) at the closest point, which moves along while differentiating.
+    """``(residual (m, 3), s (m,))``: measured minus modelled (m) at the closest point, whose movement is differentiated.
 
-    With the normals and the tangent held, so that the squared length of each residual has exact first and second derivatives;
-    those of `normal_residuals` leave out terms of the size of residual times curvature (Gauss-Newton).
+    Normals and tangent are constant, so that the squared length of each residual has exact first and second derivatives;
+    those of `normal_residuals` omit terms of the order of residual times curvature (Gauss-Newton).
     """
     fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
     axes_at = _held_axes(fixed_r, fixed_d3, fixed_ds)
@@ -94,8 +94,8 @@ def closest_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Ar
 
 
 def hausdorff_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
-    """Like `normal_residuals`, zero but at the point that is farthest off: its length is the Hausdorff distance (m) from the
-    measured curve to the model (directed, since a measured curve may stop short of the clamps). Not smooth."""
+    """Like `normal_residuals`, zero except at the farthest point: its length is the Hausdorff distance (m) from the measured
+    curve to the model (directed, since a measured curve may end before the clamps). Not smooth."""
     residual, s = normal_residuals(r, d3, ds, points, expected, observe)
     farthest = jnp.argmax(jnp.sum(residual**2, axis=1))
     return residual * (jnp.arange(len(points)) == farthest)[:, None], s
@@ -104,8 +104,8 @@ def hausdorff_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[
 def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
     """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10).
 
-    Along the two normals and the tangent, as in `normal_residuals`, so that the first two tell the noise in any pose.
-    Points that repeat the one before them, such as padding, have no share.
+    Along the two normals and the tangent, as in `normal_residuals`, so that the first two measure the noise in any pose.
+    Points that repeat the one before them, such as padding, have zero weight.
     """
     axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
 

@@ -1,11 +1,11 @@
-"""Residuals of all poses and their Jacobian: what every method of fitting asks for.
+"""Residuals of all poses and their Jacobian, for every minimiser.
 
-Poses are solved one after the other by one compiled function: a batch would run all of them to the slowest, and compile
-anew for each number of poses. What a study asks for and knows nearly only changes the way from its numbers to the state of a
-pose (`states`), which is compiled in no time.
+Poses are solved one after the other by one compiled function: in a batch all of them would take as many steps as the slowest,
+and each number of poses would be compiled separately. Unknowns and nuisance parameters of a study change only the map from its
+parameter vector to the state of a pose (`states`), which compiles quickly.
 
 The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
-the factors of the solve. A call that only needs residuals compiles and runs without it.
+the factors of the solve. A call without derivatives compiles and runs without it.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
 class Evaluation(NamedTuple):
     """Per pose: residuals (P, m, 3) in m, their Jacobian (P, m, 3, shared + local) or None, arc lengths (P, m), the
-    configurations found and their verdicts."""
+    configurations and the statuses of their solves (``verdict``)."""
 
     residual: np.ndarray
     jacobian: np.ndarray | None
@@ -40,7 +40,7 @@ class Evaluation(NamedTuple):
 
 @lightly_compiled
 def _state(layout: Layout, template: CableModel, boundary, x, slots, elements, rows):
-    """State of one pose at its numbers, and its derivatives by them, filled up with zeros to ``rows`` (0: none at all)."""
+    """State of one pose at parameters ``x``, and its tangents by them, padded with zeros to ``rows`` (0: no tangents)."""
 
     def state(x):
         model = model_at(layout, template, x[: layout.shared])
@@ -53,7 +53,7 @@ def _state(layout: Layout, template: CableModel, boundary, x, slots, elements, r
 
 
 def observed(model: CableModel, points):
-    """Where the scanner sees points of the centre line (m)."""
+    """Points of the centre line (m) as the scanner observes them."""
     for effect in model.effects:
         points = effect.observe(points)
     return points
@@ -63,7 +63,7 @@ class Evaluator:
     """Residuals of a study's poses; counts the equilibria that it solved."""
 
     def __init__(self, layout: Layout, poses: Poses, elements: int, distance: str = "normal", slots: tuple = ()):
-        """Nothing is solved yet; ``slots`` are energy laws of no effect that the states have room for beside the model's."""
+        """Nothing is solved yet; ``slots`` are null energy laws, placeholders in the states for effects added later."""
         self.layout, self.poses = layout, poses
         self.elements, self.distance, self.slots = elements, distance, slots
         self.width = states.FEW if not slots and layout.shared + layout.local <= states.FEW else states.CHUNK
@@ -81,12 +81,11 @@ class Evaluator:
 
     def _pose(self, i, x, start, derivative):
         boundary = one(self.poses.boundary, i)
-        wanted = derivative or bool(self.slots)  # with room for more, one compiled function serves all
+        wanted = derivative or bool(self.slots)  # with placeholders, one compiled function serves all calls
         rows = -(-len(x) // self.width) * self.width if wanted else 0
         state, tangents = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
         found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
-
 
     def scatter(self, shared, local, start) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its discrepancy (`fitting.discrepancy`) at equilibria, in m per 1/m."""
@@ -102,7 +101,7 @@ class Evaluator:
 
 
 def target_of(poses: Poses, i: int) -> states.Target:
-    """What pose ``i`` is compared with."""
+    """The measured points of pose ``i``."""
     return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked), i))
 
 

@@ -1,12 +1,12 @@
-"""What the estimates rest on, to first order at a minimum: each pose, and the stated length and mass.
+"""Influence of each pose and of the stated length and mass on the estimates, to first order at a minimum.
 
 With the whitened residual ``r``, its Jacobian ``J`` and the precision ``A = J'J + priors`` of all numbers, leaving out pose
 ``i`` moves the numbers by
 
     (A - J_i' J_i)^-1 J_i' r_i,
 
-and a change ``dr`` of the residual, which another length or mass makes, by ``-A^-1 J' dr``. No pose is fitted again; tests hold
-both against refits. Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), chapter 2.
+and a change ``dr`` of the residual, caused by another length or mass, by ``-A^-1 J' dr``. Nothing is refitted; tests compare
+both with refits. Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), chapter 2.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,17 +22,17 @@ from scan2flex_jax.fitting.statistics import VAGUE, closed_inverse
 from scan2flex_jax.study.model import MeasuredCurve, Study
 
 STATED = ("length", "length_density")
-"""What a user measures of the cable itself, and every stiffness rests on."""
-_STEP = 1e-4  # relative change of a stated value: shapes then move by a thousand times what the solver leaves
+"""Properties of the cable that a user measures, and on which every stiffness depends."""
+_STEP = 1e-4  # relative change of a stated value: it moves shapes by a thousand times the residual of the solver
 
 
 @dataclass(frozen=True)
 class Influence:
-    """By how much the unknown numbers of ``x`` move: logarithms of positive quantities (``logs``), else their own unit.
+    """Changes of the unknowns in ``x``: of logarithms for positive quantities (``logs``), else in their own unit.
 
-    ``moved`` (poses, numbers): when a pose is left out; NaN where the other poses do not determine the number. ``left_out``
-    (poses,): RMS distance (m) between a pose and what the others predict for it, NaN likewise. ``stated``: per relative change
-    of a stated value of the cable, by its name.
+    ``moved`` (poses, numbers): change when a pose is left out; NaN if the other poses do not determine the number.
+    ``left_out`` (poses,): RMS distance (m) of a pose from its prediction by the others; NaN likewise. ``stated``: change per
+    relative change of a stated value of the cable, by its name.
     """
 
     labels: tuple[str, ...]
@@ -43,8 +43,8 @@ class Influence:
     stated: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
 
     def of_pose(self, pose: str) -> dict[str, float]:
-        """Relative change of each positive number, and the change of any other in its unit, without this pose; NaN where it is
-        not determined then. Empty for a pose that was not fitted."""
+        """Relative change of each positive number, and change of any other in its unit, without this pose; NaN if it is then
+        not determined. Empty for a pose that was not fitted."""
         if pose not in self.poses:
             return {}
         row = self.moved[self.poses.index(pose)]
@@ -53,9 +53,9 @@ class Influence:
         return dict(zip(self.labels, values.tolist(), strict=True))
 
     def rms(self, points: Sequence[int]) -> float:
-        """RMS distance (m) over all poses, each predicted from the others; NaN where one of them is not predicted.
+        """RMS distance (m) over all poses, each predicted from the others; NaN if one of them is not predicted.
 
-        ``points``: how many each pose has.
+        ``points``: number of points of each pose.
         """
         weight = np.asarray(points, float)
         return float(np.sqrt(np.sum(weight * self.left_out**2) / np.sum(weight))) if len(self.poses) > 1 else float("nan")
@@ -78,18 +78,18 @@ class Linear:
 
     @property
     def open(self) -> np.ndarray:
-        """Which numbers (b,) all poses together do not determine."""
+        """Mask (b,) of the numbers that all poses together do not determine."""
         return closed_inverse(self.information)[1]
 
     def without(self, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``(moved, open, std)`` without pose ``i``: by how much the numbers (b,) move, which of them the others do not
-        determine, and their standard deviations."""
+        """``(moved, open, std)`` without pose ``i``: change of the numbers (b,), mask of those the others do not determine,
+        and standard deviations."""
         J, r = self.J[self.rows[i]], self.r[self.rows[i]]
         inverse, lost = closed_inverse(self.information - J.T @ J)
         return inverse @ (J.T @ r), lost, np.sqrt(np.maximum(np.diag(inverse), 0.0))
 
     def along(self, change: np.ndarray) -> np.ndarray:
-        """By how much the numbers (b,) move per unit of a ``change`` (n,) of the residual; NaN for those not determined."""
+        """Derivative of the numbers (b,) along a ``change`` (n,) of the residual; NaN for those not determined."""
         inverse, lost = closed_inverse(self.information)
         return np.where(lost, np.nan, -inverse @ (self.J.T @ change))
 
@@ -113,14 +113,14 @@ def influence_of(
         x, lost, std = linear.without(i)
         lost = lost | (positive & (std > VAGUE))
         moved.append(np.where(lost, np.nan, x)[:count])
-        unknown = np.any(lost & ~open_)  # what no pose determines changes no prediction
+        unknown = np.any(lost & ~open_)  # a number that no pose determines changes no prediction
         left_out.append(np.nan if unknown else distance(i, linear.r[rows] + linear.J[rows] @ x))
     stated = {name: linear.along(change)[:count] for name, change in changes.items()}
     return Influence(tuple(labels), logs, tuple(poses), np.array(moved).reshape(-1, count), np.array(left_out), stated)
 
 
 def changed_studies(study: Study) -> Iterator[tuple[str, Study, float]]:
-    """``(name, study, step)`` with one stated value of the cable off by a relative ``step``."""
+    """``(name, study, step)`` with one stated value of the cable changed by a relative ``step``."""
     for name in STATED:
         value = study.known(name)
         if value is not None:
@@ -128,7 +128,7 @@ def changed_studies(study: Study) -> Iterator[tuple[str, Study, float]]:
 
 
 def influence(problem: Problem, minimum: Minimum, measured: dict[str, np.ndarray] | None = None) -> Influence:
-    """The influence at the minimum of a fit to curves; of one to clouds, ``measured`` are the points (m) of each axis."""
+    """The influence at the minimum of a fit to curves; for a fit to clouds, ``measured`` are the points (m) of each axis."""
     if measured is not None:
         problem, minimum = _on_axes(problem, minimum, measured)
     e, poses = minimum.evaluation, problem.poses
@@ -150,7 +150,7 @@ def influence(problem: Problem, minimum: Minimum, measured: dict[str, np.ndarray
 
 
 def _on_axes(problem, minimum, measured):
-    """The problem of the curves that a cloud shows, at the minimum of the direct fit."""
+    """The problem of the axes observed in clouds, at the minimum of the direct fit."""
     poses = [replace(p, curve=MeasuredCurve(measured[p.name])) for p in problem.study.fit_poses]
     study = replace(problem.study, poses=(*poses, *problem.study.validate_poses))
     other = problem.with_study(study)
@@ -173,7 +173,7 @@ def _stacked(e: Evaluation, poses: Poses, real, sigma: np.ndarray) -> np.ndarray
 
 
 def _linear(problem: Problem, minimum: Minimum, e: Evaluation) -> tuple[Linear, list[np.ndarray]]:
-    """The linear problem at a minimum, and which points of each pose are real; numbers at a bound are held."""
+    """The linear problem at a minimum, and masks of the real points of each pose; numbers at a bound are held fixed."""
     layout, poses, sigma = problem.layout, problem.poses, _sigma(problem, e)
     n, k, prior = layout.shared, layout.local, layout.prior
     real = [np.asarray(poses.mask[i]) > 0 for i in range(poses.count)]

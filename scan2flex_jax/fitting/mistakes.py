@@ -1,16 +1,16 @@
-"""Likely mistakes of the input, asked by refits before any physics: poses exchanged, turns, rolls, axes, gravity, scale.
+"""Search for mistakes of the input by refits, before missing physics: exchanged poses, turns, rolls, axes, gravity, scale.
 
-A study that `study.visible` doubts, or whose fit leaves more than a few thousandths of the length, is fitted again with each
-likely mistake mended (`study.mistakes`). A mended study has no number more than the one it came from: if it comes three times
-as close to the curves, that is no accident, and missing physics, which no such change imitates, stays as it was. In turn:
+If `study.visible` finds a doubt, or the residual of the fit exceeds a few thousandths of the length, the study is refitted with
+each likely mistake corrected (`study.mistakes`). A corrected study has no additional parameter: a residual three times smaller
+is no accident, and missing physics is not affected, since no such correction imitates it. In turn:
 
-1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the mended curves and at those of
+1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the corrected curves and at those of
    the fit; the nearest ones are refitted;
-2. each pose is left out; where the others then fit, its own likely mistakes are solved once each at their stiffnesses, and the
-   best one is refitted with all poses. Where none mends it, the pose alone does not fit.
+2. each pose is left out; if the others then fit, its own likely mistakes are solved once each at their stiffnesses, and the
+   best one is refitted with all poses. If none corrects it, the pose is reported as the one that does not fit.
 
-A fit that had to turn several poses by full turns (`fitting.branches`) may have bent itself to a wrong roll: there a mended
-study needs no lead if it comes as close with the turns that are stated. A study that does not settle is asked too.
+A fit that had to change several poses by full turns (`fitting.branches`) may have adapted to a wrong roll: a corrected study
+is then accepted if it comes as close with the stated turns. A study that does not settle is searched too.
 """
 
 from collections.abc import Iterable, Iterator
@@ -32,25 +32,25 @@ from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.visible import clamps_scaled, visible_mistakes
 
-_DOUBTFUL = 0.004  # of the length: RMS distance from which on a fit is asked for mistakes
-_STATED = 3.0  # times the stated noise: the same, from half that distance on
-_TIMES = 3.0  # times closer that a mended study has to come; missing physics brought none beyond 1.2 (docs/mistakes.md)
-_TIMES_TURNED, _TURNED = 1.02, 2  # or one beside a fit that turned so many poses
-_CLOSE = 0.03  # of the length: RMS distance to which it has to come, whatever it was before; real cables leave as much
-_ALIKE = 1.3  # times the distance of the best mended study: others that explain the curves alike
-_AS_OTHERS = 1.5  # times the distance of the other poses without it: a mended pose fits as they do
-_ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: a pose that alone does not fit is so far off, beside turned ones too
-_FEWEST = 3  # poses that have to fit without the one that does not
-_FOLLOWED, _FEWEST_FOLLOWED = 24, 4  # poses and mended studies that are refitted, the nearest where they begin
-_NEARER = 0.6  # times the distance before: a refit that may be a full turn away from coming close
-_HALVED = 0.5  # times the distance before: what a mistake that is visible without a solve has to bring
-_PATIENCE = 6  # iterations after which a refit that is nowhere near is given up
-_STIFFER = np.log(10.0)  # of a start that settles where softer ones do not
+_DOUBTFUL = 0.004  # of the length: RMS distance above which a fit is searched for mistakes
+_STATED = 3.0  # times the stated noise: likewise, above half that distance
+_TIMES = 3.0  # required ratio of distances before and after; missing physics brought none beyond 1.2 (docs/mistakes.md)
+_TIMES_TURNED, _TURNED = 1.02, 2  # that ratio if the fit changed the turns of so many poses
+_CLOSE = 0.03  # of the length: largest accepted RMS distance of a corrected study; real cables leave as much
+_ALIKE = 1.3  # times the distance of the best corrected study: others that explain the curves alike
+_AS_OTHERS = 1.5  # times the distance of the other poses without it: a corrected pose fits as they do
+_ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: least distance of a single pose that does not fit, without and with turns
+_FEWEST = 3  # least number of poses that must fit without the one that does not
+_FOLLOWED, _FEWEST_FOLLOWED = 24, 4  # refits: _FOLLOWED over the number of poses, at least _FEWEST_FOLLOWED, the nearest ones
+_NEARER = 0.6  # times the distance before: a refit below it may be a full turn away from coming close
+_HALVED = 0.5  # times the distance before: required of a mistake that is visible without a solve
+_PATIENCE = 6  # iterations after which a refit that is far off is given up
+_STIFFER = np.log(10.0)  # added to the logarithms of a start that does not settle
 _FINEST, _COARSEST = 2.0e-4, 0.01  # of the length: noise of curves that weighs priors
 
 
 class Refit(NamedTuple):
-    """A mended study: RMS distance of its fitted poses (m), the problem, and its minimum or where that begins."""
+    """A corrected study: RMS distance of its fitted poses (m), the problem, and its minimum or start."""
 
     mistake: Mistake
     off: float
@@ -59,9 +59,9 @@ class Refit(NamedTuple):
 
 
 def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[Minimum | None, tuple[Mistake, ...]]:
-    """The mistakes that the study shows without a solve and a refit confirms, and the minimum of the study as it stands.
+    """The mistakes that are visible without a solve and confirmed by a refit, and the minimum of the study as it stands.
 
-    That minimum is not followed to its end where it stays far from the curves. No minimum, and no mistake, where none is seen.
+    That minimum is given up if it stays far from the curves. ``(None, ())`` without a confirmed mistake.
     """
     found = visible_mistakes(problem.study)
     if not found:
@@ -72,16 +72,16 @@ def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[
 
 
 def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
-    """The mistakes that explain the curves of ``study`` at a stroke: the best one, and those that explain them alike.
+    """The mistakes whose correction explains the curves of ``study``: the best one, and those that explain them alike.
 
-    ``problem`` and ``minimum`` are its fit on the branches that were found. Empty for a fit that leaves little.
+    ``problem`` and ``minimum`` are its fit on the measured branches. Empty for a fit with a small residual.
     """
     search = _Search(study, problem, minimum, progress)
     return search.hidden() if search.doubtful() else ()
 
 
 def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> NotSettledError:
-    """The fault of a study that does not settle, with the mistake that keeps it from settling where one is likely."""
+    """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found."""
     search = _Search(problem.study, problem, None, progress)
     found = search.confirmed(visible_mistakes(problem.study)) or search.hidden()
     return NotSettledError(fault.sentence, str(found[0]), fault.reasons) if found else fault
@@ -93,12 +93,12 @@ def _distance(problem, residual) -> float:
 
 
 def _cost(problem, off) -> float:
-    """The cost of a fit whose points are all so far off (m)."""
+    """The cost of a fit whose points all have the distance ``off`` (m)."""
     return float(np.sum(np.sum(np.asarray(problem.poses.mask), axis=1) * (off / problem.first_scale()) ** 2))
 
 
 class _Search:
-    """The refits of one study beside its fit; without a minimum nothing of it settled, and any that comes close is better."""
+    """The refits of one study; without a minimum the study did not settle, and any refit that comes close is better."""
 
     def __init__(self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress):
         self.study, self.problem, self.minimum, self.progress = study, problem, minimum, progress
@@ -109,7 +109,7 @@ class _Search:
         self.close = min(self.before / (_TIMES_TURNED if self.turned else _TIMES), _CLOSE * problem.length)
 
     def doubtful(self) -> bool:
-        """Whether the fit leaves more than a few thousandths of the length, or more than the stated noise, or turned poses."""
+        """Whether the residual exceeds a few thousandths of the length or the stated noise, or the fit changed turns."""
         if self.minimum is None:
             return True
         own = branches.distances(self.minimum.evaluation, self.problem.poses.mask)
@@ -119,13 +119,13 @@ class _Search:
         return bool(self.turned or self.before > limit or beyond)
 
     def confirmed(self, found: tuple[Mistake, ...]) -> tuple[Mistake, ...]:
-        """Mistakes that are visible without a solve, where the study with all of them mended fits better."""
+        """Mistakes that are visible without a solve, if the study with all of them corrected fits better."""
         refit = self.refitted(found[-1]) if found else None
         limit = min(_HALVED * self.before, _CLOSE * self.problem.length if self.minimum is None else np.inf)
         return () if refit is None or refit.off > limit else tuple(self._with_figures(m, refit) for m in found)
 
     def hidden(self) -> tuple[Mistake, ...]:
-        """The mistakes that only refits tell; a pose that alone does not fit where there is none."""
+        """The mistakes that only refits reveal; if there is none, the single pose that does not fit."""
         self.progress("looking for mistakes of the input")
         found = [*self.accepted(self.of_all_poses()), *self.of_one_pose()]
         best = min((refit.off for refit in found), default=0.0)
@@ -145,14 +145,14 @@ class _Search:
         yield from mistakes.of_pairs(self.study)
 
     def accepted(self, hypotheses: Iterable[Mistake]) -> list[Refit]:
-        """Those of the mended studies that come close at a stroke, of the nearest where they begin."""
+        """The corrected studies that come close, among the nearest at their starts."""
         begun = sorted((b for b in map(self.begun, hypotheses) if b is not None), key=lambda b: b.off)
         most = max(_FEWEST_FOLLOWED, _FOLLOWED // len(self.study.fit_poses))
         refits = [self._on_its_branches(self.finished(b)) for b in begun[:most]]
         return [refit for refit in refits if refit.off <= self.close]
 
     def _on_its_branches(self, refit):
-        """A refit that comes nearer, but not close, with the turns that the shapes tell."""
+        """A refit that comes nearer but not close, with a search of its turns."""
         if self.turned or not self.close < refit.off < _NEARER * self.before:
             return refit
         with suppress(Scan2FlexError):
@@ -161,8 +161,8 @@ class _Search:
         return refit
 
     def of_one_pose(self) -> Iterator[Refit]:
-        """Mended studies of single poses; `left` keeps, of each pose without which the others fit, their refit and how far
-        (m) the pose is off then."""
+        """Corrected studies of single poses; for each pose without which the others fit, `left` keeps their refit and the
+        distance (m) of the pose."""
         poses = self.study.fit_poses
         if len(poses) == 1:
             yield from self.accepted(mistakes.of_pose(self.study, poses[0]))
@@ -179,7 +179,7 @@ class _Search:
                 yield from (refit for refit in self.accepted([nearest[1]]) if refit.off < _AS_OTHERS * rest.off)
 
     def alone(self) -> list[Refit]:
-        """The refit without the one pose that does not fit, where enough others do."""
+        """The refit without the one pose that does not fit, if enough others do."""
         if len(self.left) != 1 or len(self.study.fit_poses) <= _FEWEST:
             return []
         rest, off = self.left[0]
@@ -193,16 +193,16 @@ class _Search:
         return float(branches.distances(found, poses.mask)[0])
 
     def refitted(self, mistake: Mistake) -> Refit | None:
-        """The mended study fitted; None where none of its starts settles."""
+        """The corrected study fitted; None if none of its starts settles."""
         begun = self.begun(mistake)
         return None if begun is None else self.finished(begun)
 
     def begun(self, mistake: Mistake) -> Refit | None:
-        """The mended study at the better of its own start and the values of the fit, or stiffer where neither settles."""
+        """The corrected study at the better of its own start and the values of the fit, or stiffer if neither settles."""
         try:
             tried = self.problem.with_study(mistake.study)
             own = tried.starts()[-1]
-        except (Scan2FlexError, ValueError, np.linalg.LinAlgError):  # clamps and curve between which nothing can begin
+        except (Scan2FlexError, ValueError, np.linalg.LinAlgError):  # no start exists for these clamps and curve
             return None
         starts = [own] if self.minimum is None else [own, self.minimum.shared[: len(own)]]
         found = [m for m in (_at(tried, x) for x in starts) if np.isfinite(m.cost)]
@@ -213,7 +213,7 @@ class _Search:
         return None if best is None else Refit(mistake, _distance(tried, best.evaluation.residual), tried, best)
 
     def finished(self, begun: Refit) -> Refit:
-        """The refit from there; what stays far from coming close is given up."""
+        """The refit from ``begun``; one that stays far off is given up."""
         tried = begun.problem
         goal = replace(tried.goal(tried.first_scale()), beat=_cost(tried, self.close), patience=_PATIENCE)
         minimum = levenberg_marquardt(goal, begun.minimum.shared)

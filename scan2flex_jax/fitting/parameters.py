@@ -1,8 +1,8 @@
-"""Which numbers a fit may move: the unknowns x_E of a study, and what the study knows only nearly.
+"""The parameter vector ``x``: the unknowns of a study, then nuisance parameters with their priors (length, gravity, clamps).
 
-The model sees a vector ``x``: first the unknowns (logarithms of positive ones), then in units of their stated tolerance the
-length, the tilt of gravity, the mass per length, and per pose the positions and rotations of the clamps. The latter are
-priors: standard normal, never flat. An unknown may have a prior too: normal, and log-normal where it stands by its logarithm.
+Unknowns come first (logarithms of positive ones), then, in units of their stated tolerance, the length, the tilt of gravity,
+the mass per length, and per pose the positions and rotations of the clamps. These nuisance parameters have standard normal
+priors. An unknown may have a prior too: normal, or log-normal if it is represented by its logarithm.
 """
 
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
-# Documented ranges of unknowns whose study gives none: what flexible components span, in the unit of the parameter.
+# Default ranges of unknowns, wide enough for flexible components, in the unit of the parameter.
 DEFAULT_RANGE = {
     "length": (1.0e-2, 1.0e3),
     "length_density": (1.0e-4, 1.0e3),
@@ -41,13 +41,13 @@ CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the 
 
 @dataclass(frozen=True)
 class Slot:
-    """One unknown: where it stands in ``x``, its shape, whether by its logarithm, its range in ``x``'s own unit, and the end
-    (0 start, 1 end) of a parameter with a value per end in a study that clamps only one."""
+    """One unknown: its place ``at`` in ``x``, its shape, whether ``x`` holds its logarithm, its range in the unit of ``x``, and
+    the end (0 start, 1 end) of a parameter with a value per end in a study that clamps only one."""
 
     name: str
     shape: tuple[int, ...]
     log: bool
-    low: tuple[float, ...] = field(compare=False)  # a range plays no part in what is compiled
+    low: tuple[float, ...] = field(compare=False)  # compilation does not depend on the range
     high: tuple[float, ...] = field(compare=False)
     at: int
     unit: str
@@ -56,29 +56,29 @@ class Slot:
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Number of entries."""
         return int(np.prod(self.shape, dtype=int))
 
     @property
     def labels(self) -> list[str]:
-        """A name for each number."""
+        """A name for each entry."""
         return [self.name] if not self.shape else [f"{self.name}[{i}]" for i in range(self.size)]
 
 
 @dataclass(frozen=True)
 class SharedPrior:
-    """Normal priors of those shared numbers, ``at`` in ``x``, that have one: their means and standard deviations."""
+    """Normal priors of the shared entries ``at`` of ``x``: means and standard deviations."""
 
     at: np.ndarray
     mean: np.ndarray
     std: np.ndarray
 
     def pull(self, x):
-        """By how many standard deviations each of them is off."""
+        """Deviation of each from its mean, in standard deviations."""
         return (x[self.at] - self.mean) / self.std
 
     def precision(self, size: int) -> np.ndarray:
-        """Precision of each of ``size`` numbers; 0 for those that have no prior here."""
+        """Precision of each of ``size`` entries; 0 for those without a prior."""
         out = np.zeros(size)
         out[self.at] = self.std**-2
         return out
@@ -86,10 +86,10 @@ class SharedPrior:
 
 @dataclass(frozen=True)
 class Layout:
-    """The shape of ``x``: slots of the unknowns and the standard deviations behind the nearly known.
+    """The structure of ``x``: slots of the unknowns, and tolerances (standard deviations) of the nuisance parameters.
 
-    The scan frame is tilted about the two axes across gravity, or about three where poses differ in gravity. ``rigid``: the
-    stiffnesses that the study leaves out.
+    The scan frame is tilted about the two axes across gravity, or about three if poses differ in gravity. ``rigid``: the
+    stiffnesses that the study omits.
     """
 
     slots: tuple[Slot, ...]
@@ -104,24 +104,24 @@ class Layout:
 
     @property
     def unknowns(self) -> int:
-        """Numbers that are unknown outright."""
+        """Number of entries of the unknowns."""
         return sum(slot.size for slot in self.slots)
 
     @property
     def shared(self) -> int:
-        """Numbers that all poses share: unknowns, then nearly known ones."""
+        """Number of entries that all poses share: unknowns, then shared nuisance parameters."""
         nearly = (self.length_tolerance > 0) + self.gravity_axes * (self.gravity_tolerance > 0) + (self.density_tolerance > 0)
         return self.unknowns + nearly
 
     @property
     def local(self) -> int:
-        """Nearly known numbers of each pose."""
+        """Number of nuisance parameters of each pose."""
         tolerances = (self.position_tolerance, self.rotation_tolerance, self.roll_tolerance or 0.0)
         return CLAMP_MOTIONS if max(tolerances) > 0 else 0
 
     @cached_property
     def prior(self) -> "SharedPrior":
-        """What is known of the shared numbers before any pose is seen."""
+        """The priors of the shared entries."""
         rest = np.arange(self.unknowns, self.shared)
         at, mean, std = [rest], [np.zeros(len(rest))], [np.ones(len(rest))]
         for slot in reversed(self.slots):
@@ -133,12 +133,12 @@ class Layout:
 
     @property
     def has_priors(self) -> bool:
-        """Whether anything beside the poses has its weight in a fit."""
+        """Whether a fit has priors beside the residuals."""
         return bool(len(self.prior.at)) or self.local > 0
 
     @property
     def labels(self) -> list[str]:
-        """A name for each of the unknown numbers."""
+        """A name for each entry of the unknowns."""
         return [label for slot in self.slots for label in slot.labels]
 
 
@@ -175,7 +175,7 @@ def _slot(study, unknown, at):
 
 
 def _whole_shape(study, name, form):
-    """The shape of an unknown: the plainest, or that of the values said of it; one number stands for all entries."""
+    """The shape of an unknown: the simplest, or that of its stated values; one number stands for all entries."""
     unknown = next(u for u in study.unknowns if u.name == name)
     said = [study.start_value(name), unknown.low, unknown.high, *(unknown.prior or {}).values()]
     shapes = form.shapes(len(study.clamped_ends), study.places_of(name))
@@ -184,7 +184,7 @@ def _whole_shape(study, name, form):
 
 
 def _prior_in_x(prior, shape, log):
-    """Mean and standard deviation in ``x``: the log-normal distribution that has those of the quantity itself."""
+    """Mean and standard deviation in ``x``: for a logarithm, those of the log-normal with the stated mean and deviation."""
     mean, std = (np.broadcast_to(np.asarray(prior[k], float), shape).ravel() for k in ("mean", "std"))
     if log:
         variance = np.log1p((std / mean) ** 2)
@@ -198,9 +198,9 @@ def _format(name):
 
 
 def template(study, pose: StudyPose | None = None) -> CableModel:
-    """The model of a pose, with every unknown at the value given for it (or at one where nothing is given).
+    """The model of a pose, with every unknown at its stated value (or at a filler without one).
 
-    Without a pose, that of any pose that has no gravity and no effects of its own.
+    Without ``pose``: the model of a pose that has no gravity and no effects of its own.
     """
     known = {key: value for key, value in study.cable.items() if key != "radius"}
     filler = {"length_density": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "length": 1.0}
@@ -218,7 +218,7 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
 
 
 def model_at(layout: Layout, model: CableModel, x) -> CableModel:
-    """The template with the shared numbers ``x`` put in; differentiable in ``x``."""
+    """The template with the shared entries ``x`` inserted; differentiable in ``x``."""
     for slot in layout.slots:
         value = x[slot.at : slot.at + slot.size].reshape(slot.shape)
         model = _put(model, slot.name, jnp.exp(value) if slot.log else value, slot.end)
@@ -239,7 +239,7 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
 
 
 def _tilt(gravity, x):
-    """The rotation vector of a tilt: across gravity where it has two numbers."""
+    """The rotation vector of a tilt: across gravity if it has two entries."""
     if len(x) == 3:
         return x
     size = jnp.linalg.norm(gravity)
@@ -253,7 +253,7 @@ def model_of(study: Study, pose: StudyPose | None = None) -> CableModel:
 
     Args:
         study: One cable.
-        pose: May have its own gravity, and effects that act in it only; left out: the model of a pose that has neither.
+        pose: May have its own gravity, and effects that act in it only; default: a pose that has neither.
 
     Returns:
         Cable, gravity and effects, as `equilibrium` takes them.
@@ -294,20 +294,20 @@ def _put(model, name, value, end):
 
 
 def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
-    """A pose's supports with its own nearly known numbers ``z`` put in (none where the layout has none)."""
+    """A pose's supports, displaced by its nuisance parameters ``z`` (empty if the layout has none)."""
     if not layout.local:
         return boundary
     z = z.reshape(2, 6) * boundary.held
     if layout.roll_tolerance is None:
         turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
-    else:  # one after the other: a roll of whatever size leaves the tangent where the tilt puts it
+    else:  # roll first, then tilt: the tangent is independent of the roll
         tilt = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:].at[:, 2].set(0.0))
         turn = tilt @ jax.vmap(lie.so3_exp)(layout.roll_tolerance * z[:, 3:].at[:, :2].set(0.0))
     return Boundary(boundary.position + layout.position_tolerance * z[:, :3], boundary.rotation @ turn, boundary.held)
 
 
 def start_vector(study, layout: Layout, own: Mapping[str, float | np.ndarray]) -> np.ndarray:
-    """``x`` of the unknowns at the user's guess where there is one, else at the package's ``own`` start."""
+    """``x`` of the unknowns at the user's guess if there is one, else at the package's ``own`` start."""
     parts = []
     for slot in layout.slots:
         value = study.start_value(slot.name)

@@ -1,7 +1,7 @@
-"""The measured poses as arrays of one shape, so that all of them are solved and differentiated in one batch.
+"""The measured poses as arrays of one shape: points, supports, models, and the starts of their solves.
 
 Curves are padded to one number of points, so that all studies share one compilation; ``mask`` is 1 for real points. Longer
-curves are thinned evenly along their arc length first.
+curves are thinned evenly first.
 """
 
 from collections.abc import Sequence
@@ -21,18 +21,18 @@ from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.starts import complete_curve, curve_start, sagging_start
 from scan2flex_jax.study.model import Study, StudyPose
 
-_DENSE = 513  # points of a curve along which a solve starts
-_MOST_MARKERS = 128  # of a pose that enter a fit
-_MARKED_SHAPE = 2  # markers from which on a solve starts along them
-MOST_POINTS = 256  # of a curve that enter a fit: more say nothing new about a smooth curve whose noise is correlated
+_DENSE = 513  # points of the curve along which a solve starts
+_MOST_MARKERS = 128  # of a pose in a fit
+_MARKED_SHAPE = 2  # least number of markers along which a solve starts
+MOST_POINTS = 256  # of a curve in a fit: more add no information on a smooth curve whose noise is correlated
 
 
 class Poses(eqx.Module):
-    """P poses: measured points (m), their expected arc length (m), supports, and where solves start.
+    """P poses: measured points (m), their expected arc length (m), supports, and starts of solves.
 
-    ``templates`` are the models of the poses, before a fit puts its numbers in, and ``group`` says which of them each pose has:
-    poses that differ in gravity or in the effects that act in them have others. ``marked`` is 1 for points whose arc length is
-    known (`expected`); None in a study without markers.
+    ``templates`` are the models of the poses before a fit inserts its parameters, and ``group`` is the index of each pose's
+    template: poses that differ in gravity or in their effects have different ones. ``marked`` is 1 for points whose arc length
+    is known (`expected`); None in a study without markers.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]
@@ -81,7 +81,7 @@ def boundary_of(pose: StudyPose) -> Boundary:
 
 
 def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elements: int) -> Poses:
-    """Arrays of poses in a study, all of which must have a centre curve or markers; these are where a solve starts."""
+    """Arrays of poses of a study, all of which must have a centre curve or markers; solves start along these."""
     stack = [_one(pose, length) for pose in study_poses]
     points, mask, expected, marked, _, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
     each = [_start_of(study, pose, one[4:], length, elements) for pose, one in zip(study_poses, stack, strict=True)]
@@ -93,7 +93,7 @@ def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elem
 
 
 def _start_of(study, pose, known, length, elements):
-    """Where solves of a pose start: along what was measured; one marker tells too little, and the cable just sags."""
+    """The start of a pose's solves: along the measured curve or markers, or a sagging cable if there is only one marker."""
     dense, boundary, turns = known
     if pose.curve is None and len(pose.markers.points) < _MARKED_SHAPE:
         return _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
@@ -101,7 +101,7 @@ def _start_of(study, pose, known, length, elements):
 
 
 def check_distance(study: Study, distance: str) -> None:
-    """Raise `Scan2FlexError` where markers stand beside a distance of whole curves."""
+    """Raise `Scan2FlexError` if a study has markers and the distance is one of whole curves."""
     marked = next((pose.name for pose in study.poses if pose.markers is not None), None)
     if marked is not None and distance in ("integrated", "hausdorff"):
         said = f"pose {marked!r} has markers, and the distance {distance!r} is one of whole curves"
@@ -109,7 +109,7 @@ def check_distance(study: Study, distance: str) -> None:
 
 
 def _templates(study, study_poses):
-    """The models of poses, each once, and which of them each pose has."""
+    """The distinct models of the poses, and the index of each pose's model."""
     models: dict[tuple, CableModel] = {}
     keys = [(study.gravity_in(p).tobytes(), *(e in study.acting(p) for e in study.effects)) for p in study_poses]
     for key, pose in zip(keys, study_poses, strict=True):
@@ -129,7 +129,7 @@ def _sag(boundary, length, gravity, turns, elements):
 
 
 def _one(pose, length):
-    """Points, mask, expected arc lengths, which are markers, a dense curve along them, supports and turns of one pose."""
+    """Points, mask, expected arc lengths, mask of markers, a dense curve along them, supports and turns of one pose."""
     boundary, marks = boundary_of(pose), pose.markers
     if pose.curve is None and marks is None:
         raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
@@ -167,7 +167,7 @@ def _thinned(points, given, most):
 
 
 def _through_markers(points, s, pose, boundary, length):
-    """A smooth curve through supports and markers, with the clamps' tangents; straight on to a free end."""
+    """A smooth curve through supports and markers, with the clamps' tangents; straight beyond the last one to a free end."""
     near = 1e-6 * length
     held = pose.end is not None
     inside = (s > near) & ((s < length - near) | (not held))

@@ -1,7 +1,7 @@
-"""One study made ready for a fit: its parameters, model and poses as arrays, and its least-squares problem with its minima.
+"""The least-squares problem of one study: its parameters, model and poses as arrays, and its minima.
 
-A `Fit` keeps its `Problem`, so that the search for missing physics and the planning of poses go on from where the fit ended.
-Nothing in it refers to the caller: a `Problem` can be pickled, and sent to another process.
+A `Fit` keeps its `Problem`, so that the search for missing physics and the planning of poses continue from the fit. It holds no
+reference to the caller: a `Problem` can be pickled and sent to another process.
 """
 
 from collections.abc import Sequence
@@ -30,19 +30,18 @@ from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
 
 FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
-_CREDIBLE = 0.01  # of the length: RMS of a minimum beyond which another start is tried too
-_WEAK = 3.0  # standard deviation of a logarithm about where a fit begins: a factor of 20
+_CREDIBLE = 0.01  # of the length: RMS distance of a minimum above which another start is tried too
+_WEAK = 3.0  # standard deviation of a logarithm about the start of a fit: a factor of 20
 _LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
 
 
 class Problem:
-    """One study made ready for a fit.
+    """The least-squares problem of one study.
 
-    ``layout`` maps the parameter vector to models, which begin as ``template`` in poses that have nothing of their own;
+    ``layout`` maps the parameter vector to models, starting from ``template`` in poses without gravity or effects of their own;
     ``poses`` are the ``fit`` poses and ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is
-    the scale of the residuals;
-    ``evaluator`` gives residuals and their Jacobian, and counts the equilibria that it solved. ``slots``: energy laws of
-    effects that may be added later, at zero amplitude.
+    the scale of the residuals; ``evaluator`` returns residuals and their Jacobian, and counts the equilibria that it solved.
+    ``slots``: placeholders for energy laws of effects that may be added later, at zero amplitude.
     """
 
     def __init__(
@@ -58,21 +57,21 @@ class Problem:
         self.evaluator = self.evaluator_of(self.poses, distance)
 
     def evaluator_of(self, poses: Poses, distance: str = "normal") -> Evaluator:
-        """An evaluator of other poses, that has counted nothing yet."""
+        """An evaluator of other poses, with its count of equilibria at zero."""
         return Evaluator(self.layout, poses, self.elements, distance, self.slots)
 
     def with_study(self, study: Study) -> "Problem":
-        """The same of another study with the same unknowns; equilibria are counted on."""
+        """The problem of another study with the same unknowns; the count of equilibria continues."""
         other = Problem(study, self.elements, self.evaluator.distance, self.slots)
         other.evaluator.equilibria = self.evaluator.equilibria
         return other
 
     def hold_out(self, study: Study) -> None:
-        """Take over a study that differs in its ``validate`` poses only."""
+        """Replace the study by one that differs only in its ``validate`` poses."""
         self.study, self.held_out = study, _held_out(study, self.length, self.elements)
 
     def predicted(self, minimum: Minimum) -> Evaluation:
-        """The evaluation of the ``validate`` poses, which had no part in the minimum."""
+        """The evaluation of the ``validate`` poses at a minimum."""
         if self.held_out is None:
             raise Scan2FlexError("the study has no pose with role 'validate': there is nothing to predict")
         return self.evaluator_of(self.held_out, self.evaluator.distance)(minimum.shared)
@@ -82,19 +81,19 @@ class Problem:
         return np.array([noise.total if pose.noise is None else pose.noise for pose in self.study.fit_poses])
 
     def first_scale(self) -> np.ndarray:
-        """The same before any residual is known: the stated ones, else a thousandth of the length for all."""
+        """Likewise before any residual is known: the stated noises, else a thousandth of the length for all."""
         stated = [pose.noise for pose in self.study.fit_poses]
         return np.array(stated, float) if all(stated) else np.full(self.poses.count, 1e-3 * self.length)
 
     def goal(self, sigma: np.ndarray, progress: Progress = silent) -> Goal:
-        """What is minimised, with residuals in units of ``sigma`` (m) per pose."""
+        """The objective, with residuals in units of ``sigma`` (m) per pose."""
         prior = self.layout.shared - self.layout.unknowns
         low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
         high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
         return Goal(self.evaluator, sigma, low, high, progress, np.where(self.logs(), _WEAK**-2, 0.0))
 
     def starts(self) -> list[np.ndarray]:
-        """Start vectors of the unknowns: the user's guess where given, and the package's own."""
+        """Start vectors of the unknowns: the user's guess if given, and the package's own."""
         own = own_start(self.study, self.poses, self.length)
         guessed = start_vector(self.study, self.layout, own)
         free = start_vector(_without_guesses(self.study), self.layout, own)
@@ -103,11 +102,11 @@ class Problem:
     def minimise(
         self, method: str, progress: Progress = silent, beat: float = np.inf, start: np.ndarray | None = None
     ) -> Minimum:
-        """The minimum from the start that fits better, and from the other one too where that leaves doubt.
+        """The minimum from the start that fits better, and from the other one too if the first is in doubt.
 
-        With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Numbers with
-        priors do not move yet. Of use is only a minimum below ``beat``: what stays far above it is not followed to its end.
-        Raises `NotSettledError` where no pose can be solved.
+        With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Nuisance
+        parameters are held at zero. A descent that stays far above the cost ``beat`` is given up. Raises `NotSettledError` if
+        a pose cannot be solved.
         """
         goal = replace(self.goal(self.first_scale(), progress), beat=beat)
         prior = np.zeros(self.layout.shared - self.layout.unknowns)
@@ -126,19 +125,19 @@ class Problem:
         return self._finite(min(found, key=lambda m: m.cost))
 
     def _beyond_doubt(self, minimum, goal):
-        """Whether a minimum needs no second start: converged, at no bound, and the shapes are those that were measured."""
+        """Whether a minimum needs no second start: converged, at no bound, and close to the measured shapes."""
         inside = np.all((minimum.shared > goal.low) & (minimum.shared < goal.high))
         own = np.asarray(self.poses.mask).sum()
         rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
         return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
 
     def logs(self) -> np.ndarray:
-        """Which of the shared numbers are logarithms."""
+        """Mask of the shared entries that are logarithms."""
         known = [False] * (self.layout.shared - self.layout.unknowns)
         return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
 
     def _descend(self, goal, x, evaluation):
-        """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""
+        """Levenberg-Marquardt from ``x``, or from a stiffer or softer start if a pose cannot be solved there."""
         logs = self.logs()
         for factor in _LADDER:
             start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
@@ -148,7 +147,7 @@ class Problem:
         return minimum
 
     def seen_by_normals(self, minimum: Minimum) -> Minimum:
-        """The minimum of another distance with all its residuals, for the statistics and the poses."""
+        """The minimum of another distance with residuals along the normals, for the statistics and the poses."""
         old = self.evaluator
         self.evaluator = self.evaluator_of(self.poses)
         self.evaluator.equilibria = old.equilibria
@@ -156,7 +155,7 @@ class Problem:
         return replace(minimum, evaluation=self.evaluator(minimum.shared, minimum.local, start=start))
 
     def with_priors(self, minimum: Minimum, noise: Noise, progress: Progress = silent) -> Minimum:
-        """The fit again, with the nearly known numbers free under their priors."""
+        """The fit repeated with the nuisance parameters free under their priors."""
         goal = self.goal(self.scale(noise), prefixed(progress, "with priors"))
         solved = minimum.evaluation.configuration  # a soft law may not be solved from the measured curves there
         return self._finite(levenberg_marquardt(goal, minimum.shared, minimum.local, solved))
@@ -172,7 +171,7 @@ class Problem:
 
 
 def unsettled(study_poses: Sequence[StudyPose], evaluation: Evaluation) -> dict[str, str]:
-    """Why poses are in no stable equilibrium, in words, by their names."""
+    """Reasons, by pose name, why poses are not in a stable equilibrium."""
     codes = zip(study_poses, np.asarray(evaluation.verdict.code), strict=True)
     return {pose.name: SENTENCES[int(code)] for pose, code in codes if code != SOLVED}
 

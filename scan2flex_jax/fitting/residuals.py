@@ -1,4 +1,4 @@
-"""A study as one traced function, from the numbers that a fit moves to residuals: for solvers, samplers and own losses.
+"""`residual_function`: a study as one traced JAX function of its parameters, for other solvers, samplers and losses.
 
     function, start = residual_function(load_study("my-cable"))
     optimistix.least_squares(lambda x, _: function(x), optimistix.LevenbergMarquardt(1e-8, 1e-8), start)
@@ -31,7 +31,7 @@ DISTANCES = ("closest", "integrated")
 class ResidualFunction(eqx.Module):
     """Residuals of a study's poses as a function of a vector ``x``; made by `residual_function`.
 
-    ``x`` holds the unknowns, positive ones by their logarithm, and where a noise is given the nearly known numbers in units of
+    ``x`` holds the unknowns, positive ones by their logarithm, and, if a noise is given, the nuisance parameters in units of
     their tolerance: of the length, of gravity, then of each pose's clamps.
     """
 
@@ -56,12 +56,12 @@ class ResidualFunction(eqx.Module):
         return values_of(self.layout, np.asarray(x))
 
     def verdicts(self, x: Float[Array, " n"]) -> Verdict:
-        """How well each pose was solved (leading axis: poses)."""
+        """Status of the solve of each pose (leading axis: poses)."""
         return self._solved(x)[1]
 
     def __call__(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
         """Measured minus modelled: three components of every point of every pose, in m, or over the noise and followed by the
-        priors. Infinite for a pose that has no stable equilibrium, so that a line search or a sampler turns it down."""
+        priors. Infinite for a pose without a stable equilibrium, so that a line search or a sampler rejects ``x``."""
         residual, verdict = self._solved(x)
         solved = verdict.solved[:, None, None]
         flat = jnp.where(solved, residual, jnp.inf).ravel()[self.real]
@@ -105,22 +105,22 @@ def _residuals(function: ResidualFunction, x):
 def residual_function(
     study: Study, *, noise: float | None = None, elements: int = 40, distance: str = "closest"
 ) -> tuple[ResidualFunction, Float[Array, " n"]]:
-    """``(function, start)``: the residuals of the ``fit`` poses of ``study`` as a pure JAX function, and where a fit begins.
+    """``(function, start)``: the residuals of the ``fit`` poses of ``study`` as a pure JAX function, and a start for a fit.
 
     Args:
         study: One cable; its ``fit`` poses need a centre curve or markers.
-        noise: Standard deviation of one coordinate (m). It divides the residuals and brings in the study's tolerances as
-            standard normal priors: half the sum of squares is then the negative logarithm of a posterior density with white
-            noise. Without it residuals are in m, and tolerances are taken as exact.
+        noise: Standard deviation of one coordinate (m). It divides the residuals and adds the study's tolerances as standard
+            normal priors: half the sum of squares is then the negative logarithm of a posterior density with white noise.
+            Without it residuals are in m, and stated values are taken as exact.
         elements: Elements of the rod.
         distance: "closest" (to the closest point of the modelled curve; its square has exact first and second derivatives) or
             "integrated" (at equal arc length; paper, Eq. 10).
 
     Returns:
-        A `ResidualFunction`, pure and traced by JAX, and the vector (n,) of its unknowns where a fit begins.
+        A `ResidualFunction`, pure and traced by JAX, and a start vector (n,) of its unknowns.
 
     Raises:
-        Scan2FlexError: A pose has no curve and no markers, or an argument is none of these.
+        Scan2FlexError: A pose has no curve and no markers, or an argument has another value than those above.
 
     Examples:
         >>> residuals, start = residual_function(study)  # doctest: +SKIP

@@ -1,4 +1,4 @@
-"""What a fit returns: what an experimenter wants to read, and the same as the format's JSON object."""
+"""`Fit`, the result of a fit: estimates, poses, noise and sentences, its printed summary, and the format's JSON object."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,7 +20,7 @@ from scan2flex_jax.study.model import Study
 
 @dataclass(frozen=True)
 class Estimate:
-    """One unknown: value, standard error and 95 % interval in its own unit; no error where the poses determine none."""
+    """One unknown: value, standard error and 95 % interval in its own unit; error and interval are None if undetermined."""
 
     value: float | np.ndarray
     std: float | np.ndarray | None
@@ -31,7 +31,7 @@ class Estimate:
     unit: str
 
     def to_json(self) -> dict:
-        """As in the study format; what is not known is left out."""
+        """As in the study format; unknown entries are omitted."""
         out = {"value": _plain(self.value), "identifiable": self.identifiable, "at_bound": self.at_bound}
         known = {"std": self.std, "low": self.low, "high": self.high}
         return out | {k: _plain(v) for k, v in known.items() if v is not None}
@@ -39,8 +39,8 @@ class Estimate:
 
 @dataclass(frozen=True)
 class PoseFit:
-    """One pose: distances (m) between measured and modelled curve, both curves for a picture, and of a validate pose the RMS
-    distance (m) by which its own tolerances and the estimates' errors may move it."""
+    """One pose: distances (m) between measured and modelled curve, both curves for a picture, and ``spread``: for a validate
+    pose the RMS displacement (m) by its own tolerances and the errors of the estimates."""
 
     role: str
     rms: float
@@ -61,16 +61,16 @@ class PoseFit:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Estimates, what they rest on, and whether to believe them.
+    """Estimates with intervals, the poses with their residuals, and the validation on poses that were not fitted.
 
-    ``correlation`` is that of the numbers named by ``labels``; ``sentences`` say what the poses cannot determine, what lies
-    at a bound and whether the model predicts the poses that it never saw; ``valid`` is that verdict (None without such
-    poses). ``data``: "curve" (distances to centre curves) or "cloud" (to the points of the scans themselves; the distances
-    of poses are then those of the cable's axis, station by station along it). ``turned``: poses whose turns are not those that
-    the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose.
-    ``misfits``: fitted poses whose residual is no noise, in words. ``mistakes``: likely mistakes of the input, each of which
-    explains the residual at a stroke (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted
-    squares of residuals and priors. ``settings``: the thresholds of belief in it.
+    ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
+    bound, and whether the validate poses are predicted, which is ``valid`` (None without such poses). ``data``: "curve"
+    (distances to centre curves) or "cloud" (to the points of the scans; the distances of poses are then those of the cable's
+    axis at stations along it). ``turned``: sentences on poses whose turns differ from the study's (`fitting.branches`).
+    ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
+    poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
+    (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
+    ``settings``: the thresholds of the validation.
     """
 
     study: Study = field(repr=False)
@@ -97,20 +97,20 @@ class Fit:
     settings: FitSettings = USUAL
 
     def rms(self, role: str = "fit") -> float:
-        """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
+        """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
         squares = [p.residual.ravel() for p in self.poses.values() if p.role == role]
         points = sum(len(p.residual) for p in self.poses.values() if p.role == role)
         return float(np.sqrt(np.sum(np.concatenate(squares) ** 2) / points)) if points else float("nan")
 
     @property
     def believable(self) -> bool:
-        """Whether the fit has settled, with every pose stable and near its curve; else its numbers are not to be used."""
+        """Whether the fit has converged, with every pose stable and near its curve; otherwise its values are unusable."""
         sound = self.converged and not self.misfits and not self.mistakes
         return bool(sound and all(p.stable for p in self.poses.values()))
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """The sentences that have to be read before any value, the gravest first."""
+        """The sentences to read before any value, the most serious first."""
         if self.mistakes:
             first, *others = map(str, self.mistakes)
             return (f"likely mistake: {first}", _AS_IT_STANDS, *(f"or: {other}" for other in others))
@@ -121,9 +121,9 @@ class Fit:
 
     @cached_property
     def influence(self) -> Influence | None:
-        """What the estimates rest on, to first order (`fitting.influence`); None for a fit to the largest distances.
+        """Sensitivities of the estimates to poses and stated values (`fitting.influence`); None for a Hausdorff fit.
 
-        Solves the poses twice more, when it is first asked for.
+        The first access solves the poses twice more.
         """
         if self.distance == "hausdorff" or not np.isfinite(self.cost):
             return None
@@ -132,7 +132,7 @@ class Fit:
 
     @property
     def answer(self) -> Answer:
-        """What the summary opens with: estimates, what they rest on, the error on unseen poses, whether to believe it."""
+        """The opening lines of the summary (`fitting.answer`)."""
         return answer_of(self)
 
     @property
@@ -173,7 +173,7 @@ class Fit:
         }
 
     def summary(self) -> str:
-        """The fit in plain text: the answer, then every estimate, every pose, and what else there is to say."""
+        """The fit in plain text: the answer, then every estimate, every pose, and further sentences."""
         answer = self.answer
         lines = [self.study.title, *(f"  {s}" for s in self.doubts if self.mistakes), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
@@ -188,7 +188,7 @@ class Fit:
         return "\n".join([*lines, f"  {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"])
 
     def _pose_lines(self):
-        """A table of the poses, with what leaving one out does to the stiffnesses."""
+        """A table of the poses, with the change of the stiffnesses when each is left out."""
         moved = {name: moved_in_words(self.influence, name) for name in self.poses}
         lines = [f"  pose                 role       rms mm    max mm{'   without it' if any(moved.values()) else ''}"]
         for name, p in self.poses.items():
@@ -215,7 +215,7 @@ def _plain(value):
 
 
 def in_words(e: Estimate) -> str:
-    """A value with its interval and unit, and what has to be known of it."""
+    """A value with its interval and unit, marked if it is not determined or at a bound."""
     value = np.ravel(e.value)
     low, high = (None if x is None else np.ravel(x) for x in (e.low, e.high))
     parts = []

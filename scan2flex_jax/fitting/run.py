@@ -1,7 +1,7 @@
-"""The fit of a study: from measured curves to estimates with intervals, in a few steps that each have their module.
+"""`fit`: the sequence from a study's measured shapes to estimates with intervals; each step has its own module.
 
-Start (the user's guess, and one from the balance equations), minimise, estimate the noise from what is left, fit again with
-the priors that the noise gives their weight, and judge: intervals, what is open, and the poses that had no part in it.
+Start (the user's guess, and one from the balance equations), minimise, estimate the noise from the residual, fit again with
+priors weighted against that noise, then intervals, undetermined combinations, and the validation on poses not fitted.
 """
 
 import time
@@ -58,12 +58,12 @@ def fit(
             no least squares).
         elements: Elements of the rod.
         progress: Called with a line of text now and then.
-        slots: Energy laws of effects that may be added later, at zero amplitude, so that the functions compiled here serve
-            then too.
-        settings: What a fit is believed to tell.
+        slots: Energy laws of effects that may be added later, at zero amplitude, so that a later search reuses the functions
+            compiled here.
+        settings: Thresholds of the validation.
 
     Returns:
-        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on what to believe.
+        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on their validity.
 
     Raises:
         Scan2FlexError: There is nothing to fit.
@@ -126,7 +126,7 @@ def fit(
 
 
 def _minimum(problem, method, progress):
-    """Problem and minimum on the branches that were measured, and likely mistakes of the input."""
+    """Problem and minimum on the measured branches, and likely mistakes of the input."""
     study = problem.study
     try:
         minimum, likely = mistakes.before_branches(problem, method, progress)
@@ -142,7 +142,7 @@ def _minimum(problem, method, progress):
 
 
 def _correlation(covariance):
-    """Correlations of a covariance; NaN beside a number of infinite variance."""
+    """Correlations of a covariance; NaN for entries of infinite variance."""
     spread = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(spread, spread)
@@ -151,7 +151,7 @@ def _correlation(covariance):
 
 
 def _from_curves(problem, minimum, stated, progress):
-    """The minimum under its priors, the noise of the curves, and what is known of the estimates."""
+    """Minimum under its priors, residual noise, noise of the sensor, discrepancy, and uncertainty of the estimates."""
     noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated)
     if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
@@ -237,7 +237,7 @@ def _estimates(layout, x, known, settings):
         value = values[slot.name] if slot.shape else float(values[slot.name])
         std, low, high = shaped
         determined = bool(np.all(known.determined[here]))
-        at_bound = bool(bound and np.all(known.felt[here]))  # that of a number which no pose feels says nothing of its range
+        at_bound = bool(bound and np.all(known.felt[here]))  # meaningless for an entry without influence on any pose
         out[slot.name] = Estimate(value, std, low, high, determined, at_bound, unit_of(slot.name))
     return out
 

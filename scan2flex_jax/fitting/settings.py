@@ -1,4 +1,4 @@
-"""The choices on which the belief in a fit rests, in one object that is passed, and stored with the result."""
+"""`FitSettings`: the thresholds of a fit's validation, in one object that is passed in and stored with the result."""
 
 from dataclasses import asdict, dataclass
 
@@ -7,10 +7,10 @@ from scan2flex_jax.errors import SettingsError
 
 @dataclass(frozen=True)
 class Settings:
-    """Positive numbers with names, checked when they are made. Raises `SettingsError` with the name of a bad one."""
+    """Positive named numbers, checked on construction. Raises `SettingsError` with the name of an invalid one."""
 
     def __post_init__(self):
-        """Bad values end in a sentence that names the setting."""
+        """Raise `SettingsError` for a value that is not positive."""
         for name, value in asdict(self).items():
             if not value > 0:
                 raise SettingsError(f"{type(self).__name__}: {name} is {value}; it must be positive")
@@ -22,16 +22,17 @@ class Settings:
 
 @dataclass(frozen=True)
 class FitSettings(Settings):
-    """When the residual of a fit is no noise, when a pose counts as predicted, and which interval is no information.
+    """Thresholds: when a residual is not noise, when a pose counts as predicted, and which interval is withheld.
 
-    No noise: a residual ``beyond_noise`` times the noise that is stated or that the points show, and beyond ``largest_noise``
-    of the length where none is stated; one that varies slowly along the cable, its correlated part ``slow`` times the white
-    one and alike over ``long`` of the length, unless it is within ``mesh`` of the length, as the error of the mesh may be.
+    Not noise: a residual above ``beyond_noise`` times the noise that is stated or shown by the points, and above
+    ``largest_noise`` of the length if none is stated; or one that varies slowly along the cable (correlated part above ``slow``
+    times the white part, correlation length above ``long`` of the length) and exceeds ``mesh`` of the length, a bound of the
+    mesh error.
 
-    Predicted: a validate pose whose RMS distance is within ``predicted`` times the noise and what tolerances and the errors of
-    the estimates do to it, which is said where it exceeds ``felt`` of the noise.
+    Predicted: a validate pose whose RMS distance is within ``predicted`` times the noise combined with the propagated
+    uncertainty of tolerances and estimates; that uncertainty is reported above ``felt`` of the noise.
 
-    ``vaguest_interval``: standard deviation of the logarithm of a value beyond which its interval is withheld.
+    ``vaguest_interval``: standard deviation of the logarithm of a value above which its interval is withheld.
     """
 
     beyond_noise: float = 3.0

@@ -1,12 +1,12 @@
-"""A start that needs no guess: given a measured curve, the balance of moments is linear in the stiffnesses.
+"""Start values without a guess: for a measured curve the balance of moments is linear in the stiffnesses.
 
 With force ``f = f0 - w s`` (``w = k_rhoA g``) and moment ``m' = -r' x f``, an isotropic straight rod obeys
 
     EI (t x t') + GJ tau t - m0 + (r - r0) x f0 = (int_0^s u t du) x w,
 
-linear in EI, GJ, and each pose's unknown ``m0, f0`` (paper, Eqs. 3 and 5, integrated; so no third derivative of a scan is
-needed). The twist rate ``tau`` is what the end clamp lacks of the transported frame, spread evenly. An estimate from
-differentiated data is biased, and only good enough to begin from.
+linear in EI, GJ, and each pose's unknown ``m0, f0`` (paper, Eqs. 3 and 5, integrated, which avoids third derivatives of a
+scan). The twist rate ``tau`` is the angle between the end clamp and the transported frame over the length. An estimate from
+differentiated data is biased, and only good enough as a start.
 """
 
 import numpy as np
@@ -19,14 +19,14 @@ STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 _SPANS = 12  # of the smoothing spline: a rod between clamps has a few bends
 _DEGREE = 5
 _STATIONS = 101
-_INSIDE = 0.05  # of the length left out at each end, where a spline's curvature is poor
+_INSIDE = 0.05  # of the length omitted at each end, where a spline's curvature is inaccurate
 _INSIDE_SHORT = 0.1  # the same of the measured part, where that is short
 
 
 def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
-    """`balance_start` of a study's poses, and the density (kg/m) that it rests on, for a cable of ``length`` (m).
+    """`balance_start` of a study's poses, and the density (kg/m) assumed for it, for a cable of ``length`` (m).
 
-    The density is the one that the study gives or guesses, where it does.
+    The density is the study's value or guess, if there is one.
     """
     known = {name: float(np.mean(value)) for name in STIFFNESSES if (value := study.known(name)) is not None}
     values = {**study.cable, **{u.name: study.start_value(u.name) for u in study.unknowns}}
@@ -36,13 +36,13 @@ def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
 
 
 def _density_beside(study, length) -> float:
-    """A mass per length (kg/m) to begin from: a cable as heavy as what is known to hang on it, or 1 kg/m."""
+    """A start of the mass per length (kg/m): the cable is as heavy as the known point masses on average, or 1 kg/m."""
     masses = [float(m) for e in study.effects if (m := e.parameters.get("mass")) is not None]
     return float(np.mean(masses)) / length if masses and np.mean(masses) > 0 else 1.0
 
 
 def _loaded_least(study) -> np.ndarray:
-    """Which fitted poses have the fewest effects: the balance of moments knows of none."""
+    """Mask of the fitted poses with the fewest effects, since the balance of moments includes none."""
     effects = np.array([len(study.acting(pose)) for pose in study.fit_poses])
     return effects == effects.min()
 
@@ -52,8 +52,8 @@ def balance_start(
 ) -> dict[str, float]:
     """Bending and torsional stiffness (N m^2) that balance the measured curves best, where they are positive.
 
-    ``known`` holds those of the two that are not unknown; ``weights`` (P, 3) are per length in N/m, ``length`` is in m, and
-    ``use`` (P,) says which poses count.
+    ``known`` holds the stiffnesses that are not unknowns; ``weights`` (P, 3) are per length in N/m, ``length`` is in m, and
+    ``use`` (P,) is the mask of the poses used.
     """
     own_weight = np.max(np.linalg.norm(weights, axis=1)) * length**3
     fallback = 0.03 * own_weight if own_weight > 0 else 1.0
@@ -74,7 +74,7 @@ def balance_start(
 def _pose_equations(poses, i, length, weight):
     mask = np.asarray(poses.mask[i]) > 0
     if poses.marked is not None and np.any(own := mask & (np.asarray(poses.marked[i]) == 0)):
-        mask = own  # a curve tells its bends, and markers beside it are not in order with its points
+        mask = own  # the curve suffices, and markers are not in order with its points
     points, s = np.asarray(poses.points[i])[mask], np.asarray(poses.expected[i])[mask]
     keep = np.concatenate([[True], np.diff(s) > 1e-9 * length])
     points, s = points[keep], s[keep]
@@ -94,7 +94,7 @@ def _pose_equations(poses, i, length, weight):
     r = curve(at)
     lever = np.stack([np.cross(r - r[0], e) for e in np.eye(3)], axis=2)
     constant = np.broadcast_to(-np.eye(3), (len(at), 3, 3))
-    twist = total_twist(np.asarray(poses.start.R[i])) / length  # of the start; zero where an end is free to turn
+    twist = total_twist(np.asarray(poses.start.R[i])) / length  # of the start; zero if an end is free to turn
     shared = np.stack([binormal, twist * t], axis=2)
     local = np.concatenate([constant, lever], axis=2)
     rows = 3 * len(at)
@@ -111,7 +111,7 @@ def _spline(s, points):
 
 
 def total_twist(R: np.ndarray) -> float:
-    """Twist (rad) of a cable with node frames ``R`` (n, 3, 3): what its frames turn about their tangents beyond transport."""
+    """Twist (rad) of a cable with node frames ``R`` (n, 3, 3): their rotation about the tangent relative to transport."""
     relative = np.einsum("nji,njk->nik", R[:-1], R[1:])
     return float(np.sum(0.5 * (relative[:, 1, 0] - relative[:, 0, 1])))
 

@@ -1,10 +1,9 @@
-"""The discretised pose: one structure for every study and effect, whatever the parametrisation.
+"""The discretised pose, independent of the parametrisation: one structure for every study and effect.
 
-A *state* is the discrete rod of one pose with slots for its energy laws and outer fields, and the affine map by which the
-scanner sees points. Parameters and effects on clamps, sections and loads only change arrays of the state. So one compiled
-evaluation serves every choice of unknowns, and with slots for the laws of the whole catalogue (each null until it is used)
-every kind of effect and every combination of kinds; what is compiled anew for a choice is only the cheap way from its
-numbers to the state.
+A *state* is the discrete rod of one pose with slots for its energy laws and external fields, and the affine observation map of
+the scanner. Parameters and effects on clamps, sections and loads only change arrays of the state. One compiled evaluation
+therefore serves every choice of unknowns, and with slots for the laws of the whole catalogue (each null until it is used)
+every combination of effect types; only the cheap map from parameters to the state is compiled for each choice.
 
 Symbols: ``view`` (3, 4) = [A | b], points are seen at ``A p + b``; ``tangents`` are directions in the space of states, and
 the residual's derivative along each is that of the equilibrium by the implicit function theorem: one back-substitution.
@@ -35,7 +34,7 @@ from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 from scan2flex_jax.statics.solve import solve_rod
 from scan2flex_jax.statics.verdict import Verdict
 
-FEW, CHUNK = 6, 24  # tangents that one call pushes through: most fits need few, a refit a dozen, the catalogue some 250
+FEW, CHUNK = 6, 24  # tangents per call: most fits need few, a refit a dozen, the catalogue some 250
 DISTANCES: dict[str, Callable] = {
     "normal": normal_residuals,
     "closest": closest_residuals,
@@ -46,15 +45,15 @@ _ENERGY_HOOKS = ("strain_energy", "node_potential")
 
 
 class State(eqx.Module):
-    """A discretised pose: the rod, whose effects are the energy laws in slots, and the scanner's view."""
+    """A discretised pose: the rod, whose effects are the energy laws in slots, and the observation map."""
 
     rod: Rod
     view: Float[Array, "3 4"]
 
 
 class Shape(NamedTuple):
-    """One pose solved: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, verdict, and which
-    points are markers (m,), None where the study has none."""
+    """One solved pose: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, status, and the mask
+    of markers (m,), None if the study has none."""
 
     residual: np.ndarray
     columns: np.ndarray | None
@@ -65,12 +64,12 @@ class Shape(NamedTuple):
 
 
 def slots_of(effects) -> tuple[AbstractEffect, ...]:
-    """Those of the effects that bring an energy law or an outer field."""
+    """The effects that have an energy law or an external field."""
     return tuple(e for e in effects if any(overriding((e,), hook) for hook in _ENERGY_HOOKS))
 
 
 def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> State:
-    """The state of a model in one pose; ``slots`` are the energy laws in the order that all states share."""
+    """The state of a model in one pose; ``slots`` are the energy laws, in an order common to all states."""
     rod = discretise(model, boundary, elements)
 
     def seen(points):
@@ -84,10 +83,10 @@ def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> Sta
 
 
 class Target(NamedTuple):
-    """What one pose is compared with: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m.
+    """The measured points of one pose: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m.
 
-    ``marked`` (m,) is 1 for points whose arc length is known: `marker_residuals` are theirs, whatever the distance of others.
-    None: a study without markers, whose compiled functions know of none.
+    ``marked`` (m,) is 1 for points whose arc length is known: these have `marker_residuals` whatever the distance of others.
+    None: a study without markers, whose compiled functions omit them.
     """
 
     points: Float[Array | np.ndarray, "m 3"]
@@ -125,8 +124,8 @@ def evaluate(
 ) -> Shape:
     """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
 
-    ``width`` tangents are pushed at a time; what is compiled depends on it. Without ``tangents`` there are no columns, and
-    what is compiled is another, smaller function.
+    ``width`` tangents are evaluated per call, each width with its own compilation. Without ``tangents`` there are no columns,
+    and a smaller function is compiled.
     """
     if tangents is None:
         r, _, rest = _evaluate(state, start, target, distance, None)
@@ -142,7 +141,7 @@ def evaluate(
 
 
 def no_tangents(state: State) -> State:
-    """Tangents of the kind that `evaluate` asks for, none of them."""
+    """An empty set of tangents for `evaluate`."""
     return jax.tree.map(lambda x: np.zeros((0, *x.shape)), eqx.filter(state, eqx.is_inexact_array))
 
 
@@ -151,6 +150,6 @@ def _as_numpy(residual, columns, s, configuration, verdict) -> Shape:
 
 
 def _rows(first, width, x):
-    """``width`` rows of ``x`` from ``first`` on, zeros where there are none."""
+    """``width`` rows of ``x`` from ``first`` on, padded with zeros."""
     x = np.asarray(x)[first : first + width]
     return np.concatenate([x, np.zeros((width - len(x), *x.shape[1:]))])

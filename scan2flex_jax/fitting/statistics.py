@@ -1,8 +1,8 @@
-"""What a fit knows and what it cannot know: covariance of the estimates, and combinations that the poses leave open.
+"""Uncertainty of a fit: covariance of the estimates, and combinations that the poses do not determine.
 
 Residuals of a scan are correlated along the cable, so the covariance is the sandwich ``A^-1 B A^-1`` with ``A = J'J / s^2``
-plus priors and ``B = J' C J / s^4`` plus priors, ``C`` the estimated noise covariance: it is right whatever weights the fit
-used. Directions in which the scaled ``J`` has no singular value to speak of are not determined; they are named in words.
+plus priors and ``B = J' C J / s^4`` plus priors, ``C`` the estimated noise covariance: it is valid for any weights of the fit.
+Directions with a negligible singular value of the scaled ``J`` are not determined; sentences name them.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from scan2flex_jax.fitting.noise import Noise, Residual, estimate_noise, noise_a
 from scan2flex_jax.fitting.parameters import Layout
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
-VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
-_PART = 0.05  # of the largest share of an open direction: numbers that have as much are not determined
+VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) above which a value counts as not determined
+_PART = 0.05  # of the largest component of an open direction: entries with a larger one are not determined
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the unknown numbers of ``x``, infinite variance where the poses say nothing, and why in words; which of
-    them the poses determine, and which they feel at all."""
+    """Covariance of the unknowns in ``x`` (infinite variance if undetermined), masks of those that are ``determined`` and of
+    those that are ``felt`` (identifiable at all, however vague), and sentences on the others."""
 
     covariance: np.ndarray
     determined: np.ndarray
@@ -36,7 +36,7 @@ def noise_of(evaluation, poses, length: float, stated: float | None) -> Noise:
 
 
 def discrepancy_of(problem, minimum, noise: Noise, stated: float | None) -> tuple[Noise, Discrepancy]:
-    """The sensor's noise and what differs from pose to pose, estimated together, from the ``noise`` that is likeliest alone."""
+    """Noise of the sensor and discrepancy, estimated together, starting from the most likely ``noise`` without one."""
     poses, length, e = problem.poses, problem.length, minimum.evaluation
     columns = problem.evaluator.scatter(minimum.shared, minimum.local, e.configuration)
     columns = tuple(Z[np.asarray(mask) > 0] for Z, mask in zip(columns, poses.mask, strict=True))
@@ -84,8 +84,8 @@ def uncertainty(
 
 
 def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Inverse of a precision (b, b) in the directions that are determined, the open directions (b, k), and which numbers no
-    residual feels."""
+    """Inverse of a precision (b, b) in the directions that are determined, the open directions (b, k), and the mask of entries
+    without influence on any residual."""
     scale = np.sqrt(np.maximum(np.diag(A), 0.0))
     hidden = scale <= UNSEEN * np.max(scale)
     A = np.where(hidden[:, None] | hidden, 0.0, A)
@@ -97,19 +97,19 @@ def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _involved(directions: np.ndarray) -> np.ndarray:
-    """Which numbers have part in open directions (b, k)."""
+    """Mask of the entries that contribute to open directions (b, k)."""
     weight = np.abs(directions).max(axis=1, initial=0.0)
     return (weight > _PART * np.abs(directions).max(initial=0.0)) & (directions.size > 0)
 
 
 def closed_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of a precision (b, b) in the directions that are determined, and which numbers (b,) are not."""
+    """Inverse of a precision (b, b) in the directions that are determined, and the mask (b,) of undetermined entries."""
     inverse, directions, hidden = _decomposed(A)
     return inverse, _involved(directions) | hidden
 
 
 def _middle(e, poses, layout, sigma, noise, size, discrepancy):
-    """``J' C J / s^4`` with the priors' unit variances; C: the sensor's, and that of the pose's discrepancy."""
+    """``J' C J / s^4`` plus the priors' precisions; ``C`` is the covariance of sensor and discrepancy."""
     n, k = layout.shared, layout.local
     B = np.zeros((size, size))
     for i in range(poses.count):
@@ -149,7 +149,7 @@ def _open_sentences(layout, directions, unseen):
 
 
 def _vague_sentences(layout, covariance, vague):
-    """Numbers that are vague by themselves, and those that only a vague combination makes so."""
+    """Sentences on entries that are vague by themselves, and on vague combinations."""
     own = np.flatnonzero(vague)
     variance, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
     directions = np.zeros((len(vague), int(np.sum(variance > VAGUE**2))))
@@ -168,9 +168,9 @@ def _and(names):
 
 
 def unseen_spread(layout, jacobian, covariance) -> float:
-    """RMS distance (m) by which a pose that was not fitted may be off within its own tolerances and the estimates' errors.
+    """RMS displacement (m) of a pose that was not fitted, by its own tolerances and the errors of the estimates.
 
-    Numbers that are not determined have no part in it: what they could do has no bound.
+    Undetermined entries are excluded, since their effect is unbounded.
     """
     J = jacobian.reshape(-1, jacobian.shape[-1])
     unknowns, local = J[:, : layout.unknowns], J[:, layout.shared :]

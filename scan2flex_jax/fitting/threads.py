@@ -1,4 +1,4 @@
-"""BLAS threads: matrices of some 70 rows cost more to share among threads than sharing brings."""
+"""One BLAS thread: for matrices of some 70 rows, several threads are slower than one."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -11,8 +11,8 @@ _Answer = TypeVar("_Answer")
 
 
 def on_one_blas_thread(function: Callable[_Arguments, _Answer]) -> Callable[_Arguments, _Answer]:
-    """The function with BLAS held to one thread while it runs (`threadpoolctl` declares no types, so that its own decorator
-    would hide the function from type checkers)."""
+    """The function with BLAS limited to one thread while it runs (`threadpoolctl` declares no types: its own decorator would
+    hide the signature from type checkers)."""
 
     @wraps(function)
     def call(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> _Answer:

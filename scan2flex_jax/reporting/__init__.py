@@ -1,7 +1,7 @@
 """The report: one self-contained HTML page about a fit or an explanation.
 
-`contents` gathers what is said, `parts` lays it out in its order with the pictures of `plot` (`figures`), as `html`, and
-`page` puts it together. Poses in space need plotly, of the extra ``[report]``.
+`contents` gathers numbers and texts, `parts` lays them out in sections with the pictures of `plot` (`figures`), as `html`, and
+`page` assembles the sections. Poses in space need plotly, of the extra ``[report]``.
 """
 
 from scan2flex_jax.reporting.page import report, require_libraries, save_report

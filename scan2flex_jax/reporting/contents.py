@@ -1,6 +1,6 @@
-"""What a report says: gathered from a fit or an explanation, as plain numbers and texts that figures and page lay out.
+"""The contents of a report: numbers and texts gathered from a fit or an explanation, for the figures and the page.
 
-The texts of a study (title, names of poses) are kept as they are: whoever lays them out escapes them.
+Texts of a study (title, names of poses) are kept unescaped: the layout escapes them.
 """
 
 import hashlib
@@ -30,8 +30,8 @@ _MOST_TEXT = 200_000  # bytes of a study.toml that the page repeats
 @dataclass(frozen=True)
 class PoseView:
     """One pose: ``measured`` and ``modelled`` (m), arc length ``s`` (m) and ``distance`` (m) of the measured points, sorted by
-    ``s``; residual after and before (m) where both are known, and what the tables show; ``without``: by how much leaving the
-    pose out moves the stiffnesses, in words."""
+    ``s``; residual after and before (m) where both are known, and the figures of the tables; ``without``: change of the
+    stiffnesses when the pose is left out, in words."""
 
     name: str
     role: str
@@ -53,8 +53,8 @@ class PoseView:
 
 @dataclass(frozen=True)
 class SectionView:
-    """Along one pose: middles of the elements ``s`` (m), tension and shear force (N), bending moment and torque (N m), and what
-    the supports exert."""
+    """Along one pose: middles of the elements ``s`` (m), tension and shear force (N), bending moment and torque (N m), and the
+    reactions of the supports."""
 
     name: str
     s: np.ndarray
@@ -68,7 +68,7 @@ class SectionView:
 
 @dataclass(frozen=True)
 class EstimateView:
-    """One number that was estimated, with its interval and, after an explanation, its value before."""
+    """One estimated number with its interval and, for an explanation, its value in the baseline fit."""
 
     name: str
     unit: str
@@ -81,15 +81,15 @@ class EstimateView:
 
     @property
     def digits(self) -> int:
-        """How many digits show the interval."""
+        """Number of significant digits that resolve the interval."""
         bounds = (np.nan, np.nan) if self.low is None or self.high is None else (self.low, self.high)
         return digits_of(self.value, *bounds, least=4)
 
 
 @dataclass(frozen=True)
 class Contents:
-    """All that the page shows, the ``answer`` first; ``explanation`` and ``plan`` are None where they were not asked for or not
-    to be had."""
+    """Contents of the page, the ``answer`` first; ``explanation`` and ``plan`` are None where they were not requested or not
+    possible."""
 
     answer: Answer
     study: Study
@@ -108,11 +108,11 @@ class Contents:
 
 
 def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=lambda message: None) -> Contents:
-    """What a report of ``subject`` says; solves its poses once more for the section forces."""
+    """The contents of a report on ``subject``; solves its poses once more for the section forces."""
     explanation = subject if isinstance(subject, Explanation) else None
     fitted = subject.fit if isinstance(subject, Explanation) else subject
     study = fitted.study if fitted else subject.study
-    progress("what the estimates rest on")
+    progress("influence of each pose and of the stated values")
     influence = subject.influence if fitted else None
     poses = tuple(_pose_view(study.pose(name), p, moved_in_words(influence, name)) for name, p in subject.poses.items())
     if not poses:
@@ -125,11 +125,11 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
         sections, unsolved = _sections(subject.study if explanation else fitted.calibrated, subject.poses, elements)
     ranked = None
     if explanation and next_pose and explanation.search is not None:
-        progress("poses that could be scanned next")
+        progress("candidates for the next pose")
         ranked = plan(explanation)
     said = fitted.sentences if fitted else ()
     if explanation:
-        said = (*explanation.sentences, *(f"plain fit: {sentence}" for sentence in said))
+        said = (*explanation.sentences, *(f"baseline fit: {sentence}" for sentence in said))
     answer = subject.answer
     said = tuple(sentence for sentence in said if sentence not in answer.warnings)
     return Contents(
@@ -151,12 +151,12 @@ def _pose_view(pose, found, without) -> PoseView:
 
 
 def _clamps(pose):
-    """Position and tangent (None for a ball joint) of the held ends."""
+    """Position and tangent (None for a ball joint) of each clamped end."""
     return tuple((clamp.position, clamp.tangent) for clamp in (pose.start, pose.end) if clamp is not None)
 
 
 def _sections(study, found, elements):
-    """Section forces of the solved poses, on the branches of the fit, and the names of those that did not settle."""
+    """Section forces of the solved poses, on the branches of the fit, and sentences on poses that failed."""
     whole = []
     for pose in study.poses:
         modelled = found[pose.name].modelled if pose.name in found and found[pose.name].stable else None
@@ -217,7 +217,7 @@ def _inputs(study):
 
 
 def _toml(study) -> str:
-    """The study.toml as it was read, with its comments; for a study from elsewhere, what it would be."""
+    """The study.toml as it was read, with its comments; for a study made in memory, the one that it would be saved as."""
     path = None if study.folder is None else study.folder / STUDY_FILE
     if path is not None and path.is_file():
         return read_text(path, 10_000_000, Where(str(path)), "the file is gone.")[:_MOST_TEXT]

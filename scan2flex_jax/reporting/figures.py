@@ -1,8 +1,7 @@
-"""The figures of a report: those of `plot` as SVG inside the page, and all poses in space with plotly where that was asked for.
+"""The figures of a report: those of `plot` as SVG inside the page, and optionally all poses in space with plotly.
 
-SVG needs no script. Its texts stay texts, escaped by matplotlib; ink and grid take the colours of the page, light or dark.
-plotly reads texts as HTML: every text that comes from a study goes through `html.escape`. Lengths in space are in m,
-distances in mm.
+SVG needs no script. Its texts remain text, escaped by matplotlib; ink and grid take the colours of the page, light or dark.
+plotly reads texts as HTML, so every text of a study goes through `html.escape`. Lengths in space are in m, distances in mm.
 """
 
 import io
@@ -28,16 +27,16 @@ _STYLE: Any = {
 }  # fmt: skip
 _CLAMP = "#e69f00"
 _DISTANCE = ((0.0, "#2a9d8f"), (0.5, "#e9b44c"), (1.0, "#e63946"))
-_THINNEST = 0.15  # of its longest side: what a box around plane shapes is thick
+_THINNEST = 0.15  # of its longest side: least thickness of the box, for plane shapes
 _SIDE = 1.3  # of the longest, in units of plotly's cube
-_MARGIN = 0.06  # the same: free space on all sides, for a clamp's line too
+_MARGIN = 0.06  # of its longest side: free space on all sides, which a clamp's line needs
 _TANGENT = 0.05  # of the picture's size: length of the line that shows a clamp's d3
 
 
 def svg(draw: Callable[[Axes], object], width: float, height: float, alt: str) -> Html:
-    """What ``draw(axes)`` draws, ``width`` by ``height`` inches, and narrower on a narrow page.
+    """The drawing made by ``draw(axes)``, ``width`` by ``height`` inches, and narrower on a narrow page.
 
-    ``alt`` says what it is to who cannot see it.
+    ``alt`` is its text alternative.
     """
     with mpl.rc_context(_STYLE):
         figure, out = Figure(figsize=(width, height), layout="constrained"), io.StringIO()
@@ -57,7 +56,7 @@ def svg(draw: Callable[[Axes], object], width: float, height: float, alt: str) -
 def space(poses):
     """All poses in space (m), for plotly: measured points coloured by their distance from the model (mm), model, and clamps.
 
-    Traces of pose k carry ``meta`` k, by which the page shows one pose alone.
+    Traces of pose k carry ``meta`` k, with which the page selects one pose.
     """
     from plotly import graph_objects as go  # noqa: PLC0415  (only the interactive page needs it, and it comes with an extra)
 
@@ -103,8 +102,8 @@ def _measured(p, most, first):
 
 
 def _box(poses):
-    """Ranges (m) of a box around all poses, and its sides in plotly's unit: the box that plotly chooses outgrows the picture
-    where a cable hangs deep."""
+    """Ranges (m) of a box around all poses, and its sides in plotly's unit: plotly's own box exceeds the picture for a cable
+    that sags deeply."""
     curves = [c for p in poses for c in (p.measured, p.modelled, *(np.atleast_2d(at) for at, _ in p.clamps)) if c is not None]
     points = np.concatenate(curves) if curves else np.zeros((1, 3))
     points = points[np.all(np.isfinite(points), axis=1)]

@@ -1,4 +1,4 @@
-"""HTML of nested calls: every text is escaped, and only what was made here is taken for markup."""
+"""HTML from nested calls: every text is escaped, unless it is `Html` made here."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -7,7 +7,7 @@ _EMPTY = {"meta", "br", "hr"}
 
 
 class Html(str):
-    """Markup that stands as it is."""
+    """Markup, which is not escaped again."""
 
     __slots__ = ()
 
@@ -33,9 +33,9 @@ def tag(name: str, /, *parts: Part, **attributes: str) -> Html:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Part]], numbers: Iterable[int] = ()) -> Html:
-    """A table; the columns in ``numbers`` are aligned to the right, and those that no row fills are left out.
+    """A table; the columns in ``numbers`` are aligned to the right, and empty columns are omitted.
 
-    Each cell knows the name of its column, so that a narrow page shows a row as a list.
+    Each cell carries the name of its column, so that a narrow page can show a row as a list.
     """
     rows, right = [tuple(row) for row in rows], set(numbers)
     kept = [k for k in range(len(head)) if any(row[k] for row in rows)]

@@ -1,7 +1,7 @@
-"""The page: the answer first; then shapes, errors, what the model lacks; every figure in full, and correlations, last.
+"""The page: the answer first, then shapes, errors and missing physics; full estimates and correlations last.
 
-Plain HTML with pictures inside, without a script: it prints as a data sheet of two pages. A content security policy in the page
-forbids every connection. Poses in space, which a mouse turns, come with plotly's script where they were asked for.
+Plain HTML with embedded pictures and no script: it prints as a data sheet of two pages. A content security policy in the page
+forbids every connection. The interactive page adds a rotatable plot of all poses, with plotly's script.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,11 +22,11 @@ from scan2flex_jax.study.outputs import keep_measured, measured_files, write_fil
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:"
 _OF_SCRIPTS = "; script-src 'unsafe-inline'"
-_FEW = 1  # poses up to which a choice between them is of no use
+_FEW = 1  # largest number of poses without a menu to choose one
 
 
 def require_libraries() -> None:
-    """Refuse an interactive page in one sentence where the extra is not installed."""
+    """Raise `Scan2FlexError` if plotly, which an interactive page needs, is not installed."""
     try:
         import_module("plotly")
     except ImportError as error:
@@ -45,8 +45,8 @@ def report(
     """The HTML page about a study, a `Fit` or an `Explanation`, as text.
 
     A study is explained first (or, with ``explained`` False, only fitted) with ``elements`` elements. ``interactive`` adds all
-    poses in space, to be turned with a mouse. ``progress`` is called with a line of text now and then. Raises `Scan2FlexError`
-    where an interactive page lacks plotly (extra ``[report]``).
+    poses in a rotatable plot. ``progress`` is called with a line of text now and then. Raises `Scan2FlexError` if an
+    interactive page lacks plotly (extra ``[report]``).
     """
     if interactive:
         require_libraries()
@@ -65,7 +65,7 @@ def report(
 def save_report(subject: Study | Fit | Explanation, file: str | Path, **options: Any) -> Path:
     """Write `report` (same options) to a file, in one step; a study's own files are refused."""
     path, study = Path(file), subject if isinstance(subject, Study) else subject.study
-    keep_measured(path, measured_files(study))  # before minutes are spent
+    keep_measured(path, measured_files(study))  # refuse before computing for minutes
     write_file(path, report(subject, **options).encode("utf-8"), measured_files(study))
     return path
 
@@ -102,7 +102,7 @@ def _sections(c: Contents, found: Fit | Explanation, interactive: bool) -> Itera
 
 
 def _in_space(c: Contents) -> Iterator[Part]:
-    """The plot in space, with a choice of the pose that it shows."""
+    """The plot in space, with a menu to choose one pose."""
     if len(c.poses) > _FEW:
         options = [tag("option", f"{p.name} ({p.role})", value=str(k)) for k, p in enumerate(c.poses)]
         yield tag("label", "Show ", tag("select", tag("option", "all poses", value=""), options, id="pose-choice"))
@@ -113,7 +113,7 @@ def _in_space(c: Contents) -> Iterator[Part]:
 
 
 def _json(figure) -> Html:
-    """JSON of a figure that may stand inside a script element: no character in it can end that element."""
+    """JSON of a figure, escaped so that no character in it can end the script element around it."""
     text = figure.to_json()
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")

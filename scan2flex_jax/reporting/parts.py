@@ -1,4 +1,4 @@
-"""The parts of the page, in their order: header with the answer, shapes, errors, what the model lacks, forces, and the rest."""
+"""The sections of the page in order: header with the answer, shapes, errors, missing physics, forces, next pose, details."""
 
 import re
 import shlex
@@ -16,11 +16,11 @@ from scan2flex_jax.reporting.contents import Contents
 from scan2flex_jax.reporting.figures import svg
 from scan2flex_jax.reporting.html import Html, Part, joined, section, table, tag
 
-_TOGETHER = 4  # poses up to which the lines of their errors can be told apart in one panel
-_PANEL = (4.0, 3.5)  # inches of a panel; several stand beside each other
+_TOGETHER = 4  # largest number of poses whose errors can be distinguished in one panel
+_PANEL = (4.0, 3.5)  # inches of a panel; several are placed side by side
 _WIDE = (4.8, 3.2)
-_RANKED = 8  # effects that the table shows
-_SHEET = ((6, "three"), (12, "four"))  # poses up to which the printed sheet has so many columns of panels; more: five
+_RANKED = 8  # effects in the table
+_SHEET = ((6, "three"), (12, "four"))  # largest number of poses for so many columns of the printed sheet; beyond: five
 _QUANTITIES = (
     ("tension", "tension (N)"),
     ("shear", "shear force (N)"),
@@ -30,7 +30,7 @@ _QUANTITIES = (
 
 
 def header(c: Contents) -> Html:
-    """The answer: estimates, what they rest on, the error on unseen poses, whether to believe it, the warnings of `check`."""
+    """The answer: estimates, the stated values they depend on, error on unseen poses, belief, and warnings of `check`."""
     a = c.answer
     values = [
         tag("div", tag("b", row.symbol), tag("strong", row.value or "-"), tag("span", row.interval), tag("small", row.note),
@@ -54,7 +54,7 @@ def contents_list(sections: tuple[Html, ...]) -> Html:
 
 
 def shapes(c: Contents, found: Fit | Explanation) -> Html:
-    """One panel a pose: measured, modelled, and before; and the distances of every pose."""
+    """One panel per pose (measured, modelled, before), and a table of the distances of all poses."""
     columns = next((words for most, words in _SHEET if len(c.poses) <= most), "five")
     panels = [_shape(c, found, p.name) for p in c.poses]
     before = c.explanation is not None and c.fit is not None
@@ -69,7 +69,7 @@ def shapes(c: Contents, found: Fit | Explanation) -> Html:
     said = "Poses with the role “validate” had no part in the fit."
     said += " “Left out”: each fitted pose predicted from the others." if any(p.left_out for p in c.poses) else ""
     moved = any(p.without for p in c.poses)
-    said += " “Without it”: by how much the stiffnesses move when the pose is left out, to first order." if moved else ""
+    said += " “Without it”: change of the stiffnesses when the pose is left out, to first order." if moved else ""
     return section(
         "poses", "Shapes, measured and modelled", tag("div", panels, class_=f"grid {columns}"),
         table(head, rows, range(2, 7)), tag("p", said, class_="soft"),
@@ -87,7 +87,7 @@ def _panel(draw, alt: str, size: tuple[float, float] = _PANEL) -> Html:
 
 
 def errors(c: Contents, found: Fit | Explanation) -> Iterator[Html]:
-    """Errors along the cable: one panel, or one a pose."""
+    """Errors along the cable: one panel, or one per pose."""
     names = [p.name for p in c.poses if p.stable and p.name in found.poses]
     if not names:
         return
@@ -106,7 +106,7 @@ def errors(c: Contents, found: Fit | Explanation) -> Iterator[Html]:
 
 
 def missing(c: Contents) -> Iterator[Html]:
-    """What the model lacks: the finding, the kinds with their evidence, residuals, and the load that all poses share."""
+    """Missing physics: the finding, the effect types with their evidence, residuals, and the load common to all poses."""
     e = c.explanation
     if e is None:
         return
@@ -123,14 +123,14 @@ def missing(c: Contents) -> Iterator[Html]:
 
 
 def _residuals(c: Contents, e: Explanation) -> Iterator[Html]:
-    """Residuals of every pose before and after, and the load that all poses share."""
+    """Residuals of every pose before and after, and the load common to all poses."""
     names = [p.name for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
     yield tag("h3", "Residual before and after")
     panels = (_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names)
     yield tag("div", panels, class_="grid")
     if e.load is not None:
-        said = "Where something acts: the equivalent load that all poses share, with its 95 % band (it describes, it does not"
-        yield tag("h3", f"{said} name)")
+        said = "Equivalent load common to all poses, with its 95 % band: where a missing effect acts, not which one it is"
+        yield tag("h3", said)
         yield _panel(lambda ax: plot.load(e, ax), "equivalent load along the cable", _WIDE)
 
 
@@ -150,7 +150,7 @@ def _ranking(e: Explanation) -> Html:
 
 
 def forces(c: Contents) -> Iterator[Html]:
-    """Forces and moments along the cable, and what the supports exert."""
+    """Forces and moments along the cable, and reactions of the supports."""
     if c.sections:
         values = {name: {v.name: (v.s, getattr(v, name)) for v in c.sections} for name, _ in _QUANTITIES}
         panels = [
@@ -176,10 +176,10 @@ def _unsolved(c: Contents) -> Html:
 
 
 def next_pose(c: Contents) -> Iterator[Html]:
-    """What to scan next."""
+    """Candidates for the next pose to scan."""
     if c.plan is None:
         if c.explanation is None:
-            said = "What the model lacks and which pose to scan next were left out (--no-explain)."
+            said = "The search for missing physics and for the next pose was skipped (--no-explain)."
             yield section("next", "What to scan next", tag("p", said, class_="soft"), class_="screen")
         return
     pairs = list(c.plan.candidates[0].lead_now) if c.plan.candidates else []
@@ -187,7 +187,7 @@ def next_pose(c: Contents) -> Iterator[Html]:
     rows = [("none more", "0.00", *(f"{c.plan.candidates[0].lead_now[p]:.1f}" for p in pairs), "")] if pairs else []
     for k in c.plan.candidates:
         rows.append((k.words, f"{k.parameters:.2f}", *(f"{k.settles.get(p, 0.0):.1f}" for p in pairs), k.note))
-    said = "The most telling pose first. A pair of rival effects is told apart by a lead of three nats or more."
+    said = "The most informative pose first. A lead of three nats or more distinguishes a pair of rival effects."
     found = table(head, rows, range(1, 1 + 1 + len(pairs)))
     yield section("next", "What to scan next", found, tag("p", said, class_="soft"), class_="screen")
 
@@ -205,13 +205,13 @@ def details(c: Contents) -> Iterator[Html]:
     parts: list[Part] = []
     if rows:
         parts.append(table(("parameter", "before", "value", "95 % interval", "unit", ""), rows, (1, 2, 3)))
-        wide = " “Before” is the plain rod; after it, intervals hold for all effects that are tied." if c.explanation else ""
+        wide = " “Before” is the baseline model; after it, intervals cover all tied effects." if c.explanation else ""
         parts.append(tag("p", f"An interval holds when the model is right.{wide}{_noise(c)}", class_="soft"))
     said = [sentence for sentence in c.sentences if c.explanation is None or sentence not in c.explanation.sentences]
     parts += [tag("ul", (tag("li", sentence) for sentence in said))] if said else []
     if c.fit and len(c.fit.labels) > 1:
         width = 1.6 + 0.6 * len(c.fit.labels)
-        parts.append(tag("h3", f"Correlations{' in the plain fit' if c.explanation else ''}"))
+        parts.append(tag("h3", f"Correlations{' in the baseline fit' if c.explanation else ''}"))
         parts.append(_panel(lambda ax: plot.correlations(c.fit, ax), "correlations of the estimates", (width, width)))
     yield section("details", "Every estimate in full", parts, class_="screen")
 
@@ -225,7 +225,7 @@ def _noise(c: Contents) -> str:
 
 
 def again(c: Contents) -> Html:
-    """How to make the page again: command, versions, files."""
+    """Reproduction of the page: command, versions, files."""
     folder = "STUDY" if c.study.folder is None else shlex.quote(Path(c.study.folder).name)
     only = "" if isinstance(c.explanation, Explanation) else " --no-explain"
     command = f"scan2flex report {folder} -o report.html{only} --elements {c.elements}"
@@ -238,12 +238,12 @@ def again(c: Contents) -> Html:
 
 
 def number(value: float | None, digits: int = 5) -> str:
-    """So many significant digits; a dash for what is not known."""
+    """``digits`` significant digits; a dash for an unknown value."""
     return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}g}"
 
 
 def mm(metres: float | None) -> str:
-    """Millimetres; a dash for what could not be had, nothing for what there is not."""
+    """Millimetres; a dash for a value that could not be computed, empty text for None."""
     return "" if metres is None else "-" if not np.isfinite(metres) else plot.in_mm(metres)
 
 

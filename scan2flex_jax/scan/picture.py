@@ -72,7 +72,7 @@ def save_picture(
     path, picture = Path(path), io.BytesIO()
     figure, kind = plot_extraction(curve, title), path.suffix.lstrip(".").lower() or "png"
     if kind not in figure.canvas.get_supported_filetypes():
-        raise Scan2FlexError(f"{path.name} is no kind of picture: name a file that ends in .png, .svg or .pdf")
+        raise Scan2FlexError(f"{path.name} is not a picture: name a file that ends in .png, .svg or .pdf")
     figure.savefig(picture, format=kind, dpi=130)
     write(path, picture.getvalue())
     return path

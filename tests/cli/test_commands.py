@@ -206,7 +206,7 @@ def test_a_picture_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
         plot.save(figure, file)
     assert file.read_bytes() == old
     assert list(file.parent.iterdir()) == [file]
-    with pytest.raises(Scan2FlexError, match="no kind of picture"):
+    with pytest.raises(Scan2FlexError, match="is not a picture"):
         plot.save(figure, tmp_path / "fit.docx")
     plt.close(figure)
 

@@ -57,11 +57,11 @@ def test_what_cannot_be_written_is_refused_before_anything_is_read(name, tmp_pat
         needed += ["-o", "x"] if name == "export" and parameter.name != "out" else []
         found = CliRunner().invoke(app, [name, *needed, parameter.opts[0], str(tmp_path / "file" / "deep.png")])
         assert isinstance(found.exception, Scan2FlexError), (parameter.name, found.output)
-        assert f"{tmp_path / 'file'} is no folder" in str(found.exception)
+        assert f"{tmp_path / 'file'} is not a folder" in str(found.exception)
 
 
 def test_a_folder_and_a_document_are_no_pictures(tmp_path):
-    for target, words in ((tmp_path, "no kind of picture"), (tmp_path / "fit.docx", ".png, .svg, .pdf")):
+    for target, words in ((tmp_path, "not a picture"), (tmp_path / "fit.docx", ".png, .svg, .pdf")):
         found = CliRunner().invoke(app, ["fit", "x", "--figure", str(target)])
         assert words in str(found.exception)
     found = CliRunner().invoke(app, ["fit", "x", "--json", str(tmp_path)])

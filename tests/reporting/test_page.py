@@ -203,7 +203,7 @@ def test_an_explanation_brings_its_evidence_and_the_tie(fitted):
     assert "tied with natural_curvature" in words
     assert "kink: look at the cable" in words
     assert "position 0.42 m; angle (0.1, 0, 0) rad; width 0.02 m" in words
-    assert "plain fit: validate poses" in words
+    assert "baseline fit: validate poses" in words
     alone = explained(fitted)
     alone = replace(alone, chosen=(replace(alone.chosen[0], tied_with=()),))
     assert "tied: kink or something outside the catalogue" in Page(report(alone)).words()

@@ -87,7 +87,7 @@ def test_what_was_before_lies_broad_under_what_is_after(fitted):
         assert ax.lines[before].get_alpha() < 1
     np.testing.assert_allclose(
         plot.shapes(found, "twist-90").lines[0].get_xdata(), plot.shapes(fitted, "twist-90").lines[1].get_xdata()
-    )  # "before" is the plain fit's
+    )  # "before" is the baseline fit's
 
 
 def test_poses_whose_lines_would_tangle_have_a_panel_each(fitted):
