@@ -6,6 +6,7 @@ from scan2flex_jax.fitting.residuals import ResidualFunction, residual_function
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit
 from scan2flex_jax.fitting.run import METHODS, fit
 from scan2flex_jax.fitting.settings import FitSettings
+from scan2flex_jax.fitting.traced import TracedMinimum, TracedProblem, minimise, traced_problem
 
 __all__ = [
     "METHODS",
@@ -14,8 +15,12 @@ __all__ = [
     "FitSettings",
     "PoseFit",
     "ResidualFunction",
+    "TracedMinimum",
+    "TracedProblem",
     "boundary_of",
     "fit",
+    "minimise",
     "model_of",
     "residual_function",
+    "traced_problem",
 ]

@@ -19,14 +19,14 @@ from scipy import optimize
 
 from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator
 
-_MOST_ITERATIONS = 60
+MOST_ITERATIONS = 60
 _PATIENCE, _FAR = 10, 10.0  # iterations, and cost over the one to beat, after which a descent is given up
-_LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
-_COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-10, 1.0e-8
+LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
+COST_TOLERANCE, STEP_TOLERANCE = 1.0e-10, 1.0e-8
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
 _GAIN = 1.0e-4  # of the cost: what a converged fit of another method may still promise to gain
-_SHARE = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
-_GIVE_UP = 1.0e12  # damping at which no step helps
+PROMISED = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
+GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
 
@@ -114,10 +114,10 @@ def levenberg_marquardt(
     e = evaluator(shared, local, start=start) if known is None else known
     cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
     began, residuals = shared, max(int(np.count_nonzero(e.residual)), 1)
-    while np.isfinite(cost) and iteration < (_MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience):
+    while np.isfinite(cost) and iteration < (MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience):
         share = cost / residuals
         bowl = _Bowl(goal, e, shared, local, share * goal.weak, began)
-        if bowl.promised() <= _SHARE * share:
+        if bowl.promised() <= PROMISED * share:
             small = True
         else:
             iteration += 1
@@ -126,13 +126,13 @@ def levenberg_marquardt(
             cost2 = goal.cost(e2, *trial)
             goal.progress(f"iteration {iteration}: cost {min(cost, cost2):.6g}")
             held = np.sum(bowl.weak * ((trial[0] - began) ** 2 - (shared - began) ** 2))
-            small = abs(cost2 + held - cost) <= _COST_TOLERANCE * cost
+            small = abs(cost2 + held - cost) <= COST_TOLERANCE * cost
             if cost2 + held < cost:
-                small |= np.max(np.abs(trial[0] - shared), initial=0.0) < _STEP_TOLERANCE
+                small |= np.max(np.abs(trial[0] - shared), initial=0.0) < STEP_TOLERANCE
                 (shared, local), e, cost, damping = trial, e2, cost2, max(0.1 * damping, 1e-12)
             else:
                 damping *= 10.0
-        if small or damping > _GIVE_UP:
+        if small or damping > GIVE_UP:
             converged = True
             if checked:
                 break
@@ -184,7 +184,7 @@ class _Bowl:
         low, high, x = self.low[:n], self.high[:n], self.x[:n]
         reach = np.where(np.isfinite(low) & (np.abs(high - low) < 60), 1.0, 1.0 + np.abs(x))
         longest = np.max(np.abs(move[:n]) / reach, initial=0.0)
-        move *= min(1.0, _LONGEST / longest) if longest > 0 else 1.0
+        move *= min(1.0, LONGEST / longest) if longest > 0 else 1.0
         x = np.clip(self.x + move, self.low, self.high)
         return x[:n], x[n:].reshape(self.shape)
 
