@@ -12,7 +12,8 @@ import numpy as np
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part, planes_of, usual_size
 from scan2flex_jax.fitting.estimate import VAGUE, vague
 from scan2flex_jax.fitting.least_squares import UNSEEN, normal_equations
-from scan2flex_jax.fitting.noise import Noise, Residual, estimate_noise, noise_and_discrepancy
+from scan2flex_jax.fitting.likelihood import Residual, estimate_noise, noise_and_discrepancy
+from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import Layout
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
