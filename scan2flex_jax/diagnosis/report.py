@@ -152,8 +152,8 @@ def description(found) -> Ranked:
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:
-    """The measurements that would tell these kinds apart."""
-    return tuple(dict.fromkeys(f"{kind}: {entry_of(kind).settle}" for kind in kinds))
+    """The measurements that would tell these kinds apart, in the order of their names."""
+    return tuple(f"{kind}: {entry_of(kind).settle}" for kind in sorted(set(kinds)))
 
 
 def discrepancy(bench, found: Refit) -> Discrepancy:

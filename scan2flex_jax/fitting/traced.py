@@ -1,8 +1,8 @@
 """The fit of a study as one traced function: Levenberg-Marquardt in JAX, compiled once and vmapped.
 
-The descent is that of `least_squares`, step by step: damping, bounds, weak precision of the logarithms, steps continued from
-the last configurations, and another start where a minimum leaves doubt (`problem`). Guesses, poses, noise and any other array
-of a `TracedProblem` may have a leading axis of samples:
+The descent is that of `least_squares` and `descent`, step by step: damping, bounds, weak precision of the logarithms, steps
+continued from the last configurations, and another start where a minimum leaves doubt (`problem`). Guesses, poses, noise and
+any other array of a `TracedProblem` may have a leading axis of samples:
 
     problem, starts = traced_problem(study)
     jax.vmap(minimise, in_axes=(None, 0))(problem, many_starts)
