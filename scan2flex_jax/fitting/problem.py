@@ -88,9 +88,9 @@ class Problem:
 
     def goal(self, sigma: np.ndarray, progress: Progress = silent) -> Goal:
         """What is minimised, with residuals in units of ``sigma`` (m) per pose."""
-        prior = self.layout.shared - self.layout.unknowns
-        low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
-        high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
+        low, high = self.layout.ranges
+        free = np.full(self.layout.shared - self.layout.unknowns, np.inf)
+        low, high = np.r_[low, -free], np.r_[high, free]
         return Goal(self.evaluator, sigma, low, high, progress, np.where(self.logs(), WEAK**-2, 0.0))
 
     def starts(self) -> list[np.ndarray]:
@@ -138,8 +138,7 @@ class Problem:
 
     def logs(self) -> np.ndarray:
         """Which of the shared numbers are logarithms."""
-        known = [False] * (self.layout.shared - self.layout.unknowns)
-        return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
+        return np.r_[self.layout.logs, np.zeros(self.layout.shared - self.layout.unknowns, bool)]
 
     def _descend(self, goal, x, evaluation):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""

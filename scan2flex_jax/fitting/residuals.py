@@ -46,8 +46,7 @@ class ResidualFunction(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """A name for each entry of ``x``."""
-        logs = [slot.log for slot in self.layout.slots for _ in range(slot.size)]
-        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, logs, strict=True)]
+        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, self.layout.logs, strict=True)]
         shared = [f"prior[{i}]" for i in range(self.layout.shared - self.layout.unknowns)]
         own = [f"prior[pose {p}, {i}]" for p in range(self.poses.count) for i in range(self.layout.local)]
         return (*named, *shared, *own)

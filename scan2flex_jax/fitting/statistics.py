@@ -78,8 +78,7 @@ def uncertainty(
     lost = _involved(open_part) | unseen
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
-    logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
-    wide = vague(logs, np.sqrt(np.diag(covariance)))
+    wide = vague(layout.logs, np.sqrt(np.diag(covariance)))
     sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, wide & ~lost)
     return Uncertainty(covariance, ~(lost | wide), ~lost, tuple(sentences))
 
