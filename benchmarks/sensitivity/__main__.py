@@ -26,11 +26,6 @@ def ratios(results: dict) -> dict[str, float]:
     for way in ("one lane in a call", "16 lanes, vectorised"):
         if {way, "a sweep"} <= ms.keys():
             table[f"a lane of a sweep over {way}"] = ms["a sweep"] / ms[way]
-    if program := results.get("minima", {}).get("a loop and one program"):
-        loop = program["loop"]
-        ours, theirs = program["batched, from both"]["ms"], loop["minimise: ms"]
-        table["a guess of a batched program over the loop, both starts"] = ours / theirs
-        table["the same, from the guess alone"] = program["batched, from guess"]["ms"] / loop["guess alone: ms"]
     return table
 
 

@@ -2,6 +2,7 @@
 
 Processor time, so that a slow spell of the machine does not count. The loops, and the program from the guess alone, are timed
 on a random share of the guesses; from both starts the program runs all of them. Its compilation stands apart.
+The record is its own, `benchmarks/results/minima.json`.
 """
 
 from time import process_time
@@ -10,6 +11,7 @@ import jax
 import numpy as np
 
 from benchmarks import paper
+from benchmarks.record import conclude
 from benchmarks.sensitivity.guesses import lanes, recovered
 from scan2flex_jax import fit
 from scan2flex_jax.compilation import compiled
@@ -32,7 +34,12 @@ def run(bench, wanted) -> None:
     for starts, guessed in (("both", every), ("guess", share)):
         found[f"batched, from {starts}"] = batched(study, guessed, starts)
     found["vectorised, from both"] = vectorised(study, every, some)
-    bench.keep("minima", "a loop and one program", found)
+    loop, program = found["loop"], "a batched program over the loop"
+    ratios = {
+        f"{program}, both starts": found["batched, from both"]["ms"] / loop["minimise: ms"],
+        f"{program}, guess alone": found["batched, from guess"]["ms"] / loop["guess alone: ms"],
+    }
+    conclude("minima", found, ratios)
 
 
 def loops(study, guesses) -> dict:
