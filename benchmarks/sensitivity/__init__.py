@@ -8,6 +8,7 @@ pictures to `docs/sensitivity`. The cable is the one of `benchmarks.paper`. Each
     curvature    natural curvature beside both stiffnesses: along one axis, any axis, local, varying along the cable
     cantilever   relative error of EI over EI/(g rhoA), beside the formula (the paper's Section 2.4)
     batches      lanes in a loop and in `jax.vmap`
+    minima       33 x 33 guesses as one batched program, beside the loop
 
 `bench` keeps every sweep on disk (`build/sensitivity`): a run that is killed, or whose time is up, goes on from there.
 """

@@ -6,10 +6,13 @@ import jax
 import matplotlib as mpl
 
 from benchmarks.record import conclude
-from benchmarks.sensitivity import batches, cantilever, clamps, curvature, guesses
+from benchmarks.sensitivity import batches, cantilever, clamps, curvature, guesses, minima
 from benchmarks.sensitivity.bench import NAME, Bench
 
-PARTS = {"cantilever": cantilever, "clamps": clamps, "curvature": curvature, "guesses": guesses, "batches": batches}
+PARTS = {
+    "cantilever": cantilever, "clamps": clamps, "curvature": curvature, "guesses": guesses, "batches": batches,
+    "minima": minima,
+}  # fmt: skip
 
 
 def ratios(results: dict) -> dict[str, float]:

@@ -21,12 +21,11 @@ class Prior:
         self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
         self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
         self.precision[n.nearly_known] = n.prior_std**-2
-        self.low[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.low]
-        self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
+        unknowns = slice(bench.layout.unknowns)
+        self.low[unknowns], self.high[unknowns] = bench.layout.ranges
         self.frozen = np.zeros(n.count, bool)
         self.weak, self.centre = np.zeros(n.count), np.zeros(n.count)
-        logs = [slot.log for slot in bench.layout.slots for _ in range(slot.size)]
-        self.weak[: bench.layout.unknowns] = np.where(logs, 1.0 / _WEAK**2, 0.0)
+        self.weak[unknowns] = np.where(bench.layout.logs, 1.0 / _WEAK**2, 0.0)
         self.centre[: bench.layout.shared] = bench.minimum.shared
         for k, c in enumerate(components):
             at = n.amplitudes(k)

@@ -1,7 +1,8 @@
 """Nonlinear refits: the base numbers, the amplitudes and the places of one or more kinds, all free.
 
-Levenberg-Marquardt on the whitened residual with priors: nearly known numbers and amplitudes are standard normal in units of
-their tolerance and size, continuous parts of a site are flat over the range that was scanned. Evidence is Laplace's,
+Levenberg-Marquardt (`fitting.descent`) on the whitened residual with priors: nearly known numbers and amplitudes are standard
+normal in units of their tolerance and size, continuous parts of a site are flat over the range that was scanned. Evidence is
+Laplace's,
 
     log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites),
 
@@ -21,6 +22,7 @@ from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.residual import Law, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.effects.entry import Context
+from scan2flex_jax.fitting.descent import Model, Point, Quadratic, Rules, descend
 from scan2flex_jax.fitting.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
@@ -28,8 +30,7 @@ _MOST_FREED = 25  # iterations of one whose sizes are freed: it may go far
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
 _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
-_TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
-_PATIENCE = 3  # steps in a row that promise too little
+_DAMPING = 1e-4  # to begin with
 _STRONG, _SHARE = 5.0, 0.3  # times the noise: a residual far above it; its share that is the noise of plain distances
 _FREE = 100.0  # times the usual size of an effect: standard deviation of the prior of one that exceeds that size
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
@@ -181,97 +182,61 @@ def configurations(shapes):
     return type(c)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
 
 
-def _cost(bench, shapes, n, prior, law, vector):
-    if any(int(s.verdict.code) != 0 or not np.all(np.isfinite(s.residual)) for s in shapes):
-        return np.inf, None
-    white = whiten(shapes, bench.real, n, vector, law)
-    own = prior.precision.copy()
-    own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
-    return float(white.r @ white.r + own @ vector**2 + prior.weak @ (vector - prior.centre) ** 2), white
+class _RefitModel(Model):
+    """A model of the cable with components, under a law of the residual and priors."""
 
+    def __init__(self, bench: Bench, components, n: Numbers, prior: Prior, law: Law):
+        """Nothing is solved yet."""
+        self.bench, self.components, self.n, self.prior, self.law = bench, components, n, prior, law
+        self.low, self.high = prior.low, prior.high
+        self.own = prior.precision.copy()
+        self.own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
 
-def _descend(bench, components, n, prior, law, vector, start, most, least):
-    def at(x, begin):
-        shapes = bench.shapes(components, x, begin)
-        return (x, shapes, *_cost(bench, shapes, n, prior, law, x))
+    def at(self, x, start=None) -> Point:
+        shapes = self.bench.shapes(self.components, x, self.bench.poses.start if start is None else start)
+        if any(int(s.verdict.code) != 0 or not np.all(np.isfinite(s.residual)) for s in shapes):
+            return Point(x, np.inf, None, (shapes, None))
+        white, prior = whiten(shapes, self.bench.real, self.n, x, self.law), self.prior
+        cost = float(white.r @ white.r + self.own @ x**2 + prior.weak @ (x - prior.centre) ** 2)
+        return Point(x, cost, configurations(shapes), (shapes, white), white.r, white.J)
 
-    vector, shapes, cost, white = at(vector, start)
-    damping, converged = 1e-4, False
-    amplitudes = np.concatenate([n.amplitudes(k) for k in range(len(components))]) if components else np.zeros(0, int)
-    while not np.isfinite(cost) and len(amplitudes) and np.any(np.abs(vector[amplitudes]) > 0) and damping < 1e-1:
-        vector[amplitudes] *= 0.3
-        (vector, shapes, cost, white), damping = at(vector, start), damping * 10
-    iteration = hopeless = 0
-    first = back = bool(components)
-    while np.isfinite(cost) and iteration < most and damping < _GIVE_UP:
-        iteration += 1
-        step = _Step(white, n, prior, vector, damping)
-        hopeless = hopeless + 1 if cost - _TRUSTED * step.promised > least + _HOPELESS else 0
-        if hopeless >= _PATIENCE:
-            break
-        trial = at(step.end, configurations(shapes))
-        if np.isfinite(trial[2]) and trial[2] > cost + _ENOUGH:
-            bent = at(step.bent(trial[3]), configurations(shapes))
-            trial = min(trial, bent, key=lambda found: found[2])
-        if not trial[2] < cost and first:  # a pose may have snapped: the measured curves lead back
-            trial, first = min(trial, at(step.end, bench.poses.start), key=lambda found: found[2]), False
-        cost2 = trial[2]
-        if cost2 < cost:
-            converged = bool(cost - cost2 < _ENOUGH)
-            (vector, shapes, cost, white), damping = trial, max(0.1 * damping, 1e-9)
-        else:
-            converged = bool(np.isfinite(cost2)) and cost2 - cost < _ENOUGH
-            damping = max(10.0 * damping, 1e-3)
-        if converged and back:
-            back, returned = False, at(vector, bench.poses.start)
-            if returned[2] < cost - _ENOUGH:  # the branch that was measured is another one
-                (vector, shapes, cost, white), converged, damping = returned, False, 1e-4
-        if converged:
-            break
-    return _finish(bench, components, n, prior, law, vector, shapes, white, cost, converged)
-
-
-class _Step:
-    """A damped Gauss-Newton step to ``end``, and the same bent along a valley.
-
-    A step that went uphill has told how the residual curves along it, ``c = r(end) - r - J step``. The second-order correction
-    ``-(J'J + ...)^-1 J' c`` follows the valley in which it left the floor: geodesic acceleration, with the refused step in
-    place of a finite difference. Reference: Transtrum and Sethna, "Improvements to the Levenberg-Marquardt algorithm for
-    nonlinear least-squares minimization" (2012).
-    """
-
-    def __init__(self, white, n, prior, vector, damping):
-        """From the whitened residual at ``vector``."""
-        own = prior.precision.copy()
-        own[n.nearly_known] = 0.0
+    def about(self, point) -> Quadratic:
+        (_, white), x, prior, own = point.found, point.x, self.prior, self.own
         A = white.J.T @ white.J + np.diag(own + prior.weak)
-        g = white.J.T @ white.r + own * vector + prior.weak * (vector - prior.centre)  # columns: the residual's derivatives
-        self.free = ~prior.frozen & ~(((vector <= prior.low) & (g > 0)) | ((vector >= prior.high) & (g < 0)))
-        self.scale = np.sqrt(np.diag(A) + prior.width)[self.free] + 1e-150
-        self.H = A[np.ix_(self.free, self.free)] / np.outer(self.scale, self.scale) + damping * np.eye(int(self.free.sum()))
-        self.white, self.prior, self.vector, self.shared = white, prior, vector, n.shared
-        whole = self._solved(g)
-        self.promised = -float(g @ whole)  # drop of the cost, were the residual linear and nothing bounded
-        self.move = self._bounded(whole)
-        self.end = np.clip(vector + self.move, prior.low, prior.high)
+        g = white.J.T @ white.r + own * x + prior.weak * (x - prior.centre)  # columns: the residual's derivatives
+        free = ~prior.frozen & ~(((x <= prior.low) & (g > 0)) | ((x >= prior.high) & (g < 0)))
+        return Quadratic(x, A, g, np.diag(A) + prior.width, free)
 
-    def bent(self, white) -> np.ndarray:
-        """Where it ends with the correction, from the whitened residual at its plain end."""
-        curved = white.r - self.white.r - self.white.J @ (self.end - self.vector)
-        move = self._bounded(self.move + self._solved(self.white.J.T @ curved))
-        return np.clip(self.vector + move, self.prior.low, self.prior.high)
-
-    def _solved(self, gradient):
-        out = np.zeros_like(self.vector)
-        out[self.free] = np.linalg.lstsq(self.H, -gradient[self.free] / self.scale, rcond=1e-12)[0] / self.scale
-        return out
-
-    def _bounded(self, move):
+    def bounded(self, move, about):
+        """A quarter of a site's range, and a factor of e of a base number."""
         prior = self.prior
         reach = np.where(prior.width > 0, 0.25 * (prior.high - prior.low), np.inf)
         shrink = np.min(np.where(np.abs(move) > reach, reach / np.maximum(np.abs(move), 1e-300), 1.0), initial=1.0)
-        logs = np.max(np.abs(move[: self.shared]), initial=0.0)
+        logs = np.max(np.abs(move[: self.n.shared]), initial=0.0)
         return move * min(shrink, 1.0 / max(logs, 1.0))
+
+    def within_reach(self, point: Point, start) -> tuple[Point, float]:
+        """The point, of amplitudes small enough for its poses to be solved, and the damping to begin with."""
+        amplitudes = [self.n.amplitudes(k) for k in range(len(self.components))]
+        at, damping = np.concatenate(amplitudes) if amplitudes else np.zeros(0, int), _DAMPING
+        while not np.isfinite(point.cost) and len(at) and np.any(np.abs(point.x[at]) > 0) and damping < 1e-1:
+            x = point.x.copy()
+            x[at] *= 0.3
+            point, damping = self.at(x, start), damping * 10
+        return point, damping
+
+
+def _descend(bench, components, n, prior, law, vector, start, most, least):
+    model, start = _RefitModel(bench, components, n, prior, law), bench.start if start is None else start
+    point, damping = model.within_reach(model.at(vector, start), start)
+    rules = Rules(
+        most=lambda cost: most, settled=lambda cost: _ENOUGH, damping=_DAMPING, least=1e-9, refused=1e-3, give_up=_GIVE_UP,
+        stuck_converges=False, closer=(lambda cost: _ENOUGH) if components else None, bend=True,
+        hopeless=least + _HOPELESS,
+    )  # fmt: skip
+    found = descend(model, point, rules, damping)
+    point, (shapes, white) = found.point, found.point.found
+    return _finish(bench, components, n, prior, law, point.x, shapes, white, point.cost, found.converged)
 
 
 def _finish(bench, components, n, prior, law, vector, shapes, white, cost, converged):

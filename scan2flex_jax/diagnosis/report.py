@@ -11,15 +11,12 @@ from scan2flex_jax.diagnosis.result import PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
-from scan2flex_jax.fitting.parameters import values_of
-from scan2flex_jax.fitting.result import Estimate, unit_of
+from scan2flex_jax.fitting.estimate import Estimate, estimate_of
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_names
 from scan2flex_jax.study.model import EffectDeclaration
 
-_NORMAL_95 = 1.959964
 _WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # from a model without effects to one with them
-_VAGUE = 1.0  # standard deviation of a logarithm beyond which a value is not worth the name
 
 
 def parameters_of(bench, found: Refit, k: int) -> dict:
@@ -63,7 +60,7 @@ def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dic
         centre = best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
         moves = [r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
         spread = np.sqrt(sum(w * (np.diag(r.covariance)[here] + m**2) for w, r, m in zip(weights, tied, moves, strict=True)))
-        out[slot.name] = _estimate(slot, centre, spread, layout)
+        out[slot.name] = estimate_of(slot, centre, spread)
     return out
 
 
@@ -72,19 +69,6 @@ def _rescaled(bench, found):
     for k, c in enumerate(found.components):
         factors |= c.entry.rescaled(found.amplitudes(bench, k), c.site, bench.context)
     return factors
-
-
-def _estimate(slot, centre, spread, layout):
-    values = values_of(replace(layout, slots=(replace(slot, at=0),)), centre)[slot.name]
-    low, high, std = centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
-    bound = bool(np.any((centre <= np.array(slot.low) + 1e-9) | (centre >= np.array(slot.high) - 1e-9)))
-    known = bool(np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _VAGUE)))
-    if slot.log:
-        low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(centre) * spread
-    parts = [np.reshape(v, slot.shape) if slot.shape else float(v[0]) for v in (std, low, high)]
-    std, low, high = parts if known else (None, None, None)
-    value = values if slot.shape else float(values)
-    return Estimate(value, std, low, high, identifiable=known, at_bound=bound, unit=unit_of(slot.name))
 
 
 def residuals(bench, shapes):
@@ -168,8 +152,8 @@ def description(found) -> Ranked:
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:
-    """The measurements that would tell these kinds apart."""
-    return tuple(dict.fromkeys(f"{kind}: {entry_of(kind).settle}" for kind in kinds))
+    """The measurements that would tell these kinds apart, in the order of their names."""
+    return tuple(f"{kind}: {entry_of(kind).settle}" for kind in sorted(set(kinds)))
 
 
 def discrepancy(bench, found: Refit) -> Discrepancy:

@@ -17,26 +17,22 @@ from scipy import linalg
 
 from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening, principal
 from scan2flex_jax.fitting.distance import NORMALS
-from scan2flex_jax.fitting.noise import (
-    Noise,
+from scan2flex_jax.fitting.likelihood import (
+    NoisePrior,
     Residual,
-    most_likely,
-    most_likely_with_discrepancy,
-    nearest,
+    RestrictedLikelihood,
     plane_of,
     projected,
-    restricted_likelihood,
-    scanner_prior,
-    spacing_of,
+    shortest_of,
     thinned,
-    too_large,
 )
+from scan2flex_jax.fitting.noise import Noise, logarithms, most_likely, most_likely_with_discrepancy, nearest
 
 _MOST, _FEWER = 64, 40  # points of a pose that enter the likelihood of the noise, and of noise with discrepancy
 _RANK = 24  # directions of all signatures together that are kept out of the noise
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
-_STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
+_SPREAD, _LONGEST = 0.6, 0.3  # of a correlation length: its prior, and the longest over the length of the cable
 _PRIOR_ROWS = 10.0  # rows of unit variance that draw the noise of a pose to that of all
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
@@ -264,7 +260,7 @@ class Complement:
         alike=0.0, scales=(),
     ):
         """Thinned curves and columns, each with where its columns stand; the model's own only where it is ``free``."""
-        self.length, self.stated, self.planes, self.alike, self.scales, self.poses = length, stated, planes, alike, scales, []
+        self.length, self.stated, self.planes, self.alike, self.scales, poses = length, stated, planes, alike, scales, []
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
@@ -281,63 +277,46 @@ class Complement:
             marked = None if shape.marked is None or signatures else np.asarray(shape.marked)[keep] > 0
             pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked).thinned(_FEWER if len(scatter) else _MOST)
             pose = pose.over(scales[i]) if len(scales) else pose
-            self.poses.append(pose.in_plane() if planes == 1 else pose)
-        self.precision, self.pull = np.zeros(columns), np.zeros(columns)
+            poses.append(pose.in_plane() if planes == 1 else pose)
+        precision, pull = np.zeros(columns), np.zeros(columns)
         known = numbers.nearly_known
-        self.precision[known] = numbers.prior_std**-2
-        self.pull[known] = self.precision[known] * (vector[known] - numbers.prior_mean)
-        size = np.sqrt(np.mean([np.mean(p.r[:, :-1] ** 2) for p in self.poses]))
+        precision[known] = numbers.prior_std**-2
+        pull[known] = precision[known] * (vector[known] - numbers.prior_mean)
+        size = np.sqrt(np.mean([np.mean(p.r[:, :-1] ** 2) for p in poses]))
         self.size = max(size, 1e-12 * length)
-        self.shortest = max(spacing_of([p.s for p in self.poses]), 0.01 * length)
-
-    def __call__(self, noise: Noise, u, curvature: float = 0.0) -> float:
-        """Negative log likelihood with weak priors at ``u`` = logarithms of white, correlated (m) and length (m) of a noise."""
-        given = self.poses, noise, self.precision, self.pull, curvature
-        return restricted_likelihood(*given) + self._prior(u, noise)
+        prior = NoisePrior(length, stated, shortest_of(poses, length), _SPREAD, _LONGEST, scanner=True)
+        self.likelihood = RestrictedLikelihood(poses, prior, precision, pull)
 
     def law(self, noise: Noise, usual: float, scatter, near: Law | None = None) -> Law:
         """The most likely noise and discrepancy, begun at a noise, or at a law that is ``near``; ``usual`` (1/m) as in
         `fitting.discrepancy`."""
         found, curvature, _ = self._likeliest(noise, usual, near)
-        u = np.log([found.white, found.correlated, found.correlation_length])
-        prior = self._prior(u, found) + (0.0 if self.stated else too_large(found, self.length))
+        prior = self.likelihood.prior(found, logarithms(found), discrepancy=True)
         prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
         return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
 
     def gain(self, noise: Noise, usual: float) -> float:
         """Nats that a discrepancy gains beside the most likely noise."""
-        alone = nearest(self._of_a_scanner, noise, self.length)
-        u = np.log([alone.white, alone.correlated, alone.correlation_length])
-        return float(self._of_a_scanner(alone, u) - self._likeliest(noise, usual)[2])
+        alone = nearest(self.likelihood.with_discrepancy, noise, self.length)
+        return float(self.likelihood.with_discrepancy(alone, logarithms(alone)) - self._likeliest(noise, usual)[2])
 
     def _likeliest(self, noise, usual, near=None):
         begun = (near.noise, near.curvature) if near is not None and near.curvature else None
-        noise = nearest(self._of_a_scanner, noise, self.length)
-        return most_likely_with_discrepancy(self._of_a_scanner, noise, usual, self.length, begun)
-
-    def _of_a_scanner(self, noise, u, curvature=0.0):
-        """The same, with no noise larger than those of scanners unless it was stated."""
-        return self(noise, u, curvature) + (0.0 if self.stated else too_large(noise, self.length))
-
-    def _prior(self, u, noise):
-        L = self.length
-        prior = 0.5 * ((u[2] - np.log(0.07 * L)) / 0.6) ** 2 + 0.02 * (u[1] - u[0]) ** 2
-        prior += 0.5 * (np.log(noise.total / self.stated) / _STATED) ** 2 if self.stated else scanner_prior(noise, L)
-        beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(0.3 * L)) ** 2
-        return prior + 1e3 * beyond
+        noise = nearest(self.likelihood.with_discrepancy, noise, self.length)
+        return most_likely_with_discrepancy(self.likelihood.with_discrepancy, noise, usual, self.length, begun)
 
     @cached_property
     def estimate(self) -> Noise:
         """The most likely noise."""
-        return most_likely(self, self.stated or self.size, self.length, self.alike)
+        return most_likely(self.likelihood, self.stated or self.size, self.length, self.alike)
 
     def draws(self, noise: Noise, count: int, rng) -> list[Noise]:
         """Noises as likely as the estimated one: a normal law in their logarithms with the likelihood's curvature."""
-        u, h, E = np.log([noise.white, noise.correlated, noise.correlation_length]), 0.08, np.eye(3)
+        u, h, E = logarithms(noise), 0.08, np.eye(3)
         H = np.zeros((3, 3))
 
         def at(v):
-            return self(noise.moved(v), v)
+            return self.likelihood(noise.moved(v), v)
 
         for i in range(3):
             for j in range(i + 1):

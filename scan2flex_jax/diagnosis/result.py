@@ -14,9 +14,10 @@ from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.result import Estimate, Fit, in_words
+from scan2flex_jax.fitting.result import Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study

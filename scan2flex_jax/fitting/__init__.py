@@ -7,12 +7,14 @@ priors), `start`, `problem`. Residuals: `distance`, `states`, `evaluate`, and `r
 Output: `result`, `answer`.
 """
 
+from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, residual_function
-from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit
+from scan2flex_jax.fitting.result import Fit, PoseFit
 from scan2flex_jax.fitting.run import METHODS, fit
 from scan2flex_jax.fitting.settings import FitSettings
+from scan2flex_jax.fitting.traced import TracedMinimum, TracedProblem, minimise, traced_problem
 
 __all__ = [
     "METHODS",
@@ -21,8 +23,12 @@ __all__ = [
     "FitSettings",
     "PoseFit",
     "ResidualFunction",
+    "TracedMinimum",
+    "TracedProblem",
     "boundary_of",
     "fit",
+    "minimise",
     "model_of",
     "residual_function",
+    "traced_problem",
 ]

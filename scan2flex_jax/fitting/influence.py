@@ -14,11 +14,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from scan2flex_jax.fitting.estimate import vague
 from scan2flex_jax.fitting.evaluate import Evaluation
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.fitting.statistics import VAGUE, closed_inverse
+from scan2flex_jax.fitting.statistics import closed_inverse
 from scan2flex_jax.study.model import MeasuredCurve, Study
 
 STATED = ("length", "length_density")
@@ -111,7 +112,7 @@ def influence_of(
     positive = np.r_[logs, np.zeros(linear.J.shape[1] - len(logs), bool)]
     for i, rows in enumerate(linear.rows):
         x, lost, std = linear.without(i)
-        lost = lost | (positive & (std > VAGUE))
+        lost = lost | vague(positive, std)
         moved.append(np.where(lost, np.nan, x)[:count])
         unknown = np.any(lost & ~open_)  # a number that no pose determines changes no prediction
         left_out.append(np.nan if unknown else distance(i, linear.r[rows] + linear.J[rows] @ x))

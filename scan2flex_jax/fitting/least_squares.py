@@ -1,14 +1,11 @@
-"""Levenberg-Marquardt on the residuals of all poses with their implicit Jacobian, and the two methods beside it.
+"""The least-squares problem of a fit, as `descent` minimises it, and the two methods beside it.
 
-The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of what is known only nearly. Its
-share for one residual stands for the square of the noise, which is not known yet: in units of it, logarithms are held weakly
-where they began (a factor of 20 is one standard deviation), so that a number that the poses hardly feel does not drift to where
-the rod is no cable and takes hundreds of steps to solve, while what they determine moves by a small part of its standard error;
-and the fit has converged when a step promises less than a thousandth of it. Marquardt's scaling makes the steps independent of
-units; steps in logarithms are bounded, the range of the user is kept by holding those numbers that lie at a bound and want to
-leave it. Solves follow the branch from one iterate to the next; a fit that began from configurations already found starts from
-the measured curves once more at the end, and goes on if that finds a closer branch.
-Reference: More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978).
+The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of nearly known numbers. The noise
+variance is unknown, so cost / n_residuals stands in for it. In units of it, logarithms are held weakly where they began (a
+factor of 20 is one standard deviation), so that a number that the poses hardly feel does not drift to where the rod is no cable
+and takes hundreds of steps to solve, while what they determine moves by a small part of its standard error; and the fit has
+converged when a step promises less than a thousandth of it. Steps in logarithms are bounded. A fit that began from
+configurations already found starts from the measured curves once more at the end.
 """
 
 from collections.abc import Callable
@@ -17,16 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
+from scan2flex_jax.fitting.descent import Model, Point, Quadratic, Rules, descend
 from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator
 
-_MOST_ITERATIONS = 60
+MOST_ITERATIONS = 60
 _PATIENCE, _FAR = 10, 10.0  # iterations, and cost over the one to beat, after which a descent is given up
-_LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
-_COST_TOLERANCE, _STEP_TOLERANCE = 1.0e-10, 1.0e-8
+LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
+COST_TOLERANCE, STEP_TOLERANCE = 1.0e-10, 1.0e-8
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
+_CLOSER = 1.0e-6  # of the cost: what a start from the measured curves must gain
 _GAIN = 1.0e-4  # of the cost: what a converged fit of another method may still promise to gain
-_SHARE = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
-_GIVE_UP = 1.0e12  # damping at which no step helps
+PROMISED = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
+GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
 
@@ -111,82 +110,90 @@ def levenberg_marquardt(
     evaluation there (from the measured curves) if it has been made."""
     evaluator = goal.evaluator
     local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
+    model = _FitModel(goal, shared, local.shape)
     e = evaluator(shared, local, start=start) if known is None else known
-    cost, damping, iteration, converged, checked = goal.cost(e, shared, local), 1e-3, 0, False, start is None
-    began, residuals = shared, max(int(np.count_nonzero(e.residual)), 1)
-    while np.isfinite(cost) and iteration < (_MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience):
-        share = cost / residuals
-        bowl = _Bowl(goal, e, shared, local, share * goal.weak, began)
-        if bowl.promised() <= _SHARE * share:
-            small = True
-        else:
-            iteration += 1
-            trial = bowl.step(damping)
-            e2 = evaluator(*trial, start=e.configuration)
-            cost2 = goal.cost(e2, *trial)
-            goal.progress(f"iteration {iteration}: cost {min(cost, cost2):.6g}")
-            held = np.sum(bowl.weak * ((trial[0] - began) ** 2 - (shared - began) ** 2))
-            small = abs(cost2 + held - cost) <= _COST_TOLERANCE * cost
-            if cost2 + held < cost:
-                small |= np.max(np.abs(trial[0] - shared), initial=0.0) < _STEP_TOLERANCE
-                (shared, local), e, cost, damping = trial, e2, cost2, max(0.1 * damping, 1e-12)
-            else:
-                damping *= 10.0
-        if small or damping > _GIVE_UP:
-            converged = True
-            if checked:
-                break
-            fresh = evaluator(shared, local)
-            if goal.cost(fresh, shared, local) >= cost * (1 - 1e-6):
-                break
-            e, cost, damping, converged, checked = fresh, goal.cost(fresh, shared, local), 1e-3, False, True
-    return Minimum(shared, local, e, cost, iteration, converged)
+    model.residuals = max(int(np.count_nonzero(e.residual)), 1)
+    rules = Rules(
+        most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
+        settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, promises=PROMISED, damping=1e-3, least=1e-12,
+        give_up=GIVE_UP, stuck_converges=True, closer=None if start is None else lambda cost: _CLOSER * cost,
+        progress=goal.progress,
+    )  # fmt: skip
+    found = descend(model, model.of(np.r_[shared, local.ravel()], e), rules)
+    shared, local = model.split(found.point.x)
+    return Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged)
 
 
-class _Bowl:
-    """The cost to second order about an iterate, in the numbers that are felt and not held at a bound.
+class _FitModel(Model):
+    """The fit of a study: its shared numbers, then the local ones of all poses.
+
+    Logarithms are held weakly where the descent ``began``; ``residuals`` is their number there.
+    """
+
+    def __init__(self, goal: Goal, began: np.ndarray, shape: tuple[int, ...]):
+        """Nothing is evaluated yet; ``shape`` (poses, local) is that of the local numbers."""
+        self.goal, self.began, self.shape, self.residuals = goal, began, shape, 1
+        free = np.full(int(np.prod(shape)), np.inf)
+        self.low, self.high = np.r_[goal.low, -free], np.r_[goal.high, free]
+
+    def split(self, x):
+        """Shared and local numbers."""
+        return x[: len(self.began)], x[len(self.began) :].reshape(self.shape)
+
+    def of(self, x, e: Evaluation) -> Point:
+        """The evaluation at ``x`` that is known."""
+        return Point(x, self.goal.cost(e, *self.split(x)), e.configuration, e)
+
+    def at(self, x, start=None) -> Point:
+        return self.of(x, self.goal.evaluator(*self.split(x), start=start))
+
+    def about(self, point) -> "_Bowl":
+        share = point.cost / self.residuals
+        return _Bowl(self, point, share * self.goal.weak, share)
+
+    def bounded(self, move, about):
+        """Logarithms that no pose feels follow, and steps in shared numbers are bounded."""
+        n, move = len(self.began), move.copy()
+        if np.any(about.leading):
+            move[:n][about.following] = np.mean(move[:n][about.leading])
+        low, high, x = self.low[:n], self.high[:n], about.x[:n]
+        reach = np.where(np.isfinite(low) & (np.abs(high - low) < 60), 1.0, 1.0 + np.abs(x))
+        longest = np.max(np.abs(move[:n]) / reach, initial=0.0)
+        return move * (min(1.0, LONGEST / longest) if longest > 0 else 1.0)
+
+
+class _Bowl(Quadratic):
+    """The cost of a fit to second order about an iterate, in the numbers that are felt and not held at a bound.
 
     A logarithm that no pose feels goes with those that are felt: a plane pose says nothing of torsion, but a rod that grows
     stiffer in bending alone would buckle out of the plane.
     """
 
-    def __init__(self, goal, e, shared, local, weak=0.0, began=0.0):
-        JJ, self.Jr = goal.normal_equations(e, shared, local)
-        self.x, self.shape, n = np.r_[shared, local.ravel()], local.shape, len(shared)
+    rank = 1e-14
+
+    def __init__(self, model: _FitModel, point: Point, weak: np.ndarray | float = 0.0, share: float = 1.0):
+        """With logarithms held by the precision ``weak``."""
+        goal, began = model.goal, model.began
+        JJ, Jr = goal.normal_equations(point.found, *model.split(point.x))
+        n, x = len(began), point.x
         felt = np.diag(JJ)[:n] > UNSEEN**2 * np.max(np.diag(JJ))
         logs = np.broadcast_to(goal.weak, n) > 0
-        self.weak, self.leading, self.following = np.where(felt, weak, 0.0), felt & logs, ~felt & logs
+        self.began, self.weak = began, np.where(felt, weak, 0.0)
+        self.leading, self.following = felt & logs, ~felt & logs
         JJ[np.arange(n), np.arange(n)] += self.weak
-        self.Jr[:n] += self.weak * (shared - began)
-        self.low = np.r_[goal.low, np.full(len(self.x) - n, -np.inf)]
-        self.high = np.r_[goal.high, np.full(len(self.x) - n, np.inf)]
-        self.JJ, self.scale = JJ, np.diag(JJ) + 1e-300
-        held = ((self.x <= self.low) & (self.Jr > 0)) | ((self.x >= self.high) & (self.Jr < 0))
-        self.free = ~held & (self.scale > UNSEEN**2 * np.max(self.scale))
+        Jr[:n] += self.weak * (x[:n] - began)
+        scale = np.diag(JJ) + 1e-300
+        held = ((x <= model.low) & (Jr > 0)) | ((x >= model.high) & (Jr < 0))
+        super().__init__(x, JJ, Jr, scale, ~held & (scale > UNSEEN**2 * np.max(scale)), share)
 
-    def move(self, damping):
-        """The step, nowhere shortened."""
-        root = np.sqrt(self.scale * (1.0 + damping))[self.free]
-        A = (self.JJ + damping * np.diag(self.scale))[np.ix_(self.free, self.free)]
-        out = np.zeros_like(self.x)
-        out[self.free] = np.linalg.lstsq(A / np.outer(root, root), -self.Jr[self.free] / root, rcond=1e-14)[0] / root
-        return out
+    def change(self, before, trial):
+        n, began = len(self.began), self.began
+        held = np.sum(self.weak * ((trial.x[:n] - began) ** 2 - (before.x[:n] - began) ** 2))
+        return trial.cost + held - before.cost
 
-    def promised(self) -> float:
-        """By how much an undamped step would lower the cost, to second order."""
-        return float(-self.Jr @ self.move(0.0))
-
-    def step(self, damping):
-        """Shared and local numbers after a damped step of bounded length."""
-        move, n = self.move(damping), len(self.x) - int(np.prod(self.shape))
-        if np.any(self.leading):
-            move[:n][self.following] = np.mean(move[:n][self.leading])
-        low, high, x = self.low[:n], self.high[:n], self.x[:n]
-        reach = np.where(np.isfinite(low) & (np.abs(high - low) < 60), 1.0, 1.0 + np.abs(x))
-        longest = np.max(np.abs(move[:n]) / reach, initial=0.0)
-        move *= min(1.0, _LONGEST / longest) if longest > 0 else 1.0
-        x = np.clip(self.x + move, self.low, self.high)
-        return x[:n], x[n:].reshape(self.shape)
+    def moved(self, before, trial):
+        n = len(self.began)
+        return float(np.max(np.abs(trial.x[:n] - before.x[:n]), initial=0.0))
 
 
 def bfgs(goal: Goal, shared: np.ndarray) -> Minimum:
@@ -222,5 +229,12 @@ def _scipy(goal, shared, method, derivative, options):
     x = best.get("x", shared)
     e = evaluator(x, local)
     cost = goal.cost(e, x, local)
-    converged = bool(found.success) or (np.isfinite(cost) and _Bowl(goal, e, x, local).promised() <= _GAIN * cost)
+    converged = bool(found.success) or (np.isfinite(cost) and _gain(goal, x, local, e) <= _GAIN * cost)
     return Minimum(x, local, e, cost, int(found.nit), bool(converged))
+
+
+def _gain(goal, shared, local, e) -> float:
+    """What an undamped step would gain."""
+    model = _FitModel(goal, shared, local.shape)
+    bowl = _Bowl(model, model.of(np.r_[shared, local.ravel()], e))
+    return bowl.promised(bowl.solved(bowl.g, 0.0))

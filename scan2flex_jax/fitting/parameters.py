@@ -141,6 +141,16 @@ class Layout:
         """A name for each entry of the unknowns."""
         return [label for slot in self.slots for label in slot.labels]
 
+    @property
+    def logs(self) -> np.ndarray:
+        """Which of the unknown numbers are logarithms."""
+        return np.array([slot.log for slot in self.slots for _ in range(slot.size)], bool)
+
+    @property
+    def ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """The lowest and the highest value of each of the unknown numbers."""
+        return np.array([v for s in self.slots for v in s.low]), np.array([v for s in self.slots for v in s.high])
+
 
 def layout_of(study) -> Layout:
     """The layout of a study's unknowns and tolerances."""

@@ -30,9 +30,9 @@ from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
 
 FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
-_CREDIBLE = 0.01  # of the length: RMS distance of a minimum above which another start is tried too
-_WEAK = 3.0  # standard deviation of a logarithm about the start of a fit: a factor of 20
-_LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
+CREDIBLE = 0.01  # of the length: RMS distance of a minimum above which another start is tried too
+WEAK = 3.0  # standard deviation of a logarithm about the start of a fit: a factor of 20
+LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
 
 
 class Problem:
@@ -87,17 +87,21 @@ class Problem:
 
     def goal(self, sigma: np.ndarray, progress: Progress = silent) -> Goal:
         """The objective, with residuals in units of ``sigma`` (m) per pose."""
-        prior = self.layout.shared - self.layout.unknowns
-        low = np.r_[[v for s in self.layout.slots for v in s.low], np.full(prior, -np.inf)]
-        high = np.r_[[v for s in self.layout.slots for v in s.high], np.full(prior, np.inf)]
-        return Goal(self.evaluator, sigma, low, high, progress, np.where(self.logs(), _WEAK**-2, 0.0))
+        low, high = self.layout.ranges
+        free = np.full(self.layout.shared - self.layout.unknowns, np.inf)
+        low, high = np.r_[low, -free], np.r_[high, free]
+        return Goal(self.evaluator, sigma, low, high, progress, np.where(self.logs(), WEAK**-2, 0.0))
 
     def starts(self) -> list[np.ndarray]:
-        """Start vectors of the unknowns: the user's guess if given, and the package's own."""
-        own = own_start(self.study, self.poses, self.length)
-        guessed = start_vector(self.study, self.layout, own)
-        free = start_vector(_without_guesses(self.study), self.layout, own)
+        """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs."""
+        guessed, free = self.both_starts()
         return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
+
+    def both_starts(self, study: Study | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Start vectors of the unknowns: the user's guess if given, and the package's own; ``study`` has other guesses."""
+        study = self.study if study is None else study
+        own = own_start(study, self.poses, self.length)
+        return start_vector(study, self.layout, own), start_vector(_without_guesses(study), self.layout, own)
 
     def minimise(
         self, method: str, progress: Progress = silent, beat: float = np.inf, start: np.ndarray | None = None
@@ -129,17 +133,16 @@ class Problem:
         inside = np.all((minimum.shared > goal.low) & (minimum.shared < goal.high))
         own = np.asarray(self.poses.mask).sum()
         rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
-        return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
+        return bool(minimum.converged and inside and rms < CREDIBLE * self.length)
 
     def logs(self) -> np.ndarray:
-        """Mask of the shared entries that are logarithms."""
-        known = [False] * (self.layout.shared - self.layout.unknowns)
-        return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
+        """Mask of the shared numbers that are logarithms."""
+        return np.r_[self.layout.logs, np.zeros(self.layout.shared - self.layout.unknowns, bool)]
 
     def _descend(self, goal, x, evaluation):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer start if a pose cannot be solved there."""
         logs = self.logs()
-        for factor in _LADDER:
+        for factor in LADDER:
             start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
             minimum = levenberg_marquardt(goal, start, known=evaluation if factor == 1.0 else None)
             if np.isfinite(minimum.cost):

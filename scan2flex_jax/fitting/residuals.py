@@ -21,6 +21,7 @@ from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
 from scan2flex_jax.fitting.poses import Poses, check_distance, poses_of
 from scan2flex_jax.fitting.start import own_start
+from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
@@ -45,8 +46,7 @@ class ResidualFunction(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """A name for each entry of ``x``."""
-        logs = [slot.log for slot in self.layout.slots for _ in range(slot.size)]
-        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, logs, strict=True)]
+        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, self.layout.logs, strict=True)]
         shared = [f"prior[{i}]" for i in range(self.layout.shared - self.layout.unknowns)]
         own = [f"prior[pose {p}, {i}]" for p in range(self.poses.count) for i in range(self.layout.local)]
         return (*named, *shared, *own)
@@ -77,20 +77,29 @@ class ResidualFunction(eqx.Module):
 
 @compiled
 def _residuals(function: ResidualFunction, x):
+    residual, (_, _, verdict) = of_poses(function, x, lambda residual, own: residual(own))
+    return residual, verdict
+
+
+def of_poses(function: ResidualFunction, x, call, start: Configuration | None = None):
+    """``call(residual, own)`` of every pose, stacked: ``own`` are the numbers of ``x`` that the pose depends on, and
+    ``residual(own)`` is its `states.shape`, solved from ``start`` (default: the measured curves)."""
     layout, poses = function.layout, function.poses
     own = x[layout.shared :].reshape(poses.count, layout.local)
     targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked)
-    each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start, own))
+    each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start if start is None else start, own))
 
     def of_group(group):
-        model = model_at(layout, poses.templates[group], x[: layout.shared])
-        laws = states.slots_of(model.effects)
-
         def one(pose):
             boundary, target, start, z = pose
-            state = states.state_of(model, boundary_at(layout, boundary, z), function.elements, laws)
-            residual, (_, _, verdict) = states.shape(state, start, target, function.distance)
-            return residual, verdict
+
+            def residual(own):
+                model = model_at(layout, poses.templates[group], own[: layout.shared])
+                laws = states.slots_of(model.effects)
+                state = states.state_of(model, boundary_at(layout, boundary, own[layout.shared :]), function.elements, laws)
+                return states.shape(state, start, target, function.distance)
+
+            return call(residual, jnp.concatenate([x[: layout.shared], z]))
 
         return jax.lax.map(one, each if len(poses.templates) == 1 else jax.tree.map(lambda v: v[members(group)], each))
 

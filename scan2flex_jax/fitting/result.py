@@ -7,34 +7,15 @@ import numpy as np
 
 from scan2flex_jax.fitting.answer import Answer, answer_of, moved_in_words
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence, influence
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.study.check import unit_warnings
-from scan2flex_jax.study.kinds import CABLE, kind_format
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """One unknown: value, standard error and 95 % interval in its own unit; error and interval are None if undetermined."""
-
-    value: float | np.ndarray
-    std: float | np.ndarray | None
-    low: float | np.ndarray | None
-    high: float | np.ndarray | None
-    identifiable: bool
-    at_bound: bool
-    unit: str
-
-    def to_json(self) -> dict:
-        """As in the study format; unknown entries are omitted."""
-        out = {"value": _plain(self.value), "identifiable": self.identifiable, "at_bound": self.at_bound}
-        known = {"std": self.std, "low": self.low, "high": self.high}
-        return out | {k: _plain(v) for k, v in known.items() if v is not None}
 
 
 @dataclass(frozen=True)
@@ -202,16 +183,6 @@ _AS_IT_STANDS = "values and intervals below are those of the study as it stands,
 _SEVERAL_TURNED = (
     "{} poses fit only with other turns than the study says: look at the rolls of their clamps before believing the values"
 )
-
-
-def unit_of(name: str) -> str:
-    """Unit of an unknown by its name."""
-    kind, dot, parameter = name.partition(".")
-    return (kind_format(kind).parameter(parameter) if dot else CABLE[name]).unit
-
-
-def _plain(value):
-    return float(value) if np.ndim(value) == 0 else np.asarray(value).tolist()
 
 
 def in_words(e: Estimate) -> str:

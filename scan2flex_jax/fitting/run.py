@@ -13,11 +13,11 @@ from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting import belief, branches, mistakes
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.estimate import estimate_of
 from scan2flex_jax.fitting.least_squares import silent
-from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
-from scan2flex_jax.fitting.result import UNSETTLED, Estimate, Fit, PoseFit, unit_of
+from scan2flex_jax.fitting.result import UNSETTLED, Fit, PoseFit
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
@@ -31,7 +31,6 @@ from scan2flex_jax.study.sense import check_study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
 DATA = ("auto", "curve", "cloud")
-_NORMAL_95 = 1.959964
 
 
 @on_one_blas_thread
@@ -219,26 +218,11 @@ def _pose_fits(problem, minimum, covariance):
 
 
 def _estimates(layout, x, known, settings):
-    values, out = values_of(layout, x), {}
+    spread, out = np.sqrt(np.diag(known.covariance)), {}
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
-        center, spread = x[here], np.sqrt(np.diag(known.covariance))[here]
-        bound = np.any((center <= np.array(slot.low) + 1e-9) | (center >= np.array(slot.high) - 1e-9))
-        low, high = center - _NORMAL_95 * spread, center + _NORMAL_95 * spread
-        std = spread
-        if slot.log:
-            low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(center) * spread
-        shaped: list = (
-            [np.reshape(v, slot.shape) for v in (std, low, high)]
-            if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > settings.vaguest_interval))
-            else [None] * 3
-        )
-        shaped = [v if v is None or slot.shape else float(v) for v in shaped]
-        value = values[slot.name] if slot.shape else float(values[slot.name])
-        std, low, high = shaped
-        determined = bool(np.all(known.determined[here]))
-        at_bound = bool(bound and np.all(known.felt[here]))  # meaningless for an entry without influence on any pose
-        out[slot.name] = Estimate(value, std, low, high, determined, at_bound, unit_of(slot.name))
+        seen = {"determined": bool(np.all(known.determined[here])), "felt": bool(np.all(known.felt[here]))}
+        out[slot.name] = estimate_of(slot, x[here], spread[here], **seen, vaguest=settings.vaguest_interval)
     return out
 
 

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part, planes_of, usual_size
+from scan2flex_jax.fitting.estimate import VAGUE, vague
 from scan2flex_jax.fitting.least_squares import UNSEEN, normal_equations
-from scan2flex_jax.fitting.noise import Noise, Residual, estimate_noise, noise_and_discrepancy
+from scan2flex_jax.fitting.likelihood import Residual, estimate_noise, noise_and_discrepancy
+from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import Layout
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
-VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) above which a value counts as not determined
 _PART = 0.05  # of the largest component of an open direction: entries with a larger one are not determined
 
 
@@ -77,10 +78,9 @@ def uncertainty(
     lost = _involved(open_part) | unseen
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
-    logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
-    vague = logs & (np.sqrt(np.diag(covariance)) > VAGUE)
-    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, vague & ~lost)
-    return Uncertainty(covariance, ~(lost | vague), ~lost, tuple(sentences))
+    wide = vague(layout.logs, np.sqrt(np.diag(covariance)))
+    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, wide & ~lost)
+    return Uncertainty(covariance, ~(lost | wide), ~lost, tuple(sentences))
 
 
 def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,16 +148,16 @@ def _open_sentences(layout, directions, unseen):
     return sentences
 
 
-def _vague_sentences(layout, covariance, vague):
-    """Sentences on entries that are vague by themselves, and on vague combinations."""
-    own = np.flatnonzero(vague)
+def _vague_sentences(layout, covariance, wide):
+    """Sentences on numbers that are vague by themselves, and on vague combinations."""
+    own = np.flatnonzero(wide)
     variance, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
-    directions = np.zeros((len(vague), int(np.sum(variance > VAGUE**2))))
+    directions = np.zeros((len(wide), int(np.sum(variance > VAGUE**2))))
     directions[own] = vectors[:, variance > VAGUE**2]
     involved = np.abs(directions) > 0.05 * np.abs(directions).max(axis=0, initial=0.0)
     shared = np.sum(involved, axis=0) > 1
-    alone = vague & ~np.any(involved[:, shared], axis=1)
-    sentences = _open_sentences(layout, directions[:, shared], np.zeros(len(vague), bool))
+    alone = wide & ~np.any(involved[:, shared], axis=1)
+    sentences = _open_sentences(layout, directions[:, shared], np.zeros(len(wide), bool))
     return sentences + [
         f"{layout.labels[i]} is not determined: its uncertainty exceeds a factor of 2.7" for i in np.flatnonzero(alone)
     ]

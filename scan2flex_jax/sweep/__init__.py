@@ -1,6 +1,7 @@
 """Sweeps: one function evaluated for many samples, each with its own status, stored as they come, as a labelled dataset.
 
-    sweep(fits(study), grid(bending_stiffness=Axis(decades, "N m^2")), store="guesses")
+    sweep(fits(study), grid(guess_bending_stiffness=Axis(decades, "N m^2")), store="guesses")
+    sweep(minima(study), grid(guess_bending_stiffness=Axis(decades, "N m^2")))
     sweep(equilibria(scene, ("points",)), draws(tilt=Axis(tilts, "rad")))
 """
 
@@ -9,6 +10,7 @@ from scan2flex_jax.sweep.equilibrium_task import QUANTITIES, Quantity, Scene, eq
 from scan2flex_jax.sweep.fit_task import fits
 from scan2flex_jax.sweep.labelled import failed
 from scan2flex_jax.sweep.lanes import Axis, Lanes, draws, grid
+from scan2flex_jax.sweep.minima_task import minima
 from scan2flex_jax.sweep.run import device_mesh, sweep
 from scan2flex_jax.sweep.store import open_sweep
 from scan2flex_jax.sweep.task import Calls, Outcome, Output, Traced
@@ -30,6 +32,7 @@ __all__ = [
     "fits",
     "grid",
     "guesses",
+    "minima",
     "noisy",
     "open_sweep",
     "random_turns",

@@ -9,6 +9,7 @@ on a mesh. A failure in a sample stays there: its status names the cause, its va
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from time import perf_counter
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -86,7 +87,7 @@ class Calls:
         for i in range(count):
             begin = perf_counter()
             o = self._called({name: x[i] for name, x in lanes.items()})
-            yield _batch([o.values], [o.code], [o.stable], [o.steps], [o.out_of_balance], perf_counter() - begin, o.sentence)
+            yield _batch([o.values], [o.code], [o.stable], [o.steps], [o.out_of_balance], perf_counter() - begin, [o.sentence])
 
     def _called(self, lane) -> Outcome:
         try:
@@ -102,13 +103,23 @@ class Calls:
 
 
 class Traced:
-    """``function(lane)`` returns ``(values, Verdict)`` under tracing; `equilibria` makes one."""
+    """``function(lane)`` returns ``(values, Verdict)`` under tracing; `equilibria` and `minima` make one.
+
+    ``prepare(lane)`` makes arrays of a sample for the ``function`` to take in its place, outside of the tracing: the same tree
+    and shapes for every sample. A `Scan2FlexError` that it raises becomes the sample's status.
+    """
 
     chunk = 256
 
-    def __init__(self, function: Callable, outputs: dict[str, Output], defined_by: dict[str, object] | None = None):
+    def __init__(
+        self,
+        function: Callable,
+        outputs: dict[str, Output],
+        defined_by: dict[str, object] | None = None,
+        prepare: Callable[[dict], Any] | None = None,
+    ):
         """Set up without compilation."""
-        self.function, self.outputs, self.defined_by = function, outputs, defined_by or {}
+        self.function, self.outputs, self.defined_by, self.prepare = function, outputs, defined_by or {}, prepare
         self._single, self._vectorised = compiled(function), compiled(jax.vmap(function))
 
         def looped(lanes):
@@ -125,20 +136,46 @@ class Traced:
         loop = mesh is None and jax.default_backend() == "cpu"
         together = self._looped if loop else self._vectorised
         for first in range(0, count, at_once):
-            which = np.minimum(np.arange(first, first + at_once), count - 1)
-            begin = perf_counter()
-            if at_once == 1 and mesh is None:
-                values, v = jax.tree.map(lambda x: np.asarray(x)[None], self._single(_arrays(lanes, first)))
-            else:
-                values, v = jax.tree.map(np.asarray, together(_placed(_arrays(lanes, which), mesh)))
             real = min(at_once, count - first)
-            values, v = jax.tree.map(lambda x, n=real: x[:n], (values, v))
-            rows = [{name: x[i] for name, x in values.items()} if v.code[i] == SOLVED else {} for i in range(real)]
-            yield _batch(rows, v.code, v.negative == 0, v.steps, v.out_of_balance, (perf_counter() - begin) / real)
+            begin = perf_counter()
+            given, refused = self._given(lanes, range(first, first + real))
+            which = np.minimum(np.arange(at_once), real - len(refused) - 1)
+            if len(refused) == real:
+                values, v = {}, None
+            elif at_once == 1 and mesh is None:
+                values, v = jax.tree.map(lambda x: np.asarray(x)[None], self._single(_arrays(given, 0)))
+            else:
+                values, v = jax.tree.map(np.asarray, together(_placed(_arrays(given, which), mesh)))
+            yield _of_batch(values, v, real, refused, (perf_counter() - begin) / real)
+
+    def _given(self, lanes, which) -> tuple[Any, dict[int, str]]:
+        """The arrays of the samples ``which``, stacked, without those that were refused, and why, by place."""
+        if self.prepare is None:
+            return {name: x[which.start : which.stop] for name, x in lanes.items()}, {}
+        rows, refused = [], {}
+        for place, i in enumerate(which):
+            try:
+                rows.append(self.prepare({name: x[i] for name, x in lanes.items()}))
+            except Scan2FlexError as error:
+                refused[place] = str(error)
+        return jax.tree.map(lambda *x: np.stack(x), *rows) if rows else (), refused
 
 
-def _arrays(lanes, which):
-    return {name: jnp.asarray(x[which]) for name, x in lanes.items()}
+def _of_batch(values, verdict, real, refused, seconds) -> Batch:
+    """The first ``real`` samples of a call, with those that were refused in their places."""
+    rows: list[dict] = [{} for _ in range(real)]
+    code, stable = np.full(real, REFUSED), np.zeros(real, bool)
+    steps, left = np.zeros(real, int), np.full(real, np.nan)
+    for k, i in enumerate(i for i in range(real) if i not in refused):
+        if verdict.code[k] == SOLVED:
+            rows[i] = {name: x[k] for name, x in values.items()}
+        code[i], stable[i] = verdict.code[k], verdict.negative[k] == 0
+        steps[i], left[i] = verdict.steps[k], verdict.out_of_balance[k]
+    return _batch(rows, code, stable, steps, left, seconds, [refused.get(i) for i in range(real)])
+
+
+def _arrays(given, which):
+    return jax.tree.map(lambda x: jnp.asarray(x[which]), given)
 
 
 def _placed(lanes, mesh):
@@ -148,14 +185,15 @@ def _placed(lanes, mesh):
     return jax.device_put(lanes, over)
 
 
-def _batch(rows, code, stable, steps, out_of_balance, seconds, sentence=None) -> Batch:
+def _batch(rows, code, stable, steps, out_of_balance, seconds, sentences) -> Batch:
     """Stacked samples; a solved sample with a NaN among its values counts as failed."""
     code = np.array(code, np.int32)
     rows = [{name: np.asarray(x, float) for name, x in row.items()} for row in rows]
     broken = np.array([any(np.any(np.isnan(x)) for x in row.values()) for row in rows])
     code[(code == SOLVED) & broken] = NON_FINITE
     names = {name for row in rows for name in row}
-    text = [sentence if sentence and c != NON_FINITE else SENTENCES.get(int(c), f"code {c}") for c in code]
+    told = zip(sentences, code, strict=True)
+    text = [sentence if sentence and c != NON_FINITE else SENTENCES.get(int(c), f"code {c}") for sentence, c in told]
     verdicts = {
         "code": code,
         "verdict": np.array(text),

@@ -16,6 +16,7 @@ from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.effects.catalogue import _ADDED, SameShapes, entry_of
 from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.parameters import Layout, Slot
 from scan2flex_jax.study.kinds import CABLE, DESCRIPTIVE_KINDS, kind_names
 from tests.effects import scene
 
@@ -76,9 +77,8 @@ def of_ones_own(kind, like, **changed):
 
 def bench():
     """The numbers and the scales of a study of one pose and one unknown; nothing is solved on it."""
-    slot = SimpleNamespace(low=(-5.0,), high=(5.0,), log=True, size=1, name="bending_stiffness", at=0)
-    none = SimpleNamespace(at=np.zeros(0, int), mean=np.zeros(0), std=np.zeros(0), precision=np.zeros)
-    layout = SimpleNamespace(shared=1, local=0, unknowns=1, slots=(slot,), prior=none)
+    slot = Slot("bending_stiffness", (), True, (-5.0,), (5.0,), 0, "N m^2")
+    layout = Layout((slot,), 0.0, 0.0, 0.0, 0.0)
     minimum = SimpleNamespace(shared=np.zeros(1))
     made = Bench.__new__(Bench)
     made.layout, made.poses, made.context, made.minimum = layout, SimpleNamespace(count=1), scene.CONTEXT, minimum

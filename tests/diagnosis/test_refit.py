@@ -19,22 +19,6 @@ from . import scenes
 COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
-def test_a_refused_step_shows_how_the_valley_bends():
-    """Rosenbrock's valley: a long step along its floor climbs the wall, and the same step bent stays on the floor."""
-
-    def white(x):
-        r = np.array([100.0 * (x[1] - x[0] ** 2), 1.0 - x[0]])
-        return SimpleNamespace(r=r, J=np.array([[-200.0 * x[0], 100.0], [-1.0, 0.0]]))
-
-    free = np.zeros(2)
-    prior = SimpleNamespace(precision=free, weak=free, centre=free, width=free, frozen=free > 0, low=free - 9, high=free + 9)
-    numbers = SimpleNamespace(nearly_known=np.zeros(0, int), shared=0)
-    x = np.array([0.0, 0.0])
-    step = refit._Step(white(x), numbers, prior, x, 1e-9)
-    plain, bent = (white(end).r for end in (step.end, step.bent(white(step.end))))
-    assert plain @ plain > white(x).r @ white(x).r > 1e8 * (bent @ bent)
-
-
 @pytest.mark.parametrize("count", [1, 2])
 def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
     """Effects of one amplitude each on a linear residual: the integral over amplitudes is known for every scale."""

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, most_likely_part, planes_of
-from scan2flex_jax.fitting.noise import (
-    Noise,
+from scan2flex_jax.fitting.likelihood import (
+    LARGEST,
+    NoisePrior,
     Residual,
+    RestrictedLikelihood,
     estimate_noise,
-    matern,
-    most_likely,
-    nearest,
     noise_and_discrepancy,
     restricted_likelihood,
 )
+from scan2flex_jax.fitting.noise import Noise, logarithms, matern, most_likely, nearest
 
 LENGTH, POINTS, POSES, DRAWS = 1.0, 64, 3, 12
 S = LENGTH * np.linspace(0.01, 0.99, POINTS)
@@ -238,3 +238,27 @@ def test_stated_noise_is_held():
     free, held = estimate_noise(residuals(curves), LENGTH), estimate_noise(residuals(curves), LENGTH, stated=2e-4)
     assert held.total < 0.75 * free.total
     assert held.total > 2e-4
+
+
+def test_priors_of_the_noise_are_arguments():
+    """The likelihood with a prior is their sum; a scan's noise, a stated one and one beside a discrepancy have their own."""
+    noise = Noise(3e-4, 4e-4, 0.07 * LENGTH)
+    u = logarithms(noise)
+    spread = 0.02 * np.log(4 / 3) ** 2
+    own = {"length": LENGTH, "shortest": 0.01, "spread": 0.6, "longest": 0.3}
+    assert NoisePrior(**own, stated=None, scanner=False)(noise, u) == pytest.approx(spread)
+    scanner = 0.5 * (np.log(0.5) / np.log(5)) ** 2  # a total of 0.5 mm, where 1 mm is usual
+    assert NoisePrior(**own, stated=None, scanner=True)(noise, u) == pytest.approx(spread + scanner)
+    assert NoisePrior(**own, stated=None, scanner=False)(noise, u, discrepancy=True) == pytest.approx(spread + scanner)
+    stated = NoisePrior(**own, stated=1e-3, scanner=True)
+    assert stated(noise, u) == stated(noise, u, True) == pytest.approx(spread + 0.5 * (np.log(0.5) / 0.15) ** 2)
+    poses, free = residuals(draw(np.random.default_rng(5), 2, np.zeros(2))), np.zeros(2)
+    both, alone = RestrictedLikelihood(poses, stated, free, free), restricted_likelihood(poses, noise, free, free)
+    assert both(noise, u) == pytest.approx(alone + stated(noise, u))
+
+
+def test_a_noise_beyond_those_of_scans_is_priced_beside_a_discrepancy_alone():
+    large = Noise(2 * LARGEST * LENGTH, 1e-4, 0.07 * LENGTH)
+    prior = NoisePrior(LENGTH, None, 0.01, 0.8, 0.5, scanner=True)
+    extra = prior(large, logarithms(large), True) - prior(large, logarithms(large))
+    assert extra == pytest.approx(1e2 * np.log(large.total / LARGEST) ** 2)

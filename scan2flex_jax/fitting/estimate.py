@@ -1,0 +1,82 @@
+"""The estimate of one unknown, from its number in ``x`` and that number's standard error: the rules of `fit` and of `explain`.
+
+A positive unknown is estimated by its logarithm, so its 95 % interval is log-normal. It is *vague* where the standard error of
+the logarithm exceeds `VAGUE`: such a value is not determined.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from scan2flex_jax.fitting.parameters import Slot
+from scan2flex_jax.study.kinds import CABLE, kind_format
+
+VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
+_NORMAL_95 = 1.959964
+_TOUCHING = 1e-9  # in ``x``: nearer to a bound than this is at it
+_LARGEST = 700.0  # logarithm of the largest number
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One unknown: value, standard error and 95 % interval in its own unit; no error where the poses determine none."""
+
+    value: float | np.ndarray
+    std: float | np.ndarray | None
+    low: float | np.ndarray | None
+    high: float | np.ndarray | None
+    identifiable: bool
+    at_bound: bool
+    unit: str
+
+    def to_json(self) -> dict:
+        """As in the study format; what is not known is left out."""
+        out = {"value": _plain(self.value), "identifiable": self.identifiable, "at_bound": self.at_bound}
+        known = {"std": self.std, "low": self.low, "high": self.high}
+        return out | {k: _plain(v) for k, v in known.items() if v is not None}
+
+
+def estimate_of(
+    slot: Slot,
+    centre: Float[np.ndarray, " n"],
+    spread: Float[np.ndarray, " n"],
+    *,
+    determined: bool = True,
+    felt: bool = True,
+    vaguest: float = VAGUE,
+) -> Estimate:
+    """The estimate of a slot whose numbers are ``centre`` with standard errors ``spread``, infinite where there is none.
+
+    ``determined``: whether the data determine it, apart from its vagueness; ``felt``: whether they feel it at all, else its
+    place says nothing of its range. An interval is given up to a standard error of ``vaguest``, of a logarithm.
+    """
+    bound = (centre <= np.array(slot.low) + _TOUCHING) | (centre >= np.array(slot.high) - _TOUCHING)
+    value, low, high, std = centre, centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
+    if slot.log:
+        value = np.exp(centre)
+        low, high, std = np.exp(low), np.exp(np.minimum(high, _LARGEST)), value * spread
+
+    def shaped(v):
+        return np.reshape(v, slot.shape) if slot.shape else float(v[0])
+
+    finite = bool(np.all(np.isfinite(spread)))
+    identifiable = bool(determined and finite and not np.any(vague(slot.log, spread)))
+    known = finite and not np.any(vague(slot.log, spread, vaguest))
+    error, least, most = (shaped(v) if known else None for v in (std, low, high))
+    return Estimate(shaped(value), error, least, most, identifiable, bool(np.any(bound) and felt), unit_of(slot.name))
+
+
+def vague(logs, std: Float[np.ndarray, " n"], most: float = VAGUE) -> Bool[np.ndarray, " n"]:
+    """Which numbers are logarithms whose standard error exceeds ``most``."""
+    return np.asarray(logs, bool) & (std > most)
+
+
+def unit_of(name: str) -> str:
+    """Unit of an unknown by its name."""
+    kind, dot, parameter = name.partition(".")
+    return (kind_format(kind).parameter(parameter) if dot else CABLE[name]).unit
+
+
+def _plain(value):
+    return float(value) if np.ndim(value) == 0 else np.asarray(value).tolist()

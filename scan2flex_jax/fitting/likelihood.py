@@ -1,0 +1,221 @@
+"""The restricted likelihood of the noise of measured curves, with its priors: one for `fit` and `explain`.
+
+What the model's sensitivities explain is projected out of the residuals, under the priors of the numbers behind them, so that
+fitting parameters does not make the noise look smaller. Symbols as in `noise`; a discrepancy is that of `discrepancy`.
+Reference: Patterson and Thompson, "Recovery of inter-block information when block sizes are unequal" (1971).
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from scan2flex_jax.fitting.discrepancy import foreshortening, principal
+from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.fitting.noise import Noise, most_likely, most_likely_with_discrepancy
+
+USUAL, FACTOR = 1e-3, np.log(5.0)  # noise over length of a scan, and by what factor (one sigma) scans differ
+LARGEST = 5e-3  # of the length: noise of a scan beside a discrepancy
+_MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
+_OPEN = 1e-9  # of the largest eigenvalue of the scaled information: a direction that no pose feels
+_UNFELT = 1e-5  # of the largest column: one that no pose feels
+_USUAL_LENGTH = 0.07  # of the length of the cable: median of the correlation length
+_SPREAD, _LONGEST = 0.8, 0.5  # of a correlation length beside a fit: its prior, and the longest over the length
+_STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
+
+
+class Residual(NamedTuple):
+    """What a likelihood of the noise needs of one pose: arc lengths ``s`` (m,), residual ``r`` (m, c), columns ``X`` (m, c, k)
+    of the numbers that stand ``at`` (k,) in the vector of all, and those of its discrepancy, ``Z`` (m, c, q); lengths in m.
+
+    The components c are those along the normals, two or the one in the plane of a picture, and the last one that along the
+    tangent, which counts for points that are ``marked`` (m,)."""
+
+    s: np.ndarray
+    r: np.ndarray
+    X: np.ndarray
+    at: np.ndarray
+    Z: np.ndarray | None = None
+    marked: np.ndarray | None = None
+
+    def thinned(self, most: int = _MOST) -> "Residual":
+        """With at most ``most`` points, in their order along the cable."""
+        keep = thinned(self.s, most)
+        Z = None if self.Z is None else self.Z[keep]
+        marked = None if self.marked is None else self.marked[keep]
+        return Residual(self.s[keep], self.r[keep], self.X[keep], self.at, Z, marked)
+
+    def over(self, scale: float) -> "Residual":
+        """In units of ``scale``, that of the noise of this pose."""
+        Z = None if self.Z is None else self.Z / scale
+        return self._replace(r=self.r / scale, X=self.X / scale, Z=Z)
+
+    def in_plane(self) -> "Residual":
+        """With the normal in its plane alone, of a pose that was measured in one."""
+        u = plane_of(self.r)
+        Z = None if self.Z is None else projected(self.Z, u)
+        return self._replace(r=projected(self.r, u), X=projected(self.X, u), Z=Z)
+
+
+def thinned(s: np.ndarray, most: int) -> np.ndarray:
+    """Indices of at most ``most`` of the arc lengths (m,), in their order along the cable and evenly among them."""
+    order = np.argsort(s, kind="stable")
+    return order[np.unique(np.round(np.linspace(0, len(order) - 1, min(len(order), most))).astype(int))]
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """Weak log-normal priors of a noise, as negative logarithms up to a constant.
+
+    The correlation length is known to a factor of ``exp(spread)`` around 0.07 of the cable's ``length`` (m), and lies between
+    ``shortest`` (m) and ``longest`` of that length. A ``stated`` total (m) holds to within 15 %; one that nobody stated is,
+    where ``scanner``, that of a scan.
+    """
+
+    length: float
+    stated: float | None
+    shortest: float
+    spread: float
+    longest: float
+    scanner: bool
+
+    def __call__(self, noise: Noise, u: np.ndarray, discrepancy: bool = False) -> float:
+        """At a noise of logarithms ``u``; beside a ``discrepancy`` an unstated noise is no larger than `LARGEST`."""
+        L = self.length
+        prior = 0.5 * ((u[2] - np.log(_USUAL_LENGTH * L)) / self.spread) ** 2 + 0.02 * (u[1] - u[0]) ** 2
+        if self.stated:
+            prior += 0.5 * (np.log(noise.total / self.stated) / _STATED) ** 2
+        elif self.scanner or discrepancy:
+            prior += 0.5 * (np.log(noise.total / (USUAL * L)) / FACTOR) ** 2
+        if discrepancy and not self.stated:
+            prior += 1e2 * max(0.0, np.log(noise.total / (LARGEST * L))) ** 2
+        beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(self.longest * L)) ** 2
+        return prior + 1e3 * beyond
+
+
+@dataclass(frozen=True)
+class RestrictedLikelihood:
+    """Negative logarithm of the restricted likelihood of a noise with its prior, given the residuals of all poses.
+
+    ``precision`` (K,) and ``pull`` (K,) are those of `restricted_likelihood`.
+    """
+
+    poses: list[Residual]
+    prior: NoisePrior
+    precision: np.ndarray
+    pull: np.ndarray
+
+    def __call__(self, noise: Noise, u: np.ndarray) -> float:
+        """Of a noise of logarithms ``u`` alone."""
+        return restricted_likelihood(self.poses, noise, self.precision, self.pull) + self.prior(noise, u)
+
+    def with_discrepancy(self, noise: Noise, u: np.ndarray, curvature: float = 0.0) -> float:
+        """Of a noise of logarithms ``u`` beside a discrepancy of size ``curvature`` (1/m)."""
+        likelihood = restricted_likelihood(self.poses, noise, self.precision, self.pull, curvature)
+        return likelihood + self.prior(noise, u, discrepancy=True)
+
+
+def shortest_of(poses: list[Residual], length: float) -> float:
+    """The shortest correlation length (m) that the points of the poses resolve."""
+    return max(spacing_of([p.s for p in poses]), 0.01 * length)
+
+
+def estimate_noise(poses: list[Residual], length: float, stated: float | None = None) -> Noise:
+    """Restricted maximum likelihood; ``stated`` is the total that the user states (m), held to within 15 %."""
+    thin = _felt([p.thinned() for p in poses])
+    columns = thin[0].X.shape[-1]
+    r = np.concatenate([p.r[:, :-1].ravel() for p in thin])
+    X = np.concatenate([p.X[:, :-1].reshape(p.r[:, :-1].size, columns) for p in thin])
+    left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if columns else r
+    size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
+    return most_likely(_of_fit(thin, length, stated), stated or size, length)
+
+
+def _felt(poses: list[Residual]) -> list[Residual]:
+    """The poses without columns that none of them feels: rounding errors are no directions of a model."""
+    size = np.sqrt(sum(np.sum(p.X**2, axis=(0, 1)) for p in poses))
+    keep = np.flatnonzero(size > _UNFELT * np.max(size, initial=0.0))
+    return [p._replace(X=p.X[:, :, keep], at=np.arange(len(keep))) for p in poses]
+
+
+def noise_and_discrepancy(
+    poses: list[Residual], noise: Noise, length: float, stated: float | None, usual: float
+) -> tuple[Noise, float]:
+    """Noise and size (1/m) of the discrepancy by restricted maximum likelihood, begun at the ``noise`` that is likeliest alone.
+
+    ``usual`` (1/m): the median of the prior of that size.
+    """
+    likelihood = _of_fit(_felt([p.thinned() for p in poses]), length, stated)
+    return most_likely_with_discrepancy(likelihood.with_discrepancy, noise, usual, length)[:2]
+
+
+def _of_fit(poses, length, stated) -> RestrictedLikelihood:
+    """The likelihood beside a fit, whose numbers are free."""
+    free = np.zeros(poses[0].X.shape[-1])
+    prior = NoisePrior(length, stated, shortest_of(poses, length), _SPREAD, _LONGEST, scanner=False)
+    return RestrictedLikelihood(poses, prior, free, free)
+
+
+def spacing_of(stations) -> float:
+    """The usual distance (m) of neighbours among the arc lengths (m) of several poses; 0 where each has one point."""
+    steps = np.concatenate([np.diff(s) for s in stations])
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
+def plane_of(residual: np.ndarray) -> np.ndarray:
+    """The direction (2,) among the normals in which the residual (m, 3) of a flat pose lies."""
+    return np.linalg.svd(residual[:, :NORMALS], full_matrices=False)[2][0]
+
+
+def projected(columns: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Columns (m, 3, ...) with the one normal ``u`` in place of both, (m, 2, ...)."""
+    return np.concatenate([np.einsum("mc...,c->m...", columns[:, :NORMALS], u)[:, None], columns[:, NORMALS:]], axis=1)
+
+
+def _white_rows(noise, s, columns, marked, nearer):
+    """White rows of columns (m, c, K), and half the log determinant of their covariance."""
+    factor = linalg.cholesky(noise.covariance(s), lower=True, check_finite=False)
+    normals = columns.shape[1] - 1
+    normal = np.ascontiguousarray(columns[:, :normals]).reshape(len(s), -1)
+    rows = linalg.solve_triangular(factor, normal, lower=True, check_finite=False).reshape(normals * len(s), -1)
+    log_det = normals * np.sum(np.log(np.diag(factor)))
+    if marked is None or not np.any(marked):
+        return rows, log_det
+    C = noise.covariance(s[marked]) + (0.0 if nearer is None else np.diag(nearer[marked] ** 2))
+    factor = linalg.cholesky(C, lower=True, check_finite=False)
+    along = linalg.solve_triangular(factor, columns[marked, -1], lower=True, check_finite=False)
+    return np.concatenate([rows, along]), log_det + np.sum(np.log(np.diag(factor)))
+
+
+def restricted_likelihood(
+    poses: list[Residual], noise: Noise, precision: np.ndarray, pull: np.ndarray, curvature: float = 0.0
+) -> float:
+    """Negative logarithm of the restricted likelihood of the poses' residuals (up to a constant).
+
+    The numbers (K,) behind the columns have a normal prior of this ``precision`` (K,), 0 for none, whose gradient is ``pull``
+    (K,). ``curvature`` (1/m) is the size of the discrepancy (`fitting.discrepancy`).
+    """
+    XX, Xr, total = np.diag(precision), pull.copy(), 0.0
+    for s, r, X, at, Z, marked in poses:
+        parts, nearer = [r[:, :, None], X], None
+        if Z is not None and curvature:
+            parts, nearer = [*parts, curvature * Z], foreshortening(curvature, Z, s)
+        both, log_det = _white_rows(noise, s, np.concatenate(parts, axis=-1), marked, nearer)
+        both, wZ = both[:, : 1 + X.shape[-1]], both[:, 1 + X.shape[-1] :]
+        if wZ.shape[1]:  # a discrepancy has few directions
+            U, d = principal(wZ)
+            both = both + U @ ((1.0 / np.sqrt(1.0 + d**2) - 1.0)[:, None] * (U.T @ both))
+            log_det += 0.5 * np.sum(np.log1p(d**2))
+        wr, wX = both[:, 0], both[:, 1:]
+        total += log_det + 0.5 * wr @ wr
+        XX[np.ix_(at, at)] += wX.T @ wX
+        Xr[at] += wX.T @ wr
+    if not len(Xr):
+        return float(total)
+    scale = np.sqrt(np.maximum(np.diag(XX), 0.0)) + 1e-150
+    values, vectors = np.linalg.eigh(XX / np.outer(scale, scale))
+    keep = values > _OPEN * values[-1]
+    projected = vectors[:, keep].T @ (Xr / scale)
+    total += -0.5 * np.sum(projected**2 / values[keep]) + 0.5 * np.sum(np.log(values[keep])) + np.sum(np.log(scale))
+    return float(total)

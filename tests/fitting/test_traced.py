@@ -1,0 +1,127 @@
+"""The traced fit takes the steps of the ordinary one, in one compiled program for many guesses, noises and poses."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scan2flex_jax import Scan2FlexError, Tolerance, Unknown
+from scan2flex_jax.fitting import minimise, traced_problem
+from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.problem import Problem
+
+from . import scenes
+
+NEAR, SEVERAL = (0.05, 0.5), ((0.05, 0.5), (0.3, 0.1), (100.0, 0.01))  # guesses of EI and GJ (N m^2); the last leads nowhere
+STIFF = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
+ELEMENTS = 20
+POSES = ("plane", "twist-90")
+
+
+@pytest.fixture(scope="module")
+def study():
+    return scenes.study_of(poses=POSES)
+
+
+@pytest.fixture(scope="module")
+def ready(study):
+    return traced_problem(study, elements=ELEMENTS)
+
+
+def alone(study, guess, noise=None, **numbers):
+    """The ordinary descent from a guess alone."""
+    problem = Problem(study, ELEMENTS)
+    sigma = problem.first_scale() if noise is None else np.full(problem.poses.count, noise)
+    rest = problem.layout.shared - problem.layout.unknowns
+    return levenberg_marquardt(problem.goal(sigma), np.r_[np.log(guess), np.zeros(rest)], **numbers)
+
+
+def same(traced, host):
+    x = np.r_[host.shared, host.local.ravel()]
+    np.testing.assert_allclose(traced.x, x, atol=1e-8)
+    np.testing.assert_allclose(traced.cost, host.cost, rtol=1e-8)
+    assert int(traced.iterations) == host.iterations
+
+
+def test_it_takes_the_steps_of_the_ordinary_descent(study, ready):
+    problem, _ = ready
+    found = minimise(problem, np.log([NEAR]))
+    assert bool(found.converged) and bool(found.verdict.solved)
+    same(found, alone(study, NEAR))
+
+
+@pytest.mark.slow
+def test_from_both_starts_it_is_the_minimum_of_the_fit(study, ready):
+    """From a guess that leads nowhere, the package's own start leads to the minimum."""
+    problem, _ = ready
+    both = Problem(study, ELEMENTS).both_starts(scenes.guessed(study, bending_stiffness=100.0, torsional_stiffness=0.01))
+    found = minimise(problem, np.stack(both))
+    assert bool(found.converged) and float(found.rms) < 1e-4
+    np.testing.assert_allclose(found.x, Problem(study, ELEMENTS).minimise("least-squares").shared, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_guesses_are_vmapped_and_a_stuck_one_says_so(ready):
+    problem, _ = ready
+    starts = jnp.log(jnp.array(SEVERAL))[:, None]
+    many = jax.vmap(minimise, in_axes=(None, 0))(problem, starts)
+    assert np.asarray(many.converged).tolist() == [True, True, False]
+    assert np.asarray(many.verdict.code).tolist() == [0, 0, 0]  # its poses are solved: it is the descent that is stuck
+    for k in range(2):
+        single = minimise(problem, starts[k])
+        np.testing.assert_allclose(many.x[k], single.x, atol=1e-9)
+        assert int(many.iterations[k]) == int(single.iterations)
+
+
+@pytest.mark.slow
+def test_poses_and_noise_are_vmapped(study):
+    """Curves with noise, and clamps that are nearly known under their priors: each sample is the descent alone."""
+    near = replace(study, tolerance=Tolerance(length=2e-3, clamp_rotation=0.02))
+    curves = [p.curve.points for p in near.poses]
+    studies = [scenes.measured(near, curves, 1e-3, seed, stated=s) for seed, s in ((1, 1e-3), (2, 2e-3))]
+    problems = [traced_problem(s, elements=ELEMENTS)[0] for s in studies]
+    arrays, fixed = zip(*(eqx.partition(p, eqx.is_array_like) for p in problems), strict=True)
+    start = np.r_[np.log(NEAR), np.zeros(len(problems[0].logs) - 2)][None]
+    many = jax.jit(jax.vmap(lambda a: minimise(eqx.combine(a, fixed[0]), start)))(jax.tree.map(lambda *x: np.stack(x), *arrays))
+    for k, (s, noise) in enumerate(zip(studies, (1e-3, 2e-3), strict=True)):
+        host = alone(s, NEAR, noise)
+        assert bool(many.converged[k]) == host.converged and np.any(host.local != 0)
+        same(jax.tree.map(lambda x, k=k: x[k], many), host)
+
+
+@pytest.mark.slow
+def test_bounds_hold_what_wants_to_leave(study):
+    """EI is 0.1: with a range from 0.2 on it ends there, and GJ is the best beside it."""
+    narrow = replace(study, unknowns=(Unknown("bending_stiffness", low=0.2, high=1.0), study.unknowns[1]))
+    problem, _ = traced_problem(narrow, elements=ELEMENTS)
+    found, host = minimise(problem, np.log([[0.4, 0.5]])), alone(narrow, (0.4, 0.5))
+    assert float(found.x[0]) == pytest.approx(np.log(0.2), abs=1e-12)
+    np.testing.assert_allclose(found.x, host.shared, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_other_numbers_are_not_compiled_again(study, ready, monkeypatch):
+    problem, starts = ready
+    minimise(problem, starts)
+    traced = []
+    monkeypatch.setattr("scan2flex_jax.fitting.traced.evaluate", lambda *a: traced.append(a))
+    other = replace(study, cable={**study.cable, "length_density": 0.25})
+    minimise(*traced_problem(other, elements=ELEMENTS))
+    assert not traced
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "sentence"),
+    [
+        ({"tolerance": Tolerance(length=1e-3)}, {}, "states no noise to weigh them against: give noise in m"),
+        ({}, {"noise": 0.0}, "noise is 0.0: give a positive number in m, or None"),
+        ({}, {"distance": "hausdorff"}, "distance is 'hausdorff': give one of normal, integrated"),
+        ({"unknowns": (), "cable": {**scenes.example().cable, **STIFF}}, {}, "nothing to fit"),
+    ],
+)
+def test_wrong_arguments_are_one_sentence(study, change, options, sentence):
+    with pytest.raises(Scan2FlexError, match=sentence):
+        traced_problem(replace(study, **change), **options)
