@@ -16,7 +16,10 @@ import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-INSIDE = ("scan2flex_jax/py.typed", "scan2flex_jax/reporting/page.html", "scan2flex_jax/examples/black-wire/study.toml")
+INSIDE = (
+    "scan2flex_jax/py.typed", "scan2flex_jax/reporting/page.css", "scan2flex_jax/study/kinds.json",
+    "scan2flex_jax/examples/black-wire/study.toml",
+)  # fmt: skip
 
 
 def main() -> None:
@@ -65,9 +68,10 @@ def used_alone(wheel: Path, folder: Path, demo: bool) -> None:
     scan2flex = programs / "scan2flex"
     for command in (["--help"], ["check", example], ["fit", example, "--json", "result.json"]):
         run(scan2flex, *command, cwd=folder)
-    said = run(scan2flex, "report", example, cwd=folder, code=2)
+    run(scan2flex, "report", example, "--no-explain", cwd=folder)
+    said = run(scan2flex, "report", example, "--interactive", cwd=folder, code=2)
     if "scan2flex_jax[report]" not in said:
-        sys.exit(f"a report without plotly does not name its extra: {said}")
+        sys.exit(f"an interactive report without plotly does not name its extra: {said}")
     if demo:
         run(scan2flex, "demo", "--out", "demo", cwd=folder)
 

@@ -2,8 +2,8 @@
 
     python -m benchmarks.ablations CASES ANSWERS --json FILE [--first 40] [--jobs 2]
 
-Parts are left out from here, by putting something simpler in their place; the package has no switches for it. Each variant
-runs in processes of its own. ``as it is`` is run on the same cases, and writes to `results/ablations.json` with the others.
+Where no setting leaves a part out, something simpler is put in its place from here. Each variant runs in processes of its own.
+``as it is`` is run on the same cases, and writes to `results/ablations.json` with the others.
 """
 
 import argparse
@@ -75,23 +75,26 @@ def no_sizes() -> None:
 def no_ties() -> None:
     """The first kind is named whatever its lead."""
     verdict = _module("diagnosis.verdict")
-    verdict.ties = lambda candidates: [max(range(len(candidates)), key=lambda i: candidates[i].log_evidence)]
-    verdict.leading = lambda candidates, field=0.0: verdict.NAMED
+    verdict.ties = lambda candidates, settings: [max(range(len(candidates)), key=lambda i: candidates[i].log_evidence)]
+    verdict.leading = lambda candidates, field=0.0, settings=None: verdict.NAMED
 
 
-def no_pairs() -> None:
-    """One effect at most."""
-    _module("diagnosis.search").MOST_EFFECTS = 1
+def _as_it_is() -> None:
+    """Nothing is put in the place of anything."""
 
 
-VARIANTS: dict[str, tuple[Callable[[], None], dict]] = {
-    "as it is": (lambda: None, {}),
-    "white noise assumed": (white_noise, {}),
-    "no prior sizes": (no_sizes, {}),
-    "no tie rule": (no_ties, {}),
-    "no pairs": (no_pairs, {}),
-    f"{COARSE} elements": (lambda: None, {"elements": COARSE}),
-    f"{COARSE} elements, no mesh gate": (lambda: None, {"elements": COARSE, "mesh": False}),
+def _one_effect() -> dict:
+    return {"settings": _module("diagnosis").DiagnosisSettings(most_effects=1)}
+
+
+VARIANTS: dict[str, tuple[Callable[[], None], Callable[[], dict]]] = {
+    "as it is": (_as_it_is, dict),
+    "white noise assumed": (white_noise, dict),
+    "no prior sizes": (no_sizes, dict),
+    "no tie rule": (no_ties, dict),
+    "no pairs": (_as_it_is, _one_effect),
+    f"{COARSE} elements": (_as_it_is, lambda: {"elements": COARSE}),
+    f"{COARSE} elements, no mesh gate": (_as_it_is, lambda: {"elements": COARSE, "mesh": False}),
 }
 
 
@@ -104,7 +107,7 @@ def run(variant: str, folders: list[Path], jobs: int) -> dict:
     """Results by case."""
     out, context = {}, multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, context, partial(_prepare, variant)) as pool:
-        running = {pool.submit(diagnose, f, VARIANTS[variant][1]): f.name for f in folders}
+        running = {pool.submit(diagnose, f, VARIANTS[variant][1]()): f.name for f in folders}
         for finished in as_completed(running):
             out[running[finished]] = finished.result()
     return out

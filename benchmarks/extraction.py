@@ -37,10 +37,10 @@ from scipy.spatial import cKDTree  # noqa: E402
 
 from benchmarks.record import RESULTS, record  # noqa: E402
 from scan2flex_jax.errors import Scan2FlexError  # noqa: E402
-from scan2flex_jax.scan import minimise, refine, scanner, shapes, snakes, spline  # noqa: E402
-from scan2flex_jax.scan.doubts import clamp_to_clamp  # noqa: E402
+from scan2flex_jax.scan import refine, scanner, shapes, snakes, snakes_minimisers, spline  # noqa: E402
 from scan2flex_jax.scan.extraction import extract  # noqa: E402
-from scan2flex_jax.scan.strands import End  # noqa: E402
+from scan2flex_jax.scan.plausibility import clamp_to_clamp  # noqa: E402
+from scan2flex_jax.scan.strand_matching import End  # noqa: E402
 
 VIEWS = np.array([[0.3, -1.0, 0.6], [0.3, 1.0, 0.5], [-1.0, 0.1, 0.6]])
 SENSORS = {"structured light": scanner.STRUCTURED_LIGHT, "time of flight": scanner.TIME_OF_FLIGHT}
@@ -185,8 +185,8 @@ def _line(case):
 
 def timed(x0, problem, method, steps):
     """A run of a minimiser without its compilation."""
-    minimise.minimise_snakes(x0, problem, method, steps)
-    return minimise.minimise_snakes(x0, problem, method, steps)
+    snakes_minimisers.minimise_snakes(x0, problem, method, steps)
+    return snakes_minimisers.minimise_snakes(x0, problem, method, steps)
 
 
 def to_the_same_energy(x0, problem, method, baseline):
@@ -213,7 +213,7 @@ def gradients(knots=(12, 20)):
         real = jnp.ones(len(points), bool)
         problem = snakes.SnakesProblem(points, jnp.full(len(points), radius), real, flags, jnp.asarray(radius))
         baseline = timed(x0, problem, "cg numerical", 200)
-        for method in minimise.METHODS:
+        for method in snakes_minimisers.METHODS:
             out = baseline if method == "cg numerical" else timed(x0, problem, method, 800)
             error = float(np.sqrt(np.mean(cKDTree(spline.evenly(out.points, 4000)).query(curve[20:-20])[0] ** 2)))
             row = {"knots": count, "method": method, "evaluations": out.evaluations, "seconds": out.seconds}

@@ -24,12 +24,12 @@ import jax
 import numpy as np
 import trimesh
 
+from benchmarks.kinect_picks import read_picks
 from benchmarks.record import record
 from scan2flex_jax.convert import quantity, read_foreign_curve, read_frames
 from scan2flex_jax.convert.curves import read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.cloud import load_cloud
-from scan2flex_jax.scan.kinect import read_picks
 from scan2flex_jax.study import describe, load_study
 from scan2flex_jax.sweep import Axis, Calls, Output, grid, open_sweep, sweep
 from tests.study.samples import STUDY, csv, curve, write_sample

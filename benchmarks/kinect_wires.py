@@ -34,9 +34,9 @@ EI_OVER_GJ = 1.3  # of a solid round wire of Poisson's ratio 0.3; poses free of 
 @cache
 def curve_of(path):
     """The centre curve through the picks of one image."""
-    from scan2flex_jax.scan import kinect  # noqa: PLC0415
+    from benchmarks import kinect_picks  # noqa: PLC0415
 
-    return kinect.curve_from_picks(kinect.read_picks(path), RADIUS, NOISE)
+    return kinect_picks.curve_from_picks(kinect_picks.read_picks(path), RADIUS, NOISE)
 
 
 def pose_of(path, role):

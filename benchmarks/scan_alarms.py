@@ -149,6 +149,7 @@ def table(rows: dict) -> dict:
         **{f"named_{data}": share(bool(named(r, data)) for r in some) for data in ("scan", "curve")},
         **{f"right_{data}": share(named(r, data) == set(r["kinds"]) for r in some) for data in ("scan", "curve")},
         "named_as_from_curves": share(bool(named(r, "curve")) and named(r, "scan") == named(r, "curve") for r in some),
+        "answered_as_from_curves": share(answer(r, "scan") == answer(r, "curve") for r in some),
     }
 
 
@@ -156,6 +157,12 @@ def named(row, data) -> set:
     """The kinds that an answer names."""
     told = row.get(data, {})
     return {c["kind"] for c in told.get("chosen", [])} if told.get("verdict") in NAMED else set()
+
+
+def answer(row, data) -> tuple:
+    """The verdict, and the kinds that it rests on."""
+    told = row.get(data, {})
+    return told.get("verdict"), {c["kind"] for c in told.get("chosen", [])}
 
 
 def wanted(args) -> dict:

@@ -1,7 +1,8 @@
 """The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
 
-`python -m benchmarks.tables` from the repository's root rewrites what stands on each page between `<!-- table:NAME -->` and
-`<!-- end -->`. A figure that a file lacks is a dash. The README's tables are here; those of a page of its own stand beside it.
+`python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
+`<!-- end -->`. A figure that a record lacks is a dash. Tables of the README, docs/first-cable.md, docs/accuracy.md and
+docs/compared.md are here; those of the other pages are in modules of their own.
 """
 
 import math
@@ -12,7 +13,8 @@ from benchmarks import mistakes_tables, robustness_tables, scanning_tables, swee
 from benchmarks.markdown import load, made_on, table
 from benchmarks.peers import tables as peers_tables
 
-README = Path(__file__).parents[1] / "README.md"
+ROOT = Path(__file__).parents[1]
+README, DOCS = ROOT / "README.md", ROOT / "docs"
 _PART = re.compile(r"(<!-- table:([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -100,6 +102,16 @@ _BACKGROUND = (
     ("background_coverage_95_plain_fit_with_effect", "the same of the plain fit, before an effect is known", "92-97 %"),
 )
 
+_SCANS = (
+    ("alarms_scan", "nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most"),
+    ("alarms_curve", "the same poses as curves", "-"),
+    ("named_curve", "a strong effect: named alone from curves", "-"),
+    ("named_scan", "from scans", "-"),
+    ("right_scan", "from scans, and rightly", "-"),
+    ("named_as_from_curves", "from scans as from curves", "16 of 20"),
+    ("answered_as_from_curves", "the same answer as from curves, ties and unexplained cases included", "-"),
+)
+
 
 def _lines(t, keys) -> list[list[str]]:
     """Rows of shares with their counts, and of other numbers."""
@@ -117,6 +129,12 @@ def background() -> str:
     """The loop on blind cases in which each pose deviates by itself: the record `background` of `benchmarks.blind_score`."""
     entry = load("background")
     return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _BACKGROUND)) + made_on(entry)
+
+
+def scans() -> str:
+    """The loop on scans beside curves of the same poses: the record `scan_alarms`."""
+    entry = load("scan_alarms")
+    return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _SCANS)) + made_on(entry)
 
 
 def blind() -> str:
@@ -216,27 +234,53 @@ def kinect() -> str:
     return table(head, rows) + made_on(entry)
 
 
-TABLES = {
-    "firstuse": firstuse,
-    "blind": blind,
-    "ablations": ablations,
-    "tipweights": tip_weights_tables.brief,
-    "kinect": kinect,
-    "sensitivity": sensitivity,
-    "fit": fit,
-    "equilibrium": equilibrium,
-}  # in the order of the README
+def answer() -> str:
+    """The lines that a first fit prints, as `benchmarks.front_page` recorded them."""
+    return "```text\n" + "\n".join(load("front_page")["results"]["lines"]) + "\n```\n"
 
 
-_PAGES = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)
+_STARTS = {
+    "curves": "[centre curves or scans in mm, clamp frames of a robot](#curves-and-robot-frames)",
+    "markers": "[markers of a motion-capture system](#markers)",
+    "arrays": "[arrays in Python](python.md#a-study-from-arrays)",
+}
+
+
+def newcomer() -> str:
+    """From a fresh clone to the first stiffness."""
+    entry = load("newcomer")
+    r = entry["results"]
+    rows = [["clone and install", 2, f"{r['clone'] + r['install']:.0f} s"]]
+    rows += [[words, r[name]["commands"], f"{r[name]['seconds']:.0f} s"] for name, words in _STARTS.items()]
+    return table(["you have", "commands", "first time"], rows) + made_on(entry)
+
+
+PAGES = {
+    README: {"answer": answer},
+    DOCS / "first-cable.md": {"newcomer": newcomer},
+    DOCS / "accuracy.md": {
+        "blind": blind,
+        "background": background,
+        "scans": scans,
+        "ablations": ablations,
+        "tipweights": tip_weights_tables.brief,
+        "kinect": kinect,
+        "sensitivity": sensitivity,
+        "equilibrium": equilibrium,
+        "firstuse": firstuse,
+    },
+    DOCS / "compared.md": {"fit": fit},
+}
+"""The tables made here, by page, in the order of the page."""
+_OTHERS = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)
 
 
 def pages() -> dict:
     """Every page with its tables, in the order of the page."""
-    return {README: TABLES} | {m.PAGE: m.TABLES for m in _PAGES}
+    return PAGES | {m.PAGE: m.TABLES for m in _OTHERS}
 
 
-def filled(text: str, tables: dict = TABLES) -> str:
+def filled(text: str, tables: dict) -> str:
     """The text with its tables made anew."""
     return _PART.sub(lambda m: m[1] + tables[m[2]]() + m[3], text)
 

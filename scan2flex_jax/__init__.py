@@ -1,4 +1,4 @@
-"""The stiffness of a cable from its measured shapes: a differentiable Cosserat rod, its fit, and the physics it lacks.
+"""Stiffness of a cable from its measured shapes: a differentiable Cosserat rod, its fit, and the search for missing physics.
 
 Start with ``fit(load_study(folder))``. float64 must be on before the first array:
 ``jax.config.update("jax_enable_x64", True)``.
@@ -7,12 +7,16 @@ Start with ``fit(load_study(folder))``. float64 must be on before the first arra
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported when it is first used
+from scan2flex_jax.version import __version__ as __version__
+
+if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported at its first use
     from scan2flex_jax import plot as plot
+    from scan2flex_jax.diagnosis import DiagnosisSettings as DiagnosisSettings
     from scan2flex_jax.diagnosis import explain as explain
     from scan2flex_jax.diagnosis import plan as plan
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
+    from scan2flex_jax.fitting import FitSettings as FitSettings
     from scan2flex_jax.fitting import ResidualFunction as ResidualFunction
     from scan2flex_jax.fitting import boundary_of as boundary_of
     from scan2flex_jax.fitting import fit as fit
@@ -48,7 +52,9 @@ _HOMES = {
     "CableModel": "rod.model",
     "Clamp": "study",
     "EffectDeclaration": "study",
+    "DiagnosisSettings": "diagnosis",
     "Equilibrium": "statics",
+    "FitSettings": "fitting",
     "Markers": "study",
     "MeasuredCurve": "study",
     "MixedNewton": "statics",
@@ -76,11 +82,10 @@ _HOMES = {
     "solve_rod": "statics",
 }
 __all__ = sorted(_HOMES)
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> object:
-    """A public name, imported when it is first used, so that reading a study does not load JAX."""
+    """A public name, imported at its first use, so that reading a study does not load JAX."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = import_module(f"{__name__}.{_HOMES[name] or name}")

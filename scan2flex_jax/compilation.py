@@ -1,7 +1,7 @@
-"""How the package's functions are compiled: XLA options that were measured to make the user wait less.
+"""Compilation of the package's functions: XLA options measured to shorten the user's wait.
 
-XLA's CPU fusion emitters spend 1.4 times the compile time on graphs of many small-matrix operations and run no faster
-(`benchmarks/equilibrium.py` records both). Versions of XLA that do not know the option compile without it.
+XLA's CPU fusion emitters take 1.4 times the compile time on graphs of many small-matrix operations, which run no faster
+(`benchmarks/equilibrium.py` records both). Versions of XLA without the option compile without it.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-try:  # no public way to ask costs less than an operation, and that is a tenth of a warm solve
+try:  # the public test costs an operation, a tenth of a warm solve
     from jax._src.core import trace_state_clean as _outside
 except ImportError:
 
@@ -24,7 +24,7 @@ except ImportError:
 _Function = TypeVar("_Function", bound=Callable)
 _OURS: list[Any] = []  # the jitted functions of the package
 _MAPPED, _LIMIT = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
-_FULL = 0.5  # of the memory mappings that Linux grants a process: what is left is ample for one diagnosis
+_FULL = 0.5  # of the memory mappings that Linux grants a process: the rest is ample for one diagnosis
 
 _OPTIONS = {"xla_cpu_use_fusion_emitters": False}
 
@@ -60,31 +60,31 @@ def _compiled_with(function: _Function, more: dict, in_parts: bool = False) -> _
 def compiled(function: _Function) -> _Function:
     """`equinox.filter_jit` with the package's compiler options, chosen at the first call.
 
-    Inside another compilation the function is part of that one; inside an eager `jax.grad`, `jax.vmap` and the like, which take
-    no options, it is compiled without them.
+    Inside another compilation the function becomes part of it. An eager `jax.grad`, `jax.vmap` or similar takes no options, and
+    compiles it without them.
     """
     return _compiled_with(function, {})
 
 
 def composed(function: _Function) -> _Function:
-    """The same for a function of compiled parts: an eager transformation meets the parts.
+    """`compiled` for a function made of compiled parts: an eager transformation sees the parts.
 
-    So `jax.grad` of an equilibrium runs the solve that is compiled already, and compiles the rule of its derivative alone.
+    Thus `jax.grad` of an equilibrium runs the already compiled solve, and compiles only its derivative rule.
     """
     return _compiled_with(function, {}, in_parts=True)
 
 
 def lightly_compiled(function: _Function) -> _Function:
-    """`compiled` for functions that run in no time and only cost their compilation: without optimisation."""
+    """`compiled` without optimisation, for functions whose run time is negligible against their compilation."""
     return _compiled_with(function, {"xla_backend_optimization_level": 0})
 
 
 def make_room(full: float = _FULL) -> bool:
-    """Forget what the package has compiled when the process holds more than ``full`` of the memory mappings it may have.
+    """Clear the package's compilation caches when the process uses more than ``full`` of vm.max_map_count.
 
-    Each compiled function holds some; beyond Linux's limit the next one crashes the process, after some sixty studies that are
-    explained one after the other. Functions that others compiled stay. Whether anything was forgotten; elsewhere than on Linux
-    nothing is known, and nothing done.
+    Every compiled function holds some memory mappings; above the limit of Linux the next one crashes the process, after about
+    sixty diagnoses of studies in a row. Functions compiled by others are kept. Returns whether anything was cleared; on other
+    systems the usage is unknown, and nothing is cleared.
     """
     try:
         with _MAPPED.open("rb") as maps:
@@ -94,5 +94,5 @@ def make_room(full: float = _FULL) -> bool:
     if room:
         return False
     for function in _OURS:
-        function._cached.clear_cache()  # equinox has no public way; `jax.clear_caches` would clear the caller's functions too
+        function._cached.clear_cache()  # no public way in equinox; `jax.clear_caches` would clear the caller's functions too
     return True

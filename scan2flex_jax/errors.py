@@ -1,17 +1,17 @@
-"""What the package raises: every message is one sentence that says what was got and what to do."""
+"""Exceptions of the package: every message is one sentence with the value found and the remedy."""
 
 from collections.abc import Mapping
 
 
 class Scan2FlexError(Exception):
-    """Base of all errors that the package raises on purpose; its message is one sentence for the user."""
+    """Base of all errors that the package raises deliberately; its message is one sentence for the user."""
 
 
 class NotSettledError(Scan2FlexError):
-    """Poses for which no stable equilibrium was found: the sentence, what to do, and the `reasons` by the poses' names."""
+    """Poses without a stable equilibrium: the sentence, the advice, and the `reasons` by pose name."""
 
     def __init__(self, sentence: str, advice: str, reasons: Mapping[str, str]):
-        """Keep the parts; `reasons` are the verdicts of the solves, in words."""
+        """Keep the parts; `reasons` are the status of each solve, in words."""
         self.sentence = sentence
         self.advice = advice
         self.reasons = dict(reasons)
@@ -24,9 +24,13 @@ class NotSettledError(Scan2FlexError):
 
 
 class StudyError(Scan2FlexError):
-    """A study on disk that cannot be used: which file, which key in it, and one sentence about it.
+    """A study on disk that cannot be used: the file, the key in it, and one sentence.
 
-    `key` is None where the whole file is at fault.
+    `key` is None if the whole file is at fault.
+
+    Examples:
+        >>> print(StudyError("study.toml", "cable.length", "it is missing: give its value."))
+        study.toml: cable.length: it is missing: give its value.
     """
 
     def __init__(self, file: object, key: str | None, sentence: str):
@@ -39,3 +43,7 @@ class StudyError(Scan2FlexError):
     def __str__(self) -> str:
         """FILE: KEY: sentence."""
         return ": ".join(part for part in (self.file, self.key, self.sentence) if part is not None)
+
+
+class SettingsError(Scan2FlexError, ValueError):
+    """A setting that cannot be used; the sentence names it."""

@@ -1,14 +1,14 @@
-"""Pictures of a fit, an explanation, a sweep, on matplotlib axes that they take and return.
+"""Plots of a fit, an explanation or a sweep, on matplotlib axes that each function takes and returns.
 
-Each takes its subject, then what to show of it, then axes: `shapes`, `errors`, `residual`, `evidence`, `load`, `basins`. Axes
-left out are made. `overview` and `explained` are whole figures of them; `save` writes one. The page of `report` shows the same
-with plotly.
+Arguments are the object, the part of it to show, then the axes (created by default): `shapes`, `errors`, `residual`,
+`evidence`, `load`, `basins`. `overview` and `explained` are whole figures of these plots; `save` writes one. The page of
+`report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand above the axes.
 """
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
@@ -20,68 +20,135 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.names import drawn
 from scan2flex_jax.study.outputs import write_file
 
-if TYPE_CHECKING:  # nothing of what is drawn has to be loaded to draw it
+if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types
     import xarray
 
     from scan2flex_jax.diagnosis import Explanation
     from scan2flex_jax.fitting import Fit
+    from scan2flex_jax.study import Study
 
-_MEASURED, _MODELLED = "#888888", "#c1272d"
+MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
+_PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
+_TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
+_COLUMNS = 3  # of panels in a figure, and of a legend
+_ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
+
+
+def in_mm(metres: float) -> str:
+    """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
+    return f"{1e3 * metres:.3f}" if metres >= 1e-3 else f"{1e3 * metres:.3g}"
+
+
+def _legend(ax):
+    """A legend above the axes, off the data, in as many columns as fit; none without labels."""
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        columns = int(np.clip(_ROW // (max(map(len, labels)) + _HANDLE), 1, _COLUMNS))
+        ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns)
+
+
+def _named(name, words=""):
+    """A pose name with words appended, shortened to the width of a panel."""
+    return drawn((name if len(name) <= _LONGEST else f"{name[:_LONGEST]}...") + words)
 
 
 def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
-    """Measured and modelled centre curves of one pose, or of all, in the plane that shows them best (m)."""
+    """Measured and modelled centre curves of one pose, or of all, in the plane that shows them best (m).
+
+    For one pose of an explanation with an added effect, the curve of the baseline model is drawn too.
+    """
     ax = plt.subplots()[1] if ax is None else ax
     names = list(fit.poses) if pose is None else [pose]
     if pose is not None and pose not in fit.poses:
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
     axes, labels = _plane(np.concatenate([fit.poses[name].measured for name in names]), np.asarray(fit.study.gravity))
+    before = _before(fit) if pose is not None else None
     for i, name in enumerate(names):
         p, colour = fit.poses[name], _MODELLED if pose is not None else f"C{i % 10}"
+        if before is not None and before.poses[name].stable:
+            ax.plot(*(before.poses[name].modelled @ axes.T).T, color=_BEFORE, label="before", **_PALE)
         flat = p.measured @ axes.T
-        ax.plot(flat[:, 0], flat[:, 1], ls="", marker="o", ms=3, color=_MEASURED, label="measured" if i == 0 else None)
+        ax.plot(*flat.T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured" if i == 0 else None)
         if p.stable:
-            flat = p.modelled @ axes.T
-            ax.plot(flat[:, 0], flat[:, 1], color=colour, lw=1.5, label=drawn("modelled" if pose is not None else name))
+            ax.plot(*(p.modelled @ axes.T).T, color=colour, lw=1.5, label=_modelled_as(fit, name, pose))
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     if pose is not None:
-        ax.set_title(drawn(f"{pose} ({p.role}): {1e3 * p.rms:.2f} mm RMS"), fontsize=10)
-    ax.legend(frameon=False, fontsize=8)
+        ax.set_title(_named(pose, f" ({p.role}): {1e3 * p.rms:.3g} mm RMS"), fontsize=10, pad=22)
+    _legend(ax)
     return ax
 
 
-def errors(fit: "Fit | Explanation", ax: Axes | None = None) -> Axes:
-    """Distance between measured and modelled curve along the cable, per pose (the paper's Fig. 4)."""
+def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
+    """Measured centre curve of one pose without a solve, in the plane that shows it best (m)."""
     ax = plt.subplots()[1] if ax is None else ax
-    for name, p in fit.poses.items():
+    curve = study.pose(pose).curve
+    if curve is None:
+        raise Scan2FlexError(f"pose {pose!r} has no centre curve to draw")
+    axes, labels = _plane(curve.points, np.asarray(study.gravity))
+    ax.plot(*(curve.points @ axes.T).T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    ax.set_title(_named(pose), fontsize=10, pad=22)
+    _legend(ax)
+    return ax
+
+
+def _modelled_as(fit, name, pose):
+    if pose is None:
+        return _named(name)
+    return "modelled" if _before(fit) is None else "after"
+
+
+def _before(fit) -> "Fit | None":
+    """The plain fit of an explanation that added an effect."""
+    return fit.fit if getattr(fit, "added", None) else None
+
+
+def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
+    """Distance between measured and modelled curve along the cable (mm), of one pose or of all (the paper's Fig. 4)."""
+    ax = plt.subplots()[1] if ax is None else ax
+    if pose is not None and pose not in fit.poses:
+        raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
+    for name, p in fit.poses.items() if pose is None else [(pose, fit.poses[pose])]:
+        order = np.argsort(p.s)
+        before: np.ndarray | None = getattr(p, "residual_before", None)
+        if pose is not None and before is not None and np.all(np.isfinite(before)):
+            ax.plot(p.s[order], 1e3 * np.linalg.norm(before[order], axis=1), color=_BEFORE, label="before", **_PALE)
         if np.isfinite(p.rms):
-            order = np.argsort(p.s)
-            distance = 1e3 * np.linalg.norm(p.residual, axis=1)
-            ax.plot(p.s[order], distance[order], "-" if p.role == "fit" else "--", lw=1.2, label=drawn(f"{name} ({p.role})"))
+            colour = None if pose is None else _MODELLED
+            label = _named(name, f" ({p.role})") if pose is None else "modelled" if before is None else "after"
+            style = "-" if p.role == "fit" or pose is not None else "--"
+            ax.plot(p.s[order], 1e3 * np.linalg.norm(p.residual, axis=1)[order], style, lw=1.4, label=label, color=colour)
     ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, None))
-    ax.legend(frameon=False, fontsize=8)
+    if pose is not None:
+        ax.set_title(_named(pose, f" ({p.role})"), fontsize=10, pad=22)
+    _legend(ax)
     return ax
 
 
 def overview(fit: "Fit | Explanation") -> Figure:
-    """A figure with every pose and the errors along the cable."""
+    """A figure with every pose and the errors along the cable: one panel, or one panel per pose if lines would tangle."""
     names = list(fit.poses)
-    columns = min(3, len(names))
-    rows = -(-len(names) // columns) + 1
-    figure = plt.figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
-    grid = figure.add_gridspec(rows, columns)
+    columns, together = min(_COLUMNS, len(names)), len(names) <= _TANGLE
+    rows = -(-len(names) // columns)
+    figure = plt.figure(figsize=(4.2 * columns, 3.8 * (rows + (1 if together else rows))), layout="constrained")
+    grid = figure.add_gridspec(rows + (1 if together else rows), columns)
     for i, name in enumerate(names):
         shapes(fit, name, figure.add_subplot(grid[i // columns, i % columns]))
-    errors(fit, figure.add_subplot(grid[rows - 1, :]))
+    if together:
+        errors(fit, ax=figure.add_subplot(grid[rows, :]))
+    one = None  # panels share their scale, so that poses can be compared
+    for i, name in enumerate(() if together else names):
+        one = errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns], sharey=one))
     figure.suptitle(drawn(fit.study.title), wrap=True, fontsize=11)
     return figure
 
 
 def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Path, bytes], object] = write_file) -> None:
-    """Write a figure to a file of the format that its name says, in one step: a reader sees the old or the new, whole.
+    """Write a figure in one step, in the format of the file's extension: a reader sees the old file or the new one, complete.
 
-    A study's own files are refused. ``write(path, bytes)`` puts the picture there.
+    A study's own files are refused. ``write(path, bytes)`` writes the picture.
     """
     path, picture = Path(file), io.BytesIO()
     kinds = figure.canvas.get_supported_filetypes()
@@ -106,7 +173,7 @@ def _plane(points, gravity):
 
 
 def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
-    """What is left along s (mm), before and after: of one pose both normal components over the 95 % band of the noise, of all
+    """Residual along s (mm), before and after: for one pose both normal components over the 95 % band of the noise, for all
     poses (no ``pose``) the distances."""
     ax = plt.subplots()[1] if ax is None else ax
     if explanation.noise is None:
@@ -120,45 +187,70 @@ def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | Non
     s = p.s[order]
     band = 1.96e3 * explanation.noise.total
     ax.fill_between([s[0], s[-1]], -band, band, color="#dddddd", lw=0, label="95 % of the noise")
+    for k, style in enumerate(("-", (0, (2, 1)))):
+        wide = {**_PALE, "ls": style} if k == 0 else {**_PALE, "ls": style, "lw": 2.5}
+        ax.plot(s, 1e3 * p.residual_before[order, k], color=_BEFORE, label=f"before, normal {k + 1}", **wide)
     for k, style in enumerate(("-", "--")):
-        ax.plot(s, 1e3 * p.residual_before[order, k], style, color=_MEASURED, lw=1.2, label="before" if k == 0 else None)
-        ax.plot(s, 1e3 * p.residual[order, k], style, color=_MODELLED, lw=1.2, label="after" if k == 0 else None)
+        ax.plot(s, 1e3 * p.residual[order, k], style, color=_MODELLED, lw=1.2, label=f"after, normal {k + 1}")
     ax.set(xlabel="arc length s (m)", ylabel="residual (mm)")
-    ax.set_title(drawn(f"{pose} ({p.role}): {1e3 * p.rms_before:.2f} to {1e3 * p.rms:.2f} mm"), fontsize=10)
-    ax.legend(frameon=False, fontsize=8)
+    title = _named(pose, f" ({p.role}): {1e3 * p.rms_before:.3g} to {1e3 * p.rms:.3g} mm")
+    ax.set_title(title, fontsize=10, pad=46)
+    _legend(ax)
     return ax
 
 
 def _residuals(explanation, ax):
-    """Distances of all poses along s (mm): thin before, thick after."""
+    """Distances of all poses along s (mm): broad and pale before, thin after."""
     for i, (name, p) in enumerate(explanation.poses.items()):
-        order, colour = np.argsort(p.s), f"C{i % 10}"
-        for values, width, label in ((p.residual_before, 0.7, None), (p.residual, 1.6, drawn(f"{name} ({p.role})"))):
-            distance = 1e3 * np.linalg.norm(values[order], axis=1)
-            ax.plot(p.s[order], distance, "-" if p.role == "fit" else "--", lw=width, color=colour, label=label)
-    ax.set(xlabel="arc length s (m)", ylabel="distance (mm), thin before, thick after", ylim=(0, None))
-    ax.legend(frameon=False, fontsize=8)
+        order, style = np.argsort(p.s), "-" if p.role == "fit" else "--"
+        was, now = (1e3 * np.linalg.norm(values[order], axis=1) for values in (p.residual_before, p.residual))
+        ax.plot(p.s[order], was, color=f"C{i % 10}", **{**_PALE, "alpha": 0.3})
+        ax.plot(p.s[order], now, style, lw=1.4, color=f"C{i % 10}", label=_named(name, f" ({p.role})"))
+    ax.set(xlabel="arc length s (m)", ylabel="distance (mm), pale before", ylim=(0, None))
+    _legend(ax)
+    return ax
+
+
+def along(values: Mapping[str, tuple[np.ndarray, np.ndarray]], label: str, ax: Axes | None = None) -> Axes:
+    """One quantity along the cable, one line per pose: ``values`` are ``(s, quantity)`` by pose, ``label`` name and unit."""
+    ax = plt.subplots()[1] if ax is None else ax
+    for i, (name, (s, quantity)) in enumerate(values.items()):
+        ax.plot(s, quantity, color=f"C{i % 10}", lw=1.4, label=_named(name))
+    ax.set(xlabel="arc length s (m)", ylabel=label)
+    _legend(ax)
+    return ax
+
+
+def correlations(fit: "Fit", ax: Axes | None = None) -> Axes:
+    """Correlations of the estimated parameters, with their values; blank if undefined."""
+    ax = plt.subplots()[1] if ax is None else ax
+    names = [drawn(label.replace("_", " ")) for label in fit.labels]
+    ax.imshow(np.where(np.isfinite(fit.correlation), fit.correlation, 0.0), vmin=-1, vmax=1, cmap="coolwarm", alpha=0.7)
+    for (i, j), value in np.ndenumerate(fit.correlation):
+        ax.text(j, i, f"{value:+.2f}" if np.isfinite(value) else "", ha="center", va="center", fontsize=8)
+    ax.set_xticks(range(len(names)), names, rotation=20, ha="right", fontsize=8)
+    ax.set_yticks(range(len(names)), names, fontsize=8)
     return ax
 
 
 def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10) -> Axes:
-    """Log evidence of the likeliest kinds over the plain rod (nats), coloured by verdict."""
+    """Log evidence of the likeliest effect types over the baseline model (nats), coloured by verdict."""
     ax = plt.subplots()[1] if ax is None else ax
     rows = explanation.ranking[:most][::-1]
     colours = {"named": _MODELLED, "favoured": _MODELLED, "tied": "#e5989b"}
-    # refits of absent kinds may be far below zero: what is worse than nothing is not told apart
+    # absent effect types may lie far below zero: values worse than the baseline are not resolved
     lengths = [max(r.log_evidence, -5.0) for r in rows]
     ax.barh([r.kind.replace("_", " ") for r in rows], lengths, color=[colours.get(r.verdict, "#bbbbbb") for r in rows])
     for i, r in enumerate(rows):
         ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
     ax.axvline(0.0, color="k", lw=0.8)
     low, high = ax.get_xlim()
-    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # the words need room
+    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the plain rod (nats)")  # room for the words
     return ax
 
 
 def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
-    """The equivalent load (N/m, scan frame) that all poses share, with its 95 % band: where something acts, not what."""
+    """Equivalent load (N/m, scan frame) common to all poses, with its 95 % band: where a cause acts, not which one."""
     ax = plt.subplots()[1] if ax is None else ax
     f = explanation.load
     if f is None:
@@ -169,16 +261,16 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
         ax.fill_between(f.s, mean - band, mean + band, color=colour, alpha=0.15, lw=0)
     ax.axhline(0.0, color="k", lw=0.8)
     ax.set(xlabel="arc length s (m)", ylabel="equivalent load (N/m)")
-    ax.legend(frameon=False, fontsize=8)
+    _legend(ax)
     return ax
 
 
 def explained(explanation: "Explanation") -> Figure:
     """A figure with the evidence, the equivalent load, and every pose's residual before and after."""
     names = list(explanation.poses)
-    columns = min(3, max(2, len(names)))
+    columns = min(_COLUMNS, max(2, len(names)))
     rows = -(-len(names) // columns) + 1
-    figure = plt.figure(figsize=(4.6 * columns, 3.2 * rows), layout="constrained")
+    figure = plt.figure(figsize=(4.6 * columns, 3.6 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
     evidence(explanation, figure.add_subplot(grid[0, : columns - 1]))
     load(explanation, figure.add_subplot(grid[0, columns - 1]))
@@ -189,8 +281,8 @@ def explained(explanation: "Explanation") -> Figure:
 
 
 def basins(sweep: "xarray.Dataset", ax: Axes | None = None, most: int = 5, within: float = 0.01) -> Axes:
-    """Where the fits of a sweep over two guesses ended: one colour for each end (estimates alike ``within`` that share),
-    by its cost, at most ``most`` of them; crosses where a fit failed, nothing where none was run yet."""
+    """Basins of attraction of a sweep of fits over two guesses: one colour per solution (estimates equal to within the fraction
+    ``within``), ordered by cost, at most ``most``; crosses mark failed fits, and fits not yet run are blank."""
     ax = plt.subplots()[1] if ax is None else ax
     across, up = sweep.attrs["lane_dims"].split()[::-1]
     names = [dim.removeprefix("guess_") for dim in (up, across)]
@@ -213,7 +305,7 @@ def basins(sweep: "xarray.Dataset", ax: Axes | None = None, most: int = 5, withi
 
 
 def _ends(logs, cost, most, within):
-    """Which end each lane reached (the cheapest first, ``most`` for all others, -1 for none), and how many reached each."""
+    """The solution reached from each start (cheapest first, ``most`` for all others, -1 for none), and the number of starts."""
     end = np.full(cost.shape, -1)
     solved = np.isfinite(cost) & np.all(np.isfinite(logs), axis=0)
     groups, left = [], solved.copy()
@@ -229,7 +321,7 @@ def _ends(logs, cost, most, within):
 
 
 def _log_edges(values):
-    """Edges of cells around positive values, in the middle of their logarithms."""
+    """Edges of cells around positive values, midway between their logarithms."""
     logs = np.log(values)
     middle = 0.5 * (logs[1:] + logs[:-1])
     return np.exp(np.r_[2 * logs[0] - middle[0], middle, 2 * logs[-1] - middle[-1]])

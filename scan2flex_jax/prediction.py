@@ -1,6 +1,6 @@
 """Prediction: the shapes, section forces and clamp reactions of a study whose parameters are all known.
 
-Forces are why people want the parameters: a cable's pull on its connector, the bending moment at a clamp.
+Forces are often the purpose of a calibration: a cable's pull on its connector, the bending moment at a clamp.
 """
 
 import io
@@ -23,15 +23,15 @@ from scan2flex_jax.study.outputs import write_file
 from scan2flex_jax.study.sense import check_study
 
 _ENDINGS = (".csv", "-forces.csv")
-_FINEST = 4000  # points of a curve that is searched for places where it passes through itself
+_FINEST = 4000  # points of a curve that is tested for self-penetration
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """One pose: nodes (m), sections with force (N) and moment (N m) in the scan frame, and what the supports exert.
+    """One pose: nodes (m), section force (N) and moment (N m) in the scan frame, and support reactions.
 
-    ``touches``: arc lengths (m) of two places where the cable is in itself, which its contact would prevent and the model does
-    not know; None where there are none, or the study has no radius.
+    ``touches``: arc lengths (m) of two places where the cable penetrates itself, which contact would prevent but the model
+    ignores; None if there are none, or the study has no radius.
     """
 
     s: np.ndarray
@@ -45,7 +45,7 @@ class Prediction:
     touches: tuple[float, float] | None = None
 
     def sentence(self) -> str:
-        """The verdict in words, and whether the cable passes through itself."""
+        """The status in words, and whether the cable passes through itself."""
         if self.touches is None:
             return self.verdict.sentence()
         a, b = self.touches
@@ -53,7 +53,7 @@ class Prediction:
         return f"{self.verdict.sentence()}; {said}"
 
     def to_json(self) -> dict:
-        """Reactions and verdict; shapes go to CSV."""
+        """Reactions and status; shapes are written as CSV."""
         out = {"stable": bool(self.verdict.solved), "verdict": self.verdict.sentence()}
         out |= {} if self.touches is None else {"touches": list(self.touches)}
         if not out["stable"]:
@@ -63,7 +63,7 @@ class Prediction:
 
 
 def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> Equilibrium:
-    """The equilibrium of one study pose, on the branch nearest to its measured curve where it has one."""
+    """The equilibrium of one study pose, on the branch nearest to its measured curve if there is one."""
     start = None
     if pose.curve is not None or pose.markers is not None:
         start = one(poses_of(study, [pose], float(model.cable.length), elements).start, 0)
@@ -71,7 +71,22 @@ def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> 
 
 
 def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
-    """Predictions of all poses by name. A pose with a measured curve is solved on the branch nearest to it."""
+    """Shapes, section forces and reactions of all poses of a calibrated study.
+
+    Args:
+        study: A study whose parameters all have values, such as ``fit(study).calibrated``. Poses need only clamps; a pose with
+            a measured curve is solved on the branch nearest to it.
+        elements: Elements of the rod.
+
+    Returns:
+        A `Prediction` for each pose, by name; a failed solve is reported in its status.
+
+    Raises:
+        StudyError: A parameter has neither a value nor a guess.
+
+    Examples:
+        >>> predict(fit(study).calibrated)["sag"].points  # doctest: +SKIP
+    """
     check_study(study, "predict")
     radius = study.cable.get("radius")
     return {pose.name: _one_pose(study, pose, elements, None if radius is None else float(radius)) for pose in study.poses}
@@ -80,7 +95,7 @@ def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
 def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
     """Arc lengths (m) of the two nearest places of a centre curve (n, 3) whose cross sections of ``radius`` (m) overlap.
 
-    Places nearer than four radii along the cable do not count: a cable bent as sharply as it can be has half a turn there.
+    Places closer than four radii along the cable do not count: the sharpest possible bend makes half a turn in that length.
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if not s[-1] > 4.0 * radius > 0.0:
@@ -106,7 +121,7 @@ def _one_pose(study, pose, elements, radius):
 
 
 def csv_files(names: Iterable[str], folder: Path) -> dict[str, tuple[Path, Path]]:
-    """The files of each pose in ``folder``: its shape, and its forces. Names that are no file names are changed."""
+    """The two files of each pose in ``folder``: shape and forces. Names that are invalid as file names are changed."""
     stems = file_stems(names, _ENDINGS)
     return {name: (folder / f"{stem}{_ENDINGS[0]}", folder / f"{stem}{_ENDINGS[1]}") for name, stem in stems.items()}
 
@@ -116,8 +131,8 @@ def write_csv(
 ) -> dict[str, tuple[Path, Path]]:
     """``NAME.csv`` with s,x,y,z (m) and ``NAME-forces.csv`` with s (m), force (N) and moment (N m) of every solved pose.
 
-    Returns the files of each pose, whose names are those of the poses where these can be file names. ``write(path, bytes)``
-    puts a file there; left out, a study's own files are refused with a `StudyError`.
+    Returns the files of each pose, named after the pose if its name is a valid file name. ``write(path, bytes)``
+    writes a file; by default a study's own files are refused with a `StudyError`.
     """
     files = csv_files(predictions, Path(folder))
     for name, p in predictions.items():

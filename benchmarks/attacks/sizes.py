@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attacks.attempt import REFUSED, Place, Try
+from benchmarks.kinect_picks import read_picks
 from scan2flex_jax.convert import read_foreign_curve
-from scan2flex_jax.scan.kinect import read_picks
 from scan2flex_jax.study import describe, load_study
 from scan2flex_jax.study.scans import scan_facts
 from tests.study.samples import STUDY, curve, write_sample

@@ -19,11 +19,10 @@ from scipy.interpolate import CubicHermiteSpline
 from benchmarks import paper
 from benchmarks.sensitivity.bench import run as was_run
 from benchmarks.sensitivity.bench import save
-from scan2flex_jax.effects import register_effect
+from scan2flex_jax.effects import parameter, register_effect
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study import EffectDeclaration, MeasuredCurve, Unknown
-from scan2flex_jax.study.kinds import KindFormat, ParameterFormat, register_kind
 from scan2flex_jax.sweep import Axis, fits, grid
 
 CURVED = np.array([2.0, 0.0, 0.0])  # 1/m about d1: a cable that came off a reel of half a metre
@@ -34,22 +33,18 @@ NEAR = 0.01  # of the largest true value: recovered
 _ONE_AXIS = np.array([20.0, 1e-9, 1e-9])  # range of the three components: the others are held
 
 
+@register_effect  # studies may hold it and fits estimate it; `explain` does not look for it
 class FieldCurvature(AbstractEffect):
     """Natural curvature ``about_d1`` (1/m) on five points evenly along the cable, linear between them."""
 
     kind: ClassVar[str] = "field_curvature"
-    about_d1: jax.Array
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable is bent at rest, here more, there less"
+    about_d1: jax.Array = parameter("1/m", len(VARYING))
 
     def section(self, section, length):
         field = jnp.interp(section.s, jnp.linspace(0.0, 1.0, len(VARYING)) * length, self.about_d1)
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3].add(field))
-
-
-def declared() -> None:
-    """Make the kind one that a study may hold and a fit estimate; `explain` does not look for it."""
-    register_effect(FieldCurvature)
-    parameter = ParameterFormat("about_d1", "1/m", (len(VARYING),))
-    register_kind(KindFormat(FieldCurvature.kind, "energy", (parameter,), "the cable is bent at rest, here more, there less"))
 
 
 def made(study, **cable):
@@ -97,7 +92,6 @@ def varying(study, lane):
 
 def cases():
     """Name -> measured study, what a lane makes of it, the parameter, and its truth."""
-    declared()
     plain = paper.simulated()
     constant = made(plain, natural_curvature=CURVED)
 
@@ -117,14 +111,14 @@ def cases():
 def run(bench, wanted) -> None:
     decades = Axis([0.01, 1.0], "N m^2")
     lanes = grid(start=Axis(STARTS, "1/m"), guess_bending_stiffness=decades, guess_torsional_stiffness=decades)
-    for name, (study, change, parameter, truth) in cases().items():
+    for name, (study, change, sought, truth) in cases().items():
         if wanted(name):
             first = change(study, {k: v[0] for k, v in lanes.take(slice(None)).items()})  # its unknowns are the outputs
             task = fits(first, lambda _, lane, s=study, change=change: change(s, lane))
             found = bench.sweep(f"curvature {name}", task, lanes)
-            bench.keep("natural curvature", name, outcomes(found, parameter, truth))
+            bench.keep("natural curvature", name, outcomes(found, sought, truth))
             if change is varying:
-                picture(found[parameter].values.reshape(-1, len(VARYING)), was_run(found).ravel())
+                picture(found[sought].values.reshape(-1, len(VARYING)), was_run(found).ravel())
 
 
 def outcomes(found, parameter, truth) -> dict:

@@ -38,9 +38,12 @@ def extract(
     outputs.claim(*pictures.values(), json)
     prepare_jax()
     found, curves = extracted(loaded, quiet)
-    save_study(found, save or study)
+    toml = save_study(found, save or study)
+    written = {pose.name: pose.curve.path for pose in load_study(toml).poses if pose.name in curves and pose.curve is not None}
     for name, one in curves.items():
-        say(f"{name}: {one.arc_length[-1]:.4f} m of centre curve" + "".join(f"; {w}" for w in one.warnings))
+        said = "".join(f"; {warning}" for warning in one.warnings)
+        into = f" -> {written[name]}" if name in written else ""
+        say(f"{name}: {one.arc_length[-1]:.4f} m of centre curve{into}{said}")
         if name in pictures:
             drawing()
             from scan2flex_jax.scan import save_picture  # noqa: PLC0415
@@ -48,6 +51,8 @@ def extract(
             save_picture(one, pictures[name], name, outputs.write)
             if pictures[name].stem != name:
                 say(f"  its picture is {pictures[name]}")
+    said = "which names them" if curves else "as it was: every pose with a scan has its centre curve"
+    say(f"written: {toml}, {said}")
     if json:
         outputs.write_json(json, {n: _curve_to_json(c) for n, c in curves.items()})
     if not all(c.sure for c in curves.values()):

@@ -71,8 +71,12 @@ def fit(
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     with progress(f"fitting {loaded.title}", quiet) as tell:
+        asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}, {elements} elements"
+        tell(f"{asked}; a first fit compiles before it moves")
         result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
-    say(result.summary())
+        tell("what the estimates rest on")
+        said = result.summary()
+    say(said)
     if json:
         outputs.write_json(json, result.to_json())
     if save:
@@ -82,6 +86,12 @@ def fit(
         plot.save(plot.overview(result), figure, write=outputs.write)
     if not result.believable:
         raise typer.Exit(NOT_TO_BELIEVE)
+
+
+def _poses(study) -> str:
+    """How many poses are fitted, and how many are kept."""
+    fitted, kept = len(study.fit_poses), len(study.validate_poses)
+    return f"{fitted} pose{'s' * (fitted > 1)}" + (f" ({kept} more never fitted)" if kept else "")
 
 
 def simulate(

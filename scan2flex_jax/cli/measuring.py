@@ -45,9 +45,9 @@ Tangent = Annotated[
 
 def new(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of scans or centre curves, one file a pose.")],
-    length: Annotated[str | None, typer.Option(help="Length between the clamps, as in 0.9 or '900 mm'.")] = None,
-    density: Annotated[str | None, typer.Option(help="Mass per length, as in 0.336 or '336 g/m'.")] = None,
-    mass: Annotated[str | None, typer.Option(help="Mass of that length, in place of --density, as in '302 g'.")] = None,
+    length: Annotated[str | None, typer.Option(help="Length between the clamps, as in 0.9, '900 mm' or '900 +- 1 mm'.")] = None,
+    density: Annotated[str | None, typer.Option(help="Mass per length, as in 0.336 or '336 +- 2 g/m'.")] = None,
+    mass: Annotated[str | None, typer.Option(help="Mass of that length, in place of --density, as in '302 +- 1 g'.")] = None,
     radius: Annotated[str | None, typer.Option(help="Radius of the cable, needed by scans, as in '4 mm'.")] = None,
     clamps: Annotated[
         Path | None, typer.Option(help="File of the clamps, by the names 'POSE start' and 'POSE end': see scan2flex pose.")
@@ -71,21 +71,15 @@ def new(
 
     Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
     """
-    from scan2flex_jax.convert import measured_files, new_study, quantity, read_frames  # noqa: PLC0415
+    from scan2flex_jax.convert import measured_files, new_study, read_frames  # noqa: PLC0415
     from scan2flex_jax.study import describe, load_study, save_study  # noqa: PLC0415
 
     poses = measured_files(folder, () if clamps is None else (clamps,))
     say(f"{len(poses)} poses: {', '.join(pose.name for pose in poses)}")
-    long = _quantity(length, "length", "the length of the cable between its clamps", "--length")
-    if mass is not None and density is not None:
-        raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
-    if mass is not None:
-        heavy = quantity(mass, "mass") / long
-    else:
-        heavy = _quantity(density, "length density", "the mass per length of the cable", "--density (or --mass)")
+    long, heavy, tolerance = _length_and_weight(length, density, mass)
     thick = None
     if radius is not None or any(pose.scan for pose in poses):
-        thick = _quantity(radius, "length", "the radius of the cable", "--radius")
+        thick = _quantity(radius, "length", "the radius of the cable", "--radius")[0]
     if clamps_from_curves and clamps is not None:
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
     frames = None
@@ -93,29 +87,87 @@ def new(
         frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
     elif not clamps_from_curves:
         frames = _asked_clamps(poses, units or "m", convention, not radians, tangent)
-    if validate is None and interactive() and len(poses) > 1:
-        answer = typer.prompt(
-            "Poses that no fit may use, apart by commas (they judge the answer)", default="", show_default=False
-        )
-        validate = [name.strip() for name in answer.split(",") if name.strip()]
     study, notes = new_study(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
-        gravity=_gravity(gravity), units=units, columns=columns, validate=tuple(validate or ()),
+        gravity=_gravity(gravity), units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
     )  # fmt: skip
+    scans = _scans(study)  # read before anything is written
     toml = save_study(study, out or folder)
-    for note in notes:
+    for note in (*notes, *_assumed(gravity, units, tangent, frames)):
         say(f"  {note}")
-    say(
-        f"\n{describe(load_study(toml))}\nwritten: {toml}; look it through, then: scan2flex fit {shlex.quote(str(toml.parent))}"
-    )
+    made = load_study(toml)
+    say(f"\n{describe(made, scans)}")
+    if frames is not None:
+        _suggest_tangent(made, tangent)
+    say(f"written: {toml}; look it through, then: scan2flex fit {shlex.quote(str(toml.parent))}")
+
+
+def _length_and_weight(length, density, mass):
+    """Length (m), mass per length (kg/m), and the tolerance of both."""
+    from scan2flex_jax.study import Tolerance  # noqa: PLC0415
+
+    long, of_length = _quantity(length, "length", "the length of the cable between its clamps", "--length")
+    if mass is not None and density is not None:
+        raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
+    if mass is not None:
+        heavy, of_weight = (value / long for value in _quantity(mass, "mass", "", ""))
+    else:
+        question = "the mass per length of the cable"
+        heavy, of_weight = _quantity(density, "length density", question, "--density (or --mass)")
+    return long, heavy, Tolerance(length=of_length, length_density=of_weight)
+
+
+def _validated(given, poses):
+    """Names of the poses that no fit may use."""
+    if given is None and interactive() and len(poses) > 1:
+        question = "Poses that no fit may use, apart by commas (they judge the answer)"
+        answer = typer.prompt(question, default="", show_default=False)
+        given = [name.strip() for name in answer.split(",") if name.strip()]
+    return tuple(given or ())
+
+
+def _assumed(gravity, units, tangent, frames):
+    """What was taken for granted because no option said it."""
+    down = ", ".join(f"{g:g}" for g in _gravity(None))
+    said = [f"assumed: gravity is {down} m/s^2 in the scan frame (--gravity)"] if gravity is None else []
+    said += ["assumed: lengths in the files are in metres where a file does not say it (--units)"] if units is None else []
+    if frames is not None and tangent == "z":
+        said.append("assumed: the cable leaves each frame along its z axis, from start to end (--tangent)")
+    return said
+
+
+def _suggest_tangent(study, tangent):
+    """The axis that was probably meant, where the cable leaves every clamp along another one."""
+    from scan2flex_jax.convert import other_tangent  # noqa: PLC0415
+    from scan2flex_jax.study import pose_facts  # noqa: PLC0415
+    from scan2flex_jax.study.visible import visible_mistakes  # noqa: PLC0415
+
+    axis = next((mistake.axis for mistake in visible_mistakes(study) if mistake.axis), "")
+    if not axis:
+        return
+    facts = [pose_facts(pose) for pose in study.poses]
+    ends = [end for f in facts if f is not None for end in (f.start, f.end) if end is not None]
+    angles = sorted(end.angle for end in ends if end.angle is not None)
+    middle = angles[len(angles) // 2]
+    meant = other_tangent(axis, tangent)
+    say(f"the tangents are off by {middle:.0f} degrees at every clamp: did you mean --tangent {meant}? Delete the study.toml")
+    say("that was written and start again with it.\n")
+
+
+def _scans(study):
+    """``(points, extents in m)`` of every scan, by pose."""
+    from scan2flex_jax.study.scans import scan_facts  # noqa: PLC0415
+
+    return {pose.name: scan_facts(pose.scan) for pose in study.poses if pose.scan is not None}
 
 
 def _quantity(given, what, question, option):
-    from scan2flex_jax.convert import quantity  # noqa: PLC0415
+    """A quantity and its standard deviation, given or asked for."""
+    from scan2flex_jax.convert import measured  # noqa: PLC0415
 
     if given is not None:
-        return quantity(given, what)
-    return asked_or_refused(question, option, lambda answer: quantity(answer, what))
+        return measured(given, what)
+    return asked_or_refused(question, option, lambda answer: measured(answer, what))
 
 
 def _gravity(given):
@@ -256,15 +308,12 @@ def check(study: StudyFolder, json: JsonFile = None, force: Force = False) -> No
     """
     from scan2flex_jax.study import describe, load_study, study_warnings  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-    from scan2flex_jax.study.scans import scan_facts  # noqa: PLC0415
 
     loaded = load_study(study)
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json)
-    say(describe(loaded))
-    scans = {pose.name: scan_facts(pose.scan) for pose in loaded.poses if pose.scan is not None}
-    for name, (count, size) in scans.items():
-        say(f"{name}: a scan of {count} points, {_extents(loaded, size)}")
+    scans = _scans(loaded)
+    say(describe(loaded, scans))
     if json:
         holds = {n: {"points": count, "size": size} for n, (count, size) in scans.items()}
         poses = {p.name: _measured(p, holds.get(p.name)) for p in loaded.poses}
@@ -278,12 +327,3 @@ def _measured(pose, scan):
     markers = 0 if pose.markers is None else len(pose.markers.points)
     return {"role": pose.role, "curve": pose.curve is not None, "scan": scan, "markers": markers}
 
-
-def _extents(study, size):
-    """The box of a scan in words, and whether it seems to be in another unit."""
-    from scan2flex_jax.study.sense import looks_like  # noqa: PLC0415
-
-    length = study.known("length")
-    unit = None if length is None else looks_like(float(max(size)) / float(length))
-    box = f"{' x '.join(f'{x:.3g}' for x in size)} m"
-    return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres"

@@ -7,9 +7,9 @@ import typer
 
 from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, Quiet, StudyFolder, choices, file_to_write
 from scan2flex_jax.cli.setup import prepare_jax, progress
-from scan2flex_jax.cli.terminal import say
+from scan2flex_jax.cli.terminal import complain, say
 
-_TO = ("mujoco", "pyelastica", "json")
+_TO = ("mujoco", "pyelastica", "usd", "json")
 
 
 def report(
@@ -18,14 +18,17 @@ def report(
     no_explain: Annotated[
         bool, typer.Option("--no-explain", help="Only the fit: no search for what the model lacks, no next pose (fast).")
     ] = False,
+    interactive: Annotated[
+        bool, typer.Option("--interactive", help="Add all poses in space, to be turned with a mouse: needs the extra [report].")
+    ] = False,
     json: JsonFile = None,
     elements: Elements = 40,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write one self-contained page: poses in 3D, errors, estimates, what the model lacks, forces, what to scan next.
+    """Write one self-contained page: the answer, shapes, errors, what the model lacks, forces, what to scan next.
 
-    Needs the extra [report] (plotly, jinja2); the page itself needs no network.
+    It needs neither network nor script, and prints as a data sheet of two pages.
 
     Example: scan2flex report my-cable -o report.html
     """
@@ -41,15 +44,17 @@ def report(
     from scan2flex_jax.reporting import report as page  # noqa: PLC0415
     from scan2flex_jax.reporting import require_libraries  # noqa: PLC0415
 
-    require_libraries()
+    if interactive:
+        require_libraries()
     result: Fit | Explanation
     with progress(f"{'fitting' if no_explain else 'explaining'} {loaded.title}", quiet) as tell:
         if no_explain:
             result = fit(loaded, elements=elements, progress=tell)
         else:
             result = explain(loaded, elements=elements, progress=tell, ahead=AheadCompiler())
-        outputs.write(out, page(result, progress=tell).encode("utf-8"))
-    say(f"written: {out}")
+        outputs.write(out, page(result, interactive=interactive, progress=tell).encode("utf-8"))
+    say("\n".join(result.answer.lines()))
+    say(f"\nwritten: {out}")
     if json:
         outputs.write_json(json, result.to_json())
     fitted = result.fit if isinstance(result, Explanation) else result
@@ -59,13 +64,13 @@ def report(
 
 def export(
     study: StudyFolder,
-    to: Annotated[str, typer.Option(help="mujoco, pyelastica or json.", autocompletion=choices(*_TO))],
+    to: Annotated[str, typer.Option(help="mujoco, pyelastica, usd or json.", autocompletion=choices(*_TO))],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
     pose: Annotated[str | None, typer.Option(help="The pose in which the cable hangs; left out, the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
     force: Force = False,
 ) -> None:
-    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, or plain JSON.
+    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, OpenUSD for Newton, or plain JSON.
 
     Every parameter must have a value: fit the study first, with --save.
 
@@ -79,8 +84,12 @@ def export(
     outputs.claim(out)
     prepare_jax()
     from scan2flex_jax.export import export as run  # noqa: PLC0415
+    from scan2flex_jax.export.cable import THIN  # noqa: PLC0415
 
     with progress(f"solving {loaded.title}"):
         text = run(loaded, to, pose=pose, elements=elements)
     outputs.write(out, text.encode("utf-8"))
+    if to != "json" and "radius" not in loaded.cable:
+        said = f"the study has no radius: {to} is given {100 * THIN:g} % of the length, which no shape at rest feels"
+        complain(f"{said}; write radius under [cable] where pictures, contact or motion count.")
     say(f"written: {out}")

@@ -1,12 +1,12 @@
-"""From what others measure to a study: units, frames of robots and trackers, centre curves of other tools, a new study.
+"""From foreign measurements to a study: units, frames of robots and trackers, centre curves of other tools, a new study.
 
-Everything here ends in the types of `scan2flex_jax.study`, in SI units. No jax here.
+All results are types of `scan2flex_jax.study`, in SI units. No jax here.
 """
 
 from scan2flex_jax.convert.curves import CurveFile, read_foreign_curve
-from scan2flex_jax.convert.frames import CONVENTIONS, clamp_of_angles, clamp_of_matrix, clamp_toml, read_frames
+from scan2flex_jax.convert.frames import CONVENTIONS, clamp_of_angles, clamp_of_matrix, clamp_toml, other_tangent, read_frames
 from scan2flex_jax.convert.start import MeasuredFile, measured_files, new_study
-from scan2flex_jax.convert.units import LENGTHS, length_unit, quantity
+from scan2flex_jax.convert.units import LENGTHS, length_unit, measured, quantity
 
 __all__ = [
     "CONVENTIONS",
@@ -17,8 +17,10 @@ __all__ = [
     "clamp_of_matrix",
     "clamp_toml",
     "length_unit",
+    "measured",
     "measured_files",
     "new_study",
+    "other_tangent",
     "quantity",
     "read_foreign_curve",
     "read_frames",

@@ -1,7 +1,7 @@
-"""Centre curves as other tools write them: which separator, decimal mark, header, columns and unit a text file has.
+"""Centre curves from other tools: detection of a text file's separator, decimal mark, header, columns and unit.
 
-What can be seen in the file is taken from it; what cannot is asked for in one sentence. Coordinates come out in metres, in
-the order of the file, without points that repeat the one before.
+Properties that the file determines are detected; an error requests the others. Coordinates are returned in metres, in the
+order of the file, without consecutive duplicates.
 """
 
 import re
@@ -12,16 +12,17 @@ from typing import Annotated
 import numpy as np
 
 from scan2flex_jax.convert.units import LENGTHS, length_unit
-from scan2flex_jax.study.curves import checked_curve, checked_points
+from scan2flex_jax.study import arrays
+from scan2flex_jax.study.curves import checked_curve
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.values import Where, one_line, shown
 
 _DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))  # separator, decimal mark
-_SAMPLE = 300  # lines that tell the dialect
-_PREAMBLE = 60  # lines that may stand before the first point
-_ARC = 0.2  # part by which a column may differ from the length along the points and still be the arc length
+_SAMPLE = 300  # lines that determine the dialect
+_PREAMBLE = 60  # most lines before the first point
+_ARC = 0.2  # relative difference up to which a column counts as the arc length of the points
 _NAMES = {"s": "s", "arclength": "s", "arc": "s", "curvilinearabscissa": "s", "abscissa": "s",
           "points0": "x", "points1": "y", "points2": "z"}  # fmt: skip
 _COORDINATE = re.compile(
@@ -32,7 +33,7 @@ _UNIT = re.compile(r"(.*?)[\s_]*[\[(\s_]\s*([a-z]+)\s*[\])]?\s*")
 
 @dataclass(frozen=True)
 class CurveFile:
-    """A centre curve in metres, and what was found in its file, in words."""
+    """A centre curve in metres, and the properties detected in its file, in words."""
 
     curve: MeasuredCurve
     notes: tuple[str, ...]
@@ -41,8 +42,8 @@ class CurveFile:
 def read_foreign_curve(path: Path, *, units: str | None = None, columns: str | None = None) -> CurveFile:
     """The centre curve in a text file of another tool.
 
-    ``units``: the unit of its lengths; left out, the one that the header states, else m. ``columns``: what the columns are,
-    as in "s,x,y,z" or "-,x,y,z" ("-" is left out); left out, by the header or by the numbers. Raises `StudyError`.
+    ``units``: the unit of its lengths; by default that of the header, else m. ``columns``: the meaning of the columns,
+    as in "s,x,y,z" or "-,x,y,z" ("-" is ignored); by default from the header or the numbers. Raises `StudyError`.
     """
     where = Where(one_line(str(path), 300))
     points, s, notes = _read(Path(path), units, columns, where)
@@ -52,11 +53,11 @@ def read_foreign_curve(path: Path, *, units: str | None = None, columns: str | N
 def read_foreign_points(path: Path, *, units: str | None = None) -> Annotated[np.ndarray, "n 3"]:
     """Guide points (m) in a text file of another tool: at least two."""
     where = Where(one_line(str(path), 300))
-    return checked_points(_read(Path(path), units, None, where)[0], 2, where)
+    return arrays.points(_read(Path(path), units, None, where)[0], 2, where)
 
 
 def _read(path, units, columns, where):
-    """Points (m), arc length (m) or None, and what was found in the file."""
+    """Points (m), arc length (m) or None, and the detected properties of the file."""
     rows = curve_limit()
     text = read_text(path, rows.bytes, where, "the file is not there: name one.", rows)
     lines = [line for line in (raw.strip() for raw in text.splitlines()) if line]
@@ -72,7 +73,7 @@ def _read(path, units, columns, where):
         names = _guessed(table, where)
     unit = units or stated or "m"
     if units and stated and units != stated:
-        said = f"it says {stated}, but {units} was asked for"
+        said = f"it states {stated}, but the given unit is {units}"
         raise where.at("header").fail(f"{said}: leave the unit out, or correct the header.")
     by_name = {name: table[:, i] * length_unit(unit) for i, name in enumerate(names) if name}
     points = np.column_stack([by_name[name] for name in "xyz"])
@@ -80,7 +81,7 @@ def _read(path, units, columns, where):
     s = by_name["s"][keep] if "s" in by_name else None
     marks = {";": "semicolons", "\t": "tabs", ",": "commas", None: "blanks"}
     given = ", ".join(name or "(left out)" for name in names)
-    notes = [f"{int(keep.sum())} points in {unit}, columns {given}, apart by {marks[mark]}"]
+    notes = [f"{int(keep.sum())} points in {unit}, columns {given}, separated by {marks[mark]}"]
     notes += ["with decimal commas"] * (decimal == ",")
     notes += [f"{int(np.sum(~keep))} points that repeat the one before were left out"] * bool(np.any(~keep))
     return points[keep], s, tuple(notes)
@@ -112,7 +113,7 @@ def _dialect(lines, where):
 
 
 def _table(lines, mark, decimal, where) -> Annotated[np.ndarray, "n c"]:
-    """All rows from the first line of numbers on; none may be cut short."""
+    """All rows from the first line of numbers on; a truncated row is an error."""
     rows = [_cells(line, mark, decimal) for line in lines]
     width = len(rows[0] or ())
     for i, row in enumerate(rows):
@@ -123,7 +124,7 @@ def _table(lines, mark, decimal, where) -> Annotated[np.ndarray, "n c"]:
 
 
 def _header(lines, first, mark, columns) -> list[str] | None:
-    """The cells of the line before the first point, when it has as many."""
+    """The cells of the line before the first point, if it has the same number of columns."""
     if first == 0:
         return None
     cells = [c.strip().strip('"') for c in lines[first - 1].lstrip("#/% ").split(mark)]
@@ -133,7 +134,7 @@ def _header(lines, first, mark, columns) -> list[str] | None:
 
 
 def _named(header, where) -> tuple[list[str | None], str | None]:
-    """What each column of a header is, and the unit that it states."""
+    """The meaning of each column of a header, and the unit that it states."""
     names, units = [], set()
     for cell in header:
         base, unit = cell.lower(), None
@@ -156,7 +157,7 @@ def _named(header, where) -> tuple[list[str | None], str | None]:
 
 
 def _given(columns: str, count: int, where) -> list[str | None]:
-    """The columns that a user named."""
+    """The columns named by the user."""
     names = [cell.strip().lower() for cell in columns.split(",")]
     kept = [name for name in names if name not in ("-", "")]
     if sorted(kept) not in (["x", "y", "z"], ["s", "x", "y", "z"]):
@@ -168,7 +169,7 @@ def _given(columns: str, count: int, where) -> list[str | None]:
 
 @np.errstate(all="ignore")  # numbers that are not finite are refused later, with their place
 def _guessed(table, where) -> list[str | None]:
-    """Without a header: three columns are x, y, z; before them may stand a running number or the arc length."""
+    """Columns of a table without header: three are x, y, z, possibly after a running number or the arc length."""
     count = table.shape[1]
     if count == 3:
         return ["x", "y", "z"]

@@ -1,7 +1,7 @@
-"""Frames as robots, trackers and CAD state them, made into the format's position and quaternion.
+"""Conversion of robot, tracker and CAD frames to the format's position and quaternion.
 
 A frame is a 4x4 (or 3x4) matrix, a position with three angles in a *named* convention, or a position with a quaternion.
-Its axis that points along the cable, from start to end, becomes d3; the two others follow it in cyclic order (y, z, x for
+Its axis along the cable, from start to end, becomes d3; the two others follow in cyclic order (y, z, x for
 a cable along x). Rotations are scipy's.
 """
 
@@ -21,7 +21,7 @@ from scan2flex_jax.study.model import Clamp
 from scan2flex_jax.study.rotations import quaternion_of, rigid_motion
 from scan2flex_jax.study.values import LARGEST, Where, one_line
 
-# upper case: about the axes as they have turned (intrinsic); lower case: about the fixed axes (extrinsic), as in scipy
+# upper case: about the rotated axes (intrinsic); lower case: about the fixed axes (extrinsic), as in scipy
 CONVENTIONS = {
     "kuka": ("ZYX", "A, B, C about z, then the new y, then the new x"),
     "fanuc": ("xyz", "W, P, R about the fixed x, y, z"),
@@ -39,7 +39,7 @@ def clamp_of_matrix(matrix: Annotated[np.ndarray, "3|4 4"], *, units: str = "m",
     """The clamp of a homogeneous matrix whose last column is the position in ``units``.
 
     ``tangent`` names the axis of the given frame that points along the cable from start to end: x, y, z, -x, -y or -z.
-    Raises `Scan2FlexError` for what is no rigid motion.
+    Raises `Scan2FlexError` if the matrix is no rigid motion.
     """
     position, R = rigid_motion(matrix, Where("the frame"))
     return _clamp(position * length_unit(units), R, tangent)
@@ -50,7 +50,7 @@ def clamp_of_angles(
 ) -> Clamp:
     """The clamp of a position (in ``units``) and three angles in a named convention: one of `CONVENTIONS`, or a sequence.
 
-    A sequence is scipy's: upper case about the turned axes ("ZYX"), lower case about the fixed ones ("xyz").
+    A sequence is scipy's: upper case about the rotated axes ("ZYX"), lower case about the fixed ones ("xyz").
     """
     values = np.concatenate([np.asarray(x, float).ravel() for x in (position, angles)])
     if values.shape != (6,) or not np.all(np.abs(values) <= LARGEST):
@@ -67,15 +67,28 @@ def clamp_of_angles(
 
 
 def _clamp(position, R: np.ndarray, tangent: str) -> Clamp:
+    return Clamp(position, quaternion_of(R @ _axes(tangent)))
+
+
+def _axes(tangent: str) -> np.ndarray:
+    """Columns d1, d2, d3 in the given frame, for the axis ``tangent`` along the cable."""
     sign, axis = (-1.0, tangent[1:]) if tangent.startswith("-") else (1.0, tangent.removeprefix("+"))
     if axis not in _AXES:
         raise Scan2FlexError(f"the axis {tangent[:20]!r} is not known: use x, y, z, -x, -y or -z.")
-    axes = _AXES[axis] * np.array([1.0, sign, sign])
-    return Clamp(position, quaternion_of(R @ axes))
+    return _AXES[axis] * np.array([1.0, sign, sign])
+
+
+def other_tangent(found: str, tangent: str) -> str:
+    """The axis of the original frames that corresponds to the axis ``found`` (x, y, z for d1, d2, d3, with sign) of clamps made
+    from them with ``tangent``."""
+    sign, axis = (-1.0, found[1:]) if found.startswith("-") else (1.0, found)
+    along = sign * _axes(tangent)[:, "xyz".index(axis)]
+    k = int(np.argmax(np.abs(along)))
+    return f"{'-' if along[k] < 0 else ''}{'xyz'[k]}"
 
 
 def clamp_toml(clamp: Clamp) -> str:
-    """The clamp as the format writes it, on one line, without the rounding noise of zeros."""
+    """The clamp on one line of the format, without the rounding noise of zeros."""
     rounded = [f"position = [{', '.join(f'{v:.9g}' for v in np.round(clamp.position, 12) + 0.0)}]"]
     if clamp.quaternion is not None:
         rounded.append(f"quaternion = [{', '.join(f'{v:.12g}' for v in np.round(clamp.quaternion, 14) + 0.0)}]")
@@ -88,7 +101,7 @@ def read_frames(
     """Clamps by name from a text file: matrices, each under a line with its name, or a CSV with a header.
 
     Columns of a CSV: ``name`` or ``pose,end``; ``x,y,z``; and ``qw,qx,qy,qz``, or ``a,b,c`` (angles in ``convention``), or
-    neither (a ball joint). Names are "POSE start" and "POSE end". Raises `Scan2FlexError`, naming file and line.
+    neither (a ball joint). Names are "POSE start" and "POSE end". Raises `Scan2FlexError` with file and line.
     """
     where = Where(one_line(str(path), 300))
     text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.", curve_limit())
@@ -114,7 +127,7 @@ def read_frames(
 
 
 def _table(lines, where, header, units, convention, degrees, tangent):
-    """Rows of a CSV as (line, name, function that makes the clamp)."""
+    """Rows of a CSV as (line, name, constructor of the clamp)."""
     mark = next(m for m in ";\t," if m in lines[0][1])
     named = "name" in header or {"pose", "end"} <= set(header)
     known = {"name", "pose", "end", *_POSITION, *_QUATERNION, *_ANGLES}
@@ -160,7 +173,7 @@ def _numbers(row, names, mark):
 
 
 def _matrices(lines, where, header, units, convention, degrees, tangent):
-    """Matrices as (line, name, function that makes the clamp); a line that holds no number names the next one."""
+    """Matrices as (line, name, constructor of the clamp); a line without numbers is the name of the next matrix."""
     values: list[list[float]] = []
     name, begun, count = "", lines[0][0], 0
     for number, line in [*lines, (lines[-1][0], None)]:
@@ -183,7 +196,7 @@ def _matrices(lines, where, header, units, convention, degrees, tangent):
 
 
 def _row(line):
-    """The numbers of a line, or None where it holds anything else."""
+    """The numbers of a line, or None if it holds anything else."""
     cells = re.sub(r"[\[\](),;]", " ", line).split()
     if not cells:
         return None

@@ -1,7 +1,7 @@
-"""A new study from a folder of scans or centre curves: what the files say, and what only the person who measured knows.
+"""A new study from a folder of scans or centre curves, with the facts of the files and the user's answers.
 
-`measured_files` finds what was measured; `new_study` puts it together with the answers into a `Study` that `save_study` can
-write. Curves of other tools are converted (`curves`), scans in another unit are scaled. Whoever calls asks the questions.
+`measured_files` lists the measurements; `new_study` combines them with the answers into a `Study` that `save_study` can
+write. Curves of other tools are converted (`curves`), scans in another unit are scaled. The caller asks the questions.
 """
 
 import re
@@ -18,7 +18,7 @@ from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
 from scan2flex_jax.study.curves import arc_length
 from scan2flex_jax.study.files import backup, write_atomic
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Unknown, Value
+from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.scans import load_geometry
 from scan2flex_jax.study.sense import CURVE_SLACK, looks_like
@@ -26,7 +26,7 @@ from scan2flex_jax.study.sense import CURVE_SLACK, looks_like
 CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv")
 SCANS = (".ply", ".xyz", ".obj", ".stl", ".off", ".glb")
 GRAVITY = (0.0, 0.0, -9.81)
-_END = 0.05  # part of a curve whose parabola gives the direction at its end
+_END = 0.05  # part of a curve for the parabola that gives the direction at its end
 _UNTWISTED = "the clamps were taken from the ends of the curves, without twist: measure them, above all where an end is twisted"
 
 
@@ -41,7 +41,7 @@ class MeasuredFile:
 
 
 def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[MeasuredFile]:
-    """The poses in a folder, in the natural order of their names (pose-2 before pose-10); raises `Scan2FlexError`."""
+    """The poses in a folder, in natural order of their names (pose-2 before pose-10); raises `Scan2FlexError`."""
     folder = Path(folder)
     if not folder.is_dir():
         raise Scan2FlexError(f"{folder} is no folder: name the one that holds the scans or centre curves.")
@@ -82,12 +82,14 @@ def new_study(
     units: str | None = None,
     columns: str | None = None,
     validate: tuple[str, ...] = (),
+    tolerance: Tolerance | None = None,
 ) -> tuple[Study, tuple[str, ...]]:
-    """``(study, notes)``: a study that asks for both stiffnesses, ready for `save_study`.
+    """``(study, notes)``: a study with both stiffnesses unknown, ready for `save_study`.
 
-    ``length`` m, ``length_density`` kg/m, ``radius`` m (needed by scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
+    ``length`` m, ``length_density`` kg/m, ``radius`` m (needed for scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
     "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist. ``units`` and ``columns``
-    are those of the files. Raises `Scan2FlexError` for a name that no pose has, or what is still missing.
+    are those of the files; ``tolerance`` the standard deviations of inexact inputs. Raises `Scan2FlexError` for a name of no
+    pose, or a missing input.
     """
     folder, notes = Path(folder).resolve(), []
     names = [pose.name for pose in poses]
@@ -113,13 +115,14 @@ def new_study(
     cable: dict[str, Value] = {"length": length, "length_density": length_density}
     cable |= {} if radius is None else {"radius": radius}
     unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
-    return Study(title or folder.name, np.asarray(gravity, float), cable, tuple(made), unknowns=unknowns, folder=folder), tuple(
-        notes
-    )
+    known_nearly = Tolerance() if tolerance is None else tolerance
+    down = np.asarray(gravity, float)
+    study = Study(title or folder.name, down, cable, tuple(made), tolerance=known_nearly, unknowns=unknowns, folder=folder)
+    return study, tuple(notes)
 
 
 def _pose(folder, files, clamps, units, columns, role):
-    """One pose, and what was found or changed in its files."""
+    """One pose, and notes on its files."""
     curve, scan, notes = None, None, []
     if files.curve:
         found = read_foreign_curve(files.curve, units=units, columns=columns)
@@ -138,14 +141,14 @@ def _pose(folder, files, clamps, units, columns, role):
 
 
 def _same_unit(files, pose, length):
-    """Refuse a curve that is far longer than the cable: it was read in another unit than it was written in."""
+    """Refuse a curve far longer than the cable: it was read in the wrong unit."""
     if pose.curve is None:
         return
     long = arc_length(pose.curve.points)
     if long > CURVE_SLACK * length:
         unit = looks_like(long / length)
         hint = "" if unit is None else f" (it looks like {unit[0]})"
-        said = f"read so, the curve is {long:g} m long, but the cable is {length:g} m"
+        said = f"in this unit the curve is {long:g} m long, but the cable is {length:g} m"
         raise StudyError(files.curve, None, f"{said}: name the unit of the files{hint}, or correct the length.")
 
 
@@ -186,7 +189,7 @@ def _scan(folder, path, units):
 
 
 def clamps_of_curve(points: Annotated[np.ndarray, "n 3"]) -> tuple[Clamp, Clamp]:
-    """Clamps at the ends of a curve (m), along it; the end's frame is the start's, carried along without twist.
+    """Clamps at the ends of a curve (m), along it; the end's frame is the start's, transported without twist.
 
     Raises `Scan2FlexError` for a curve that turns back on itself.
     """
@@ -216,7 +219,7 @@ def _direction(points):
 
 
 def _frame_on(d3):
-    """A frame whose d3 is the given direction: d1 in the plane of d3 and the vertical, where that is one."""
+    """A frame with the given direction as d3: d1 in the plane of d3 and the vertical, if that is defined."""
     up = np.array([0.0, 0.0, 1.0]) if abs(d3[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     d1 = up - (up @ d3) * d3
     d1 /= np.linalg.norm(d1)

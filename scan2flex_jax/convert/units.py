@@ -1,4 +1,4 @@
-"""Units by name, for what comes from outside: a study itself is in SI units throughout."""
+"""Units by name, for inputs from outside: a study itself is in SI units throughout."""
 
 import math
 import re
@@ -18,6 +18,20 @@ def length_unit(name: str) -> float:
     if name not in LENGTHS:
         raise Scan2FlexError(f"the unit {name[:20]!r} is not known: use one of {', '.join(LENGTHS)}.")
     return LENGTHS[name]
+
+
+def measured(text: str, what: str) -> tuple[float, float]:
+    """A quantity and its standard deviation, from text such as ``302 +- 1 g`` or ``0.9 ± 0.001``; 0 if none is given.
+
+    A missing unit of one is that of the other. Raises `Scan2FlexError`.
+    """
+    value, mark, spread = text.replace("\u00b1", "+-").partition("+-")
+    if not mark:
+        return quantity(text, what), 0.0
+    found, own = _QUANTITY.fullmatch(value), _QUANTITY.fullmatch(spread)
+    first, second = (match[2] if match else "" for match in (found, own))
+    with_unit = [text if unit else f"{text} {other}" for text, unit, other in ((value, first, second), (spread, second, first))]
+    return quantity(with_unit[0], what), quantity(with_unit[1], what)
 
 
 def quantity(text: str, what: str) -> float:

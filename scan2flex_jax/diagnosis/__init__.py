@@ -4,5 +4,6 @@ from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.planning import Candidate, Plan, plan
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.run import explain
+from scan2flex_jax.diagnosis.settings import DiagnosisSettings
 
-__all__ = ["AheadCompiler", "Candidate", "Explanation", "Plan", "PoseChange", "Ranked", "explain", "plan"]
+__all__ = ["AheadCompiler", "Candidate", "DiagnosisSettings", "Explanation", "Plan", "PoseChange", "Ranked", "explain", "plan"]

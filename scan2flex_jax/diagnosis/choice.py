@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import confirm, verdict
+from scan2flex_jax.diagnosis import confirm
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.search import alike, pieces
 from scan2flex_jax.diagnosis.sensitivity import Component
@@ -27,9 +27,9 @@ def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
         return stage.base
     order = sorted(own, key=lambda r: -r.log_evidence)
     best, most = order[0], order[0].log_evidence
-    for other in (r for r in order[1:] if r.log_evidence > most - verdict.LEAD_NAMED):
+    for other in (r for r in order[1:] if r.log_evidence > most - stage.settings.lead_named):
         said = confirm.compared(stage, other, best)
-        simpler = size(other) < size(best) and other.log_evidence > best.log_evidence - verdict.LEAD_FAVOURED
+        simpler = size(other) < size(best) and other.log_evidence > best.log_evidence - stage.settings.lead_favoured
         if (said.better and not contains(other, best)) or (simpler and not said.worse):
             best = other
     if stage.bench.poses.count < _TELLING:
@@ -60,4 +60,5 @@ def numbers_of(component: Component) -> int:
 
 def of_one_size(stage, r: Refit) -> bool:
     """Whether each effect of a refit has one size in all poses, as far as sizes are estimated."""
-    return all((s := confirm.scatter(stage, r, k)) is None or s <= verdict.ONE_SIZE for k in range(len(r.components)))
+    sizes = (confirm.scatter(stage, r, k) for k in range(len(r.components)))
+    return all(s is None or s <= stage.settings.most_scatter for s in sizes)

@@ -14,10 +14,10 @@ from typing import get_args
 
 import numpy as np
 
-from scan2flex_jax.effects._span import POINTS, smooth_root
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile
 from scan2flex_jax.effects.distributed_load import DistributedLoad
 from scan2flex_jax.effects.entry import Varied
+from scan2flex_jax.geometry.fields import POINTS, smooth_root
 
 _AMPLITUDES = np.geomspace(0.05, 300.0, 28)  # of a times the largest d
 POSE_LOADS = "pose loads"  # can stand for contact and for much else: it describes, and takes no effect's place

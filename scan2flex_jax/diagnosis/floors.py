@@ -86,7 +86,7 @@ def _complement(of, found, as_it_stands=False):
     scatter = bench.scatter(found.components, found.vector, solved)
     given = found.shapes, bench.real, Numbers(bench, found.components), found.vector, ()
     rest = bench.context.length, of.stated, of.repeats, scatter, of.planes
-    return Complement(*given, *rest, free=not as_it_stands), scatter
+    return Complement(*given, *rest, free=not as_it_stands, alike=of.alike, scales=of.scales), scatter
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _ladder(of, law):
         n = law.noise
         noise = replace(n, white=max(finer * n.white, least), correlated=max(finer * n.correlated, least))
         prior = -0.5 * (np.log(smaller * b / usual) / SPREAD) ** 2
-        out.append(Law(noise, smaller * b, scatter, law.log_prior + prior, law.planes, law.most))
+        out.append(replace(law, noise=noise, curvature=smaller * b, scatter=scatter, log_prior=law.log_prior + prior))
     return out
 
 

@@ -15,9 +15,6 @@ from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.statics.solve import equilibrium
 
-OF_NOISE = 0.2  # mesh error over the noise of one component beyond which the mesh is refined
-MOST_ELEMENTS = 160
-
 
 def mesh_error(problem, minimum) -> np.ndarray:
     """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
@@ -41,6 +38,6 @@ def _doubled(c):
     return type(c)(r, R)
 
 
-def too_coarse(error: np.ndarray, noise: float, names) -> list[str]:
-    """The poses whose mesh error may be taken for physics, with that error in words."""
-    return [f"{n} ({1e3 * m:.2f} mm)" for n, m in zip(names, error, strict=True) if not m <= OF_NOISE * noise]
+def too_coarse(error: np.ndarray, most: float, names) -> list[str]:
+    """The poses whose mesh error exceeds ``most`` (m) and may be taken for physics, with that error in words."""
+    return [f"{n} ({1e3 * m:.2f} mm)" for n, m in zip(names, error, strict=True) if not m <= most]

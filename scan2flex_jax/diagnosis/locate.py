@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2flex_jax.diagnosis.families import DESCRIBED, best_amplitude
-from scan2flex_jax.effects._span import POINTS, smooth_root
+from scan2flex_jax.geometry.fields import POINTS, smooth_root
 
 
 @dataclass(frozen=True)

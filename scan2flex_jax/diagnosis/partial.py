@@ -21,7 +21,7 @@ from scan2flex_jax.fitting.least_squares import Progress
 
 SINGLES, WIDER, BESIDE = 5, 3, 3  # refits of single kinds and of sets that are taken over, and of each round
 _WORTH = 25.0  # nats of one step behind the best kind beyond which a refit cannot catch up
-_MOST, _STEPS = 3, 20  # effects, and steps of a refit
+_STEPS = 20  # of a refit
 _CERTAIN = 2.0  # standard errors of a gain in poses left out that does not need a lead in likelihood
 
 
@@ -46,7 +46,7 @@ def search(before: Found, progress: Progress) -> Found:
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
     found.best = best_of(stage, found.refits.values(), 1)
-    most = min(_MOST, (stage.bench.poses.count + 1) // 2)
+    most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
     while found.best.components and len(found.best.components) < most:
         wider = _wider(found, of, progress)
         if wider is None:
@@ -92,21 +92,21 @@ def _wider(found, of, progress) -> Refit | None:
     scores = floors.scores(of, best)
     table = scores.table(skip=best.kinds)
     order = sorted(table, key=lambda k: -table[k][0])[:BESIDE]
-    for kind in (k for k in order if table[k][0] > verdict.LEAD_FAVOURED):
+    for kind in (k for k in order if table[k][0] > stage.settings.lead_favoured):
         progress(f"refit with {' and '.join(best.kinds)} and {kind}")
         found.add([_refitted(found, best, scores, table[kind][1])])
     wider = best_of(stage, found.refits.values(), len(best.components) + 1)
     if wider is stage.base:
         return None
     said = confirm.compared(stage, wider, best)
-    likelier = wider.log_evidence > best.log_evidence + verdict.LEAD_NAMED
+    likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
     certain = said.gain > _CERTAIN * said.std and wider.log_evidence > best.log_evidence
-    return wider if said.better and said.ratio < verdict.MUCH and (likelier or certain) else None
+    return wider if said.better and said.ratio < stage.settings.most_left and (likelier or certain) else None
 
 
 def _judged(found: Found) -> Found:
     """Ties, the two questions (found? complete?) and the verdict."""
-    stage, best = found.stage, found.best
+    stage, best, settings = found.stage, found.best, found.stage.settings
     found.tied, found.lead, found.verdict = [best], verdict.TOO_LITTLE, verdict.UNEXPLAINED
     if not best.components:
         return found
@@ -115,13 +115,13 @@ def _judged(found: Found) -> Found:
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
     said = confirm.compared(stage, best, found.baseline)
     names = of_one_size(stage, best) and not pieces(best)
-    if best.log_evidence < verdict.LEAD_NAMED or not said.better or said.ratio > verdict.MUCH or not names:
+    if best.log_evidence < settings.lead_named or not said.better or said.ratio > settings.most_left or not names:
         return found
     found.tied = [best, *_rivals(found)]
     other = [r for r in found.refits.values() if not (set(r.kinds) <= set(best.kinds) or set(best.kinds) <= set(r.kinds))]
     leads = [r.log_evidence for r in other]
     lead = best.log_evidence - max(leads, default=-np.inf)
-    found.lead = verdict.NAMED if lead > verdict.LEAD_NAMED else verdict.FAVOURED
+    found.lead = verdict.NAMED if lead > settings.lead_named else verdict.FAVOURED
     if len(found.tied) > 1 or outside(best):
         found.lead, found.verdict = verdict.TIED, verdict.TIE
     else:
@@ -131,11 +131,11 @@ def _judged(found: Found) -> Found:
 
 def _rivals(found) -> list[Refit]:
     """The sets of as many effects that are as likely, or give the same shapes, and do not predict poses left out worse."""
-    best, out = found.best, []
+    best, settings, out = found.best, found.stage.settings, []
     for r in found.refits.values():
         if r is best or len(r.components) != len(best.components) or any(entry_of(k).field for k in r.kinds):
             continue
-        near = verdict.LEAD_NAMED if len(r.kinds) == 1 and alike(*r.kinds, *best.kinds) else verdict.LEAD_FAVOURED
+        near = settings.lead_named if len(r.kinds) == 1 and alike(*r.kinds, *best.kinds) else settings.lead_favoured
         said = confirm.compared(found.stage, r, best)
         contained = contains(r, best) and not said.better  # the simpler one of two that are nested stands
         if r.log_evidence > best.log_evidence - near and not said.worse and not contained:

@@ -88,9 +88,19 @@ class Plan:
 def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None) -> Plan:
     """Rank poses that could still be scanned by what they would settle.
 
-    ``candidates``: study poses (their curves, if any, play no part); left out, variations of the fitted ones: end clamp
-    twisted, both clamps rolled, clamps nearer to each other, end clamp aside. Rivals are the effects of the explanation's tie,
-    or the best two. Raises `Scan2FlexError` for an explanation that has no plain fit.
+    Args:
+        explanation: What `explain` found. Rivals are the effects of its tie, or the best two.
+        candidates: Study poses (their curves, if any, play no part); left out, variations of the fitted ones: end clamp
+            twisted, both clamps rolled, clamps nearer to each other, end clamp aside.
+
+    Returns:
+        The candidates, ranked, with what each would settle.
+
+    Raises:
+        Scan2FlexError: The explanation has no baseline fit.
+
+    Examples:
+        >>> print(plan(explain(study)).summary())  # doctest: +SKIP
     """
     found = explanation.search
     if found is None:

@@ -15,8 +15,8 @@ _WEAK = 3.0  # standard deviation of the logarithm of a base number about the pl
 class Prior:
     """Precision (0 = flat) of every number, its bounds, and the weak precision of base numbers about their ``centre``."""
 
-    def __init__(self, bench: Bench, components):
-        """From tolerances, sizes and ranges."""
+    def __init__(self, bench: Bench, components, wider: tuple[float, ...] = ()):
+        """From tolerances, sizes and ranges; ``wider``: per component the factor on the usual sizes of its amplitudes."""
         n = Numbers(bench, components)
         self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
         self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
@@ -30,7 +30,7 @@ class Prior:
         self.centre[: bench.layout.shared] = bench.minimum.shared
         for k, c in enumerate(components):
             at = n.amplitudes(k)
-            size = c.entry.size(bench.context)
+            size = c.entry.size(bench.context) * (wider[k] if wider else 1.0)
             self.precision[at] = 1.0 / size**2
             self.low[at], self.high[at] = c.entry.bounds(bench.context)
             self.frozen[at] = c.entry.inactive(c.site)

@@ -24,12 +24,14 @@ from scan2flex_jax.effects.entry import Context
 from scan2flex_jax.fitting.noise import Noise
 
 _MOST = 14  # iterations: a refit begins at the one-step estimate
+_MOST_FREED = 25  # iterations of one whose sizes are freed: it may go far
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
 _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
 _TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
 _PATIENCE = 3  # steps in a row that promise too little
 _STRONG, _SHARE = 5.0, 0.3  # times the noise: a residual far above it; its share that is the noise of plain distances
+_FREE = 100.0  # times the usual size of an effect: standard deviation of the prior of one that exceeds that size
 _WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
 
 
@@ -39,7 +41,8 @@ class Refit:
 
     ``log_evidence`` (nats): over the base model, the plain rod with the same noise; 0 for the base itself, NaN until a refit
     was compared with its base (`over`). ``log_marginal``: the logarithm of the marginal likelihood under the
-    ``law`` of the residual and of the prior of that law's sizes, up to a constant that all models share.
+    ``law`` of the residual and of the prior of that law's sizes, up to a constant that all models share. ``wider``: factors on
+    the usual sizes of the effects in their prior (`freed`); none for that of the evidence.
     """
 
     components: tuple[Component, ...]
@@ -52,6 +55,7 @@ class Refit:
     converged: bool
     law: Law
     log_evidence: float
+    wider: tuple[float, ...] = ()
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -90,6 +94,25 @@ def again(bench: Bench, before: Refit, law: Law, least: float = np.inf, most: in
     """A refit anew under another law of the residual, from where it ended before."""
     n, prior = Numbers(bench, before.components), Prior(bench, before.components)
     return _descend(bench, before.components, n, prior, law, before.vector, configurations(before.shapes), most, least)
+
+
+def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
+    """The refit with a wide prior of the effects that exceed their usual size: the numbers that the data give.
+
+    Loads and stiffnesses that change by one factor give the same shapes, but for the known weight of the cable. Under the law
+    of a discrepancy that weight decides little, and the prior of a strong load would draw the stiffnesses with it. The
+    evidence stays that of the usual sizes.
+    """
+    size = [found.amplitudes(bench, k) / c.entry.size(bench.context) for k, c in enumerate(found.components)]
+    wider = tuple(_FREE if np.sqrt(np.mean(a**2)) > 1.0 else 1.0 for a in size)
+    if not any(t > 1.0 for t in wider) or not np.isfinite(found.cost):
+        return found
+    n, prior = Numbers(bench, found.components), Prior(bench, found.components, wider)
+    start = configurations(found.shapes)
+    end = _descend(bench, found.components, n, prior, found.law, found.vector, start, most, np.inf)
+    if not np.isfinite(end.cost):
+        return found
+    return replace(end, log_marginal=found.log_marginal, log_evidence=found.log_evidence, wider=wider)
 
 
 def _other_starts(bench, found):

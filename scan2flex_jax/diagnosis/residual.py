@@ -37,6 +37,7 @@ _RANK = 24  # directions of all signatures together that are kept out of the noi
 _KNOTS = 25  # of the residual that repeated scans of a pose share
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
 _STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
+_PRIOR_ROWS = 10.0  # rows of unit variance that draw the noise of a pose to that of all
 _OPEN = 1e-7  # of a unit column: a base number that no pose feels
 
 
@@ -48,6 +49,7 @@ class Law:
     residual along (`fitting.discrepancy`); without them there is none. ``log_prior`` (nats): the prior density of the sizes.
     ``planes``: 1 where the poses were measured in one plane, and a residual across it is zero by construction.
     ``most``: points of a pose that count, evenly along it, as many as the sizes were estimated from; 0 for all.
+    ``scales``: standard deviation of the sensor's noise in each pose over that of ``noise``; none where all poses are alike.
     """
 
     noise: Noise
@@ -56,16 +58,18 @@ class Law:
     log_prior: float = 0.0
     planes: int = NORMALS
     most: int = 0
+    scales: tuple[float, ...] = ()
 
     def of_pose(self, i: int, shape, keep) -> "Metric":
         """The metric of pose ``i``, of whose points ``keep`` are real."""
         pick = thinned(shape.s[keep], self.most) if self.most else np.arange(int(np.sum(keep)))
         keep = np.flatnonzero(keep)[pick]
         marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
-        factor = linalg.cholesky(self.noise.covariance(shape.s[keep]), lower=True)
+        scale = self.scales[i] if self.scales else 1.0
+        factor = scale * linalg.cholesky(self.noise.covariance(shape.s[keep]), lower=True)
         along = np.zeros((0, 0))
         if len(marks):
-            C = self.noise.covariance(shape.s[keep][marks])
+            C = scale**2 * self.noise.covariance(shape.s[keep][marks])
             if self.curvature:
                 C = C + np.diag(foreshortening(self.curvature, self.scatter[i][keep], shape.s[keep])[marks] ** 2)
             along = linalg.cholesky(C, lower=True)
@@ -225,20 +229,37 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
     return X @ (vectors[:, keep] / np.sqrt(values[keep]))
 
 
+def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
+    """Standard deviation of the noise in each pose over that of all, from white residuals with the model's numbers and the
+    directions ``signatures`` (per pose (m, 2, K)) of all effects taken out; drawn to one as by `_PRIOR_ROWS` rows of unit
+    variance.
+
+    A scan that sees a cable from one side only errs several times as much as one from three sides.
+    """
+    Z = np.zeros((len(white.r), signatures[0].shape[-1]))
+    for rows, metric, own in zip(white.rows, white.metrics, signatures, strict=True):
+        Z[rows] = metric.white(_three(own))
+    Q = orthonormal(np.column_stack([white.J, Z]))
+    y = white.r - Q @ (Q.T @ white.r)
+    free = np.array([len(rows) - np.sum(Q[rows] ** 2) for rows in white.rows])
+    squares = np.array([np.sum(y[rows] ** 2) for rows in white.rows])
+    return tuple(float(v) for v in np.sqrt((squares + _PRIOR_ROWS) / (free + _PRIOR_ROWS)))
+
+
 class Complement:
     """Restricted likelihood of the noise in the complement of the model's numbers (under their priors) and signatures.
 
     ``signatures`` (per pose (m, 2, K)) are directions that carry them; none for the noise beside one model alone. Poses that
     were scanned again (``repeats``, groups of indices) share a residual of any shape, of which only their differences are
-    noise. ``scatter``: per pose the columns of its discrepancy. Long curves are thinned first.
+    noise. ``scatter``: per pose the columns of its discrepancy; ``scales``: those of a `Law`. Long curves are thinned first.
     """
 
     def __init__(
         self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True,
-        alike=0.0,
+        alike=0.0, scales=(),
     ):
         """Thinned curves and columns, each with where its columns stand; the model's own only where it is ``free``."""
-        self.length, self.stated, self.planes, self.alike, self.poses = length, stated, planes, alike, []
+        self.length, self.stated, self.planes, self.alike, self.scales, self.poses = length, stated, planes, alike, scales, []
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
@@ -254,6 +275,7 @@ class Complement:
             Z = scatter[i][keep] if len(scatter) else None
             marked = None if shape.marked is None or signatures else np.asarray(shape.marked)[keep] > 0
             pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked).thinned(_FEWER if len(scatter) else _MOST)
+            pose = pose.over(scales[i]) if len(scales) else pose
             self.poses.append(pose.in_plane() if planes == 1 else pose)
         self.precision, self.pull = np.zeros(columns), np.zeros(columns)
         known = numbers.nearly_known
@@ -275,7 +297,7 @@ class Complement:
         u = np.log([found.white, found.correlated, found.correlation_length])
         prior = self._prior(u, found) + (0.0 if self.stated else too_large(found, self.length))
         prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
-        return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER)
+        return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
 
     def gain(self, noise: Noise, usual: float) -> float:
         """Nats that a discrepancy gains beside the most likely noise."""

@@ -1,15 +1,20 @@
 """What `explain` returns: the verdict in words, the format's JSON, and the study with the effect declared."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from scan2flex_jax.diagnosis.answer import answer_of
+from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
+from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
-from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.influence import Influence
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import Estimate, Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -117,11 +122,12 @@ class Explanation:
     description: Ranked | None = None
     search: Found | None = field(repr=False, default=None)
     mistakes: tuple[Mistake, ...] = ()
+    settings: DiagnosisSettings = USUAL
 
     @property
     def significant(self) -> bool:
-        """Whether the plain rod leaves more than noise, at the 5 % level."""
-        return bool(self.p_value <= 0.05)
+        """Whether the plain rod leaves more than noise, at the level of the settings."""
+        return bool(self.p_value <= self.settings.level)
 
     def rms(self, role: str = "fit", after: bool = True) -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN where there are none."""
@@ -143,6 +149,21 @@ class Explanation:
             return {}
         known = {n: e for n, e in self.estimates.items() if e.std is not None and np.all(np.asarray(e.std) > 0)}
         return {n: (np.asarray(e.value) - np.asarray(self.fit.estimates[n].value)) / e.std for n, e in known.items()}
+
+    @cached_property
+    def influence(self) -> Influence | None:
+        """What the estimates rest on beside the added effects, to first order; None where nothing was solved.
+
+        Solves the poses twice more, when it is first asked for.
+        """
+        if self.search is None:
+            return None
+        return influence_of_refit(self.search.stage, self.search.best if self.added else self.search.stage.base)
+
+    @property
+    def answer(self) -> Answer:
+        """What the summary opens with: estimates, what they rest on, the error on unseen poses, whether to believe it."""
+        return answer_of(self)
 
     def to_json(self) -> dict:
         """The format's result object; its log evidences are over the plain rod, in nats."""
@@ -167,6 +188,7 @@ class Explanation:
             "after": self._errors(True) | {"estimates": after, "shift_in_std": _plain(self.shifts())},
             "families": {k: float(v) for k, v in self.families.items()},
             "gates": _plain(self.gates),
+            "settings": self.settings.to_json(),
             "equivalent_load": self.load.to_json(),
             **({} if self.description is None else {"description": self.description.to_json()}),
             "settle": list(self.settle),
@@ -196,39 +218,58 @@ class Explanation:
         return r.verdict
 
     def summary(self) -> str:
-        """The explanation in plain text, about one page."""
-        lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences)]
+        """The explanation in plain text, about one page: the answer, what was found, and every estimate and pose."""
+        lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences if self.mistakes)]
+        lines += [*self.answer.lines(), ""]
+        lines += [f"  {s}" for s in self.sentences if not self.mistakes]
         if self.noise is None or self.fit is None:
             return "\n".join(lines)
+        lines += [""] * bool(self.added) + [f"  {_effect_line(r, self.fit.study)}" for r in self.added]
         lines += ["", "  kind                      log evidence   verdict"] if self.concluded else []
         for r in self.ranking[:8] if self.concluded else ():
             tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
             lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
-        lines += [""] + [f"  {_effect_line(r)}" for r in self.added] + [""] * bool(self.added)
-        shifts = self.shifts()
-        for name, e in self.estimates.items():
-            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
-            lines += [f"  {name:<24} before  {in_words(self.fit.estimates[name])}", f"  {'':<24} after   {in_words(e)}{shift}"]
-        lines += ["", "  pose                 role       before mm   after mm   left out: before, after mm"]
-        lines += [_pose_line(n, p) for n, p in self.poses.items()]
+        lines += ["", *self._estimate_lines(), "", *self._pose_lines()]
         n = self.noise
         lines.append(f"\n  noise {1e3 * np.sqrt(2) * n.total:.3f} mm RMS (white {1e3 * n.white:.3f}, correlated "
                      f"{1e3 * n.correlated:.3f} over {1e3 * n.correlation_length:.0f} mm, per normal)")  # fmt: skip
         return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
 
+    def _estimate_lines(self):
+        shifts, before = self.shifts(), {} if self.fit is None else self.fit.estimates
+        for name, e in self.estimates.items():
+            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
+            yield f"  {name:<24} before  {in_words(before[name])}"
+            yield f"  {'':<24} after   {in_words(e)}{shift}"
 
-def signature_of(kind: str) -> str:
-    """What a kind looks like, in plain words."""
-    return entry_of(kind).signature
+    def _pose_lines(self):
+        moved = {name: moved_in_words(self.influence, name) for name in self.poses}
+        beside = "   without it" if any(moved.values()) else ""
+        yield f"  pose                 role       before mm   after mm   left out: before, after mm{beside}"
+        yield from (f"{_pose_line(n, p)}   {moved[n]}".rstrip() for n, p in self.poses.items())
 
 
-def _effect_line(r):
+_TELLING = 10.0  # times the parameter: a standard error beyond it says that nothing is known, and no more
+
+
+def parameter_in_words(study: Study, kind: str, name: str, value, std=None) -> str:
+    """A parameter with its standard error and unit; by its change where the value says nothing: of a length the one that the
+    ``study`` states, of a factor 1."""
+    if isinstance(value, str):
+        return value
+    known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))
+    stated, unit = study.known("length"), kind_format(kind).parameter(name).unit if kind in kind_names() else "-"
+    if name == "length" and stated is not None:
+        error = f" (+- {1e3 * float(std):.2g} mm)" if known else ""
+        return change_in_words(float(value), float(np.max(stated))) + error
+    if (name, unit) == ("factor", "-") and np.ndim(value) == 0:
+        return percent(float(value) - 1.0) + (f" +- {100 * float(std):.2g} %" if known else "")
+    return f"{_shown(value)}{f' +- {_shown(std)}' if known else ''}{'' if unit == '-' else ' ' + unit}"
+
+
+def _effect_line(r, study):
     """``point_mass: position 0.42 +- 0.01 m, mass 0.05 +- 0.002 kg``."""
-    said = []
-    for name, value in r.parameters.items():
-        std = f" +- {_shown(r.std[name])}" if name in r.std and np.all(np.isfinite(r.std[name])) else ""
-        unit = kind_format(r.kind).parameter(name).unit if r.kind in kind_names() else "-"
-        said.append(f"{name} {_shown(value)}{std}{'' if unit == '-' else ' ' + unit}")
+    said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in r.parameters.items()]
     return f"{r.kind}: {', '.join(said)}"
 
 

@@ -11,8 +11,10 @@ from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, rep
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.evidence import one_step
+from scan2flex_jax.diagnosis.refit import freed
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Bench
+from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.slots import empty_slots_of
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting import Fit
@@ -24,10 +26,6 @@ from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
-_ALIKE = 0.01  # of the radius: by what the axis of a scan errs alike along a pose (`benchmarks.scan_alarms`)
-_LIKELY = 8.0  # nats behind the likeliest model: one whose estimates count where nothing was found
-_AS_NEAR = 4.0  # times the squares of the best model: one that comes as near, from a single pose
-_SCATTER = 5.0  # nats that a discrepancy gains beside effects that leave no structure
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
@@ -40,13 +38,30 @@ def explain(
     seed: int = 0,
     mesh: bool = True,
     ahead: AheadCompiler | None = None,
+    settings: DiagnosisSettings = USUAL,
 ) -> Explanation:
-    """What physics the plain rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
+    """Physics that the baseline rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
 
-    ``progress`` is called with a line of text now and then; ``seed`` draws the noise of the test; ``mesh`` False leaves out
-    the gate that refines the mesh. ``ahead`` compiles the search in a thread beside the plain fit; without it no thread is
-    started. Poses that cannot be solved give the verdict "not in equilibrium", never an exception; a study whose input is
-    likely mistaken (``Fit.mistakes``) is "unexplained", and no physics is looked for.
+    Args:
+        study: One cable; six poses or more, some of them not plane, tell effects apart.
+        elements: Elements of the rod to begin with.
+        progress: Called with a line of text now and then.
+        seed: Draws the noise of the test.
+        mesh: False leaves out the gate that refines the mesh.
+        ahead: Compiles the search in a thread beside the baseline fit; without it no thread is started.
+        settings: Thresholds of the verdict, of intervals and of the mesh.
+
+    Returns:
+        Verdict, ranking, estimates before and after, and the study with the effects declared. Poses that cannot be solved
+        give the verdict "not in equilibrium", never an exception; a study whose input is likely mistaken (``Fit.mistakes``)
+        is "unexplained", and no physics is looked for.
+
+    Raises:
+        Scan2FlexError: The study cannot be fitted at all.
+
+    Examples:
+        >>> explain(load_study("my-cable")).verdict  # doctest: +SKIP
+        'explained'
     """
     check_study(study)
     began, say = time.perf_counter(), progress or silent
@@ -55,12 +70,13 @@ def explain(
         make_room()
     try:
         study = _on_axes(study, elements, say)
-        base = _base(study, elements, say, seed, mesh, ahead, scanned)
+        base = _base(study, elements, say, seed, mesh, ahead, scanned, settings)
         if isinstance(base, Fit):
-            return _mistaken(base, began)
+            return _mistaken(base, began, settings)
     except NotSettledError as fault:
         seconds = time.perf_counter() - began
-        return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=(str(fault),), seconds=seconds)
+        said = (str(fault),)
+        return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=said, seconds=seconds, settings=settings)
     found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
         left = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
@@ -80,6 +96,7 @@ def explain(
             found.best, found.after = simplest, stage.test_after(found.stage, simplest)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
+    _free(found, say)
     warnings: tuple[str, ...] = ()
     if base.coarse:
         warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
@@ -102,7 +119,8 @@ class _Base:
 
 
 def _base(
-    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool
+    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
+    settings: DiagnosisSettings = USUAL,
 ) -> _Base | Fit:
     """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
 
@@ -121,17 +139,29 @@ def _base(
         study = fitted.problem.study  # with the turns that the shapes tell
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
-        alike = _ALIKE * bench.context.radius_or_guess if scanned else 0.0
-        signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed, alike)
+        alike = settings.scan_alike * bench.context.radius_or_guess if scanned else 0.0
+        signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed, alike, settings)
         first = stage.stage_of(signatures, beside)
         if not mesh:
             return _Base(fitted, signatures, first, {"elements": elements}, [])
         error = gates.mesh_error(fitted.problem, fitted.minimum)
-        coarse = gates.too_coarse(error, first.noise.total, names)
-        if not coarse or elements >= gates.MOST_ELEMENTS:
+        coarse = gates.too_coarse(error, settings.mesh_share * first.noise.total, names)
+        if not coarse or elements >= settings.most_elements:
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _free(found: search.Found, say: Progress) -> None:
+    """The models on which the answer rests are freed of the usual sizes of their effects, where those are exceeded."""
+    models = {id(r): r for r in (found.best, *found.tied, *_likely(found)) if r.components}
+    if not models or found.verdict == verdict.UNSOLVED:
+        return
+    say("estimates")
+    free = {key: freed(found.stage.bench, r) for key, r in models.items()}
+    found.best = free.get(id(found.best), found.best)
+    found.tied = [free.get(id(r), r) for r in found.tied]
+    found.refits = {kinds: free.get(id(r), r) for kinds, r in found.refits.items()}
 
 
 def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
@@ -139,15 +169,16 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
 
     What one pose has of its own is the effect that is sought.
     """
-    return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > _SCATTER
+    return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
 
 
-def _mistaken(fitted: Fit, began: float) -> Explanation:
+def _mistaken(fitted: Fit, began: float, settings: DiagnosisSettings) -> Explanation:
     """What is said of a study whose input is likely mistaken: no physics is looked for."""
     said = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
     seconds = time.perf_counter() - began
     return Explanation(
-        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes
+        study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes,
+        settings=settings,
     )
 
 
@@ -223,6 +254,7 @@ def _explanation(base, found, warnings, began):
         pose_loads=tuple(locate.pose_loads(found.stage)),
         description=description,
         search=found,
+        settings=found.stage.settings,
     )
 
 
@@ -233,7 +265,7 @@ def _refitted(found):
     if found.verdict != verdict.UNEXPLAINED or not found.best.components:
         return found.stage.base
     if found.stage.bench.poses.count < 2:  # no pose can be left out
-        return found.best if found.best.log_evidence > verdict.LEAD_NAMED else found.stage.base
+        return found.best if found.best.log_evidence > found.stage.settings.lead_named else found.stage.base
     return found.best if confirm.compared(found.stage, found.best, found.baseline).better else found.stage.base
 
 
@@ -244,10 +276,11 @@ def _likely(found):
     if found.verdict != verdict.UNEXPLAINED:
         return [found.stage.base]
     if _alike(found):
-        return [r for r in found.refits.values() if r.chi2 < _AS_NEAR * found.best.chi2]
+        return [r for r in found.refits.values() if r.chi2 < found.stage.settings.near * found.best.chi2]
     most = max((r.log_evidence for r in found.refits.values()), default=0.0)
-    near = [r for r in found.refits.values() if r.log_evidence > most - _LIKELY]
-    return [*near, found.baseline] if most < _LIKELY or not near else near
+    likely = found.stage.settings.likely
+    near = [r for r in found.refits.values() if r.log_evidence > most - likely]
+    return [*near, found.baseline] if most < likely or not near else near
 
 
 def _alike(found):
@@ -311,6 +344,6 @@ def _judged(kind, best, tie_kinds, found, value):
             return verdict.TIED, (*(k for k in dict.fromkeys(tie_kinds) if k != kind), *beyond)
         return found.lead, ()
     if kind not in found.table:  # a field, of which some part can be seen in any poses
-        return verdict.of_kind(value, np.inf), ()
+        return verdict.of_kind(value, np.inf, found.stage.settings), ()
     group = found.stage.groups[found.table[kind][1]]
-    return verdict.of_kind(value, float(np.linalg.norm(group.X, axis=0).max())), ()
+    return verdict.of_kind(value, float(np.linalg.norm(group.X, axis=0).max()), found.stage.settings), ()

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-DRAWS = 400
 _BLIND = 1e-3  # whitened length, beyond the base, of one physical size: below it these poses cannot see the group
 _FLAT = 1e-3  # singular value of a group's unit columns, over the largest, that counts as no direction
 

@@ -22,11 +22,9 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
-MOST_EFFECTS = 3
 _EXCHANGED = 2  # effects of the sets in which each is exchanged for others
 _ELSEWHERE = 0.05  # of the length: nearer places are the refit's to find
 _WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
-_SCATTERED = 30.0  # nats that a discrepancy of each pose gains beside the best pair
 _STRONG = 500.0  # nats of one-step evidence from which on one step says little: then the order of kinds is open
 
 
@@ -84,27 +82,28 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     progress("test")
     values, amplitudes, table = one_step(stage)
     found = Found(stage, test(stage), values, amplitudes, table, stage.base, tied=[stage.base])
-    if found.test.p_value > verdict.ALARM:
+    if found.test.p_value > stage.settings.level:
         return found
     found.add(refit_singles(stage, found, progress))
     found.best = found.widest(1) or stage.base
     found.after = test_after(stage, found.best)
-    if found.after.p_value <= verdict.ALARM and (more := refit_more_singles(stage, found, progress)):
+    if found.after.p_value <= stage.settings.level and (more := refit_more_singles(stage, found, progress)):
         found.add(more)
         found.best = found.widest(1) or stage.base
         found.after = test_after(stage, found.best)
-    most = min(MOST_EFFECTS, (stage.bench.poses.count + 1) // 2)
-    while found.after.p_value <= verdict.ALARM and len(found.best.kinds) < most:
+    most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
+    while found.after.p_value <= stage.settings.level and len(found.best.kinds) < most:
         count = len(found.best.kinds) + 1
         if count == 2 and found.widest(2) is None:  # once: the scores that propose pairs do not change
             found.add(refit_pairs(stage, found.values, progress))
         settled = {kinds for kinds, r in found.refits.items() if r.converged}
         found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress, settled=settled))
         wider = found.widest(count)
-        if count == 2 and wider is not None and floors.gain_of_discrepancy(stage.of, wider, stage.noise) > _SCATTERED:
-            found.scattered = True  # no set of effects brings the poses down to the sensor's noise: `partial` goes on
+        if count == 2 and wider is not None:  # beyond it no set of effects brings the poses down to the sensor's noise
+            found.scattered = floors.gain_of_discrepancy(stage.of, wider, stage.noise) > stage.settings.scattered
+        if found.scattered:  # `partial` goes on
             break
-        if wider is None or wider.log_evidence <= found.best.log_evidence + verdict.LEAD_FAVOURED:
+        if wider is None or wider.log_evidence <= found.best.log_evidence + stage.settings.lead_favoured:
             break
         needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # what is left of it where it is not needed
         if needed is None or needed is found.best:
@@ -113,9 +112,9 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     if found.scattered:
         found.verdict = verdict.UNEXPLAINED
         return found
-    rivals = _needed(_of_one_size(stage, found))
+    rivals = _needed(stage, _of_one_size(stage, found))
     candidates = [verdict.Candidate(r.kinds, r.log_evidence, r.chi2, same_shapes(r), outside(r), pieces(r)) for r in rivals]
-    found.tied = [rivals[i] for i in verdict.ties(candidates)]
+    found.tied = [rivals[i] for i in verdict.ties(candidates, stage.settings)]
     first = found.tied[0]
     if first is not found.best and len(first.kinds) == len(found.best.kinds):
         found.best, found.after = first, test_after(stage, first)
@@ -123,8 +122,9 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     found.constancy, found.unseen = confirm.constancy(stage, found.best), confirm.unseen(stage, found.best)
     fields = {f.name: float(f.gain(stage.y[:, None])[0]) for f in stage.families if f.name != POSE_LOADS}
     found.field = max(fields.items(), key=lambda item: item[1])
-    found.lead = verdict.leading(candidates, found.field[1])
-    found.verdict = verdict.whole(found.test, found.after, candidates, found.constancy, found.field[1], found.unseen)
+    found.lead = verdict.leading(candidates, found.field[1], stage.settings)
+    left = found.constancy, found.field[1], found.unseen
+    found.verdict = verdict.whole(found.test, found.after, candidates, *left, settings=stage.settings)
     return found
 
 
@@ -132,16 +132,16 @@ def _of_one_size(stage, found) -> list[Refit]:
     """The refits without those near the best whose size would have to differ between the poses, when others need not."""
     rivals = list(found.refits.values())
     best = max(r.log_evidence for r in rivals)
-    near = [r for r in rivals if r.log_evidence > best - verdict.LEAD_NAMED]
-    unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), len(r.kinds))]
+    near = [r for r in rivals if r.log_evidence > best - stage.settings.lead_named]
+    unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), len(r.kinds), stage.settings)]
     return [r for r in rivals if r not in unlike] if len(unlike) < len(near) else rivals
 
 
-def _needed(rivals: list[Refit]) -> list[Refit]:
+def _needed(stage, rivals: list[Refit]) -> list[Refit]:
     """The refits without sets of which a part is as likely: the rest of such a set is not needed."""
 
     def spare(r, part):
-        return set(part.kinds) < set(r.kinds) and part.log_evidence > r.log_evidence - verdict.LEAD_FAVOURED
+        return set(part.kinds) < set(r.kinds) and part.log_evidence > r.log_evidence - stage.settings.lead_favoured
 
     return [r for r in rivals if not any(spare(r, part) for part in rivals)]
 
@@ -152,7 +152,7 @@ def _settled(stage, found, wider, progress) -> Refit | None:
     while True:
         for dropped in range(len(wider.kinds)):
             rest = _without(stage, found, wider, dropped, progress)
-            if rest.log_evidence > wider.log_evidence - verdict.LEAD_FAVOURED:
+            if rest.log_evidence > wider.log_evidence - stage.settings.lead_favoured:
                 return None
             if len(wider.kinds) == _EXCHANGED and frozenset(rest.kinds) not in tried:
                 tried.add(frozenset(rest.kinds))
@@ -270,7 +270,7 @@ def pieces(found: Refit) -> bool:
 def field_beside(found: Found) -> tuple[str, ...]:
     """The field that is nearly as likely as the best kinds, in words; it may be what they are only part of."""
     name, evidence_ = found.field
-    return (f"field of {name}",) if evidence_ > found.best.log_evidence - verdict.LEAD_FAVOURED else ()
+    return (f"field of {name}",) if evidence_ > found.best.log_evidence - found.stage.settings.lead_favoured else ()
 
 
 def outside(found: Refit) -> tuple[str, ...]:

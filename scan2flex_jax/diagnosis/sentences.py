@@ -79,24 +79,21 @@ def if_fine(found):
 
 def _not_enough(found):
     """Why the likeliest kinds do not explain the shapes."""
-    names, said = " and ".join(found.best.kinds), []
+    names, settings, said = " and ".join(found.best.kinds), found.stage.settings, []
     if not names:
         return ()
-    if found.best.log_evidence < verdict.LEAD_NAMED:
+    if found.best.log_evidence < settings.lead_named:
         said.append(f"leads by {found.best.log_evidence:.1f} nats, too little")
     against = confirm.compared(found.stage, found.best, found.baseline)
     if found.stage.bench.poses.count < 2:
         said.append("cannot be tried on a pose left out, as there is one only")
     elif against.ratio >= 1.0:
         said.append("predicts poses left out no better than the plain rod")
-    elif against.ratio > verdict.MUCH or not against.better:
+    elif against.ratio > settings.most_left or not against.better:
         said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
-    said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in found.scatter.items() if _differs(v)]
+    differ = {k: v for k, v in found.scatter.items() if v is not None and v > settings.most_scatter}
+    said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in differ.items()]
     return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
-
-
-def _differs(scatter):
-    return scatter is not None and scatter > verdict.ONE_SIZE
 
 
 def left_out(poses, chosen):

@@ -1,13 +1,23 @@
 """What every score rests on: signatures, the noise beside them, the base in the metric of that noise, and the global test."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scan2flex_jax.diagnosis import evidence, families, score
 from scan2flex_jax.diagnosis.refit import Refit, refit
-from scan2flex_jax.diagnosis.residual import Complement, Law, Whitened, noise_like, orthonormal, signature_basis, whiten
+from scan2flex_jax.diagnosis.residual import (
+    Complement,
+    Law,
+    Whitened,
+    noise_like,
+    orthonormal,
+    scales_of_poses,
+    signature_basis,
+    whiten,
+)
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers, all_components
+from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.fitting.discrepancy import planes_of
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.study.model import Study
@@ -45,6 +55,11 @@ class Stage:
         """The sensor's."""
         return self.law.noise
 
+    @property
+    def settings(self) -> DiagnosisSettings:
+        """What counts as missing and as found."""
+        return self.of.settings
+
 
 @dataclass
 class Signatures:
@@ -62,19 +77,22 @@ class Signatures:
     repeats: tuple[list[int], ...]
     planes: int
     alike: float = 0.0
+    scales: tuple[float, ...] = ()
+    settings: DiagnosisSettings = USUAL
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of some model, beside its own columns and all signatures."""
         bench = self.bench
         rest = (self.parts, bench.context.length, self.stated, self.repeats)
-        return Complement(found_shapes, bench.real, numbers, vector, *rest, alike=self.alike)
+        return Complement(found_shapes, bench.real, numbers, vector, *rest, alike=self.alike, scales=self.scales)
 
 
 def signatures(
-    bench: Bench, minimum, stated: float | None, seed: int = 0, alike: float = 0.0
+    bench: Bench, minimum, stated: float | None, seed: int = 0, alike: float = 0.0,
+    settings: DiagnosisSettings = USUAL,
 ) -> tuple[Signatures, Complement]:
     """Signatures at the plain fit, and the likelihood of the noise there; ``stated`` and ``alike`` (m) are parts of it that
-    are known (`fitting.noise`)."""
+    are known (`fitting.noise`). With an ``alike`` part, that of scans, poses have noises of their own size."""
     vector = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
     components = all_components(bench.context)
     start = minimum.evaluation.configuration
@@ -90,7 +108,13 @@ def signatures(
     parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
     repeats = repeated(bench.problem.study)
     planes = planes_of(bench.context.points, bench.context.gravity)
-    found = Signatures(bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike)
+    given = bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike
+    found = Signatures(*given, settings=settings)
+    beside = found.complement(shapes, numbers, vector)
+    if not alike:
+        return found, beside
+    white = whiten(shapes, bench.real, numbers, vector, Law(beside.estimate))
+    found = replace(found, scales=scales_of_poses(white, parts))
     return found, found.complement(shapes, numbers, vector)
 
 
@@ -103,10 +127,11 @@ def repeated(study: Study) -> tuple[list[int], ...]:
 
 def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
     """The base refitted in the metric of the noise, and the groups beyond it; ``known`` refits are begun from."""
-    noise, law = complement.estimate, Law(complement.estimate)
+    noise = complement.estimate
+    law = Law(noise, scales=of.scales)
     base = refit(of.bench, (), law, of.vector, most=6)
     rng = np.random.default_rng(of.seed)
-    drawn = [Law(noise) for noise in complement.draws(noise, NOISE_LAWS, rng)]
+    drawn = [replace(law, noise=other) for other in complement.draws(noise, NOISE_LAWS, rng)]
     bench = of.bench
     white = whiten(base.shapes, bench.real, Numbers(bench, ()), base.vector, law)
     S, Q = -white.stack(of.columns), white.base
@@ -114,7 +139,7 @@ def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
         score.group_of(k, S[:, of.owner == k], c.entry.size(bench.context), Q, c.entry.one_sided)
         for k, c in enumerate(of.components)
     ]
-    draws = noise_like(white, base.shapes, [law, *drawn], score.DRAWS, rng)
+    draws = noise_like(white, base.shapes, [law, *drawn], of.settings.draws, rng)
     found = families.families(white, of.fields, S, of.owner, of.components, Q)
     y, draws = (x - Q @ (Q.T @ x) for x in (white.r, draws))
     return Stage(bench, law, base, of.components, groups, found, of.fields, white, draws, y, Q, known or {}, of)

@@ -1,10 +1,11 @@
-"""From evidence to words: what may be named, what is tied, what these poses cannot see.
+"""From evidence to words: what may be named, what is tied, what these poses cannot see (thresholds: `settings`).
 
-Evidence is in nats over the base model. A lead of five names a kind, three favours it, less is a tie (the thresholds of the
-method's prototype, where 13 of 14 wrong first places led by less than three).
+Evidence is in nats over the base model.
 """
 
 from dataclasses import dataclass
+
+from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 
 NAMED, FAVOURED, TIED, TOO_LITTLE, ABSENT, INCONCLUSIVE = (
     "named", "favoured", "tied", "too little", "absent", "inconclusive",
@@ -13,15 +14,8 @@ NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (
     "no missing effect", "explained", "partly explained", "tied", "unexplained", "not in equilibrium",
 )  # fmt: skip
 FOUND = (EXPLAINED, PARTLY, TIE)
-ALARM = 0.05  # level of the tests of the plain rod and of what is left beside an effect
-_ONE_SIZE = 0.02  # that of one effect having one size in all poses; several, which are sought longer, are tested at ALARM
-LEAD_NAMED, LEAD_FAVOURED = 5.0, 3.0
-FIELD_LEADS = 20.0  # nats by which a field must be likelier than the best kinds to stand in for them
-WORSE = 2.0  # times the plain rod's error in poses left out in turn: what predicts so badly explains nothing
 _LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
 _SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
-MUCH = 0.7  # of the error in poses left out: what leaves more of it takes too little away to be found
-ONE_SIZE = 0.6  # relative scatter of a size between poses from which on it is no size
 _SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
 
 
@@ -39,19 +33,23 @@ class Candidate:
     pieces: bool = False
 
 
-def varies(constancy: float | None, effects: int) -> bool:
-    """Whether a set of effects would need another size in each pose, by the p-value of one size in all."""
-    return constancy is not None and constancy <= (ALARM if effects > 1 else _ONE_SIZE)
+def varies(constancy: float | None, effects: int, settings: DiagnosisSettings = USUAL) -> bool:
+    """Whether a set of effects would need another size in each pose, by the p-value of one size in all.
+
+    Several effects are sought longer, and tested at the level of all other tests.
+    """
+    return constancy is not None and constancy <= (settings.level if effects > 1 else settings.same_size_level)
 
 
-def ties(candidates) -> list[int]:
-    """Indices within `LEAD_FAVOURED` of the best, best first; and those of its exact class that fit as well.
+def ties(candidates, settings: DiagnosisSettings = USUAL) -> list[int]:
+    """Indices within ``lead_favoured`` of the best, best first; and those of its exact class that fit as well.
 
     Within an exact class evidence compares nothing but assumed sizes, so the misfit decides.
     """
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].log_evidence)
     best = candidates[order[0]]
-    return [i for i in order if candidates[i].log_evidence > best.log_evidence - LEAD_FAVOURED or _alike(best, candidates[i])]
+    near = best.log_evidence - settings.lead_favoured
+    return [i for i in order if candidates[i].log_evidence > near or _alike(best, candidates[i])]
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:
@@ -61,18 +59,21 @@ def _alike(a: Candidate, b: Candidate) -> bool:
     return (b.kinds[0] in a.same_shapes or a.kinds[0] in b.same_shapes) and b.chi2 <= a.chi2 + _SAME_MISFIT
 
 
-def leading(candidates, field: float = float("-inf")) -> str:
+def leading(candidates, field: float = float("-inf"), settings: DiagnosisSettings = USUAL) -> str:
     """Verdict of the best candidate; a ``field`` (log evidence of the best family) that is nearly as likely ties with it."""
-    if len(ties(candidates)) > 1 or max(candidates, key=lambda c: c.log_evidence).outside:
+    if len(ties(candidates, settings)) > 1 or max(candidates, key=lambda c: c.log_evidence).outside:
         return TIED
     order = sorted((c.log_evidence for c in candidates), reverse=True)
-    if order[0] - field < LEAD_FAVOURED:
+    if order[0] - field < settings.lead_favoured:
         return TIED
     lead = order[0] - order[1] if len(order) > 1 else float("inf")
-    return NAMED if lead >= LEAD_NAMED else FAVOURED if lead >= LEAD_FAVOURED else TIED
+    return NAMED if lead >= settings.lead_named else FAVOURED if lead >= settings.lead_favoured else TIED
 
 
-def whole(test, after, candidates, constancy: float | None = None, field: float = 0.0, unseen: float | None = None) -> str:
+def whole(
+    test, after, candidates, constancy: float | None = None, field: float = 0.0, unseen: float | None = None,
+    settings: DiagnosisSettings = USUAL,
+) -> str:
     """Verdict of the study, once every pose is solved, from the test before and after the best candidate.
 
     A kind explains the shapes when it is likelier than nothing, no structure is left beside it, its size is the same in all
@@ -81,17 +82,17 @@ def whole(test, after, candidates, constancy: float | None = None, field: float 
     and stands in for it when it is far likelier. Several kinds that all say how one property varies along the cable are pieces
     of a field, which describes it and names nothing.
     """
-    if test.p_value > ALARM:
+    if test.p_value > settings.level:
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
-    fails = varies(constancy, len(best.kinds)) or (unseen is not None and unseen > WORSE)
-    if best.log_evidence < max(_LEAST, field - FIELD_LEADS) or after.p_value <= ALARM or best.pieces or fails:
+    fails = varies(constancy, len(best.kinds), settings) or (unseen is not None and unseen > settings.worse)
+    if best.log_evidence < max(_LEAST, field - settings.field_lead) or after.p_value <= settings.level or best.pieces or fails:
         return UNEXPLAINED
-    return EXPLAINED if leading(candidates, field) != TIED else TIE
+    return EXPLAINED if leading(candidates, field, settings) != TIED else TIE
 
 
-def of_kind(log_evidence: float, visible: float) -> str:
+def of_kind(log_evidence: float, visible: float, settings: DiagnosisSettings = USUAL) -> str:
     """Verdict of a kind that is not among the best: too little, absent, or not to be seen in these poses."""
     if visible < _SEEN:
         return INCONCLUSIVE
-    return ABSENT if log_evidence < LEAD_FAVOURED else TOO_LITTLE
+    return ABSENT if log_evidence < settings.lead_favoured else TOO_LITTLE

@@ -1,23 +1,29 @@
-"""Physics beyond the plain rod: one file per kind, each an effect of the rod's extension point.
+"""Physics beyond the baseline model: one file per effect type, each a subclass of the rod's extension point.
 
-`effect_of` makes the effect that a study declares, `parameters_of` writes it back, `ordered` brings several into the
-order that the format means. A new kind of one's own is one file that ends in `catalogue.add_kind` (docs/adding-an-effect.md);
-one of the package is such a file too, with its format in `study.kinds` and its line in `catalogue.EFFECTS`.
+`effect_of` builds the effect that a study declares, `parameters_of` writes it back, `ordered` sorts several into the order
+that the format defines. A new effect type is one file: its class with the units and shapes of its parameters, and its
+catalogue entry. A user's own file ends in `add_kind` (docs/adding-an-effect.md); one of the package has its line in
+`catalogue.EFFECTS`.
+
+Modules: `catalogue` the list; `entry` the fields of an entry; `builders` and `spans` code shared by several effects; `format`
+parameter fields of a class; `conversion` from a study and back.
 """
 
-from scan2flex_jax.effects._registry import effect_class, effect_of, kinds, ordered, parameters_of, register_effect
 from scan2flex_jax.effects.anisotropic_bending import AnisotropicBending as AnisotropicBending
 from scan2flex_jax.effects.bend_twist_coupling import BendTwistCoupling as BendTwistCoupling
-from scan2flex_jax.effects.catalogue import EFFECTS
+from scan2flex_jax.effects.catalogue import EFFECTS, add_kind, effect_class, kinds, register_effect
 from scan2flex_jax.effects.clamp_offset import ClampOffset as ClampOffset
 from scan2flex_jax.effects.clamp_rotation import ClampRotation as ClampRotation
+from scan2flex_jax.effects.conversion import effect_of, ordered, parameters_of
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile as CurvatureProfile
 from scan2flex_jax.effects.density_profile import DensityProfile as DensityProfile
 from scan2flex_jax.effects.density_taper import DensityTaper as DensityTaper
 from scan2flex_jax.effects.distributed_load import DistributedLoad as DistributedLoad
 from scan2flex_jax.effects.elastic_clamp import ElasticClamp as ElasticClamp
 from scan2flex_jax.effects.elastic_support import ElasticSupport as ElasticSupport
+from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.extensibility import Extensibility as Extensibility
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.effects.kink import Kink as Kink
 from scan2flex_jax.effects.length_error import LengthError as LengthError
 from scan2flex_jax.effects.memory_set import MemorySet as MemorySet
@@ -35,5 +41,6 @@ from scan2flex_jax.effects.tension_twist_coupling import TensionTwistCoupling as
 from scan2flex_jax.effects.tether import Tether as Tether
 from scan2flex_jax.effects.uniform_load import UniformLoad as UniformLoad
 
-__all__ = ["effect_class", "effect_of", "kinds", "ordered", "parameters_of", "register_effect"]
-__all__ += [_class.__name__ for _class, _ in EFFECTS]
+__all__ = ["CatalogueEntry", "add_kind", "effect_class", "effect_of", "kinds", "ordered", "parameter", "parameters_of"]
+__all__ += ["register_effect"]
+__all__ += [entry.effect.__name__ for entry in EFFECTS]

@@ -1,8 +1,8 @@
 """Anisotropic bending: the bending stiffness differs between two axes of the cross section (a flat or two-core cable).
 
-Bending about ``a = cos(angle) d1 + sin(angle) d2`` keeps k_EI, about the other axis ``b`` it has ``ratio`` times k_EI:
-``K -> A K A`` with ``A = 1 + (sqrt(ratio) - 1) b b'``, which is that for equal stiffnesses and stays positive for
-others. ``angle`` in rad. Null: ratio 1 (then the angle says nothing).
+Bending about ``a = cos(angle) d1 + sin(angle) d2`` keeps k_EI; about the other axis ``b`` it has ``ratio`` times k_EI:
+``K -> A K A`` with ``A = 1 + (sqrt(ratio) - 1) b b'``. This form is exact for equal stiffnesses and stays positive for
+others. ``angle`` in rad. Null: ratio 1 (where the angle is unidentifiable).
 """
 
 import math
@@ -14,8 +14,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -23,8 +23,10 @@ class AnisotropicBending(AbstractEffect):
     """Bending stiffness ``ratio`` (-) times as large about the axis at ``angle`` + 90 degrees (rad, from d1)."""
 
     kind: ClassVar[str] = "anisotropic_bending"
-    ratio: Float[Array, ""] = parameter()
-    angle: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "bending stiffness differs between two axes of the cross section"
+    ratio: Float[Array, ""] = parameter("-", domain="positive")
+    angle: Float[Array, ""] = parameter("rad")
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with anisotropic stiffness."""
@@ -41,7 +43,7 @@ class BendingSplit(AbstractEffect):
     smooth at 0.
     """
 
-    split: Float[Array, "2"] = parameter(2)
+    split: Float[Array, "2"] = leaf(2)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with anisotropic stiffness."""
@@ -61,7 +63,7 @@ def _split(parameters):
 
 
 ENTRY = CatalogueEntry(
-    "anisotropic_bending", "energy", ("log ratio cos 2 angle", "log ratio sin 2 angle"),
+    AnisotropicBending, ("log ratio cos 2 angle", "log ratio sin 2 angle"),
     lambda c: np.full(2, 0.2),  # twenty per cent: a braid or an imperfectly round core; flat cables have more
     build=lambda a, site, c: (BendingSplit(a),),
     to_parameters=lambda a, site, c: {

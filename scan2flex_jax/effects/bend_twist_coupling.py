@@ -12,9 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -22,8 +22,10 @@ class BendTwistCoupling(AbstractEffect):
     """Off-diagonal stiffness ``coupling`` (-) as fractions of ``sqrt(k_EI k_GJ)``."""
 
     kind: ClassVar[str] = "bend_twist_coupling"
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "bending and twist are coupled"
     rank: ClassVar[int] = 1
-    coupling: Float[Array, "2"] = parameter(2)
+    coupling: Float[Array, "2"] = parameter("-", 2)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the coupling."""
@@ -33,8 +35,8 @@ class BendTwistCoupling(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "bend_twist_coupling", "energy", ("with d1", "with d2"),
-    lambda c: np.full(2, 0.1),  # of sqrt(EI GJ): what the lay of a stranded core gives
+    BendTwistCoupling, ("with d1", "with d2"),
+    lambda c: np.full(2, 0.1),  # of sqrt(EI GJ): typical of the lay of a stranded core
     **plain("coupling", BendTwistCoupling, 2), bounds_of=lambda c: (np.full(2, -0.7), np.full(2, 0.7)),
     signature="bending turns the cable out of its plane, the more the stronger it is bent",
     settle="scan one pose with both clamps rolled by 180 degrees, and one almost straight with a free end",

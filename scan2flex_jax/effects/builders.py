@@ -1,7 +1,8 @@
-"""What the catalogue entries of several kinds share: plain parameters, spans, places along the cable, the two ends.
+"""Parts shared by catalogue entries: parameters linear in the amplitude, spans, places along the cable, the two ends.
 
-`plain`, `span` and `vectors` give several fields of a `CatalogueEntry` at once, as keywords. Where an effect has one value per
-end, the site says which ends may have it (``ends``: 1 or 0 for start and end); amplitudes of the others do nothing.
+`plain`, `span` and `vectors` give several fields of a `CatalogueEntry` at once, as keywords. For an effect with one value per
+end, the candidate location lists the ends that may have it (``ends``: 1 or 0 for start and end); amplitudes of the other
+ends are inactive.
 """
 
 from collections.abc import Callable
@@ -10,20 +11,20 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects._span import POINTS, smooth_root
 from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, loaded_places, positions
+from scan2flex_jax.geometry.fields import POINTS, smooth_root
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS
 
 AXES = ("about d1", "about d2", "about d3")
 XYZ = ("x", "y", "z")
 Make = Callable[..., AbstractEffect]  # the class of a kind
-_WIDTHS = (0.08, 0.18, 0.35)  # of the length: of the spans to scan
-_STRONG = 0.5  # of a logarithm: spans that differ less are told from each other by their signatures
+_WIDTHS = (0.08, 0.18, 0.35)  # of the length: span widths to scan
+_STRONG = 0.5  # log factor below which spans of different widths are distinguished by their signatures
 
 
 def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:
-    """``build``, ``to_parameters`` and ``from_parameters`` of a kind whose one parameter is the amplitude itself."""
+    """``build``, ``to_parameters`` and ``from_parameters`` for a single parameter that is the amplitude itself."""
 
     def value(a):
         return np.asarray(a).reshape(shape) if shape else float(np.asarray(a)[0])
@@ -36,7 +37,7 @@ def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:
 
 
 def along(name: str, cls: Make) -> dict[str, Any]:
-    """The same of a field along the cable: amplitudes are those of the independent components of a smooth random field."""
+    """The same for a field along the cable: amplitudes are the independent components of a smooth random field."""
     root, count = smooth_root(POINTS, 3), 3 * POINTS
 
     def at(length):
@@ -52,16 +53,16 @@ def along(name: str, cls: Make) -> dict[str, Any]:
 
 
 def _at_points(values, s, length):
-    """A field at the points of `along`, linear between its own places."""
+    """A field at the points of `along`, linear between its own points."""
     values, where = np.asarray(values, float), np.linspace(0.0, length, POINTS)
     return np.stack([np.interp(where, np.asarray(s), values[:, k]) for k in range(3)], axis=1)
 
 
 def span(cls: Make, varies: Varied, carried: Callable[[Any], Any]) -> dict[str, Any]:
-    """The same for a span whose amplitude is the logarithm of its factor; ``carried(factor)``: what it has more per length."""
+    """The same for a span whose amplitude is the logarithm of its factor; ``carried(factor)`` is its excess per length."""
 
     def other_widths(a, site, c, places):
-        """From a strong span that a refit ended at to spans of other widths that carry as much in all."""
+        """Further starts after a refit that ended at a strong span: spans of other widths with the same total excess."""
         width, factor = float(site["width"]), float(np.exp(a[0]))
         if abs(a[0]) < _STRONG:
             return []
@@ -96,17 +97,17 @@ def _floats(site):
 
 
 def places(context: Context) -> tuple[Site, ...]:
-    """Sites of what acts at one place (m): evenly along the cable."""
+    """Candidate locations of an effect at one place (m): evenly spaced along the cable."""
     return tuple({"position": s} for s in loaded_places(context))
 
 
 def clamped(context: Context) -> list[int]:
-    """Which ends have a clamp: 0 for the start, 1 for the end."""
+    """The clamped ends: 0 for the start, 1 for the end."""
     return [i for i, end in enumerate(ENDS) if end in context.clamped_ends]
 
 
 def ends(context: Context) -> tuple[Site, ...]:
-    """Sites of what acts at clamps: all of them, then each."""
+    """Candidate locations of an effect at clamps: all of them, then each."""
     held = np.array([float(end in context.clamped_ends) for end in ENDS])
     sites = [held * np.array(mask) for mask in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0))]
     kept = {tuple(mask): {"ends": mask} for mask in sites if mask.any()}
@@ -114,7 +115,7 @@ def ends(context: Context) -> tuple[Site, ...]:
 
 
 def ends_without(per_end: int) -> Callable[[Site], np.ndarray]:
-    """Which amplitudes do nothing, ``per_end`` of them each: those of the ends that a site leaves out."""
+    """Mask of inactive amplitudes, ``per_end`` of them per end: those of the ends absent from a candidate location."""
     return lambda site: np.repeat(np.asarray(site["ends"]) == 0, per_end)
 
 
@@ -126,7 +127,7 @@ def both_ends(given: np.ndarray, context: Context) -> np.ndarray:
 
 
 def vectors(name: str, cls: Make) -> dict[str, Any]:
-    """``build`` and the rest of a kind with one vector per end."""
+    """``build`` and the other fields for an effect with one vector per end."""
 
     def rows(a, site, c):
         return (np.asarray(a).reshape(2, 3) * np.asarray(site["ends"])[:, None])[clamped(c)]

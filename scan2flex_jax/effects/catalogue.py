@@ -1,7 +1,7 @@
-"""All effects of the package, in one list: whatever is known of a kind follows from its class and its entry in it.
+"""All effects of the package, in one list; everything about an effect type follows from its class and its catalogue entry.
 
-A new kind of the package is a file beside the others, its format in `study.kinds`, and a line here; one's own kind is added
-by `add_kind`.
+A new effect type of the package is a file beside the others and a name in the list (``python -m scan2flex_jax.effects`` then
+updates the table of the study reader); a user's own is registered by `add_kind`.
 """
 
 from scan2flex_jax.effects import (
@@ -33,73 +33,98 @@ from scan2flex_jax.effects import (
     tether,
     uniform_load,
 )
-from scan2flex_jax.effects._registry import register_effect
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, SameShapes, along_cable, positions
+from scan2flex_jax.effects.format import format_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import KindFormat, register_kind
+from scan2flex_jax.study.kinds import kind_names, register_kind
 
-# The order decides between kinds that fit equally well.
-EFFECTS: tuple[tuple[type[AbstractEffect], CatalogueEntry | None], ...] = (
-    (natural_curvature.NaturalCurvature, natural_curvature.ENTRY),
-    (kink.Kink, kink.ENTRY),
-    (anisotropic_bending.AnisotropicBending, anisotropic_bending.ENTRY),
-    (bend_twist_coupling.BendTwistCoupling, bend_twist_coupling.ENTRY),
-    (nonlinear_bending.NonlinearBending, nonlinear_bending.ENTRY),
-    (stiffness_profile.StiffnessProfile, stiffness_profile.ENTRY),
-    (density_profile.DensityProfile, density_profile.ENTRY),
-    (stiffness_taper.StiffnessTaper, stiffness_taper.ENTRY),
-    (density_taper.DensityTaper, density_taper.ENTRY),
-    (extensibility.Extensibility, extensibility.ENTRY),
-    (tension_twist_coupling.TensionTwistCoupling, tension_twist_coupling.ENTRY),
-    (tension_stiffening.TensionStiffening, tension_stiffening.ENTRY),
-    (memory_set.MemorySet, memory_set.ENTRY),
-    (point_mass.PointMass, point_mass.ENTRY),
-    (point_load.PointLoad, point_load.ENTRY),
-    (uniform_load.UniformLoad, uniform_load.ENTRY),
-    (tether.Tether, tether.ENTRY),
-    (support_plane.SupportPlane, support_plane.ENTRY),
-    (elastic_support.ElasticSupport, elastic_support.ENTRY),
-    (elastic_clamp.ElasticClamp, elastic_clamp.ENTRY),
-    (clamp_rotation.ClampRotation, clamp_rotation.ENTRY),
-    (clamp_offset.ClampOffset, clamp_offset.ENTRY),
-    (length_error.LengthError, length_error.ENTRY),
-    (scan_scale.ScanScale, scan_scale.ENTRY),
-    (scan_offset.ScanOffset, scan_offset.ENTRY),
-    (distributed_load.DistributedLoad, distributed_load.ENTRY),
-    (curvature_profile.CurvatureProfile, curvature_profile.ENTRY),
+# The order breaks ties between effect types that fit equally well.
+EFFECTS: tuple[CatalogueEntry, ...] = tuple(
+    module.ENTRY
+    for module in (
+        natural_curvature,
+        kink,
+        anisotropic_bending,
+        bend_twist_coupling,
+        nonlinear_bending,
+        stiffness_profile,
+        density_profile,
+        stiffness_taper,
+        density_taper,
+        extensibility,
+        tension_twist_coupling,
+        tension_stiffening,
+        memory_set,
+        point_mass,
+        point_load,
+        uniform_load,
+        tether,
+        support_plane,
+        elastic_support,
+        elastic_clamp,
+        clamp_rotation,
+        clamp_offset,
+        length_error,
+        scan_scale,
+        scan_offset,
+        distributed_load,
+        curvature_profile,
+    )
 )
-for _class, _ in EFFECTS:
-    register_effect(_class)
-
+_CLASSES: dict[str, type[AbstractEffect]] = {entry.kind: entry.effect for entry in EFFECTS}
 _ADDED: dict[str, CatalogueEntry] = {}
 
 
-def add_kind(cls: type[AbstractEffect], format: KindFormat, entry: CatalogueEntry | None = None) -> None:
-    """Make a class the effect of a new kind: studies may declare it, fits may estimate its parameters, and with an ``entry``
-    `explain` looks for it. Adding the same again changes nothing; raises `Scan2FlexError` when the name is taken."""
-    register_kind(format)
-    register_effect(cls)
-    if entry is not None:
-        _ADDED[entry.kind] = entry
+def register_effect(cls: type[AbstractEffect]) -> type[AbstractEffect]:
+    """Make a class the effect of its ``kind``: studies may declare it, and fits may estimate its parameters.
+
+    Usable as a decorator; registering the same class again changes nothing. Raises `Scan2FlexError` if the name is taken or the
+    class does not define its format (`format_of`).
+    """
+    form = format_of(cls)
+    if _CLASSES.get(cls.kind, cls) is not cls:
+        raise Scan2FlexError(f"The effect kind {cls.kind!r} is taken: give the new kind another name.")
+    if form is not None:
+        register_kind(form)
+    _CLASSES[cls.kind] = cls
+    return cls
+
+
+def add_kind(entry: CatalogueEntry) -> None:
+    """Register the effect of an entry and add it to the search of `explain`; errors as in `register_effect`."""
+    register_effect(entry.effect)
+    _ADDED[entry.kind] = entry
+
+
+def kinds() -> tuple[str, ...]:
+    """All effect types that a study may declare, in the order of the format's table."""
+    return tuple(kind for kind in kind_names() if kind in _CLASSES)
+
+
+def effect_class(kind: str) -> type[AbstractEffect]:
+    """The class of an effect type."""
+    if kind not in _CLASSES:
+        raise Scan2FlexError(f"No effect kind is called {kind!r}: the kinds are {', '.join(_CLASSES)}.")
+    return _CLASSES[kind]
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
-    """All kinds that can be scanned for: those that are no fields."""
+    """All effect types that can be scanned for, without the fields."""
     return tuple(entry for entry in _entries() if not entry.field)
 
 
 def fields() -> tuple[CatalogueEntry, ...]:
-    """The kinds that take any form along the cable."""
+    """The effect types with an arbitrary form along the cable."""
     return tuple(entry for entry in _entries() if entry.field)
 
 
-def _entries():
-    return (*(entry for _, entry in EFFECTS if entry is not None), *_ADDED.values())
+def _entries() -> tuple[CatalogueEntry, ...]:
+    return (*EFFECTS, *_ADDED.values())
 
 
 def entry_of(kind: str) -> CatalogueEntry:
-    """The entry of one kind."""
+    """The catalogue entry of an effect type."""
     for entry in _entries():
         if entry.kind == kind:
             return entry

@@ -1,4 +1,4 @@
-"""Clamp offset: a clamp is shifted from where it is said to be, in the same way in every pose.
+"""Clamp offset: a clamp is displaced from its stated position, by the same vector in every pose.
 
 ``offset`` (m) is one vector per end, in the frame of the nominal clamp: ``r + R offset``, before any `clamp_rotation`
 (`effects.ordered`). An end without a clamp has the entry 0. Null: 0.
@@ -12,9 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import vectors
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS
@@ -24,7 +24,9 @@ class ClampOffset(AbstractEffect):
     """Shifts ``offset`` (m) of start and end clamp."""
 
     kind: ClassVar[str] = "clamp_offset"
-    offset: Float[Array, "2 3"] = parameter(2, 3)
+    place: ClassVar[str] = "clamps"
+    words: ClassVar[str] = "a clamp is shifted from where it is said to be"
+    offset: Float[Array, "2 3"] = parameter("m", 3, per_end=True)
 
     def clamps(self, boundary: Boundary) -> Boundary:
         """The clamps shifted."""
@@ -33,7 +35,7 @@ class ClampOffset(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "clamp_offset", "clamps", tuple(f"{end} along {d}" for end in ENDS for d in ("d1", "d2", "d3")),
+    ClampOffset, tuple(f"{end} along {d}" for end in ENDS for d in ("d1", "d2", "d3")),
     lambda c: np.full(6, 0.003 * c.length),  # three millimetres on a metre
     **vectors("offset", ClampOffset),
     signature="the misfit is a shift next to a clamp that turns with the clamp",

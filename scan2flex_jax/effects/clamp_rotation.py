@@ -1,8 +1,8 @@
-"""Clamp rotation: a clamp is turned from where it is said to be, in the same way in every pose.
+"""Clamp rotation: a clamp is rotated from its stated orientation, by the same rotation in every pose.
 
 ``rotation`` (rad) is one rotation vector per end, in the clamp's own frame: ``R exp(hat(rotation))``. Its third entry
-is a roll about the tangent. Ends that hold no rotation do not feel it. Null: 0. An offset of the same clamp
-(`clamp_offset`) is taken in the nominal frame, so it must act before (`effects.ordered`).
+is a roll about the tangent. Inactive at ends whose rotation is free. Null: 0. An offset of the same clamp
+(`clamp_offset`) refers to the nominal frame, so it is applied first (`effects.ordered`).
 """
 
 from typing import ClassVar
@@ -13,9 +13,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import vectors
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -26,8 +26,10 @@ class ClampRotation(AbstractEffect):
     """Rotation vectors ``rotation`` (rad) of start and end clamp."""
 
     kind: ClassVar[str] = "clamp_rotation"
+    place: ClassVar[str] = "clamps"
+    words: ClassVar[str] = "a clamp is turned from where it is said to be"
     rank: ClassVar[int] = 1
-    rotation: Float[Array, "2 3"] = parameter(2, 3)
+    rotation: Float[Array, "2 3"] = parameter("rad", 3, per_end=True)
 
     def clamps(self, boundary: Boundary) -> Boundary:
         """The clamps turned."""
@@ -35,8 +37,8 @@ class ClampRotation(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "clamp_rotation", "clamps", tuple(f"{end} about {d}" for end in ENDS for d in ("d1", "d2", "d3")),
-    lambda c: np.full(6, 0.03),  # rad: two degrees, what a bracket is off by when no one measures it
+    ClampRotation, tuple(f"{end} about {d}" for end in ENDS for d in ("d1", "d2", "d3")),
+    lambda c: np.full(6, 0.03),  # rad: two degrees, a typical error of an unmeasured bracket
     **vectors("rotation", ClampRotation), bounds_of=lambda c: (np.full(6, -0.8), np.full(6, 0.8)),
     signature="the misfit is largest next to a clamp, turns with the clamp and is alike in all poses",
     settle="scan the clamps and their roll marks along with the cable",

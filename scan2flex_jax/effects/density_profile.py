@@ -10,10 +10,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
-from scan2flex_jax.effects._span import box_means
 from scan2flex_jax.effects.builders import span
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.spans import box_means
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -21,9 +21,11 @@ class DensityProfile(AbstractEffect):
     """Mass per length times ``factor`` (-) within ``width`` (m) about ``position`` (m)."""
 
     kind: ClassVar[str] = "density_profile"
-    position: Float[Array, ""] = parameter()
-    width: Float[Array, ""] = parameter()
-    factor: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a span is heavier or lighter"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    width: Float[Array, ""] = parameter("m", domain="positive")
+    factor: Float[Array, ""] = parameter("-", domain="positive")
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the span's density."""
@@ -32,9 +34,9 @@ class DensityProfile(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "density_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, or water in a hose
+    DensityProfile, size=lambda c: np.array([0.5]),  # a sleeve, or water in a hose
     **span(DensityProfile, "mass", lambda factor: factor - 1.0),
     signature="one span sags as if it were heavier (or lighter), always along gravity",
     settle="weigh or look at the named span",
-    same_shapes=(SameShapes("point_mass", "a span that is short beside the sag"),),
+    same_shapes=(SameShapes("point_mass", "a span that is short against the sag"),),
 )  # fmt: skip

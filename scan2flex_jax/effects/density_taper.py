@@ -1,5 +1,5 @@
 """Density taper: the mass per length grows from start to end by ``exp(taper (2 s/L - 1))``. ``taper`` (-) is half the
-logarithm of the ratio at the two ends; the middle stays. Null: 0.
+logarithm of the ratio at the two ends; the middle is unchanged. Null: 0.
 """
 
 from typing import ClassVar
@@ -10,9 +10,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -20,7 +20,9 @@ class DensityTaper(AbstractEffect):
     """Mass per length times ``exp(taper (2 s/L - 1))``."""
 
     kind: ClassVar[str] = "density_taper"
-    taper: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "mass per length grows from start to end"
+    taper: Float[Array, ""] = parameter("-")
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with tapered density."""
@@ -29,7 +31,7 @@ class DensityTaper(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "density_taper", "energy", ("taper",),
+    DensityTaper, ("taper",),
     lambda c: np.array([0.15]),  # ends that differ in weight by a third
     **plain("taper", DensityTaper), varies="mass", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
     signature="the lowest point lies towards one end of the cable, whichever way round it hangs",

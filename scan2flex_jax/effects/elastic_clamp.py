@@ -6,8 +6,8 @@ end section. It is eliminated: the twist of the end element, ``x = ds xi``, gets
 ``ds K^-1 -> ds K^-1 + (1/stiffness) U U'``,  ``U`` = the columns of the inverse left (start) or right (end) Jacobian
 that carry a rotation of the element's outer end into ``x`` (at its natural strain),
 
-so the spring sits at the clamp and not in the middle of the element. The end frame stays where the clamp holds it,
-nothing is added to the unknowns, and a rigid grip is exactly the base model. What is left is of the order of
+so the spring sits at the clamp and not in the middle of the element. The end frame stays at the clamp, no degree of freedom
+is added, and a rigid grip is exactly the baseline model. The remaining error is of the order of
 ``ds theta^2`` (0.5 % of the angle at 0.7 rad with 16 elements). ``compliance`` (rad/(N m)) adds to ``1/stiffness``: it
 is zero for a rigid grip and so has a derivative there. Null: infinite stiffness, no compliance.
 """
@@ -20,9 +20,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import both_ends, clamped, ends, ends_without
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
@@ -33,10 +33,12 @@ class ElasticClamp(AbstractEffect):
     """Rotational ``stiffness`` (N m/rad) of start and end grip; ``compliance`` (rad/(N m)) adds to its inverse."""
 
     kind: ClassVar[str] = "elastic_clamp"
+    place: ClassVar[str] = "clamps"
+    words: ClassVar[str] = "a grip yields in rotation"
     rank: ClassVar[int] = 3
     inert: ClassVar[float] = float("inf")
-    stiffness: Float[Array, "2"] = parameter(2, default=float("inf"))
-    compliance: Float[Array, "2"] = parameter(2, default=0.0)
+    stiffness: Float[Array, "2"] = parameter("N m/rad", per_end=True, domain="positive", default=float("inf"))
+    compliance: Float[Array, "2"] = leaf(2, default=0.0)
 
     @property
     def total_compliance(self) -> Float[Array, "2"]:
@@ -71,8 +73,8 @@ def _compliance(p, c):
 
 
 ENTRY = CatalogueEntry(
-    "elastic_clamp", "clamps", ("compliance at start", "compliance at end"),
-    lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as soft as two per cent of the cable
+    ElasticClamp, ("compliance at start", "compliance at end"),
+    lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as compliant as two per cent of the cable
     build=lambda a, site, c: (ElasticClamp(compliance=a * jnp.asarray(site["ends"])),),
     to_parameters=_stiffness,
     from_parameters=_compliance,

@@ -1,8 +1,7 @@
-"""Elastic support: the cable lies in or is glued to a soft bed that holds it on both sides (foam, a curtain of
-threads).
+"""Elastic support: the cable lies in or is glued to a soft two-sided bed (foam, a curtain of threads).
 
-A spring of ``stiffness`` (N/m per length, N/m^2) draws the centre line to the plane ``normal . x = offset`` (m);
-along the plane it moves freely. ``normal`` (-) is normalised. Null: stiffness 0.
+A spring of ``stiffness`` (N/m per length, N/m^2) pulls the centre line to the plane ``normal . x = offset`` (m);
+motion along the plane is free. ``normal`` (-) is normalised. Null: stiffness 0.
 """
 
 from typing import ClassVar
@@ -12,8 +11,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 
@@ -21,9 +20,11 @@ class ElasticSupport(AbstractEffect):
     """A two-sided spring bed of ``stiffness`` (N/m^2) about the plane ``normal . x = offset`` (m)."""
 
     kind: ClassVar[str] = "elastic_support"
-    normal: Float[Array, "3"] = parameter(3)
-    offset: Float[Array, ""] = parameter()
-    stiffness: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a soft bed holds the cable on both sides of a plane"
+    normal: Float[Array, "3"] = parameter("-", 3, domain="unit")
+    offset: Float[Array, ""] = parameter("m")
+    stiffness: Float[Array, ""] = parameter("N/m^2", domain="nonnegative")
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
         """Energy (J) of the springs of one node."""
@@ -32,7 +33,7 @@ class ElasticSupport(AbstractEffect):
 
 
 def _levels(c):
-    """Heights of soft supports, from the lowest measured point to a little above the highest of the lowest ones."""
+    """Heights of soft supports, from the lowest measured point to slightly above the highest of the poses' lowest points."""
     least, largest = _level_range(c)
     return tuple({"offset": h} for h in np.linspace(least, largest, 13))
 
@@ -45,7 +46,7 @@ def _level_range(c):
 
 
 ENTRY = CatalogueEntry(
-    "elastic_support", "energy", ("stiffness",),
+    ElasticSupport, ("stiffness",),
     lambda c: np.array([2.0 * c.force / c.length**2]),  # N/m^2: its weight at half the length, a soft curtain
     build=lambda a, site, c: (ElasticSupport(jnp.asarray(c.up), site["offset"], a[0]),),
     to_parameters=lambda a, site, c: {

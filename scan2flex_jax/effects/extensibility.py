@@ -1,7 +1,7 @@
 """Extensibility: the cable stretches.
 
-``axial_stiffness`` (N) stands in for the cable's nearly rigid one; the mass counts per unstretched length. A cable that
-hangs straight down becomes longer by ``rhoA g L^2 / (2 EA)``. Null: the cable's own axial stiffness.
+``axial_stiffness`` (N) replaces the cable's nearly rigid one; the mass is per unstretched length. A cable that
+hangs straight down is longer by ``rhoA g L^2 / (2 EA)``. Null: the cable's own axial stiffness.
 """
 
 from typing import ClassVar
@@ -11,8 +11,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
 
@@ -21,7 +21,9 @@ class Extensibility(AbstractEffect):
     """The true ``axial_stiffness`` (N)."""
 
     kind: ClassVar[str] = "extensibility"
-    axial_stiffness: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable stretches"
+    axial_stiffness: Float[Array, ""] = parameter("N", domain="positive")
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true axial stiffness."""
@@ -29,9 +31,9 @@ class Extensibility(AbstractEffect):
 
 
 class AxialCompliance(AbstractEffect):
-    """An `extensibility` beyond the cable's own: ``1/EA + compliance`` (1/N)."""
+    """An `extensibility` in addition to the cable's own: ``1/EA + compliance`` (1/N)."""
 
-    compliance: Float[Array, ""] = parameter()
+    compliance: Float[Array, ""] = leaf()
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true axial stiffness."""
@@ -40,7 +42,7 @@ class AxialCompliance(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "extensibility", "energy", ("compliance",),
+    Extensibility, ("compliance",),
     lambda c: np.array([0.01 / c.force]),  # one per cent longer under its own forces: soft plastic, a loose braid
     build=lambda a, site, c: (AxialCompliance(a[0]),),
     to_parameters=lambda a, site, c: {

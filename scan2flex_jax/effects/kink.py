@@ -1,8 +1,8 @@
 """Kink: a set bend, local in s.
 
-``angle`` (rad, about d1, d2, d3) is the set bend in total, spread as natural curvature over a box of ``width`` (m)
-about ``position`` (m) with the edges of a span, or over what smoothing makes of a point when the width is smaller.
-Whatever the mesh, the curvatures add up to ``angle`` and their centre is ``position``; a free weightless cable turns
+``angle`` (rad, about d1, d2, d3) is the total set bend, spread as natural curvature over a box of ``width`` (m)
+about ``position`` (m) with smoothed edges; for a smaller width the smoothing itself sets the extent.
+On every mesh the curvatures integrate to ``angle`` and their centroid is ``position``; a free weightless cable turns
 by the angle. Null: angle 0.
 """
 
@@ -13,10 +13,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
-from scan2flex_jax.effects._span import bell_means
 from scan2flex_jax.effects.builders import AXES
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_cable, positions
+from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.spans import bell_means
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -24,9 +24,11 @@ class Kink(AbstractEffect):
     """A set bend ``angle`` (rad) over ``width`` (m) at ``position`` (m)."""
 
     kind: ClassVar[str] = "kink"
-    position: Float[Array, ""] = parameter()
-    angle: Float[Array, "3"] = parameter(3)
-    width: Float[Array, ""] = parameter(default=0.0)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a set bend, local in s"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    angle: Float[Array, "3"] = parameter("rad", 3)
+    width: Float[Array, ""] = parameter("m", domain="nonnegative", default=0.0)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the kink's curvature in their natural one."""
@@ -34,10 +36,10 @@ class Kink(AbstractEffect):
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(bend))
 
 
-_BENDS = (0.02, 0.12)  # of the length: of the set bends to scan
+_BENDS = (0.02, 0.12)  # of the length: widths of set bends to scan
 
 ENTRY = CatalogueEntry(
-    "kink", "energy", AXES,
+    Kink, AXES,
     lambda c: np.full(3, 0.15),  # rad: a cable bent by hand keeps five to ten degrees
     build=lambda a, site, c: (Kink(site["position"], a, site["width"]),),
     to_parameters=lambda a, site, c: {

@@ -1,6 +1,6 @@
 """Length error: the length between the clamps is not the nominal one.
 
-``length`` (m) stands in for the cable's; the mass per length stays. Null: the nominal length.
+``length`` (m) replaces the cable's; the mass per length is unchanged. Null: the nominal length.
 """
 
 from typing import ClassVar
@@ -11,8 +11,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
 
@@ -21,7 +21,9 @@ class LengthError(AbstractEffect):
     """The true ``length`` (m) between the clamps."""
 
     kind: ClassVar[str] = "length_error"
-    length: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "clamps"
+    words: ClassVar[str] = "the length between the clamps is not the nominal one"
+    length: Float[Array, ""] = parameter("m", domain="positive")
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true length."""
@@ -31,7 +33,7 @@ class LengthError(AbstractEffect):
 class LengthFactor(AbstractEffect):
     """A `length_error` relative to the cable's own length: ``L exp(log_factor)``."""
 
-    log_factor: Float[Array, ""] = parameter()
+    log_factor: Float[Array, ""] = leaf()
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true length."""
@@ -39,7 +41,7 @@ class LengthFactor(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "length_error", "clamps", ("log length",),
+    LengthError, ("log length",),
     lambda c: np.array([0.01]),  # one per cent: a cable that slid in its clamp, a tape measure on a coil
     build=lambda a, site, c: (LengthFactor(a[0]),),
     to_parameters=lambda a, site, c: {"length": c.length * float(np.exp(np.asarray(a)[0]))},

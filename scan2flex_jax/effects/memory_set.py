@@ -1,8 +1,8 @@
-"""Memory: the cable keeps part of the curvature of the pose before (plastic or slowly relaxing).
+"""Memory: the cable keeps part of the curvature of the previous pose (plastic or slowly relaxing).
 
-Natural curvature ``memory * previous``: ``previous`` (1/m, about d1, d2, d3) is the curvature in the pose before on
-points evenly spaced from s = 0 to L. It is data of the pose that the caller supplies (`jnp.zeros((m, 3))` in the
-first pose), so this kind cannot be declared in a study. Null: memory 0.
+Natural curvature ``memory * previous``: ``previous`` (1/m, about d1, d2, d3) is the curvature in the previous pose at
+points evenly spaced from s = 0 to L. It is data of the pose, supplied by the caller (`jnp.zeros((m, 3))` in the
+first pose), so a study cannot declare this effect type. Null: memory 0.
 """
 
 from typing import ClassVar
@@ -12,18 +12,20 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter, values
-from scan2flex_jax.effects._span import hat_field
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import leaf, rows
+from scan2flex_jax.effects.spans import hat_field
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
 class MemorySet(AbstractEffect):
-    """Natural curvature ``memory`` (-) times the curvature ``previous`` (1/m) of the pose before."""
+    """Natural curvature ``memory`` (-) times the curvature ``previous`` (1/m) of the previous pose."""
 
     kind: ClassVar[str] = "memory_set"
-    memory: Float[Array, ""] = parameter()
-    previous: Float[Array, "m 3"] = values(3)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable keeps part of the curvature of the pose before"
+    memory: Float[Array, ""] = leaf()
+    previous: Float[Array, "m 3"] = rows(3)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the remembered curvature."""
@@ -32,7 +34,7 @@ class MemorySet(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "memory_set", "energy", ("memory",),
+    MemorySet, ("memory",),
     lambda c: np.array([0.15]),  # plastics keep ten to twenty per cent over minutes
     build=lambda a, site, c: (MemorySet(a[0], c.previous),),
     to_parameters=lambda a, site, c: {"memory": float(np.asarray(a)[0])},

@@ -1,8 +1,8 @@
-"""Natural curvature: the cable is bent (or twisted) at rest, alike along s.
+"""Natural curvature: the cable is bent (or twisted) at rest, uniformly along s.
 
 ``curvature`` is added to Omega_0 (1/m, about d1, d2, d3), so a section carries ``K_Omega (Omega - Omega_0)``. It
 turns with the cable: rolling both clamps rolls it. Null: 0.
-Source: paper, Eq. 3, where Omega_0 stands but is set to zero.
+Source: paper, Eq. 3, which contains Omega_0 but sets it to zero.
 """
 
 from typing import ClassVar
@@ -12,9 +12,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import AXES, plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -22,7 +22,9 @@ class NaturalCurvature(AbstractEffect):
     """Set curvature ``curvature`` (1/m) of the whole cable."""
 
     kind: ClassVar[str] = "natural_curvature"
-    curvature: Float[Array, "3"] = parameter(3)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable is bent at rest, alike along s"
+    curvature: Float[Array, "3"] = parameter("1/m", 3)
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the curvature added to their natural one."""
@@ -30,8 +32,8 @@ class NaturalCurvature(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "natural_curvature", "energy", AXES,
-    lambda c: np.full(3, 0.5 / c.length),  # off a drum a cable keeps an arc of some thirty degrees in its length
+    NaturalCurvature, AXES,
+    lambda c: np.full(3, 0.5 / c.length),  # a cable off a drum keeps an arc of about thirty degrees in its length
     **plain("curvature", NaturalCurvature, 3),
     signature="a bow out of the plane of the pose, alike all along, that turns over when both clamps are rolled",
     settle="scan one pose again with both clamps rolled by 180 degrees, or with one end free",

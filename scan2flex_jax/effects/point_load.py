@@ -10,9 +10,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import XYZ, places
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, point_load
 
@@ -21,8 +21,10 @@ class PointLoad(AbstractEffect):
     """A dead force ``force`` (N) at arc length ``position`` (m)."""
 
     kind: ClassVar[str] = "point_load"
-    position: Float[Array, ""] = parameter()
-    force: Float[Array, "3"] = parameter(3)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a dead force at one place"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    force: Float[Array, "3"] = parameter("N", 3)
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The force."""
@@ -30,7 +32,7 @@ class PointLoad(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "point_load", "energy", XYZ,
+    PointLoad, XYZ,
     lambda c: np.full(3, 0.05 * c.force),  # a lead or a tie that pulls with a twentieth of the weight
     build=lambda a, site, c: (PointLoad(site["position"], a),),
     to_parameters=lambda a, site, c: {"position": float(site["position"]), "force": np.asarray(a)},

@@ -1,7 +1,7 @@
 """Point mass: a clip, a ferrite or a marker hangs on the cable.
 
-``mass`` (kg) at arc length ``position`` (m) is a dead force ``mass * g`` on the centre line, put on the two nearest
-nodes by Hermite interpolation: its derivative in ``position`` is continuous. Null: mass 0.
+``mass`` (kg) at arc length ``position`` (m) is a dead force ``mass * g`` on the centre line, distributed to the two nearest
+nodes by Hermite interpolation, with a continuous derivative in ``position``. Null: mass 0.
 """
 
 from typing import ClassVar
@@ -10,9 +10,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import places
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, point_load
 
@@ -21,8 +21,10 @@ class PointMass(AbstractEffect):
     """A mass ``mass`` (kg) at arc length ``position`` (m)."""
 
     kind: ClassVar[str] = "point_mass"
-    position: Float[Array, ""] = parameter()
-    mass: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a mass hangs on the cable"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    mass: Float[Array, ""] = parameter("kg", domain="nonnegative")
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The weight of the mass."""
@@ -30,13 +32,13 @@ class PointMass(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "point_mass", "energy", ("mass",),
-    lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite beside the whole cable
+    PointMass, ("mass",),
+    lambda c: np.array([0.15 * c.mass_per_length * c.length]),  # a clip or a ferrite, relative to the whole cable
     build=lambda a, site, c: (PointMass(site["position"], a[0]),),
     to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},
     from_parameters=lambda p, c: (np.array([float(p["mass"])]), {"position": float(p["position"])}),
     sites=places, moving={"position": along_loaded}, one_sided=(True,), varies="mass",
     signature="the cable sags towards one place of it, always along gravity",
     settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
-    same_shapes=(SameShapes("density_profile", "a span that is short beside the sag"),),
+    same_shapes=(SameShapes("density_profile", "a span that is short against the sag"),),
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Scan offset: measured shapes are shifted by the same vector in every pose. Null: 0.
 
-The supports are not: they come from elsewhere than the scan (else nothing could be seen of it).
+The supports are not shifted: they do not come from the scan (a shift of both would be unobservable).
 """
 
 from typing import ClassVar
@@ -9,9 +9,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import XYZ, plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -19,8 +19,10 @@ class ScanOffset(AbstractEffect):
     """The scanner sees points shifted by ``offset`` (m, scan frame)."""
 
     kind: ClassVar[str] = "scan_offset"
+    place: ClassVar[str] = "observation"
+    words: ClassVar[str] = "measured shapes are shifted"
     rank: ClassVar[int] = 1
-    offset: Float[Array, "3"] = parameter(3)
+    offset: Float[Array, "3"] = parameter("m", 3)
 
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:
         """Points as scanned (m)."""
@@ -28,7 +30,7 @@ class ScanOffset(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "scan_offset", "observation", XYZ,
+    ScanOffset, XYZ,
     lambda c: np.full(3, 0.002 * c.length),  # two millimetres on a metre: one side of the cable, a marker's base
     **plain("offset", ScanOffset, 3),
     signature="all points of all poses are shifted alike, at the clamps too",

@@ -7,8 +7,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect
 
 
@@ -16,7 +16,9 @@ class ScanScale(AbstractEffect):
     """The scanner sees ``factor`` (-) times the true coordinates."""
 
     kind: ClassVar[str] = "scan_scale"
-    factor: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "observation"
+    words: ClassVar[str] = "every measured coordinate is off by one factor"
+    factor: Float[Array, ""] = parameter("-", domain="positive")
 
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:
         """Points as scanned (m)."""
@@ -24,7 +26,7 @@ class ScanScale(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "scan_scale", "observation", ("log factor",),
+    ScanScale, ("log factor",),
     lambda c: np.array([0.01]),  # one per cent, a poor calibration of the scanner
     build=lambda a, site, c: (ScanScale(jnp.exp(a[0])),),
     to_parameters=lambda a, site, c: {"factor": float(np.exp(np.asarray(a)[0]))},

@@ -1,7 +1,7 @@
 """Stiffness profile: a span is stiffer or softer (a sleeve, an overmould, a damaged place).
 
-EI and GJ are ``factor`` (-) times as large in a box of ``width`` (m) about ``position`` (m). Elements in which an
-edge lies get the stiffness of the two parts in series. Null: factor 1.
+EI and GJ are ``factor`` (-) times as large in a box of ``width`` (m) about ``position`` (m). An element that contains an
+edge gets the series stiffness of its two parts. Null: factor 1.
 """
 
 from typing import ClassVar
@@ -11,10 +11,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
-from scan2flex_jax.effects._span import scaled_bending, series_factor
 from scan2flex_jax.effects.builders import span
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.spans import scaled_bending, series_factor
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -22,9 +22,11 @@ class StiffnessProfile(AbstractEffect):
     """EI and GJ times ``factor`` (-) within ``width`` (m) about ``position`` (m)."""
 
     kind: ClassVar[str] = "stiffness_profile"
-    position: Float[Array, ""] = parameter()
-    width: Float[Array, ""] = parameter()
-    factor: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a span is stiffer or softer"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    width: Float[Array, ""] = parameter("m", domain="positive")
+    factor: Float[Array, ""] = parameter("-", domain="positive")
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the span's stiffness."""
@@ -33,7 +35,7 @@ class StiffnessProfile(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "stiffness_profile", "energy", size=lambda c: np.array([0.5]),  # a sleeve, a worn place: 0.6 to 1.6
+    StiffnessProfile, size=lambda c: np.array([0.5]),  # a sleeve, a worn place: 0.6 to 1.6
     **span(StiffnessProfile, "stiffness", lambda factor: 1.0 / factor - 1.0),  # compliances add
     signature="one span bends less (or more) than it should in every pose",
     settle="look and feel at the named span, or bring it to where the cable is bent most",

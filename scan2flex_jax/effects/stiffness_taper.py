@@ -1,5 +1,5 @@
 """Stiffness taper: EI and GJ grow from start to end by ``exp(taper (2 s/L - 1))``. ``taper`` (-) is half the
-logarithm of the ratio of the stiffnesses at the two ends; the middle stays. Null: 0.
+logarithm of the ratio of the stiffnesses at the two ends; the middle is unchanged. Null: 0.
 """
 
 from typing import ClassVar
@@ -10,10 +10,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
-from scan2flex_jax.effects._span import scaled_bending
 from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.spans import scaled_bending
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -21,7 +21,9 @@ class StiffnessTaper(AbstractEffect):
     """Stiffness times ``exp(taper (2 s/L - 1))``."""
 
     kind: ClassVar[str] = "stiffness_taper"
-    taper: Float[Array, ""] = parameter()
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "stiffness grows from start to end"
+    taper: Float[Array, ""] = parameter("-")
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with tapered stiffness."""
@@ -30,7 +32,7 @@ class StiffnessTaper(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "stiffness_taper", "energy", ("taper",),
+    StiffnessTaper, ("taper",),
     lambda c: np.array([0.2]),  # ends that differ in stiffness by half
     **plain("taper", StiffnessTaper), varies="stiffness", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
     signature="one half of the cable bends more than the other, whichever way round it hangs",

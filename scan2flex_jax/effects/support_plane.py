@@ -1,10 +1,10 @@
 """Support plane: the cable rests on a plane; its centre curve stays at ``normal . x >= offset`` (m). No friction.
 
-A node that sinks by ``p`` is pushed back with ``contact_stiffness * f(p)`` per length, ``f = p^2/(2 d)`` up to
-``p = d`` and ``p - d/2`` beyond, ``d = 4 %`` of an element. So the energy is twice continuously differentiable, and a
-light cable feels a softer plane than a heavy one: a sharper onset makes Newton's method switch nodes on and off for
-ever. Measured with 1 m of 0.98 N/m in 40 elements: it sinks by 0.5 to 1.8e-4 of its length. From a start that is far
-from the solution solve with a hundredth of the stiffness first. ``normal`` is normalised.
+A node at depth ``p`` is pushed back with ``contact_stiffness * f(p)`` per length, ``f = p^2/(2 d)`` up to
+``p = d`` and ``p - d/2`` beyond, ``d = 4 %`` of an element. The energy is thus twice continuously differentiable, and the
+plane is softer for a light cable than for a heavy one: with a sharper onset Newton's method switches nodes on and off
+indefinitely. Measured depth of a 1 m cable of 0.98 N/m in 40 elements: 0.5 to 1.8e-4 of its length. From a start far
+from the solution, solve with a hundredth of the stiffness first. ``normal`` is normalised.
 Null: an offset below the cable, or contact_stiffness 0.
 """
 
@@ -16,21 +16,23 @@ from jax import Array
 from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 CONTACT = 1.0e6  # N/m^2: heavy hoses of 50 N/m then sink by less than a millimetre
-ROUNDING = 0.04  # of an element: the depth over which contact sets in
+ROUNDING = 0.04  # of an element: depth over which contact sets in
 
 
 class SupportPlane(AbstractEffect):
     """A one-sided plane ``normal . x >= offset`` (m), of ``contact_stiffness`` (N/m^2)."""
 
     kind: ClassVar[str] = "support_plane"
-    normal: Float[Array, "3"] = parameter(3)
-    offset: Float[Array, ""] = parameter()
-    contact_stiffness: Float[Array, ""] = parameter(default=CONTACT)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "the cable rests on a plane"
+    normal: Float[Array, "3"] = parameter("-", 3, domain="unit")
+    offset: Float[Array, ""] = parameter("m")
+    contact_stiffness: Float[Array, ""] = leaf(default=CONTACT)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
         """Energy (J) of the contact of one node."""
@@ -41,15 +43,15 @@ class SupportPlane(AbstractEffect):
         return node.weight * self.contact_stiffness * (p**3 / (6.0 * d) + 0.5 * past * (past + d))
 
 
-_LIFTS, _TILT = (-0.002, 0.0, 0.002, 0.005), 0.2  # of the length, above a plane; tilt from the level: no table is further off
-_PLANES, _LEAN, _TOUCHING, _OTHER = 4, 0.12, 0.002, 0.01  # count; tilt; of the length; tilt that makes another plane
+_LIFTS, _TILT = (-0.002, 0.0, 0.002, 0.005), 0.2  # of the length, above a plane; largest tilt of a table from the level
+_PLANES, _LEAN, _TOUCHING, _OTHER = 4, 0.12, 0.002, 0.01  # count; tilt; of the length; tilt that makes a plane distinct
 
 
 def _ground(c):
-    """Planes to look at, and a little above and below each: nothing lies below a hard one but for the scanner's noise.
+    """Candidate planes, each at several offsets. Only the scanner's noise puts points below a hard plane.
 
-    So it is a facet of the hull of all measured points. Tables are level to some degrees: of the facets that lean less, those
-    with most points on them, and the level plane through the lowest point.
+    A hard plane is therefore a facet of the hull of all measured points. Tables are level to a few degrees: of the facets that
+    are tilted less, those with most points on them, and the level plane through the lowest point.
     """
     axes = _level_axes(c.up)
     planes = [(0.0, 0.0, c.lowest), *_facets(c, axes)]
@@ -68,7 +70,7 @@ def _level_axes(up):
 
 
 def _facets(c, axes):
-    """Lower facets ``(tilt, tilt, a point)`` of the hull of all measured points, those with most points on them first."""
+    """Lower facets ``(tilt, tilt, a point)`` of the hull of all measured points, by decreasing number of points on them."""
     if len(c.points) < 4:
         return []
     hull = ConvexHull(c.points, qhull_options="QJ")  # joggled: plane poses have no volume
@@ -112,14 +114,14 @@ def _plane_of(p, c):
 
 
 ENTRY = CatalogueEntry(
-    "support_plane", "energy", ("contact stiffness",),
+    SupportPlane, ("contact stiffness",),
     lambda c: np.array([20.0 * c.force / c.length**2]),  # N/m^2: its weight at a depth of 5 % of the length
     build=_table,
     to_parameters=lambda a, site, c: _plane_parameters(site, c),
     from_parameters=lambda p, c: (np.array([CONTACT]), _plane_of(p, c)),
     sites=_ground, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),
     moving={"offset": lambda c: (_LIFTS[0] * c.length, _LIFTS[-1] * c.length), "tilt_1": _tilts, "tilt_2": _tilts},
-    start_site=lambda site, noise: {**site, "offset": noise},  # nothing lies below a hard plane but for the noise
+    start_site=lambda site, noise: {**site, "offset": noise},  # only the noise puts points below a hard plane
     continuation=(20.0, 400.0, 1.0e4),
     signature="low poses are flat below one level, poses above it are untouched",
     settle="scan the table along with the cable",

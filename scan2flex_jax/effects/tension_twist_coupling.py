@@ -2,8 +2,8 @@
 
 At twist tau and tension N the torque is ``GJ tau + lever N``, and so the cable shortens by ``lever tau`` per length:
 the energy is ``1/2 EA (epsilon + lever tau)^2 + 1/2 GJ tau^2``, with ``K[2, 5] = lever EA``. GJ is the torsional
-stiffness of the cable that is free to change its length, so the energy stays positive however stiff the cable is
-against stretching. ``lever`` in m, of the size of the tenth part of the diameter for ropes. Null: 0.
+stiffness of a cable free to change its length, so the energy is positive at every axial stiffness. ``lever`` in m, about
+a tenth of the diameter for ropes. Null: 0.
 """
 
 from typing import ClassVar
@@ -13,9 +13,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
 
@@ -23,8 +23,10 @@ class TensionTwistCoupling(AbstractEffect):
     """Torque per tension ``lever`` (m)."""
 
     kind: ClassVar[str] = "tension_twist_coupling"
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "tension twists the cable"
     rank: ClassVar[int] = 2
-    lever: Float[Array, ""] = parameter()
+    lever: Float[Array, ""] = parameter("m")
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with the coupling."""
@@ -35,7 +37,7 @@ class TensionTwistCoupling(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "tension_twist_coupling", "energy", ("lever",),
+    TensionTwistCoupling, ("lever",),
     lambda c: np.array([0.1 * c.radius_or_guess]),  # a tenth of the radius: a cable of one lay, half a rope
     **plain("lever", TensionTwistCoupling),
     signature="tight poses are twisted, slack ones are not",

@@ -16,16 +16,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import places
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
+from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
 TINY = 1.0e-24  # m^2: keeps the derivative of a distance of zero finite
 
 
 def place_on_cable(node: Node, position: Float[Array, ""]):
-    """``(point, weight)``: what this node contributes to the place at ``position`` (m); the weights add to one."""
+    """``(point, weight)``: contribution of this node to the place at ``position`` (m); the weights add to one."""
     u = (position - node.s) / node.ds
     v = jnp.minimum(jnp.abs(u), 1.0)
     return node.r + node.ds * jnp.clip(u, -1.0, 1.0) / (1.0 + 2.0 * v) * node.R[:, 2], 1.0 + v**2 * (2.0 * v - 3.0)
@@ -35,13 +35,15 @@ class Tether(AbstractEffect):
     """A spring of ``stiffness`` (N/m) and ``rest_length`` (m) from ``anchor`` (m) to the cable at ``position`` (m)."""
 
     kind: ClassVar[str] = "tether"
-    position: Float[Array, ""] = parameter()
-    anchor: Float[Array, "3"] = parameter(3)
-    stiffness: Float[Array, ""] = parameter()
-    rest_length: Float[Array, ""] = parameter(default=0.0)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a string or spring from a fixed point"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    anchor: Float[Array, "3"] = parameter("m", 3)
+    stiffness: Float[Array, ""] = parameter("N/m", domain="positive")
+    rest_length: Float[Array, ""] = parameter("m", domain="nonnegative", default=0.0)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
-        """Energy (J) of the spring, as far as it hangs on this node."""
+        """Energy (J) of the spring, this node's share."""
         point, weight = place_on_cable(node, self.position)
         span = point - self.anchor
         longer = jnp.maximum(jnp.sqrt(span @ span + TINY) - self.rest_length, 0.0)
@@ -49,21 +51,21 @@ class Tether(AbstractEffect):
 
 
 class AnchoredSpring(AbstractEffect):
-    """A `tether` by its ``pull`` (N) on the cable at ``position`` when that is at ``centre``: both numbers may be zero.
+    """A `tether` in the ``pull`` (N) on the cable at ``position`` when that is at ``centre``; pull and stiffness may be zero.
 
     With ``reach`` 0 its rest length is zero, and the energy is ``1/2 k |r - centre|^2 - pull . (r - centre)``, linear in the
-    ``stiffness`` k (N/m) and the pull. Otherwise it is anchored at ``reach`` from the centre towards the pull, and the energy
-    is ``(k (d - reach) + |pull|)^2/(2 k)`` at the distance d from there, zero where it is slack. Places and lengths in m.
+    ``stiffness`` k (N/m) and the pull. Otherwise the anchor is at ``reach`` from the centre in the direction of the pull, and
+    the energy is ``(k (d - reach) + |pull|)^2/(2 k)`` at the distance d from the anchor, zero when slack. Lengths in m.
     """
 
-    position: Float[Array, ""] = parameter()
-    centre: Float[Array, "3"] = parameter(3)
-    stiffness: Float[Array, ""] = parameter()
-    pull: Float[Array, "3"] = parameter(3)
-    reach: Float[Array, ""] = parameter(default=0.0)
+    position: Float[Array, ""] = leaf()
+    centre: Float[Array, "3"] = leaf(3)
+    stiffness: Float[Array, ""] = leaf()
+    pull: Float[Array, "3"] = leaf(3)
+    reach: Float[Array, ""] = leaf(default=0.0)
 
     def node_potential(self, node: Node) -> Float[Array, ""]:
-        """Energy (J) of the spring, as far as it hangs on this node."""
+        """Energy (J) of the spring, this node's share."""
         point, weight = place_on_cable(node, self.position)
         span, k, string = point - self.centre, self.stiffness, self.reach > 0
         tension = jnp.sqrt(self.pull @ self.pull + TINY)
@@ -73,9 +75,9 @@ class AnchoredSpring(AbstractEffect):
         return weight * jnp.where(string, taut, 0.5 * k * span @ span - self.pull @ span)
 
 
-_FAR = 1e-4  # of the size: stiffness that stands for a force that does not change, from an anchor thousands of lengths away
-_REACH = (0.03, 1.0)  # of the length: from the cable to where a string is anchored
-_SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: of the size, and of the logarithm of the stiffness in units of the size
+_FAR = 1e-4  # of the size: stiffness of a constant force, from an anchor thousands of lengths away
+_REACH = (0.03, 1.0)  # of the length: distance of a string's anchor from the cable
+_SOFTEST, _SPREAD = 1.0 / 6.0, 1.5  # of strings: stiffness at zero amplitude, of the size; its logarithm per size
 
 
 def _tether_size(c):
@@ -83,7 +85,7 @@ def _tether_size(c):
 
 
 def _tether(a, site, c):
-    """A spring of rest length zero about the middle of the scans; with a ``reach`` a string, whose stiffness is log-normal."""
+    """A spring of zero rest length about the centre of the scans; with a ``reach`` a string, whose stiffness is log-normal."""
     if "reach" not in site:
         return (AnchoredSpring(site["position"], jnp.asarray(c.centre), a[0], a[1:]),)
     k = _string_stiffness(a[0], site["softest"])
@@ -121,7 +123,7 @@ def _tether_parameters(a, site, c):
 
 
 def _strings(a, site, c, places):
-    """From a spring of rest length zero to strings that pull alike at the tautest of ``places`` (m): anchored nearer."""
+    """Further starts after a spring of zero rest length: strings with the same pull at the tautest of ``places`` (m)."""
     if "reach" in site or len(places) < 2:
         return []
     pulls = np.asarray(a, float)[1:] - float(a[0]) * (places - c.centre)
@@ -134,7 +136,7 @@ def _strings(a, site, c, places):
     softest = _SOFTEST * _tether_size(c)[0]
     for reach in (0.2 * c.length, 0.4 * c.length):
         distance = np.linalg.norm(places - place - reach * pull / tension, axis=1)
-        apart = distance - np.mean(distance)  # all zero in repeats of one pose, which tell no stiffness
+        apart = distance - np.mean(distance)  # all zero in repeats of one pose, which carry no information on the stiffness
         slope = apart @ forces / max(float(apart @ apart), 1e-300)
         k = np.clip(slope, 6.0 * softest, 200.0 * softest)
         moved = {"position": float(site["position"]), "reach": reach, "place": place, "softest": softest}
@@ -143,7 +145,7 @@ def _strings(a, site, c, places):
 
 
 ENTRY = CatalogueEntry(
-    "tether", "energy", ("stiffness", "pull x", "pull y", "pull z"),
+    Tether, ("stiffness", "pull x", "pull y", "pull z"),
     _tether_size,
     build=_tether,
     to_parameters=_tether_parameters,
@@ -152,5 +154,5 @@ ENTRY = CatalogueEntry(
     moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
     signature="the cable is drawn at one place of it towards one point of space, from whichever side",
     settle="look for a string at the named place",
-    same_shapes=(SameShapes("point_load", "an anchor far away beside the motion of the place between poses"),),
+    same_shapes=(SameShapes("point_load", "an anchor far away against the motion of the place between poses"),),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """Uniform load: a dead load along the whole cable, the same in every pose (wind, buoyancy, or a tilt of gravity).
 
-``force`` (N/m, scan frame) per unstretched length. The shapes are those of a rod whose gravity vector is
-``g + force / k_rhoA``, exactly where the density is uniform: shapes alone cannot tell the two apart. Null: 0.
+``force`` (N/m, scan frame) per unstretched length. The shapes are those of a rod in the gravity
+``g + force / k_rhoA``, exactly for uniform density: from shapes alone the two cannot be distinguished. Null: 0.
 """
 
 from typing import ClassVar
@@ -11,9 +11,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects._fields import parameter
 from scan2flex_jax.effects.builders import XYZ, plain
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 
@@ -22,7 +22,9 @@ class UniformLoad(AbstractEffect):
     """A dead load ``force`` (N/m) on the whole cable."""
 
     kind: ClassVar[str] = "uniform_load"
-    force: Float[Array, "3"] = parameter(3)
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a dead load along the whole cable"
+    force: Float[Array, "3"] = parameter("N/m", 3)
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The load on all elements."""
@@ -30,7 +32,7 @@ class UniformLoad(AbstractEffect):
 
 
 ENTRY = CatalogueEntry(
-    "uniform_load", "energy", XYZ,
+    UniformLoad, XYZ,
     lambda c: np.full(3, 0.04 * c.force / c.length),  # two degrees of tilt of the scan frame
     **plain("force", UniformLoad, 3),
     signature="all poses lean to the same side of space",

@@ -4,29 +4,46 @@ Simulators made of rigid links see a rod whose links *begin and end between* our
 ``k``, its neighbours are joined half an element away. Then the first and the last link have exactly the orientations of the
 clamps, the joints carry the stiffness over one element each, and shapes agree to second order in the element length; with
 links from node to node the clamps would be half an element off.
+
+Whatever a study has goes along or is refused by name: each target lists which of `FEATURES` it holds, `HungCable.require`
+refuses the others, and `HungCable.remarks` are the sentences that every file states.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from scan2flex_jax.effects.point_mass import PointMass
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting.parameters import model_of
-from scan2flex_jax.prediction import settled
-from scan2flex_jax.rod.effect import overriding
-from scan2flex_jax.rod.loads import distributed_load
-from scan2flex_jax.statics.solve import Equilibrium
-from scan2flex_jax.study.model import Study
 
 _SAME = 1e-9  # part by which sections may differ and still be one cable's
+_STRETCH = 1e-3  # strain of a pose up to which a chain of rigid links may leave out stretch and shear
+_SOFTER = 100.0  # times: assumed stiffness of shear and stretch, which costs simulators small steps or digits
+THIN = 5e-3  # of the length: radius where the study has none
+
+STIFFNESS = "a stiffness that varies along the cable"
+NATURAL = "a natural curvature that varies along the cable"
+DENSITY = "a mass per length that varies along the cable"
+BENDINGS = "two bending stiffnesses"
+SHEARS = "two shear stiffnesses"
+BEND_TWIST = "a coupling among bending and twist"
+COUPLED = "a coupling of stretch or shear with other strains"
+NATURAL_STRETCH = "natural stretch or shear"
+GIVES = "stretch or shear of more than 0.1 %"
+FEATURES = (STIFFNESS, NATURAL, DENSITY, BENDINGS, SHEARS, BEND_TWIST, COUPLED, NATURAL_STRETCH, GIVES)
 
 
 @dataclass(frozen=True)
 class HungCable:
     """A cable in one pose: ``stiffness`` (n, 6, 6) of shear, stretch, bending, twist (N, N m^2), ``natural`` strain (n, 6)
     (-, 1/m), ``density`` (n,) kg/m, nodes ``s`` (m), ``position`` (m) and ``rotation`` (columns d1, d2, d3), supports ``held``
-    (2, 6), ``gravity`` m/s^2, ``radius`` (m, None where the study has none); ``assumed``: the stiffnesses that the study
-    leaves out."""
+    (2, 6), ``gravity`` m/s^2, ``radius`` (m, None where the study has none).
+
+    ``masses``: ``(arc length m, kg)`` of what hangs on the cable. ``beyond``: effect types that none of these hold. ``seen``:
+    those of the scanner, which no simulator needs. ``assumed``: the stiffnesses that the study leaves out. ``effects``: all
+    that act, ``(effect type, parameters)``. ``strain``: bound of stretch and shear (-). ``sources``: effect types by the
+    feature that they bring.
+    """
 
     title: str
     pose: str
@@ -42,58 +59,108 @@ class HungCable:
     held: np.ndarray
     beyond: tuple[str, ...]
     assumed: tuple[str, ...] = ()
+    masses: tuple[tuple[float, float], ...] = ()
+    seen: tuple[str, ...] = ()
+    effects: tuple[tuple[str, dict], ...] = ()
+    strain: float = 0.0
+    sources: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def elements(self) -> int:
         """Number of elements."""
         return len(self.density)
 
-    def uniform(self, simulator: str) -> tuple[np.ndarray, np.ndarray, float]:
-        """``(stiffness (6,), natural (6,), density)`` of a cable that is alike along s with no couplings.
+    @property
+    def element_length(self) -> float:
+        """Length of an element (m)."""
+        return self.length / self.elements
 
-        Raises `Scan2FlexError` for what a simulator of such cables cannot represent.
-        """
-        if self.beyond:
-            raise Scan2FlexError(
-                f"{simulator} has no {', '.join(self.beyond)}: leave the effect out of the study, or export to json."
+    @property
+    def drawn_radius(self) -> float:
+        """Radius (m) for pictures, contact and rotational inertia; `remarks` say so where the study has none."""
+        return THIN * self.length if self.radius is None else self.radius
+
+    @property
+    def softened(self) -> np.ndarray:
+        """``stiffness`` with a hundredth of what was assumed: still practically rigid, and easier for a simulator."""
+        soft = [("shear_stiffness" in self.assumed)] * 2 + ["axial_stiffness" in self.assumed] + [False] * 3
+        scale = np.where(soft, _SOFTER**-0.5, 1.0)
+        return self.stiffness * np.outer(scale, scale)
+
+    @property
+    def link_masses(self) -> np.ndarray:
+        """Masses (n + 1,) of the links (kg), with what hangs on them: shared by the two nearest, so that moments are kept."""
+        half = 0.5 * self.element_length * self.density
+        out = np.append(half, 0.0) + np.insert(half, 0, 0.0)
+        for place, mass in self.masses:
+            k, part = self.between(place)
+            out[k] += (1.0 - part) * mass
+            out[k + 1] += part * mass
+        return out
+
+    def between(self, place: float) -> tuple[int, float]:
+        """The element of an arc length (m), and how far along it (0..1)."""
+        k = int(np.clip(place / self.element_length, 0, self.elements - 1))
+        return k, place / self.element_length - k
+
+    @property
+    def remarks(self) -> list[str]:
+        """Sentences that a file must state: what was assumed, and what is left out because it is the scanner's."""
+        out = []
+        if self.radius is None:
+            out.append(
+                f"The study has no radius: {self.drawn_radius:.4g} m (0.5 % of the length) stands in for pictures, contact and "
+                "rotational inertia; no stiffness depends on it."
             )
-        K, scale = self.stiffness[0], np.sqrt(np.diag(self.stiffness[0]))
-        coupled = np.max(np.abs(K - np.diag(np.diag(K))) / np.outer(scale, scale)) > _SAME
-        varied = [
-            np.max(np.abs(a - a[0]), initial=0.0) > _SAME * np.max(np.abs(a))
-            for a in (self.stiffness, self.natural, self.density)
-        ]
-        if coupled or any(varied):
-            what = "couples its strains" if coupled else "varies along its length"
-            raise Scan2FlexError(f"this cable {what}, which the export to {simulator} does not know: export to json.")
-        if not np.all(self.held[0] == 1) or np.any(self.held[1] != self.held[1, 0]):
+        if self.assumed:
+            names = " and ".join(self.assumed)
+            out.append(f"The study has no {names}: the cable is assumed practically rigid there.")
+        if self.seen:
+            out.append(f"Left out: {', '.join(self.seen)}, which is the scanner's and not the cable's.")
+        return out
+
+    def require(self, simulator: str, holds: frozenset[str], *, ball_joints: bool = True) -> None:
+        """Raises `Scan2FlexError` where the cable has an effect or a feature beyond those that the simulator ``holds``."""
+        if beyond := [kind for kind in self.beyond if kind != PointMass.kind]:  # `masses` hold it
             raise Scan2FlexError(
-                f"pose {self.pose!r} has a ball joint, which the export to {simulator} does not know: name another."
+                f"The export to {simulator} cannot hold {', '.join(beyond)}: leave it out of the study, or export to json."
             )
-        return np.diag(K), self.natural[0], float(self.density[0])
+        if missing := [feature for feature in self.features() if feature not in holds]:
+            brought = dict.fromkeys(kind for feature in missing for kind in self.sources.get(feature, ()))
+            by = f" ({', '.join(brought)})" if brought else ""
+            raise Scan2FlexError(f"The export to {simulator} cannot hold {missing[0]}{by}: export this cable to json.")
+        loose = self.held.any(axis=1) & ~self.held.all(axis=1)
+        if not self.held[0].any() or (loose.any() and not ball_joints):
+            what = "a ball joint" if loose.any() else "no support at its start"
+            raise Scan2FlexError(f"The export to {simulator} cannot hold {what}, as pose {self.pose!r} has: name another pose.")
+
+    def features(self) -> tuple[str, ...]:
+        """What the sections have beyond a straight, uniform, isotropic rod."""
+        found = features_of(self.stiffness, self.natural, self.density)
+        return (*found, GIVES) if self.strain > _STRETCH else found
 
 
-def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
-    """The cable of a study whose parameters are all known, hanging in one pose; raises `Scan2FlexError`."""
-    chosen = study.poses[0] if pose is None else study.pose(pose)
-    model = model_of(study, chosen)
-    e = settled(study, chosen, model, elements)
-    if not bool(e.verdict.solved):
-        raise Scan2FlexError(f"pose {chosen.name!r} could not be solved ({e.verdict.sentence()}): export another pose.")
-    section, radius = e.rod.section, study.cable.get("radius")
-    r, R = map(np.asarray, e.configuration)
-    K, natural, density = map(np.asarray, (section.stiffness, section.natural, section.density))
-    return HungCable(
-        study.title, chosen.name, float(e.rod.length), np.asarray(model.gravity), None if radius is None else float(radius),
-        K, natural, density, np.asarray(e.s), r, R, np.asarray(e.rod.boundary.held), _beyond(e, model),
-        study.assumed_rigid,
-    )  # fmt: skip
+def features_of(stiffness: np.ndarray, natural: np.ndarray, density: np.ndarray) -> tuple[str, ...]:
+    """The features that sections (n, 6, 6), (n, 6), (n,) have, among `FEATURES`."""
+    scale = np.sqrt(np.diagonal(stiffness, axis1=1, axis2=2))
+    coupled = np.max(np.abs(stiffness / (scale[:, :, None] * scale[:, None, :]) - np.eye(6)), axis=0) > _SAME
+    diagonal = np.diagonal(stiffness, axis1=1, axis2=2)
+    present = {
+        STIFFNESS: _varies(stiffness),
+        NATURAL: _varies(natural[:, 3:]),
+        DENSITY: _varies(density),
+        BENDINGS: _differ(diagonal[:, 3], diagonal[:, 4]),
+        SHEARS: _differ(diagonal[:, 0], diagonal[:, 1]),
+        BEND_TWIST: bool(np.any(coupled[3:, 3:])),
+        COUPLED: bool(np.any(coupled[:3])),
+        NATURAL_STRETCH: bool(np.any(natural[:, :3])),
+    }
+    return tuple(feature for feature in FEATURES if present.get(feature))
 
 
-def _beyond(e: Equilibrium, model) -> tuple[str, ...]:
-    """Effects that are neither in the sections, nor in the supports, nor in what the scanner sees."""
-    own = [*overriding(model.effects, "strain_energy"), *overriding(model.effects, "node_potential")]
-    plain = distributed_load(e.rod.section, e.rod.section.density[:, None] * model.gravity)
-    if np.max(np.abs(plain.force - e.rod.load.force)) > _SAME * (np.max(np.abs(plain.force)) + 1e-300):
-        own += overriding(model.effects, "dead_load")
-    return tuple(dict.fromkeys(effect.kind for effect in own))
+def _varies(values):
+    return bool(np.max(np.abs(values - values[0]), initial=0.0) > _SAME * np.max(np.abs(values)))
+
+
+def _differ(one, other):
+    return bool(np.max(np.abs(one - other)) > _SAME * np.max(np.abs(one)))

@@ -7,55 +7,46 @@ takes that out, and shapes stay of second order. Plain joints are read by every 
 since 4.0).
 
 The reference of the model is the straight cable; the keyframe ``hanging`` has the joint angles of our equilibrium. Stretch and
-shear are rigid (ours: about 1e-5). The end is a weld to the world, soft as all constraints of MuJoCo are; ``solimp`` makes it
-nearly as hard as can be. An armature keeps the joints stable at the model's timestep and a damping lets the cable settle; both
-leave the equilibrium alone, and dynamics are not calibrated. Contact is switched off: this model has none.
+shear are rigid; a cable that stretches is refused. The end is a weld to the world, soft as all constraints of MuJoCo are;
+``solimp`` makes it nearly as hard as can be. An armature keeps the joints stable at the model's timestep and a damping lets the
+cable settle; both leave the equilibrium alone, and dynamics are not calibrated. Contact is switched off: this model has none.
 """
 
 import xml.etree.ElementTree as ET
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.export.cable import HungCable
+from scan2flex_jax.export.cable import BENDINGS, DENSITY, NATURAL, SHEARS, STIFFNESS, HungCable
+
+HOLDS = frozenset({BENDINGS, DENSITY, NATURAL, SHEARS, STIFFNESS})
 
 _STEP = 1e-3  # s
 _STABLE = 16.0  # armature over stiffness times step^2: the fastest mode of a chain of such joints then turns by 0.5 rad a step
 _SETTLE = 0.05  # s, in which the strain of a joint decays
-_THIN = 5e-3  # of the length: radius where the study has none; only pictures and rotational inertia know it
 _ORDERS = ("XYZ", "ZYX")  # intrinsic, as hinges of one body follow each other
 
 
 def to_mujoco(cable: HungCable) -> str:
     """The model as XML text; raises `Scan2FlexError` for a cable that such a chain cannot represent."""
-    K, natural, density = cable.uniform("MuJoCo")
-    ds = cable.length / cable.elements
+    cable.require("MuJoCo", HOLDS, ball_joints=False)
+    ds = cable.element_length
     root = ET.Element("mujoco", model=_printable(cable.title or "cable"))
-    root.append(
-        ET.Comment(_printable(f" pose {cable.pose}: begin at keyframe 'hanging'; armature and damping are not calibrated "))
-    )
+    for remark in (f"pose {cable.pose}: begin at keyframe 'hanging'; armature and damping are not calibrated", *cable.remarks):
+        root.append(ET.Comment(_printable(f" {remark} ")))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
         root, "option", gravity=_text(cable.gravity), timestep=f"{_STEP:g}", integrator="implicitfast", solver="Newton"
     )
     world = ET.SubElement(root, "worldbody")
     links = list(Rotation.from_matrix(cable.rotation))
-    rest = Rotation.from_rotvec(ds * natural[3:])
-    stiffness, size = dict(zip("XYZ", K[3:] / ds, strict=True)), cable.radius or _THIN * cable.length
-    common = {"armature": _STABLE * max(stiffness.values()) * _STEP**2}
     start = cable.position[0] - 0.5 * ds * cable.rotation[0, :, 2]
     body, angles = ET.SubElement(world, "body", name="link0", pos=_text(start), quat=_quaternion(links[0])), []
-    _geom(body, 0, cable.elements, ds, density, size)
+    _link(body, 0, cable)
     for k in range(1, cable.elements + 1):
         body = ET.SubElement(body, "body", name=f"link{k}", pos=_text([0, 0, ds]))
-        order = _ORDERS[k % 2]
-        at, relaxed = ((turn.as_euler(order)) for turn in (links[k - 1].inv() * links[k], rest))
-        angles += list(at)
-        for axis, spring in zip(order, relaxed, strict=True):
-            numbers = {"stiffness": stiffness[axis], "damping": _SETTLE * stiffness[axis], "springref": spring, **common}
-            unit = _text([float(axis == name) for name in "XYZ"])
-            written = {key: repr(float(value)) for key, value in numbers.items()}
-            ET.SubElement(body, "joint", {"type": "hinge", "name": f"joint{k}{axis.lower()}", "axis": unit, **written})
-        _geom(body, k, cable.elements, ds, density, size)
+        angles += _joints(body, k, cable, links[k - 1].inv() * links[k])
+        _link(body, k, cable)
     if cable.held[1, 0]:
         ET.SubElement(body, "site", name="end", pos=_text([0, 0, 0.5 * ds]))
         ET.SubElement(world, "site", name="clamp", pos=_text(cable.position[-1]), quat=_quaternion(links[-1]))
@@ -66,12 +57,35 @@ def to_mujoco(cable: HungCable) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _geom(body, k, last, ds, density, size):
-    """The part of the link that is cable: half of it at the ends."""
+def _joints(body, k, cable, turn):
+    """The three hinges before link k, with the stiffness of the element that they stand for; their angles in the pose."""
+    order, ds = _ORDERS[k % 2], cable.element_length
+    stiffness = dict(zip("XYZ", np.diag(cable.stiffness[k - 1])[3:] / ds, strict=True))
+    armature = _STABLE * float(np.max(cable.stiffness[:, [3, 4, 5], [3, 4, 5]])) / ds * _STEP**2
+    relaxed = Rotation.from_rotvec(ds * cable.natural[k - 1, 3:]).as_euler(order)
+    for axis, spring in zip(order, relaxed, strict=True):
+        numbers = {
+            "stiffness": stiffness[axis], "damping": _SETTLE * stiffness[axis], "springref": spring, "armature": armature,
+        }  # fmt: skip
+        unit = _text([float(axis == name) for name in "XYZ"])
+        written = {key: repr(float(value)) for key, value in numbers.items()}
+        ET.SubElement(body, "joint", {"type": "hinge", "name": f"joint{k}{axis.lower()}", "axis": unit, **written})
+    return list(turn.as_euler(order))
+
+
+def _link(body, k, cable):
+    """The part of the link that is cable, half of it at the ends, and the masses that hang on it."""
+    ds, last = cable.element_length, cable.elements
     low, high = (0.5 * ds if k == 0 else 0.0), (0.5 * ds if k == last else ds)
     ends = _text([0, 0, low, 0, 0, high])
-    mass = repr(float(density * (high - low)))
-    ET.SubElement(body, "geom", type="capsule", size=repr(float(size)), fromto=ends, mass=mass, contype="0", conaffinity="0")
+    density = np.mean(cable.density[max(k - 1, 0) : k + 1])
+    none = {"contype": "0", "conaffinity": "0"}
+    size, mass = repr(float(cable.drawn_radius)), repr(float(density * (high - low)))
+    ET.SubElement(body, "geom", {"type": "capsule", "size": size, "fromto": ends, "mass": mass, **none})
+    for place, hung in cable.masses:
+        if round(place / ds) == k:
+            at = _text([0, 0, place - (k - 0.5) * ds])
+            ET.SubElement(body, "geom", {"type": "sphere", "size": size, "pos": at, "mass": repr(float(hung)), **none})
 
 
 def _quaternion(rotation) -> str:

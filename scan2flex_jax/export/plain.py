@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.export.cable import HungCable
@@ -13,6 +14,8 @@ _MEANING = {
     "quaternion": "scalar first, turns material vectors into the scan frame; d3 is the tangent",
     "held": "1 where the support of start and end prevents a motion: three translations, three rotations",
     "beyond": "effects that no stiffness, natural strain or density holds; a simulator must add them",
+    "effects": "all effects of the cable and its scans with their parameters, as study.toml declares them (SI; null: infinite)",
+    "remarks": "what was assumed, and what is left out of the numbers above",
 }
 
 
@@ -41,5 +44,12 @@ def to_json(cable: HungCable) -> str:
             "quaternion": quaternion.tolist(),
         },
         "beyond": list(cable.beyond),
+        "effects": [{"kind": kind, **{k: _plain(v) for k, v in given.items()}} for kind, given in cable.effects],
+        "remarks": cable.remarks if cable.radius is not None else cable.remarks[1:],
     }
     return json.dumps(found, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain(value):
+    """A number or an array as JSON holds it: null for an infinite one."""
+    return [_plain(v) for v in value] if np.ndim(value) else float(value) if np.isfinite(value) else None

@@ -9,13 +9,17 @@ import json
 
 import numpy as np
 
-from scan2flex_jax.export.cable import HungCable
+from scan2flex_jax.export.cable import COUPLED, FEATURES, HungCable
+
+HOLDS = frozenset(FEATURES) - {COUPLED}
 
 _SCRIPT = '''"""A cable with the stiffness that was measured from its shapes, for PyElastica (pip install pyelastica).
 
 `python {file}` lets it settle under gravity and writes its centre line to settled.csv (m).
 Units are SI. Damping is there to settle and is not calibrated; self-contact is not modelled.
 """
+
+# {remarks}
 
 import json
 
@@ -38,17 +42,14 @@ def build(damping=8.0):
     radius = CABLE["radius"]
     rod = ea.CosseratRod.straight_rod(
         count, position[:, 0], directors[2, :, 0], directors[0, :, 0], count * ds, radius,
-        density=CABLE["length_density"] / (np.pi * radius**2), youngs_modulus=1e6, shear_modulus=1e6,
+        density=np.mean(CABLE["masses"]) / (ds * np.pi * radius**2), youngs_modulus=1e6, shear_modulus=1e6,
     )
-    K = CABLE["stiffness"]  # shear d1, d2, stretch (N), bending d1, d2, twist (N m^2)
-    rod.shear_matrix[:] = np.diag(K[:3])[:, :, None]
-    rod.bend_matrix[:] = np.diag(K[3:])[:, :, None]
-    rod.rest_sigma[:] = np.array(CABLE["natural"][:3])[:, None]
-    rod.rest_kappa[:] = np.array(CABLE["natural"][3:])[:, None]
+    shear, bend = np.array(CABLE["shear"]), np.array(CABLE["bend"])  # N of every element, N m^2 of every joint
+    rod.shear_matrix[:], rod.bend_matrix[:] = shear.transpose(1, 2, 0), bend.transpose(1, 2, 0)
+    rod.rest_sigma[:], rod.rest_kappa[:] = np.array(CABLE["rest_sigma"]).T, np.array(CABLE["rest_kappa"]).T
     rod.position_collection[:] = position
     rod.director_collection[:] = directors
-    if not CABLE["clamped_end"]:  # the cable ends in the middle of the last element: take the weight beyond from its nodes
-        rod.mass[-2:] = CABLE["length_density"] * ds * np.array([0.875, 0.125])
+    rod.mass[:] = CABLE["masses"]  # kg, of every node
     scene = Scene()
     scene.append(rod)
     ends = (0, 1, -2, -1) if CABLE["clamped_end"] else (0, 1)
@@ -59,8 +60,8 @@ def build(damping=8.0):
     )
     scene.add_forcing_to(rod).using(ea.GravityForces, acc_gravity=np.array(CABLE["gravity"]))
     # A thin section turns much faster than it moves: more rotational inertia, which no equilibrium feels, allows longer steps.
-    mass, stiffest = CABLE["length_density"] * ds, max(K[:3]) / ds
-    inertia = 2.0 * max(max(K[3:]) / ds, 0.25 * max(K[:2]) * ds) * mass / stiffest
+    mass, stiffest = min(CABLE["masses"][2:-2]), np.max(shear) / ds
+    inertia = 2.0 * max(np.max(bend) / ds, 0.25 * np.max(shear) * ds) * mass / stiffest
     rod.mass_second_moment_of_inertia[:] = inertia * np.eye(3)[:, :, None]
     rod.inv_mass_second_moment_of_inertia[:] = np.eye(3)[:, :, None] / inertia
     step = 0.4 * np.sqrt(mass / stiffest)
@@ -84,32 +85,40 @@ def settle(seconds={seconds:g}, damping=8.0):
 if __name__ == "__main__":
     np.savetxt("settled.csv", centre_line(settle()), delimiter=",", header="x,y,z", comments="")
 '''
-_THIN = 5e-3  # of the length: radius where the study has none; only pictures know it
 _SECONDS = 3.0
-_SOFTER = 100.0  # times: assumed stiffness of shear and stretch, which would make time steps a tenth as long
 
 
 def to_pyelastica(cable: HungCable, file: str = "cable.py") -> str:
-    """The script as text; raises `Scan2FlexError` for a cable that is not uniform."""
-    K, natural, density = cable.uniform("PyElastica")
-    soft = ["shear_stiffness" in cable.assumed] * 2 + ["axial_stiffness" in cable.assumed] + [False] * 3
-    K = np.where(soft, K / _SOFTER, K)
-    ds = cable.length / cable.elements
-    d3 = cable.rotation[:, :, 2]
-    r, reach = cable.position, 0.5 * ds * d3[[0, -1]]
+    """The script as text; raises `Scan2FlexError` for a cable that such a rod cannot represent."""
+    cable.require("PyElastica", HOLDS, ball_joints=False)
+    ds, d3, r, K = cable.element_length, cable.rotation[:, :, 2], cable.position, cable.softened
+    reach = 0.5 * ds * d3[[0, -1]]
     inner = 0.5 * (r[1:] + r[:-1])
     nodes = np.concatenate([r[:1] - reach[:1], r[:1] + reach[:1], inner[1:-1], r[-1:] - reach[1:], r[-1:] + reach[1:]])
+    half = 0.5 * cable.link_masses
     data = {
         "title": cable.title,
         "pose": cable.pose,
-        "length_density": density,
-        "radius": cable.radius or _THIN * cable.length,
+        "masses": (np.append(half, 0.0) + np.insert(half, 0, 0.0)).tolist(),
+        "radius": cable.drawn_radius,
         "element_length": ds,
-        "stiffness": K.tolist(),
-        "natural": natural.tolist(),
+        "shear": _at_nodes(K[:, :3, :3]).tolist(),
+        "bend": K[:, 3:, 3:].tolist(),
+        "rest_sigma": _at_nodes(cable.natural[:, :3]).tolist(),
+        "rest_kappa": cable.natural[:, 3:].tolist(),
         "gravity": cable.gravity.tolist(),
         "position": nodes.tolist(),
         "directors": np.swapaxes(cable.rotation, 1, 2).tolist(),
         "clamped_end": bool(cable.held[1, 0]),
     }
-    return _SCRIPT.format(file=file, data=json.dumps(data, allow_nan=False), seconds=_SECONDS)
+    remarks = "\n# ".join(_printable(remark) for remark in cable.remarks) or "All numbers are those of the study."
+    return _SCRIPT.format(file=file, remarks=remarks, data=json.dumps(data, allow_nan=False), seconds=_SECONDS)
+
+
+def _at_nodes(values):
+    """Means of the values of neighbouring elements: PyElastica's elements are centred on our nodes."""
+    return 0.5 * (np.concatenate([values[:1], values]) + np.concatenate([values, values[-1:]]))
+
+
+def _printable(text):
+    return "".join(c if c.isprintable() else " " for c in text)

@@ -5,11 +5,13 @@ from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, residual_function
 from scan2flex_jax.fitting.result import Estimate, Fit, PoseFit
 from scan2flex_jax.fitting.run import METHODS, fit
+from scan2flex_jax.fitting.settings import FitSettings
 
 __all__ = [
     "METHODS",
     "Estimate",
     "Fit",
+    "FitSettings",
     "PoseFit",
     "ResidualFunction",
     "boundary_of",

@@ -18,8 +18,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from scan2flex_jax.effects._span import POINTS, smooth_root
 from scan2flex_jax.fitting import states
+from scan2flex_jax.geometry.fields import POINTS, hats, smooth_root
 
 SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
 _FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
@@ -62,10 +62,9 @@ class Discrepancy:
 @lru_cache
 def _curvatures(elements: int) -> np.ndarray:
     """Natural curvature (k, elements, 3) of all elements for each independent component of the field of unit size."""
-    s = (np.arange(elements) + 0.5) / elements * (POINTS - 1)
-    hats = np.maximum(0.0, 1.0 - np.abs(s[:, None] - np.arange(POINTS)))
+    middles = (np.arange(elements) + 0.5) / elements
     field = smooth_root(POINTS, 3).T.reshape(-1, POINTS, 3)
-    return np.einsum("ep,kpc->kec", hats, field)
+    return np.einsum("ep,kpc->kec", hats(middles, POINTS), field)
 
 
 def directions(state: states.State) -> states.State:

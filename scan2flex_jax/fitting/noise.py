@@ -199,6 +199,11 @@ class Residual(NamedTuple):
         marked = None if self.marked is None else self.marked[keep]
         return Residual(self.s[keep], self.r[keep], self.X[keep], self.at, Z, marked)
 
+    def over(self, scale: float) -> "Residual":
+        """In units of ``scale``, that of the noise of this pose."""
+        Z = None if self.Z is None else self.Z / scale
+        return self._replace(r=self.r / scale, X=self.X / scale, Z=Z)
+
     def in_plane(self) -> "Residual":
         """With the normal in its plane alone, of a pose that was measured in one."""
         u = plane_of(self.r)

@@ -249,9 +249,24 @@ def _tilt(gravity, x):
 
 
 def model_of(study: Study, pose: StudyPose | None = None) -> CableModel:
-    """The model of a pose with every unknown at its value or guess; raises `StudyError` where one has neither.
+    """The model of a pose with every unknown at its value or guess.
 
-    A pose may have its own gravity, and effects that act in it only. Without ``pose``: the model of a pose that has neither.
+    Args:
+        study: One cable.
+        pose: May have its own gravity, and effects that act in it only; left out: the model of a pose that has neither.
+
+    Returns:
+        Cable, gravity and effects, as `equilibrium` takes them.
+
+    Raises:
+        StudyError: An unknown has neither a value nor a guess.
+
+    Examples:
+        >>> from scan2flex_jax.examples import example_path
+        >>> study = load_study(example_path("simulated-cable"))
+        >>> known = replace(study, unknowns=(), cable={**study.cable, "bending_stiffness": 0.1, "torsional_stiffness": 0.25})
+        >>> float(model_of(known).cable.length)
+        1.0
     """
     check_study(study, "predict")
     for unknown in study.unknowns:

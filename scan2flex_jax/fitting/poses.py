@@ -56,7 +56,18 @@ class Poses(eqx.Module):
 
 
 def boundary_of(pose: StudyPose) -> Boundary:
-    """The supports of a study's pose, as `equilibrium` takes them."""
+    """The supports of a study's pose, as `equilibrium` takes them.
+
+    Args:
+        pose: Its clamps; one without a quaternion is a ball joint, a missing end is free.
+
+    Returns:
+        Both supports, with positions (2, 3) in m, rotations (2, 3, 3), and the motions held (2, 6).
+
+    Examples:
+        >>> boundary_of(StudyPose("sag", "fit", Clamp([0, 0, 0]))).held.tolist()[0]
+        [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    """
     start = (pose.start.position, pose.start.quaternion)
     return Boundary.of(start, None if pose.end is None else (pose.end.position, pose.end.quaternion))
 

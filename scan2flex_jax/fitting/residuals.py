@@ -107,11 +107,24 @@ def residual_function(
 ) -> tuple[ResidualFunction, Float[Array, " n"]]:
     """``(function, start)``: the residuals of the ``fit`` poses of ``study`` as a pure JAX function, and where a fit begins.
 
-    ``noise`` (m, one coordinate) divides the residuals and brings in the study's tolerances as standard normal priors: half the
-    sum of squares is then the negative logarithm of a posterior density with white noise. Without it residuals are in m and
-    what is known nearly is taken as exact. ``distance``: "closest" (to the closest point of the modelled curve; its square has
-    exact first and second derivatives) or "integrated" (at equal arc length; paper, Eq. 10). Poses need a centre curve or
-    markers. Raises `Scan2FlexError`.
+    Args:
+        study: One cable; its ``fit`` poses need a centre curve or markers.
+        noise: Standard deviation of one coordinate (m). It divides the residuals and brings in the study's tolerances as
+            standard normal priors: half the sum of squares is then the negative logarithm of a posterior density with white
+            noise. Without it residuals are in m, and tolerances are taken as exact.
+        elements: Elements of the rod.
+        distance: "closest" (to the closest point of the modelled curve; its square has exact first and second derivatives) or
+            "integrated" (at equal arc length; paper, Eq. 10).
+
+    Returns:
+        A `ResidualFunction`, pure and traced by JAX, and the vector (n,) of its unknowns where a fit begins.
+
+    Raises:
+        Scan2FlexError: A pose has no curve and no markers, or an argument is none of these.
+
+    Examples:
+        >>> residuals, start = residual_function(study)  # doctest: +SKIP
+        >>> jax.grad(lambda x: (residuals(x) ** 2).sum())(start)  # doctest: +SKIP
     """
     check_study(study)
     if distance not in DISTANCES:

@@ -1,13 +1,17 @@
 """What a fit returns: what an experimenter wants to read, and the same as the format's JSON object."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
+from scan2flex_jax.fitting.answer import Answer, answer_of, moved_in_words
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.influence import Influence, influence
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.kinds import CABLE, kind_format
 from scan2flex_jax.study.mistakes import Mistake
@@ -66,7 +70,7 @@ class Fit:
     the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose.
     ``misfits``: fitted poses whose residual is no noise, in words. ``mistakes``: likely mistakes of the input, each of which
     explains the residual at a stroke (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted
-    squares of residuals and priors.
+    squares of residuals and priors. ``settings``: the thresholds of belief in it.
     """
 
     study: Study = field(repr=False)
@@ -90,6 +94,7 @@ class Fit:
     turned: tuple[str, ...] = ()
     misfits: tuple[str, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
+    settings: FitSettings = USUAL
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -113,6 +118,22 @@ class Fit:
         turned = self.turned if len(self.turned) < 2 else (_SEVERAL_TURNED.format(len(self.turned)), *self.turned)
         judged = [s for s in self.sentences[-1:] if self.valid is False]
         return (*(() if self.converged else (UNSETTLED,)), *self.misfits[:1], *units, *turned, *judged)
+
+    @cached_property
+    def influence(self) -> Influence | None:
+        """What the estimates rest on, to first order (`fitting.influence`); None for a fit to the largest distances.
+
+        Solves the poses twice more, when it is first asked for.
+        """
+        if self.distance == "hausdorff" or not np.isfinite(self.cost):
+            return None
+        axes = None if self.data == "curve" else {name: p.measured for name, p in self.poses.items()}
+        return influence(self.problem, self.minimum, axes)
+
+    @property
+    def answer(self) -> Answer:
+        """What the summary opens with: estimates, what they rest on, the error on unseen poses, whether to believe it."""
+        return answer_of(self)
 
     @property
     def calibrated(self) -> Study:
@@ -148,25 +169,32 @@ class Fit:
             "messages": list(self.sentences),
             "equilibria": self.equilibria,
             "seconds": self.seconds,
+            "settings": self.settings.to_json(),
         }
 
     def summary(self) -> str:
-        """The fit in plain text."""
-        to = "to point clouds" if self.data == "cloud" else "to centre curves"
-        lines = [f"{self.study.title}: {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"]
-        lines += [*(f"  {s}" for s in self.doubts), ""]
+        """The fit in plain text: the answer, then every estimate, every pose, and what else there is to say."""
+        answer = self.answer
+        lines = [self.study.title, *(f"  {s}" for s in self.doubts if self.mistakes), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
-        lines += [*_correlation_lines(self), "  pose                 role       rms mm    max mm"]
-        for name, p in self.poses.items():
-            figures = f"{1e3 * p.rms:9.3f} {1e3 * p.worst:9.3f}" if np.isfinite(p.rms) else f"  {p.verdict}"
-            lines.append(f"  {name:<20} {p.role:<9}{figures}")
-        n = self.noise
+        lines += [*_correlation_lines(self), *self._pose_lines()]
+        n, to = self.noise, "to point clouds" if self.data == "cloud" else "to centre curves"
         lines.append(
             f"\n  residual as noise: white {1e3 * n.white:.3f} mm, correlated {1e3 * n.correlated:.3f} mm over "
             f"{1e3 * n.correlation_length:.0f} mm (per normal)"
         )
-        rest = [s for s in self.sentences if s not in self.doubts and s not in map(str, self.mistakes)]
-        return "\n".join([*lines, *(f"  {s}" for s in rest)])
+        said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}
+        lines += [f"  {s}" for s in self.sentences if s not in said and s not in answer.belief]
+        return "\n".join([*lines, f"  {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"])
+
+    def _pose_lines(self):
+        """A table of the poses, with what leaving one out does to the stiffnesses."""
+        moved = {name: moved_in_words(self.influence, name) for name in self.poses}
+        lines = [f"  pose                 role       rms mm    max mm{'   without it' if any(moved.values()) else ''}"]
+        for name, p in self.poses.items():
+            figures = f"{1e3 * p.rms:9.3f} {1e3 * p.worst:9.3f}" if np.isfinite(p.rms) else f"  {p.verdict}"
+            lines.append(f"  {name:<20} {p.role:<9}{figures}   {moved[name]}".rstrip())
+        return lines
 
 
 UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"

@@ -10,16 +10,15 @@ from collections.abc import Callable
 import numpy as np
 
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting import branches, mistakes
+from scan2flex_jax.fitting import belief, branches, mistakes
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.discrepancy import Discrepancy
-from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import silent
-from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.result import UNSETTLED, Estimate, Fit, PoseFit, unit_of
+from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
 from scan2flex_jax.fitting.threads import on_one_blas_thread
@@ -33,13 +32,6 @@ from scan2flex_jax.study.sense import check_study
 METHODS = ("least-squares", "bfgs", "nelder-mead")
 DATA = ("auto", "curve", "cloud")
 _NORMAL_95 = 1.959964
-_SAYABLE = 5.0  # standard deviation of a logarithm beyond which an interval is no information
-_PREDICTED = 1.5  # validate RMS over the fitted poses' noise that still counts as prediction to within the noise
-_FELT = 0.3  # of the noise: what tolerances and the estimates' errors do to a validate pose is spoken of beyond it
-_SLOW, _LONG = 3.0, 0.2  # correlated over white noise, and correlation over cable length, of a residual that is no noise
-_BEYOND = 3.0  # times the noise: a residual that is none
-_LARGE = 0.01  # of the length: a smooth residual beyond it is no noise that anybody left unsaid
-_MESH = 5.0e-5  # of the length: a residual this small may be the mesh's
 
 
 @on_one_blas_thread
@@ -52,16 +44,35 @@ def fit(
     elements: int = FIT_ELEMENTS,
     progress: Callable[[str], None] | None = None,
     slots: tuple[AbstractEffect, ...] = (),
+    settings: FitSettings = USUAL,
 ) -> Fit:
     """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
 
-    ``method``: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance)
-    or "nelder-mead" (the paper's). ``data``: "curve" fits centre curves (extracted first where a pose has a scan only),
-    "cloud" the points of the scans themselves, "auto" curves where every pose has one or a scan is too coarse for its
-    cable, else clouds. ``distance``, of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and
-    "nelder-mead": it has no least squares). ``progress`` is called with a line of text now and then. ``slots``: energy laws
-    of effects that may be added later, at zero amplitude, so that what is compiled here serves then too. Raises
-    `Scan2FlexError` when there is nothing to fit, and `NotSettledError` when no values let every pose settle.
+    Args:
+        study: One cable with at least one ``fit`` pose and one unknown.
+        method: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance) or
+            "nelder-mead" (the paper's).
+        data: "curve" fits centre curves (extracted first where a pose has a scan only), "cloud" the points of the scans
+            themselves, "auto" curves where every pose has one or a scan is too coarse for its cable, else clouds.
+        distance: Of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and "nelder-mead": it has
+            no least squares).
+        elements: Elements of the rod.
+        progress: Called with a line of text now and then.
+        slots: Energy laws of effects that may be added later, at zero amplitude, so that the functions compiled here serve
+            then too.
+        settings: What a fit is believed to tell.
+
+    Returns:
+        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on what to believe.
+
+    Raises:
+        Scan2FlexError: There is nothing to fit.
+        NotSettledError: No values let every pose settle.
+
+    Examples:
+        >>> result = fit(load_study("my-cable"))  # doctest: +SKIP
+        >>> result.estimates["bending_stiffness"].value  # doctest: +SKIP
+        0.1
     """
     _check(study, method, distance, data)
     began, progress = time.perf_counter(), progress or silent
@@ -82,10 +93,10 @@ def fit(
         sensor, discrepancy = noise, Discrepancy(length=problem.length)
         poses, solved = direct.pose_fits(minimum), direct.equilibria
         said = (*said, *direct.sentences())
-    misfits = _misfits(whole, poses, problem.length)
-    valid, verdict = _validity(poses, noise, stated, problem.length, discrepancy.rms, bool(misfits))
-    estimates = _estimates(problem.layout, minimum.shared, known)
-    verdict = (*_differs(discrepancy), *verdict)
+    misfits = belief.misfits(whole, poses, problem.length, settings)
+    valid, verdict = belief.validity(poses, noise, stated, problem.length, discrepancy.rms, bool(misfits), settings)
+    estimates = _estimates(problem.layout, minimum.shared, known, settings)
+    verdict = (*belief.of_discrepancy(discrepancy), *verdict)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [UNSETTLED]))
     return Fit(
@@ -110,6 +121,7 @@ def fit(
         turned=turned,
         misfits=misfits,
         mistakes=likely,
+        settings=settings,
     )
 
 
@@ -204,7 +216,7 @@ def _pose_fits(problem, minimum, covariance):
     return {name: out[name] for name in order if name in out}
 
 
-def _estimates(layout, x, known):
+def _estimates(layout, x, known, settings):
     values, out = values_of(layout, x), {}
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
@@ -216,7 +228,7 @@ def _estimates(layout, x, known):
             low, high, std = np.exp(low), np.exp(np.minimum(high, 700.0)), np.exp(center) * spread
         shaped: list = (
             [np.reshape(v, slot.shape) for v in (std, low, high)]
-            if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _SAYABLE))
+            if np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > settings.vaguest_interval))
             else [None] * 3
         )
         shaped = [v if v is None or slot.shape else float(v) for v in shaped]
@@ -232,55 +244,3 @@ def _bound_sentences(estimates):
     return [
         f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound
     ]
-
-
-def _misfits(study, poses, length):
-    """Fitted poses whose residual is no noise: far beyond the stated one whatever its correlation, or large and smooth."""
-    said = []
-    for pose in study.fit_poses:
-        own, noise = poses[pose.name].rms, np.sqrt(NORMALS) * min(white_noise(pose), _LARGE * length)
-        beside = f"pose {pose.name} is {1e3 * own:.2f} mm (RMS) off its measured curve"
-        if pose.noise is not None and own > _BEYOND * noise:
-            said.append(f"{beside}, beside {1e3 * noise:.2f} mm of stated noise: {_NO_NOISE}")
-        elif pose.noise is None and own > max(_LARGE * length, _BEYOND * noise):
-            said.append(f"{beside}, {100 * own / length:.1f} % of the length and no noise of points: {_NO_NOISE}")
-    return tuple(said)
-
-
-_NO_NOISE = "something is missing or misread, and the values are not to be believed"
-
-
-def _differs(discrepancy):
-    """What differs from pose to pose, in words."""
-    if not discrepancy.curvature:
-        return ()
-    said = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals carry that",)
-
-
-def _validity(poses, noise, stated, length, differ, misfit):
-    """Whether the poses that were never fitted are predicted to within the noise, the discrepancy of poses, their tolerances
-    and the errors of the estimates.
-
-    Without a stated noise the fit's own residual stands for it; when that varies slowly along the cable it is no scanner's
-    noise, and nothing that it leaves can be called "within the noise".
-    """
-    rms = {n: p.rms for n, p in poses.items() if p.role == "validate"}
-    if misfit:
-        return (False if rms else None), ["what the fit leaves is no noise: nothing is predicted to within it"]
-    floor = max(np.sqrt(2.0) * noise.total, differ)
-    slow = noise.correlated > _SLOW * noise.white and noise.correlation_length > _LONG * length
-    if stated is None and slow and floor > _MESH * length:
-        left = f"the residual varies slowly along the cable ({1e3 * floor:.2f} mm), unlike the noise of a scanner"
-        return (False if rms else None), [f"{left}: something is missing or misread"]
-    if not rms:
-        return None, ["no validate pose: whether the model predicts other poses is not known"]
-    bad = [n for n, v in rms.items() if not v <= _PREDICTED * np.hypot(floor, poses[n].spread)]
-    worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
-    beside = f"({1e3 * rms[worst]:.2f} mm beside {1e3 * floor:.2f} mm)"
-    if poses[worst].spread > _FELT * floor:
-        what = "of noise, and what tolerances and errors of the estimates may do"
-        beside = f"({1e3 * rms[worst]:.2f} mm beside {1e3 * floor:.2f} mm {what}, {1e3 * poses[worst].spread:.2f} mm)"
-    if not bad:
-        return True, [f"validate poses are predicted to within the noise {beside}"]
-    return False, [f"the model does not predict {', '.join(bad)} to within the noise {beside}: something is missing or misread"]

@@ -15,7 +15,8 @@ from scan2flex_jax.fitting.noise import Noise, Residual, estimate_noise, noise_a
 from scan2flex_jax.fitting.parameters import Layout
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
-_VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
+VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
+_PART = 0.05  # of the largest share of an open direction: numbers that have as much are not determined
 
 
 @dataclass(frozen=True)
@@ -70,24 +71,41 @@ def uncertainty(
     scaled = e.jacobian / sigma[:, None, None, None]
     JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
     B = _middle(e, poses, layout, sigma, noise, len(JJ), discrepancy)
-    scale = np.sqrt(np.diag(JJ))
-    hidden = scale <= UNSEEN * np.max(scale)
-    unseen = hidden[: layout.unknowns]
-    JJ = np.where(hidden[:, None] | hidden, 0.0, JJ)
-    scale = np.where(hidden, 1.0, scale)
-    values, vectors = np.linalg.eigh(JJ / np.outer(scale, scale))
-    closed = values > _OPEN**2 * max(values[-1], 1e-300)
-    inverse = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
+    inverse, open_part, hidden = _decomposed(JJ)
+    unseen, open_part = hidden[: layout.unknowns], open_part[: layout.unknowns]
     covariance = (inverse @ B @ inverse)[: layout.unknowns, : layout.unknowns]
-    open_part = (vectors[:, ~closed] / scale[:, None])[: layout.unknowns]
-    weight = np.abs(open_part).max(axis=1, initial=0.0) > 0.05 * np.abs(open_part).max(initial=0.0)
-    lost = (weight & (open_part.size > 0)) | unseen
+    lost = _involved(open_part) | unseen
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
     logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
-    vague = logs & (np.sqrt(np.diag(covariance)) > _VAGUE)
+    vague = logs & (np.sqrt(np.diag(covariance)) > VAGUE)
     sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, vague & ~lost)
     return Uncertainty(covariance, ~(lost | vague), ~lost, tuple(sentences))
+
+
+def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Inverse of a precision (b, b) in the directions that are determined, the open directions (b, k), and which numbers no
+    residual feels."""
+    scale = np.sqrt(np.maximum(np.diag(A), 0.0))
+    hidden = scale <= UNSEEN * np.max(scale)
+    A = np.where(hidden[:, None] | hidden, 0.0, A)
+    scale = np.where(hidden, 1.0, scale)
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    closed = values > _OPEN**2 * max(values[-1], 1e-300)
+    inverse = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
+    return inverse, vectors[:, ~closed] / scale[:, None], hidden
+
+
+def _involved(directions: np.ndarray) -> np.ndarray:
+    """Which numbers have part in open directions (b, k)."""
+    weight = np.abs(directions).max(axis=1, initial=0.0)
+    return (weight > _PART * np.abs(directions).max(initial=0.0)) & (directions.size > 0)
+
+
+def closed_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse of a precision (b, b) in the directions that are determined, and which numbers (b,) are not."""
+    inverse, directions, hidden = _decomposed(A)
+    return inverse, _involved(directions) | hidden
 
 
 def _middle(e, poses, layout, sigma, noise, size, discrepancy):
@@ -134,8 +152,8 @@ def _vague_sentences(layout, covariance, vague):
     """Numbers that are vague by themselves, and those that only a vague combination makes so."""
     own = np.flatnonzero(vague)
     variance, vectors = np.linalg.eigh(covariance[np.ix_(own, own)])
-    directions = np.zeros((len(vague), int(np.sum(variance > _VAGUE**2))))
-    directions[own] = vectors[:, variance > _VAGUE**2]
+    directions = np.zeros((len(vague), int(np.sum(variance > VAGUE**2))))
+    directions[own] = vectors[:, variance > VAGUE**2]
     involved = np.abs(directions) > 0.05 * np.abs(directions).max(axis=0, initial=0.0)
     shared = np.sum(involved, axis=0) > 1
     alone = vague & ~np.any(involved[:, shared], axis=1)

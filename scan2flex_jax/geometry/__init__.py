@@ -1,1 +1,1 @@
-"""Rotations, rigid motions and framed curves: the geometry that knows no physics."""
+"""Geometry without physics: rotations, rigid motions and framed curves."""

@@ -1,7 +1,7 @@
 """Space curves given by points: arc length, resampling, tangents and rotation-minimising frames.
 
-A rotation-minimising frame turns about the tangent not at all; carrying it from node to node by the smallest rotation
-between neighbouring tangents is the discrete form (Bishop 1975; error of second order in the spacing).
+A rotation-minimising frame has no rotation about the tangent. Its discrete form carries it from node to node by the
+smallest rotation between neighbouring tangents (Bishop 1975; error of second order in the spacing).
 """
 
 import jax
@@ -33,7 +33,7 @@ def tangents(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
 
 
 def smallest_rotation(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Rotation that takes unit ``a`` to unit ``b`` about their common normal (for opposite vectors: about some normal)."""
+    """Rotation of unit ``a`` to unit ``b`` about their common normal (for opposite vectors: about some normal)."""
     v, c = jnp.cross(a, b), vecdot(a, b)
     V = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
     opposite = c < -1.0 + 1e-9
@@ -56,7 +56,7 @@ def transported_frames(tangent: Float[Array, "n 3"], first: Float[Array, "3 3"])
 
 
 def frame_on(tangent: Float[Array, "3"]) -> Float[Array, "3 3"]:
-    """Some frame with this unit tangent as d3."""
+    """A frame with this unit tangent as d3, otherwise arbitrary."""
     return smallest_rotation(jnp.array([0.0, 0.0, 1.0]), tangent)
 
 

@@ -20,7 +20,7 @@ _SERIES_BELOW = 0.05  # t = |w|^2 under which six Taylor terms are exact to roun
 
 
 def _even(t, coefficients, closed):
-    """``closed(t)`` for large t, its Taylor polynomial in ``t`` below; the unused branch sees a harmless argument."""
+    """``closed(t)`` for large t, its Taylor polynomial in ``t`` below; the unused branch gets a harmless argument."""
     small = t < _SERIES_BELOW
     ts = jnp.where(small, t, 0.0)
     series = jnp.polyval(jnp.array(coefficients[::-1], t.dtype), ts)
@@ -114,7 +114,7 @@ def right_jacobian_inverse(x: Float[Array, "6"]) -> Float[Array, "6 6"]:
 def right_jacobian_inverse_slope(x: Float[Array, "6"], m: Float[Array, "6"]) -> Float[Array, "6 6"]:
     """Derivative of ``T(x)' m`` with respect to ``x``, for a fixed wrench ``m = (force, moment)``.
 
-    Six tangents through `right_jacobian_inverse` give the same; XLA then computes most of it once for every entry.
+    Six tangents through `right_jacobian_inverse` give the same, but XLA then recomputes most of it for every entry.
     """
     v, w = x[:3], x[3:]
 

@@ -1,9 +1,8 @@
 """Products of small matrices and vectors, written as sums over products; names and axes as in NumPy.
 
-XLA's CPU runtime hands every ``dot`` to a library for large matrices. For six by six the loop that it compiles from a sum is
-several times faster. But a sum is fused with what makes its factors, and a long elementwise expression among them is then
-worked out anew for every entry: behind such a factor a ``dot``, which ends the fusion, is faster. Leading axes are batches, and
-broadcast.
+XLA's CPU runtime passes every ``dot`` to a library for large matrices. For six by six, the loop compiled from a sum is
+several times faster. But XLA fuses a sum with the expressions of its factors, and recomputes a long elementwise one for
+every entry: with such a factor a ``dot``, which ends the fusion, is faster. Leading axes are batches, and broadcast.
 """
 
 from functools import reduce

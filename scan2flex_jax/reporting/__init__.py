@@ -1,7 +1,7 @@
-"""The report: one self-contained HTML page about a fit or an explanation, which needs no network to be read.
+"""The report: one self-contained HTML page about a fit or an explanation.
 
-`contents` gathers what is said, `figures` draws it with plotly, `page` lays it out with jinja2. Both libraries come with the
-extra ``[report]``.
+`contents` gathers what is said, `parts` lays it out in its order with the pictures of `plot` (`figures`), as `html`, and
+`page` puts it together. Poses in space need plotly, of the extra ``[report]``.
 """
 
 from scan2flex_jax.reporting.page import report, require_libraries, save_report

@@ -13,6 +13,7 @@ import numpy as np
 from scan2flex_jax.diagnosis import Explanation, Plan, plan
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import Fit
+from scan2flex_jax.fitting.answer import Answer, digits_of, moved_in_words
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study.files import read_text
@@ -29,7 +30,8 @@ _MOST_TEXT = 200_000  # bytes of a study.toml that the page repeats
 @dataclass(frozen=True)
 class PoseView:
     """One pose: ``measured`` and ``modelled`` (m), arc length ``s`` (m) and ``distance`` (m) of the measured points, sorted by
-    ``s``; residual after and before (m) where both are known, and what the tables show."""
+    ``s``; residual after and before (m) where both are known, and what the tables show; ``without``: by how much leaving the
+    pose out moves the stiffnesses, in words."""
 
     name: str
     role: str
@@ -46,6 +48,7 @@ class PoseView:
     left_out: float | None = None
     stable: bool = False
     clamps: tuple = ()
+    without: str = ""
 
 
 @dataclass(frozen=True)
@@ -78,16 +81,17 @@ class EstimateView:
 
     @property
     def digits(self) -> int:
-        """How many digits show the interval: two of its width, four to nine in all."""
-        if self.low is None or self.high is None or not (np.isfinite(self.high - self.low) and self.high > self.low):
-            return 4
-        return int(np.clip(2 + np.ceil(np.log10(max(abs(self.value), 1e-300) / (self.high - self.low))), 4, 9))
+        """How many digits show the interval."""
+        bounds = (np.nan, np.nan) if self.low is None or self.high is None else (self.low, self.high)
+        return digits_of(self.value, *bounds, least=4)
 
 
 @dataclass(frozen=True)
 class Contents:
-    """All that the page shows; ``explanation`` and ``plan`` are None where they were not asked for or not to be had."""
+    """All that the page shows, the ``answer`` first; ``explanation`` and ``plan`` are None where they were not asked for or not
+    to be had."""
 
+    answer: Answer
     study: Study
     fit: Fit | None
     explanation: Explanation | None
@@ -108,7 +112,9 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     explanation = subject if isinstance(subject, Explanation) else None
     fitted = subject.fit if isinstance(subject, Explanation) else subject
     study = fitted.study if fitted else subject.study
-    poses = tuple(_pose_view(study.pose(name), p) for name, p in subject.poses.items())
+    progress("what the estimates rest on")
+    influence = subject.influence if fitted else None
+    poses = tuple(_pose_view(study.pose(name), p, moved_in_words(influence, name)) for name, p in subject.poses.items())
     if not poses:
         measured = [(p, p.curve.points) for p in study.poses if p.curve is not None]
         poses = tuple(PoseView(p.name, p.role, points, clamps=_clamps(p)) for p, points in measured)
@@ -124,13 +130,15 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     said = fitted.sentences if fitted else ()
     if explanation:
         said = (*explanation.sentences, *(f"plain fit: {sentence}" for sentence in said))
+    answer = subject.answer
+    said = tuple(sentence for sentence in said if sentence not in answer.warnings)
     return Contents(
-        study, fitted, explanation, poses, _estimates(subject, fitted), sections, ranked, said, unsolved, _inputs(study),
-        _versions(), _toml(study), elements,
+        answer, study, fitted, explanation, poses, _estimates(subject, fitted), sections, ranked, said, unsolved,
+        _inputs(study), _versions(), _toml(study), elements,
     )  # fmt: skip
 
 
-def _pose_view(pose, found) -> PoseView:
+def _pose_view(pose, found, without) -> PoseView:
     order = np.argsort(found.s, kind="stable")
     known = {"before": found.residual_before[order]} if hasattr(found, "residual_before") else {}
     known |= {k: getattr(found, k) for k in ("rms_before", "left_out", "left_out_before") if hasattr(found, k)}
@@ -138,7 +146,7 @@ def _pose_view(pose, found) -> PoseView:
     return PoseView(
         pose.name, found.role, found.measured[order], found.modelled if found.stable else None, found.s[order],
         distance if found.stable else np.full(len(order), np.nan), found.residual[order], rms=found.rms, worst=found.worst,
-        stable=found.stable, clamps=_clamps(pose), **known,
+        stable=found.stable, clamps=_clamps(pose), without=without, **known,
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@
   const choice = document.getElementById("pose-choice");
   if (choice) {
     choice.addEventListener("change", function () {
-      const div = document.getElementById("shapes");
+      const div = document.getElementById("shapes-in-space");
       const only = choice.value === "" ? null : Number(choice.value);
       Plotly.restyle(div, { visible: div.data.map(function (trace) { return only === null || trace.meta === only; }) });
     });

@@ -1,1 +1,1 @@
-"""The rod: a cable's parameters, its supports, the effects upon it, its energy and the derivatives of that energy."""
+"""The rod: cable parameters, supports, effects, potential energy and the energy's derivatives."""

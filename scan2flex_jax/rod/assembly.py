@@ -1,18 +1,18 @@
-"""First and second derivatives of the potential energy, in the blocks that a chain of nodes gives.
+"""Gradient and Hessian of the potential energy, block by block along the chain of nodes.
 
 Coordinates are body twists ``eta_i`` of the nodes, ``g_i exp(eta_i)``. For an element with helix ``x = log(g0^-1 g1)`` and
 twists ``a, b`` of its ends, to second order,
 
     log(exp(-a) exp(x) exp(b)) = x + T c - 1/2 T [A a, b] + 1/2 d(T)[..],   c = b - A a,
 
-with ``A = Ad(exp(-x))`` and ``T`` the inverse right Jacobian (`geometry.lie`). So everything is 6x6 per element: the
-wrench ``p = T' n`` at its far end, the material stiffness ``S = T' K T / ds``, and the geometric one ``Q`` (from ``dT/dx`` at
-fixed section force ``n``) with the bracket's antisymmetric part. Tests hold these blocks against `jax.grad` and
-`jax.hessian` of the energy itself.
+with ``A = Ad(exp(-x))`` and ``T`` the inverse right Jacobian (`geometry.lie`). All terms are therefore 6x6 per element: the
+wrench ``p = T' n`` at the far end, the material stiffness ``S = T' K T / ds``, the geometric stiffness ``Q`` (from ``dT/dx``
+at fixed section force ``n``) and the antisymmetric part of the bracket. Tests compare these blocks with `jax.grad` and
+`jax.hessian` of the energy.
 
-The geometric stiffness is taken at given section forces: at those of the strains it is Newton's, at forces predicted by
-the last step it is the mixed (stress-strain) one (Magisano, Leonetti, Garcea 2017), which does not stall in the narrow
-valley that a nearly inextensible rod makes of its energy.
+The geometric stiffness is taken at given section forces. Those of the current strains give Newton's method; those
+predicted by the last step give the mixed (stress-strain) method (Magisano, Leonetti, Garcea 2017), which does not stall in
+the narrow energy valley of a nearly inextensible rod.
 """
 
 from collections.abc import Callable
@@ -45,8 +45,8 @@ class Elements(NamedTuple):
 class Derivatives(NamedTuple):
     """Gradient (N, N m) and Hessian blocks: ``diagonal[i]`` of node i, ``upper[i]`` between nodes i and i+1.
 
-    Held motions are taken out of these; ``ends`` keeps the blocks ``(diagonal, upper)`` of the first and of the last node and
-    element with them.
+    Rows and columns of held motions are eliminated; ``ends`` keeps the original blocks ``(diagonal, upper)`` of the first and
+    of the last node and element.
     """
 
     gradient: Float[Array, "nodes 6"]
@@ -57,7 +57,7 @@ class Derivatives(NamedTuple):
 
 
 def no_derivatives(rod: Rod) -> Derivatives:
-    """Zeros in the shape of `derivatives`: tracing it to find the shape was a third of the tracing of a first solve."""
+    """Zeros in the shape of `derivatives`, written out: finding it by tracing took a third of the tracing of a solve."""
     n = rod.elements
 
     def zeros(*shape):
@@ -79,7 +79,7 @@ def free_motions(rod: Rod) -> Float[Array, "nodes 6"]:
 
 
 def out_of_balance(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6"]:
-    """Gradient of the energy in body twists of all nodes, supports included: there it is the reaction (N, N m)."""
+    """Gradient of the energy in body twists of all nodes; at a support it is the reaction (N, N m)."""
     return node_forces(rod, supported(rod, configuration))
 
 
@@ -92,8 +92,8 @@ def node_forces(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6
     def element(r0, R0, r1, R1, n):
         d, D = vecmat(r1 - r0, R0), matmul(R0.T, R1)
         x = lie.se3_log(d, D)
-        # T' n at the far end and -(T A)' n at the near one, where T A is the left Jacobian's inverse; dots, since tangents of n
-        # alone would otherwise have the Jacobians worked out for each of their entries (`geometry.small`)
+        # T' n at the far end and -(T A)' n at the near one, where T A is the inverse left Jacobian. A dot: the tangent of a sum
+        # by n alone would recompute the Jacobians for each entry of n (`geometry.small`)
         return n @ lie.right_jacobian_inverse(-x), n @ lie.right_jacobian_inverse(x)
 
     near, far = jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:], n)
@@ -105,8 +105,8 @@ def derivatives(
 ) -> Derivatives:
     """Gradient and Hessian blocks at a supported configuration.
 
-    ``predict`` turns the section forces of the strains (N, N m) into those of the geometric stiffness; ``damping`` is added
-    to the tangent stiffness of all sections in the Hessian only. Held motions are taken out: no gradient, unit diagonal.
+    ``predict`` maps the section forces of the strains (N, N m) to those of the geometric stiffness; ``damping`` is added
+    to the tangent stiffness of all sections in the Hessian only. Held motions are eliminated: zero gradient, unit diagonal.
     """
     c = configuration
     strain = strains(rod, c)
@@ -147,7 +147,7 @@ def _element_blocks(rod, c, x, n, K, forces):
 
 
 def to_nodes(near, far):
-    """Sum at each node of what the element before it has at its far end and the one after it at its near end."""
+    """Sum at each node of the far-end term of the element before it and the near-end term of the element after it."""
     pad = jnp.zeros((1, *near.shape[1:]), near.dtype)
     return jnp.concatenate([near, pad]) + jnp.concatenate([pad, far])
 
@@ -178,7 +178,7 @@ def _material_loads(rod, c):
 
 
 def _outer_field(rod, c):
-    """Energy of one node as a function of its twist (from zero), with the arguments to map over; None without a field."""
+    """Energy of one node as a function of its twist (from zero), with the arguments to map over; None without outer field."""
     potential = node_potential(rod)
     if potential is None:
         return None

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.reals import reals
 
-_ORTHONORMAL = 1.0e-3  # of the entries of R R' - 1: what four written digits leave
+_ORTHONORMAL = 1.0e-3  # of the entries of R R' - 1: the error of four written digits
 CLAMP, BALL, FREE = (1.0,) * 6, (1.0,) * 3 + (0.0,) * 3, (0.0,) * 6
 
 
@@ -34,8 +34,8 @@ class Boundary(eqx.Module):
     """The start (index 0) and the end (index 1) of the cable.
 
     ``position`` m; ``rotation`` with columns d1, d2, d3 (the tangent, pointing to growing arc length); ``held`` is 1 for a
-    motion that the support prevents and 0 for a free one, translations first. Values at unheld motions are only where a
-    start may begin.
+    motion that the support prevents and 0 for a free one, translations first. Position and rotation of a free motion serve
+    only as a start.
     """
 
     position: Float[Array, "2 3"]
@@ -44,7 +44,23 @@ class Boundary(eqx.Module):
 
     @staticmethod
     def of(start, end=None) -> "Boundary":
-        """From ``(position, rotation)`` pairs; ``rotation`` is a matrix, a quaternion or None (ball joint); no end = free."""
+        """From ``(position, rotation)`` pairs.
+
+        Args:
+            start: Position (3,) in m, and rotation: a matrix (3, 3) with columns d1, d2, d3, a quaternion [w, x, y, z], or None
+                for a ball joint.
+            end: The same; None is a free end.
+
+        Returns:
+            Both supports.
+
+        Raises:
+            Scan2FlexError: A position or rotation that is not one.
+
+        Examples:
+            >>> Boundary.of(([0, 0, 0], [1, 0, 0, 0])).held.tolist()[1]
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        """
         p, R, h = zip(*[_support(x) for x in (start, end)], strict=True)
         plain = all(isinstance(x, np.ndarray) for x in (*p, *R))
         xp = np if plain else jnp

@@ -4,8 +4,8 @@ Symbols: strains in material axes, ``Gamma = R^T r' - e3`` (shear about d1, d2, 
 ``Omega`` with ``hat(Omega) = R^T R'`` (curvature about d1, d2, twist about d3, 1/m); their natural values
 ``Gamma_0, Omega_0``; stiffness ``K_Gamma = diag(GA1, GA2, EA)`` (N) and ``K_Omega = diag(EI1, EI2, GJ)`` (N m^2).
 
-A cable without ``GA`` and ``EA`` is practically unshearable and inextensible (paper, Section 5.1), by `rigid_stiffness`: one
-number of N for all would stretch a heavy cable by more than a scanner's noise.
+A cable without ``GA`` and ``EA`` is practically unshearable and inextensible (paper, Section 5.1), by `rigid_stiffness`,
+which scales with the load: one fixed value (N) would stretch a heavy cable by more than a scanner's noise.
 """
 
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ from jaxtyping import Float
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.reals import reals
 
-_RIGID = 2.0e6  # times the forces in a cable: no point moves by 1e-6 of the length, and rounding leaves tensions six digits
-_BENDING_FORCES = 50.0  # times EI / L^2: the forces that bend a cable through some radians
+_RIGID = 2.0e6  # times the forces in a cable: displacements below 1e-6 of the length, and six digits left in the tension
+_BENDING_FORCES = 50.0  # times EI / L^2: the forces that bend a cable through several radians
 _EARTH = 9.81  # m/s^2
 
-Quantity = ArrayLike | Sequence[float]  # what stands for an array: a number, a list, an array of numpy or jax
+Quantity = ArrayLike | Sequence[float]  # anything that becomes an array: a number, a list, an array of numpy or jax
 
 
 class Cable(eqx.Module):
@@ -34,6 +34,11 @@ class Cable(eqx.Module):
     natural curvature 1/m about d1, d2, d3, natural stretch (-) along d1, d2, d3. A single shear or bending stiffness
     stands for both axes. Without ``shear_stiffness`` or ``axial_stiffness`` the cable is practically unshearable or
     inextensible under its own weight on Earth (`rigid_stiffness`).
+
+    Examples:
+        >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+        >>> cable.bending_stiffness.tolist()
+        [0.1, 0.1]
     """
 
     length: Float[Array, ""]
@@ -75,9 +80,9 @@ class Cable(eqx.Module):
 def rigid_stiffness(length: Array, bending_stiffness: Array, force: Array) -> Float[Array, ""]:
     """Shear and axial stiffness (N) of a practically unshearable, inextensible cable: ``2e6 (force + 50 EI / L^2)``.
 
-    ``force`` (N) is what the cable carries: its weight and the loads on it. What such a cable gives moves no point by more
-    than 1e-6 of the length, unless it is taut: tension above twice these forces. No derivative passes through it, and those of
-    shapes are rounded to some 1e-6: give both stiffnesses where finite differences of derivatives are to be taken.
+    ``force`` (N) is the total load: the weight and the forces on the cable. The remaining strain displaces no point by more
+    than 1e-6 of the length, unless the cable is taut (tension above twice these forces). The value has no derivative, and
+    derivatives of shapes are rounded to about 1e-6: give both stiffnesses before comparing them with finite differences.
     """
     bending = _BENDING_FORCES * jnp.max(bending_stiffness) / length**2
     return jax.lax.stop_gradient(jnp.asarray(_RIGID * (force + bending)))
@@ -88,7 +93,7 @@ def _array(value: Quantity, name: str, shape: tuple[int, ...]) -> Array:
 
 
 def require_float64() -> None:
-    """Refuse single precision: an axial stiffness of 1e5 N beside a bending stiffness of 1e-3 N m^2 leaves it no digits."""
+    """Refuse float32, which cannot hold an axial stiffness of 1e5 N and a bending stiffness of 1e-3 N m^2 in one system."""
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]  # jax declares no options
         raise Scan2FlexError(
             "scan2flex_jax computes in float64 only: call jax.config.update('jax_enable_x64', True) before the first array"

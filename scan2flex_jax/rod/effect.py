@@ -1,9 +1,9 @@
 """The one extension point: an *effect* is physics that acts on the clamps, on the energy or on the observation.
 
-Elasticity gives the sections of the rod, gravity loads them, and a kink, a clip or a badly read scale do no more than
-that: each overrides the hooks it needs and leaves the rest. Hooks are pure JAX functions of the effect's own leaves, so
-every parameter of an effect is differentiable, can be unknown in a fit and can be swept with `jax.vmap`; at its null
-value an effect leaves the model exactly as it was.
+Every effect changes the cable, the supports, the sections, the loads, the energy or the observation, and overrides only the
+hooks it needs. Hooks are pure JAX functions of the effect's own leaves, so every parameter of an effect is differentiable,
+can be an unknown of a fit and can be swept with `jax.vmap`; at its null value an effect leaves the model exactly
+unchanged.
 
 Order of use: `cable`, `clamps`, `section`, `dead_load`, then inside the energy `strain_energy` and `node_potential`, and
 after the equilibrium `observe`. Effects are applied in the order in which they are declared.
@@ -20,10 +20,10 @@ from scan2flex_jax.rod.cable import Cable
 
 
 class Section(eqx.Module):
-    """The rod's sections, one per element: ``s`` and ``ds`` its middle and length (m), ``stiffness`` the 6x6 matrix
+    """The rod's sections, one per element: midpoint ``s`` and length ``ds`` (m), ``stiffness`` the 6x6 matrix
     diag(GA1, GA2, EA, EI1, EI2, GJ) with couplings (N, N m, N m^2), ``natural`` = (Gamma_0, Omega_0) (-, 1/m),
-    ``density`` (kg/m). ``within`` (N m^2) is the stiffness against what varies inside an element (`element_law`); None
-    stands for that of ``stiffness``, and an effect that lays a spring between two elements keeps the material's."""
+    ``density`` (kg/m). ``within`` (N m^2) is the stiffness against strain variation inside an element (`element_law`); None
+    derives it from ``stiffness``. An effect that models a spring between two elements keeps the material's."""
 
     s: Float[Array, " n"]
     ds: Float[Array, ""]
@@ -34,8 +34,8 @@ class Section(eqx.Module):
 
 
 class Node(eqx.Module):
-    """One node of the rod as `AbstractEffect.node_potential` sees it: position ``r`` (m), rotation ``R``, arc length ``s``
-    (m), the length ``weight`` (m) of cable that it stands for, the element length ``ds`` (m), and the supports."""
+    """One node of the rod, the argument of `AbstractEffect.node_potential`: position ``r`` (m), rotation ``R``, arc length
+    ``s`` (m), its share ``weight`` (m) of the cable length, the element length ``ds`` (m), and the supports."""
 
     r: Float[Array, "3"]
     R: Float[Array, "3 3"]
@@ -46,16 +46,22 @@ class Node(eqx.Module):
 
 
 class AbstractEffect(eqx.Module):
-    """Base of all effects; every hook is the identity (or adds nothing) unless an effect overrides it."""
+    """Base of all effects; every hook is the identity (or adds nothing) unless an effect overrides it.
+
+    An effect used in studies and results declares its ``kind``, the ``place`` where it acts (``clamps``, ``energy`` or
+    ``observation``) and its description ``words``.
+    """
 
     kind: ClassVar[str]
+    place: ClassVar[str]
+    words: ClassVar[str]
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with changed parameters."""
         return cable
 
     def clamps(self, boundary: Boundary) -> Boundary:
-        """The supports as they really are."""
+        """The true supports, given the measured ones."""
         return boundary
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
@@ -67,7 +73,7 @@ class AbstractEffect(eqx.Module):
         return
 
     def strain_energy(self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"]):
-        """Energy per length (J/m) beyond the quadratic one, of the strain in excess of the natural one."""
+        """Energy per length (J/m) added to the quadratic one, as a function of the strain in excess of the natural one."""
         return 0.0
 
     def node_potential(self, node: Node):
@@ -75,10 +81,10 @@ class AbstractEffect(eqx.Module):
         return 0.0
 
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:
-        """Where the scanner sees points of the centre line (m)."""
+        """Points of the centre line (m) as the scanner sees them."""
         return points
 
 
 def overriding(effects, hook: str) -> tuple:
-    """Those of ``effects`` that bring their own ``hook``."""
+    """The effects that override ``hook``."""
     return tuple(e for e in effects if getattr(type(e), hook) is not getattr(AbstractEffect, hook))

@@ -1,18 +1,18 @@
-"""What an element of finite length makes of the section law: energy, force and tangent stiffness of its mean strain.
+"""Constitutive law of a finite-length element, condensed from the section law: energy, force and tangent stiffness.
 
-Between given end frames a rod does not keep its strain constant: without loads inside, its section force ``n = (f, m)``
-turns with the material axes, ``m' = -A n`` with ``A n = e3 x f + Omega x m``, and the strain follows it. The complementary
-energy of that variation makes the element softer than its sections,
+Between given end frames the strain of a rod is not constant: without loads inside, the section force ``n = (f, m)`` turns
+with the material axes, ``m' = -A n`` with ``A n = e3 x f + Omega x m``, and the strain follows. The complementary energy of
+that variation makes the element softer than its sections,
 
     C_eff = K^-1 + ds^2/12 A' K_Omega^-1 A,   K_Omega^-1 = the block of bending and torsion in K^-1,
 
-where the exact energy agrees up to ``ds^4``. In the shear force this is MacNeal's residual bending flexibility
+which agrees with the exact energy up to ``ds^4``. For shear forces this is MacNeal's residual bending flexibility
 ``1/GA + ds^2/(12 EI)`` ("A simple quadrilateral shell element", 1978), which makes plane shapes converge with the fourth
-power of ``ds``; the part in ``Omega`` takes most of the error of twisted ones. As a compliance it is positive whatever the
-strain, where the expansion of the energy itself is not bounded below for ``GJ >> EI``.
+power of ``ds``; the term in ``Omega`` removes most of the error of twisted ones. As a compliance it is positive at every
+strain, whereas the expansion of the energy itself is not bounded below for ``GJ >> EI``.
 
-Everything follows from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with three-by-three inverses: the rank of the second
-term is three. Effects add laws of their own to the mean strain.
+All quantities derive from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with 3x3 inverses, since the second term has
+rank three. Effects add their own laws in the mean strain.
 """
 
 import jax
@@ -24,7 +24,7 @@ from scan2flex_jax.geometry.lie import hat
 from scan2flex_jax.geometry.small import matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
 
-_PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over one: where the correction begins to fade, and has halved
+_PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over one of them: the correction starts to fade, and is halved
 
 
 def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
@@ -74,20 +74,20 @@ def _extra_law(rod):
 
 
 def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
-    """Bending and torsional stiffness (N m^2) against what varies inside an element: that under no force, for the moment
+    """Bending and torsional stiffness (N m^2) against strain variation inside an element: at zero force, since the moment
     varies and the force does not."""
     return K[:, 3:, 3:] - matmul(K[:, 3:, :3], jax.vmap(_inverse)(K[:, :3, :3]), K[:, :3, 3:])
 
 
 def _limited(within):
-    """Where one stiffness is far below the others, the variation inside an element is not small: a growing stiffness takes
-    the correction away."""
+    """The stiffness, increased where one component is far below the others: strain variation inside the element is then not
+    small, and the increase removes the correction."""
     own = jnp.diagonal(within)
     return within + jnp.diag(own * jnp.maximum((jnp.sum(own) / own - _PLAIN) / (_FADED - _PLAIN), 0.0) ** 4)
 
 
 def _turning(e, natural):
-    """``A``: change of moment per length from force and moment."""
+    """Matrix ``A`` of the moment's change per length, from force and moment."""
     return jnp.concatenate([hat(jnp.array([0.0, 0.0, 1.0])), hat(e[3:] + natural[3:])], axis=1)
 
 
@@ -115,6 +115,6 @@ def _embed(block):
 
 
 def _inverse(K: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """Inverse by the adjugate: no library call for nine numbers."""
+    """Inverse by the adjugate: cheaper than a library call for nine numbers."""
     rows = jnp.stack([jnp.cross(K[1], K[2]), jnp.cross(K[2], K[0]), jnp.cross(K[0], K[1])], axis=1)
     return rows / vecdot(K[0], rows[:, 0])

@@ -2,9 +2,9 @@
 
 ``W = int 1/2 (Gamma-Gamma_0)' K_Gamma (Gamma-Gamma_0) + 1/2 (Omega-Omega_0)' K_Omega (Omega-Omega_0) - k_rhoA g.phi ds``
 
-is the paper's Eq. 6 with the factor 1/2 on the strain terms that its constitutive law (Eq. 3) and balance equations
-(Eq. 5) need and its Eq. 6 lacks: without it every stiffness comes out halved. A heavy cantilever holds the factor in
-tests (tip deflection ``rhoA g L^4 / (8 EI)`` for a small load). Effects add their terms.
+is the paper's Eq. 6 with a factor 1/2 on the strain terms. The constitutive law (Eq. 3) and the balance equations (Eq. 5)
+require that factor and Eq. 6 lacks it: without it every fitted stiffness is halved. A test on a heavy cantilever fixes it
+(tip deflection ``rhoA g L^4 / (8 EI)`` for a small load). Effects add their terms.
 """
 
 import jax
@@ -18,11 +18,11 @@ from scan2flex_jax.rod.effect import Node, overriding
 from scan2flex_jax.rod.element_law import element_energy
 from scan2flex_jax.rod.model import Configuration, Rod
 
-E3 = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # the strain xi of a straight, unstretched rod: it moves along d3
+E3 = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)  # strain xi of a straight, unstretched rod: unit advance along d3
 
 
 def supported(rod: Rod, configuration: Configuration) -> Configuration:
-    """The configuration with the held motions of its ends put where the supports are."""
+    """The configuration with the held motions of its ends set to those of the supports."""
     b = rod.boundary
     r, R = configuration
     for end, node in ((0, 0), (1, -1)):
@@ -42,13 +42,13 @@ def strains(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
 
 
 def node_potential(rod: Rod):
-    """Function Node -> energy (J) of the outer fields, or None when no effect has one."""
+    """Function Node -> energy (J) of the outer fields, or None without any."""
     fields = overriding(rod.effects, "node_potential")
     return (lambda node: sum(f.node_potential(node) for f in fields)) if fields else None
 
 
 def node_weights(rod: Rod) -> Float[Array, " nodes"]:
-    """Length of cable that each node stands for (m), the trapezoidal rule."""
+    """Share of the cable length of each node (m), by the trapezoidal rule."""
     w = jnp.ones(rod.elements + 1).at[0].set(0.5).at[-1].set(0.5)
     return w * rod.section.ds
 

@@ -1,8 +1,8 @@
-"""Dead loads: forces that keep their size and direction whatever the cable does, as loads on the nodes.
+"""Dead loads: forces of constant size and direction, as loads on the nodes.
 
-Within an element the centre line is the cubic Hermite curve through its end positions ``r`` with end tangents ``d3``. A
-force then does work ``F . r`` on positions and ``C . d3`` on tangents of the nodes, both linear: ``V = -sum F.r + C.d3``.
-For a uniform load the tangent parts of neighbouring elements cancel and the rule is the trapezoidal one with end
+Within an element the centre line is the cubic Hermite curve through its end positions ``r`` with end tangents ``d3``. The
+work of a force is then ``F . r`` on positions plus ``C . d3`` on tangents of the nodes, both linear: ``V = -sum F.r + C.d3``.
+For a uniform load the tangent terms of neighbouring elements cancel, which leaves the trapezoidal rule with end
 correction (Euler-Maclaurin), exact to fourth order in the element length.
 """
 

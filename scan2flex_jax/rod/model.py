@@ -1,8 +1,8 @@
-"""From a cable, its effects and its supports to the discrete rod whose energy is minimised.
+"""Discretisation: from a cable, its effects and its supports to the rod whose energy is minimised.
 
-The rod has ``n`` elements of equal length ``ds = L/n``. Node ``i`` carries a frame ``(r_i, R_i)``; along an element the
-strain ``xi = (Gamma + e3, Omega)`` is the mean one, that of the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3), unaffected by
-rigid motions; with the element's law (`element_law`) positions are of fourth order in ``ds``.
+The rod has ``n`` elements of equal length ``ds = L/n``. Node ``i`` carries a frame ``(r_i, R_i)``. The strain of an element,
+``xi = (Gamma + e3, Omega)``, is that of the helix ``ds xi = log(g_i^-1 g_{i+1})`` in SE(3), invariant under rigid motions.
+With the law of `element_law`, positions are of fourth order in ``ds``.
 Reference: Sonneville, Cardona, Bruls, "Geometrically exact beam finite element formulated on SE(3)" (2014).
 """
 
@@ -24,7 +24,7 @@ from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.loads import DeadLoad, distributed_load
 from scan2flex_jax.rod.reals import reals
 
-_COARSE = 8  # elements on which loads are added up
+_COARSE = 8  # elements for the sum of the loads
 
 
 class Configuration(NamedTuple):
@@ -35,7 +35,7 @@ class Configuration(NamedTuple):
 
 
 def _effects(effects):
-    """The effects as a tuple, every number in them an array: a parameter given as a float is one like the others."""
+    """The effects as a tuple with every number turned into an array, so that a float parameter is traced like any other."""
     if isinstance(effects, AbstractEffect):
         effects = (effects,)
     return jax.tree.map(lambda x: jnp.asarray(x, float) if _is_number(x) else x, tuple(effects))
@@ -49,6 +49,11 @@ class CableModel(eqx.Module):
     """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses.
 
     ``gravity`` may be a list; ``effects`` one effect or several, whose parameters may be plain numbers.
+
+    Examples:
+        >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+        >>> CableModel(cable, gravity=[0.0, 0.0, -9.81]).gravity.tolist()
+        [0.0, 0.0, -9.81]
     """
 
     cable: Cable
@@ -62,7 +67,7 @@ class CableModel(eqx.Module):
 
 
 class Rod(eqx.Module):
-    """The discrete rod in one pose; ``effects`` are asked again for strain energies, potentials and the observation."""
+    """The discrete rod in one pose; ``effects`` provide strain energies, node potentials and the observation."""
 
     section: Section
     load: DeadLoad
@@ -94,7 +99,7 @@ def discretise(model: CableModel, boundary: Boundary, elements: int) -> Rod:
 
 
 def with_rigid(model: CableModel, names: Sequence[str]) -> CableModel:
-    """The model whose cable has the `rigid_stiffness` of its weight and dead loads as these stiffnesses, each by its name."""
+    """The model with the named stiffnesses set to the `rigid_stiffness` of the cable's weight and dead loads."""
     if not names:
         return model
     _, load = _loaded_sections(jax.lax.stop_gradient(model), _COARSE)
@@ -104,7 +109,7 @@ def with_rigid(model: CableModel, names: Sequence[str]) -> CableModel:
 
 
 def _loaded_sections(model, elements):
-    """Sections of the rod, and the dead loads on its nodes."""
+    """Sections of the rod, and dead loads on its nodes."""
     cable = model.cable
     for effect in model.effects:
         cable = effect.cable(cable)

@@ -1,4 +1,4 @@
-"""Real numbers that a caller gives: an array of the right shape, or one sentence about what they are instead."""
+"""Conversion of a caller's numbers to a float64 array, with one sentence for anything else."""
 
 from typing import Any
 
@@ -9,15 +9,15 @@ from jax import Array
 
 from scan2flex_jax.errors import Scan2FlexError
 
-_SHOWN = 60  # characters of what was given
+_SHOWN = 60  # longest excerpt of the value in a message
 _WORDS = {(): "one real number", (4,): "a quaternion [w, x, y, z]", (3, 3): "a 3x3 matrix with columns d1, d2, d3"}
 
 
 def reals(x: Any, name: str, *shapes: tuple[int, ...]) -> Array | np.ndarray:
-    """``x`` as a float64 array of one of ``shapes``: JAX's where it is one or holds some (traced or not), else numpy's.
+    """``x`` as a float64 array with one of ``shapes``; a JAX array if ``x`` is or contains one (traced or not), else numpy's.
 
-    Raises `Scan2FlexError`, which calls it ``name``; a bool is no number. Whether numbers are finite is not asked: a solve
-    answers that.
+    Raises `Scan2FlexError` under the name ``name``; a bool is not a number. Values that are not finite pass: the solve
+    reports them.
     """
     traced = any(isinstance(leaf, Array) for leaf in jax.tree.leaves(x))
     try:

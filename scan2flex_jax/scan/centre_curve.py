@@ -1,7 +1,7 @@
-"""The centre curve that a scan gave: the answer, how sure it is, and what was noticed on the way.
+"""The extracted centre curve: the result, its uncertainty and its warnings.
 
 Symbols: s arc length (m) from the first to the last point of the cloud that lies on the cable; r radius (m); d3 tangent;
-frame (d1, d2, d3) rotation-minimising: it turns about the tangent not at all.
+frame (d1, d2, d3) rotation-minimising: without rotation about the tangent.
 """
 
 from dataclasses import dataclass, field
@@ -16,17 +16,17 @@ from scan2flex_jax.scan import spline
 from scan2flex_jax.scan.refine import Refined
 
 POINTS = 201
-_FINE = 20  # samples per output point when the arc length is measured
+_FINE = 20  # samples per output point for measuring the arc length
 _CURVED_GAP = 1.5  # radii without a point that count as a gap (or 1.5 % of the length)
-_CONFIDENT = 0.3  # weight from which a point counts as lying on the cable
-_LONE = 0.15  # of the usual crowd: fewer points than this at an end are strays
+_CONFIDENT = 0.3  # smallest weight of a point on the cable
+_LONE = 0.15  # of the usual density: an end with fewer points is a stray
 
 
 @dataclass(frozen=True)
 class RadiusStatistics:
-    """The radius as the cloud shows it: mean and standard deviation of distances to the curve (m), points on the cable.
+    """Radius measured from the cloud: mean and standard deviation of distances to the curve (m), number of points on the cable.
 
-    ``share``: of all points near the curve, how many lie on its surface.
+    ``share``: fraction of the points near the curve that lie on its surface.
     """
 
     mean: float
@@ -39,11 +39,11 @@ class RadiusStatistics:
 class CentreCurve:
     """Points (m) at even arc length (m) with unit tangents, frames (d1, d2, d3 in columns) and standard deviation (m).
 
-    ``std`` is that of one coordinate across the curve, from the scatter of the points and the smoothness that the data
-    ask for; it grows inside gaps. It does not know of errors that all points share (a range bias).
+    ``std`` is that of one coordinate across the curve, from the scatter of the points and the estimated smoothness; it grows
+    inside gaps. It excludes errors common to all points (a range bias).
     ``noise``: standard deviation of a point from the surface (m); ``gaps``: intervals of s (m) without points;
-    ``stages``: clouds and curves on the way, for plotting; ``warnings``: one sentence each, and ``doubts`` those of them
-    that speak against the curve as a whole.
+    ``stages``: intermediate clouds and curves, for plotting; ``warnings``: one sentence each, and ``doubts`` those of them
+    that question the curve as a whole.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -62,12 +62,12 @@ class CentreCurve:
 
     @property
     def sure(self) -> bool:
-        """Whether nothing speaks against the curve."""
+        """Whether there are no doubts about the curve."""
         return not self.doubts
 
     @property
     def length(self) -> float:
-        """Arc length of what was seen (m); it may stop short of the clamps."""
+        """Arc length of the observed part (m); it may end short of the clamps."""
         return float(self.arc_length[-1])
 
 
@@ -107,12 +107,12 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
 
 @jax.jit
 def _frames(tangents):
-    """Rotation-minimising frames, the first one some frame on the first tangent."""
+    """Rotation-minimising frames; the first is an arbitrary frame on the first tangent."""
     return curves.transported_frames(tangents, curves.frame_on(tangents[0]))
 
 
 def _span_and_gaps(t, c, radius, clamps):
-    """Parameters where the cloud begins and ends (strays beyond, and what lies behind a clamp, do not count), and gaps."""
+    """Parameters of the cloud's first and last point (strays and points behind a clamp do not count), and gaps."""
     speed = float(np.mean(np.linalg.norm(np.asarray(spline.half_knot_tangents(c)), axis=1)))
     wide = max(_CURVED_GAP * radius, 0.015 * speed * c.shape[1]) / speed
     wide = max(wide, 8.0 * (t[-1] - t[0]) / len(t))

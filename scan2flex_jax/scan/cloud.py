@@ -1,9 +1,9 @@
-"""Point clouds: reading, refusing what is no cloud of this cable, cleaning, and thinning.
+"""Point clouds: reading, rejecting, cleaning and thinning.
 
-Files are read by trimesh (PLY, XYZ, OBJ, STL and what else it reads; a mesh is sampled over its surface). Cleaning takes
-out isolated points and what no cable of length L between these clamps can reach: every point of it has distances to the
-two clamps that add up to at most L. Thinning keeps the density's proportions, so outliers stay as rare as they were. Of its two
-forms `thin` is the more even one; in `drawn` every point has its own lot, whatever other points there are.
+Files are read by trimesh (PLY, XYZ, OBJ, STL and its other formats; a mesh is sampled over its surface). Cleaning removes
+isolated points and points out of reach of a cable of length L between these clamps: the distances of a reachable point to
+the two clamps sum to at most L. Thinning keeps the density's proportions, so outliers stay as rare as they were. Of its two
+forms `thin` is the more even one; `drawn` selects every point independently of the others.
 
 Symbols: ``r`` radius, ``L`` length, points: all m in the scan frame.
 """
@@ -22,20 +22,20 @@ from scan2flex_jax.study.scans import load_geometry, unreadable
 
 MESH_SAMPLES = 60_000
 MILLIMETRES = 50.0  # a cloud this many times longer than the cable is in other units: no room is so large
-_PLANES = 3  # table tops and walls that are looked for
+_PLANES = 3  # number of table tops and walls to search for
 _FLAT = 1e-6  # of the largest triangle: a smaller one has no direction
-_PLANE = 100  # points that make one, at least
+_PLANE = 100  # fewest points of a plane
 _TRIPLES = 200
 _FILLED = 0.45  # ratio of in-plane variances around a point: a noisy cable has 0.2, a table 1
-_AROUND = 12  # points that surroundings must hold to show whether they are filled
+_AROUND = 12  # points needed in a neighbourhood to measure its filling
 _NEIGHBOURS = 8
-_STEP = 2.0**-0.25  # between the shares of a cloud that may be drawn
+_STEP = 2.0**-0.25  # ratio of successive thresholds of the hash in `drawn`
 _ISOLATED = 5.0  # robust standard deviations of the log distance to neighbours
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points of a scan (m), unit normals where the file has them, and what was said while reading."""
+    """Points of a scan (m), unit normals if the file has them, and notes from reading."""
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"] | None = None
@@ -48,7 +48,7 @@ def load_cloud(path: str | Path) -> Cloud:
     loaded = load_geometry(path)
     try:
         return _cloud_of(loaded, path)
-    except (ValueError, IndexError, TypeError) as fault:  # faces of points that are not there, coordinates cut short
+    except (ValueError, IndexError, TypeError) as fault:  # faces that refer to missing points, truncated coordinates
         raise unreadable(path, fault) from fault
 
 
@@ -68,7 +68,7 @@ def _cloud_of(loaded, path) -> Cloud:
 
 
 def _normals(meshes, count):
-    """Normals of a single point cloud when its PLY has nx, ny, nz."""
+    """Normals of a single point cloud whose PLY has nx, ny, nz."""
     raw = meshes[0].metadata.get("_ply_raw", {}) if len(meshes) == 1 and hasattr(meshes[0], "metadata") else {}
     data: Any = raw.get("vertex", {}).get("data") if isinstance(raw, dict) else None
     try:
@@ -80,7 +80,7 @@ def _normals(meshes, count):
 
 
 def normals_at(cloud: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"] | None:
-    """The file's normals at some of its own points; None where it has none (or ``cloud`` is bare points)."""
+    """The file's normals at a subset of its own points; None without normals (or if ``cloud`` is bare points)."""
     normals = cloud.normals if isinstance(cloud, Cloud) else None
     return None if normals is None else normals[cKDTree(cloud.points).query(points)[1]]
 
@@ -112,7 +112,7 @@ def check_cloud(points: Float[np.ndarray, "n 3"], radius: float, length: float |
 
 
 def not_isolated(points: Float[np.ndarray, "n 3"]) -> np.ndarray:
-    """Mask of points whose neighbours are about as near as usual (statistical outlier removal on a log scale)."""
+    """Mask of points at a usual distance from their neighbours (statistical outlier removal on a log scale)."""
     if len(points) < 4 * _NEIGHBOURS:
         return np.ones(len(points), bool)
     away = cKDTree(points).query(points, _NEIGHBOURS + 1)[0][:, 1:].mean(axis=1)
@@ -123,7 +123,7 @@ def not_isolated(points: Float[np.ndarray, "n 3"]) -> np.ndarray:
 
 
 def reachable(points, radius, start, end, length) -> np.ndarray:
-    """Mask of points that a cable of this length held at these ends can reach (any end may be None)."""
+    """Mask of points within reach of a cable of this length held at these ends (any end may be None)."""
     slack = 2.0 * radius + 0.03 * (length or 0.0)
     if length is None or start is None:
         return np.ones(len(points), bool)
@@ -134,10 +134,10 @@ def reachable(points, radius, start, end, length) -> np.ndarray:
 
 
 def off_planes(points: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
-    """Mask of points on no table top or wall: planes in which the points fill their surroundings evenly.
+    """Mask of points on no table top or wall, where points fill their planar neighbourhoods evenly.
 
-    Planes are proposed by triples of points (RANSAC with a fixed seed); a cable that lies in a plane lines up in it, and
-    further planes are looked for among the other points.
+    Planes are proposed by triples of points (RANSAC with a fixed seed). Points of a cable that lies in a plane line up in it,
+    and are kept; further planes are searched among the other points.
     """
     keep, lined_up = np.ones(len(points), bool), np.zeros(len(points), bool)
     rng = np.random.default_rng(5)
@@ -156,7 +156,7 @@ def off_planes(points: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
             lined_up |= on
             continue
         middle, spread = 0.0, near
-        for _ in range(5):  # the slab that found the plane may be thinner than its noise
+        for _ in range(5):  # the slab of the proposal may be thinner than the plane's noise
             inside = away[keep & (np.abs(away - middle) < 3.0 * spread)]
             middle = np.median(inside)
             spread = float(np.clip(1.55 * np.median(np.abs(inside - middle)), 1e-3 * near, 6.0 * near))
@@ -165,9 +165,9 @@ def off_planes(points: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
 
 
 def _filling(flat: Float[np.ndarray, "n 2"], reach: float) -> float:
-    """Median over points of the smaller by the larger variance of the points around them: 1 in an area, 0 on a line.
+    """Median over points of the ratio of smaller to larger variance in their neighbourhood: 1 in an area, 0 on a line.
 
-    ``reach`` (m) is widened until half of the surroundings hold `_AROUND` points: a table far off is seen thinly.
+    ``reach`` (m) is widened until half of the neighbourhoods hold `_AROUND` points, since a distant table is sampled sparsely.
     """
     tree = cKDTree(flat)
     some = flat[thin(np.column_stack([flat, 0 * flat[:, 0]]), 200)]
@@ -185,7 +185,7 @@ def _best_plane(points, near, rng):
     triples = points[rng.integers(0, len(points), (_TRIPLES, 3))]
     normal = np.cross(triples[:, 1] - triples[:, 0], triples[:, 2] - triples[:, 0])
     size = np.linalg.norm(normal, axis=1)
-    some = size > _FLAT * np.max(size)  # a point drawn twice makes no plane, and would be near to every point
+    some = size > _FLAT * np.max(size)  # a duplicated point defines no plane, and would be near to every point
     on = points
     if some.any():
         normal, triples = normal[some] / size[some, None], triples[some]
@@ -213,13 +213,14 @@ def thin(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
 
 
 def drawn(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
-    """Indices of at most ``count`` points, those whose lot, a hash of their own coordinates (splitmix64), is low enough.
+    """Indices of at most ``count`` points, those with the lowest hash of their own coordinates (splitmix64).
 
-    How low goes in steps of ``_STEP``: of two clouds that differ in a few points, all others are taken from both or from none.
+    The threshold changes in steps of ``_STEP``: of two clouds that differ in few points, all other points are selected in both
+    or in neither.
     """
     lot = np.zeros(len(points), np.uint64)
     for column in np.ascontiguousarray(points, float).T:
-        lot = (lot ^ (column + 0.0).view(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)  # + 0.0: there is one zero
+        lot = (lot ^ (column + 0.0).view(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)  # + 0.0 removes the sign of zero
         lot = (lot ^ (lot >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         lot = (lot ^ (lot >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
         lot ^= lot >> np.uint64(31)

@@ -1,8 +1,8 @@
-"""From a scan to its centre curve: the whole chain, for one cloud and for a study.
+"""The whole chain from a scan to its centre curve, for one cloud and for a study.
 
     cloud -> checked, cleaned -> coarse curve (guide points, or found) -> snakes (Eq. 8) -> refined -> CentreCurve
 
-Everything that is compiled has one shape for all clouds (points padded to `SNAKES_POINTS` and `REFINE_POINTS`, curves of
+Every compiled function has one shape for all clouds (points padded to `SNAKES_POINTS` and `REFINE_POINTS`, curves of
 `SNAKES_KNOTS` and `refine.KNOTS` points), so that the poses of a study share one compilation.
 
 Symbols: r radius, L length between the clamps, s arc length: m.
@@ -21,12 +21,11 @@ from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.scan import cloud as clouds
-from scan2flex_jax.scan import coarse as coarse_step
-from scan2flex_jax.scan import guides as guide_step
-from scan2flex_jax.scan import minimise, refine, snakes, spline
+from scan2flex_jax.scan import coarse_curve, refine, snakes, snakes_minimisers, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
-from scan2flex_jax.scan.doubts import clamp_to_clamp, doubts
-from scan2flex_jax.scan.strands import End
+from scan2flex_jax.scan.guide_points import checked_guides, guide_tube, guided_curve
+from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts
+from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
@@ -35,10 +34,10 @@ SNAKES_KNOTS = 20
 REFINE_POINTS = 8192
 _PLANE_POINTS = 40_000
 _WIDE, _WIDE_OF_LENGTH = 3.0, 0.015  # of r, of the curve's length: half-width of the tube of points around a curve
-_RENEWALS = 3  # of the points near the curve
-_ON = 3.0  # deviations of a point from the surface
-_LEFT_OUT = 2e-3  # of the points used: more that lie on the curve and were left out call for another round
-_FEW = 60  # points up to which a cloud is what a user picked, and has no surface to speak of
+_RENEWALS = 3  # rounds of selecting the points near the curve again
+_ON = 3.0  # largest distance of a point on the surface, in standard deviations
+_LEFT_OUT = 2e-3  # of the points used: above this share of missed points on the curve another round follows
+_FEW = 60  # largest cloud of hand-picked points, which does not sample a surface
 _RADII_SHARE = 0.25  # r_i of the coarse step may differ from r by this share
 _LENGTH_TRUSTED = 0.05  # of L, for a curve found without guide points
 
@@ -57,8 +56,8 @@ def extract(
 ) -> CentreCurve:
     """The centre curve of a cable of ``radius`` (m) in a cloud (`Cloud` or points, m).
 
-    ``length`` (m) and the ends help to find it; ``viewpoints`` (m) matter where the noise is as large as the radius;
-    ``noise`` is the standard deviation of one coordinate (m), if known. Refuses in one `Scan2FlexError`.
+    ``length`` (m) and the ends guide the search; ``viewpoints`` (m) matter if the noise is as large as the radius;
+    ``noise`` is the standard deviation of one coordinate (m), if known. Refuses with one `Scan2FlexError`.
     """
     _require_float64()
     if not (np.isfinite(radius) and radius > 0):
@@ -69,7 +68,7 @@ def extract(
     stages = {"cloud": points[clouds.thin(points, 20_000)]}
     if guide_points is not None:
         at = [None if one is None else one.position for one in (start, end)]
-        guide_points, said = guide_step.checked_guides(guide_points, radius, length, *at)
+        guide_points, said = checked_guides(guide_points, radius, length, *at)
         notes += said
         stages["guide points"] = guide_points
     eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
@@ -99,15 +98,15 @@ def extract(
 
 
 def _near(points, curve, radius):
-    """Mask of the points that a curve like this one may belong to."""
+    """Mask of the points that may belong to this curve."""
     wide = max(_WIDE * radius, _WIDE_OF_LENGTH * float(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))))
     return clouds.near_polyline(points, spline.evenly(curve, 800), wide)
 
 
 def _renewed(points, inside, fit, radius):
-    """Mask of the points near the refined curve, and whether it left points of the cable out before.
+    """Mask of the points near the refined curve, and whether the previous mask missed points of the cable.
 
-    The coarse curve goes straight over what was seen thinly, and passes it at a distance where the cable bends.
+    The coarse curve cuts straight across sparsely sampled parts, and so misses points where the cable bends.
     """
     now = _near(points, fit.points, radius)
     come = points[now & ~inside]
@@ -116,14 +115,14 @@ def _renewed(points, inside, fit, radius):
 
 
 def _refined(starts, near, radius, eyes, noise, few, known, found_by, stages, notes):
-    """What speaks against the curve, the curve, and its `Refined`, from the first start that leaves no doubt, else the best.
+    """Doubts, curve, and its `Refined`, from the first start without doubts, else the best.
 
-    Where the snakes went astray, the coarse curve is the better start.
+    If the snakes went astray, the coarse curve is the better start.
     """
     near = near[clouds.thin(near, REFINE_POINTS)]
     stages["points used"] = near
     points, real = _padded(near, REFINE_POINTS)
-    if few and eyes is not None:  # marks stand on the seen side: the axis is a radius behind them
+    if few and eyes is not None:  # marks lie on the visible side, and the axis a radius behind them
         points = points + radius * (points - eyes[0]) / jnp.linalg.norm(points - eyes[0], axis=1, keepdims=True)
     clamps = [None if one is None else one.position for one in (known["start"], known["end"])]
     found = []
@@ -141,7 +140,7 @@ def _refined(starts, near, radius, eyes, noise, few, known, found_by, stages, no
 
 
 def _require_float64():
-    """Refuse single precision: a tenth of a noise of 0.1 mm in a scan some metres from the origin is lost in it."""
+    """Refuse float32: in a scan metres away from the origin it rounds at a tenth of a noise of 0.1 mm."""
     if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]  # jax declares no options
         raise Scan2FlexError(
             "scan2flex_jax computes in float64 only: call jax.config.update('jax_enable_x64', True) before the first array"
@@ -150,7 +149,7 @@ def _require_float64():
 
 
 def cleaned(points, radius, length, start, end, guides):
-    """Points that are not isolated, that the cable can reach, and (with guides) near them, (without) on no table."""
+    """Points that are not isolated, within reach of the cable, and near the guides (if any) or else off tables."""
     at, to = (None if one is None else one.position for one in (start, end))
     held = points[clouds.reachable(points, radius, at, to, length)]
     if len(held) < 4:
@@ -160,7 +159,7 @@ def cleaned(points, radius, length, start, end, guides):
         )
     held = held[clouds.not_isolated(held)]
     if guides is not None:
-        curve, reach = guide_step.guide_tube(guides, radius)
+        curve, reach = guide_tube(guides, radius)
         held = held[clouds.near_polyline(held, lengthened(curve, 3.0 * reach), reach)]
         if len(held) < 4:
             raise Scan2FlexError(f"no points of the cloud lie within {reach:.3g} m of the guide points: are both in metres?")
@@ -170,11 +169,11 @@ def cleaned(points, radius, length, start, end, guides):
 
 
 def _coarse(cloud, points, radius, length, start, end, guides, eyes):
-    """The coarse curve and how it was found; guide points have the last word, and without them doubt is a refusal."""
-    some = points[clouds.thin(points, coarse_step.VOTERS)]
+    """The coarse curve and its origin; guide points take precedence, and without them a doubt is a refusal."""
+    some = points[clouds.thin(points, coarse_curve.VOTERS)]
     normals = clouds.normals_at(cloud, some)
     if guides is None:
-        found: Any = coarse_step.find_curve(some, radius, length, start, end, normals)
+        found: Any = coarse_curve.find_curve(some, radius, length, start, end, normals)
         if not found.sure:
             raise Scan2FlexError(
                 f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(found.doubts)};"
@@ -182,7 +181,7 @@ def _coarse(cloud, points, radius, length, start, end, guides, eyes):
             )
         return found, "cloud"
     try:
-        found = coarse_step.find_curve(some, radius, length, start, end, normals) if len(some) >= 200 else None
+        found = coarse_curve.find_curve(some, radius, length, start, end, normals) if len(some) >= 200 else None
     except Scan2FlexError:
         found = None
     if found is not None and found.sure:
@@ -192,11 +191,11 @@ def _coarse(cloud, points, radius, length, start, end, guides, eyes):
             found, which = replace(found, points=found.points[::-1]), 799 - which
         if np.all(away < 3.0 * radius + 0.01 * found.length) and np.all(np.diff(which) > 0):
             return found, "cloud, and the guide points agree"
-    return guide_step.guided_curve(guides, some, radius, eyes, normals), "guide points"
+    return guided_curve(guides, some, radius, eyes, normals), "guide points"
 
 
 def lengthened(curve, by, radius=0.0, start=None, end=None):
-    """The curve lengthened at both ends, so that the cloud ends before it does: along the clamps where it ends at them."""
+    """The curve extended at both ends, so that the cloud ends before it does: along the clamps if it ends at them."""
     back = max(2, len(curve) // 40)
     first, last = curve[0] - curve[back], curve[-1] - curve[-1 - back]
     first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
@@ -213,7 +212,7 @@ def lengthened(curve, by, radius=0.0, start=None, end=None):
 
 
 def _padded(points, count):
-    """Points in an array of ``count`` rows, and which rows are real."""
+    """Points in an array of ``count`` rows, and the mask of real rows."""
     real = np.arange(count) < len(points)
     rows = np.concatenate([points, np.repeat(points[:1], count - len(points), axis=0)])
     return jnp.asarray(rows), jnp.asarray(real)
@@ -230,11 +229,11 @@ def _snake(curve, near, radius, method):
     away = cKDTree(spline.evenly(curve, 800)).query(np.asarray(points))[0]
     radii = np.clip(away, (1 - _RADII_SHARE) * radius, (1 + _RADII_SHARE) * radius)
     problem = snakes.SnakesProblem(points, jnp.asarray(radii), real, jnp.asarray(in_gap), jnp.asarray(float(radius)))
-    return minimise.minimise_snakes(x0, problem, method, 60).points
+    return snakes_minimisers.minimise_snakes(x0, problem, method, 60).points
 
 
 def _refuse_doubtful(curve: CentreCurve, length, start, end):
-    """A curve that was found without guide points and is far from the known length has taken a wrong way."""
+    """Refuse a curve found without guide points whose length is far from the known one: it followed a wrong path."""
     if not length or start is None or end is None or curve.found_by != "cloud":
         return
     whole = clamp_to_clamp(curve, start, end)
@@ -246,7 +245,7 @@ def _refuse_doubtful(curve: CentreCurve, length, start, end):
 
 
 def _remarks(curve: CentreCurve, radius, fit, viewed):
-    """What a user should know of a curve that nothing speaks against: gaps, and how far the noise can be trusted."""
+    """Remarks on a curve without doubts: gaps, and the limits of the noise model."""
     said = []
     if viewed and fit.facing < refine.FACING:
         said.append(
@@ -268,7 +267,7 @@ def extract_study(
 ) -> tuple[Study, dict[str, CentreCurve]]:
     """A copy of the study with a centre curve for every pose that has a scan and none yet, and the curves by pose name.
 
-    ``progress(pose, number, total)`` is called before each pose; what it raises is ignored.
+    ``progress(pose, number, total)`` is called before each pose; its exceptions are ignored.
     """
     check_study(study, "extract")
     found: dict[str, CentreCurve] = {}
@@ -308,7 +307,7 @@ def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -
 
 
 def _tell(progress, *what):
-    """Report progress; a fault in the report is not a fault of the extraction."""
+    """Report progress; an exception in the report does not stop the extraction."""
     if progress is not None:
         try:
             progress(*what)

@@ -1,4 +1,4 @@
-"""A picture per pose: the cloud, the stages of the curve, and what the radius and the standard deviation look like along s.
+"""Plot of one pose's extraction: the cloud, the stages of the curve, and radius and standard deviation along s.
 
 Units in the picture: m for space, mm for residuals and standard deviations.
 """
@@ -19,7 +19,7 @@ _STAGES = (("coarse", "tab:orange", "--"), ("snakes", "tab:green", "-."))
 
 
 def plot_extraction(curve: CentreCurve, title: str = "") -> Any:
-    """A matplotlib figure of the extraction; the caller shows, saves and closes it."""
+    """A matplotlib figure of the extraction, not shown, saved or closed."""
     from matplotlib.figure import Figure  # noqa: PLC0415  (matplotlib loads slowly and only pictures need it)
 
     figure = Figure(figsize=(11.0, 5.5), layout="constrained")
@@ -65,9 +65,9 @@ def _along(figure, curve: CentreCurve) -> None:
 def save_picture(
     curve: CentreCurve, path: str | Path, title: str = "", write: Callable[[Path, bytes], None] = write_file
 ) -> Path:
-    """Write the picture of an extraction (PNG, PDF or SVG, by the name's ending) in one step; a study's own files are refused.
+    """Write the picture of an extraction (PNG, PDF or SVG, by the extension) in one step; a study's own files are refused.
 
-    ``write(path, bytes)`` puts it there.
+    ``write(path, bytes)`` writes the file.
     """
     path, picture = Path(path), io.BytesIO()
     figure, kind = plot_extraction(curve, title), path.suffix.lstrip(".").lower() or "png"

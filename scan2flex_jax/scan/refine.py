@@ -1,12 +1,12 @@
-"""The last stage: the most probable smooth curve whose surface the points lie on, and how sure it is.
+"""The last stage: the most probable smooth curve whose surface carries the points, and its uncertainty.
 
-Unknowns are K points of the spline at even arc length, more than the data need; how smooth the curve is, the data decide.
-Minimised is
+The unknowns are K points of the spline at even arc length, more than the data need; the smoothness is estimated from the
+data. The objective is
 
     - sum_i log p(e_i) + lambda/2 int |curve'''|^2 dt
 
-with ``e_i`` the distance of point i from the surface of radius r around the curve, ``p`` what the sensor makes of it, and
-lambda by maximum marginal likelihood (Fellner-Schall update). Where there is a gap the second term alone speaks, and the
+with ``e_i`` the distance of point i from the surface of radius r around the curve, ``p`` the sensor's noise model, and
+lambda by maximum marginal likelihood (Fellner-Schall update). In a gap only the second term acts, and the
 standard deviation grows. Points may slide along the curve freely; each step is damped in that direction only, then the
 points are spaced evenly again.
 
@@ -14,9 +14,9 @@ Two forms of ``e_i``:
 * *radial*, ``|p_i - curve| - r``, with Tukey's weights and sigma from the median absolute deviation: without viewpoints, and
   always in the first iterations. Noise along a ray also moves a point around the tube, which bends radial distances by
   ``noise^2/r``: right while the noise is well below r;
-* *along the ray*, when viewpoints are known: how far behind the tube's surface the point lies on its ray. It is linear in
-  the noise, so a point thrown behind the axis does no harm, and flying pixels are told from noise (`sensor_noise`).
-  Rays that graze the tube, or miss it, go on linearly from the last place where the depth means something.
+* *along the ray*, with known viewpoints: depth of the point behind the tube's surface on its ray. It is linear in
+  the noise, so a point behind the axis does no harm, and flying pixels are separable from noise (`sensor_noise`).
+  For rays that graze or miss the tube it is extrapolated linearly from the last well-defined depth.
 
 A third form serves a handful of points set by hand (`marks`): all three coordinates of ``p_i - curve(t_i)``.
 
@@ -36,22 +36,22 @@ from scan2flex_jax.scan import sensor_noise, spline
 
 KNOTS = 40
 _ITERATIONS = 100
-_OF_MARKS = 40  # a curve through a handful of points never comes to rest: it slides along itself and cuts its loops off
-_RAY_FROM = 5  # iteration at which the kind of residual is chosen
+_OF_MARKS = 40  # iterations with a handful of points: the curve never converges, it slides along itself and cuts its loops off
+_RAY_FROM = 5  # iteration at which the residual type is chosen
 _LEAST = 1e-3  # of r: smaller residuals are rounding of the scanner
-_SETTLED, _STILL = 0.03, 2e-3  # of sigma, of r: a smaller move of every spline point, once spaced evenly, ends the iteration
-_WIDE, _NARROWING = 3.0, 0.7  # radii within which a point has a say at first, and how that shrinks per iteration
-_TUKEY = 4.0  # standard deviations beyond which a point has no say
-RAY_ABOVE = 0.25  # of r: with noise above this and no viewpoint a scan from one side is not to be trusted
-_SILHOUETTE = 0.98  # of r: rays that pass further out say the depth of the surface at this distance, and their own beyond
+_SETTLED, _STILL = 0.03, 2e-3  # of sigma, of r: smaller moves of all evenly spaced spline points end the iteration
+_WIDE, _NARROWING = 3.0, 0.7  # radii of the initial window of non-zero weight, and its factor per iteration
+_TUKEY = 4.0  # standard deviations beyond which a point has zero weight
+RAY_ABOVE = 0.25  # of r: with more noise and no viewpoint a scan from one side is not reliable
+_SILHOUETTE = 0.98  # of r: rays that pass further out get the surface depth at this distance plus their excess
 _BLUR = 0.2  # noise across the ray over that along it
-_STRAY = 1.3  # of r: rays that pass further out belong to no point of the cable
-FACING = 0.8  # share of points that must face a viewpoint if the viewpoints are those of the scan
+_STRAY = 1.3  # of r: rays that pass further out miss the cable
+FACING = 0.8  # share of points that must face a viewpoint for the viewpoints to be those of the scan
 _STIFF_START = 3.0  # share of the data's weight given to smoothness at the start
 _SLIDE = 1.0  # damping along the curve, in mean weights of a point of the spline
-_NEARLY_ALL = 0.998  # of the points near the cable lie within the window of the mixture
-_FADING = 0.25  # of the distance of two spline points: what lies nearer to an end of the curve has less say
-_ROUNDS = 3  # renewals of the mixture per iteration
+_NEARLY_ALL = 0.998  # share of the points near the cable within the window of the mixture
+_FADING = 0.25  # of the distance of two spline points: range at each end of the curve over which weights fade
+_ROUNDS = 3  # updates of the mixture per iteration
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Refined:
     """Spline points (m), their covariance (m^2), noise (m), and per cloud point: parameter, residual (m), weight (-).
 
     ``residual`` is radial (infinite for padding). ``score`` (1/m) and ``information`` (1/m^2) are the first and second
-    derivative of what is minimised by the axis at the point: what the point asks for.
+    derivative of the objective by the axis at the point.
     """
 
     points: Float[np.ndarray, "K 3"]
@@ -77,7 +77,7 @@ class Refined:
 
 @jax.jit
 def _beside(x, points):
-    """Parameter of the nearest point, it, the unit tangent there, and spline weights W, for all points."""
+    """Parameter of the nearest point, that point, its unit tangent, and spline weights W, for all points."""
     c = spline.coefficients(x)
     t = spline.nearest(c, points)
     v = spline.evaluate(c, t, 1)
@@ -93,7 +93,7 @@ def _radial(points, q, r):
 
 
 def along_ray(points, q, tangent, eyes, r):
-    """How far (m) behind the surface each point lies on its ray from each eye; gradient by ``q``; blur factor; side (r)."""
+    """Depth (m) of each point behind the surface on its ray from each eye; gradient by ``q``; blur factor; side (r)."""
     ray = points - eyes[:, None]
     ray = ray / np.linalg.norm(ray, axis=2, keepdims=True)
     across = ray - np.sum(ray * tangent, axis=2, keepdims=True) * tangent
@@ -113,11 +113,11 @@ def along_ray(points, q, tangent, eyes, r):
 
 
 def _step(x, score, n, info, W, rough, stiff, known):
-    """Step for scores and information per viewpoint and point, with smoothness ``stiff`` and damping along the curve; the
+    """Step for scores and information per viewpoint and point, with smoothness ``stiff`` and damping along the curve;
     covariance of x; traces for lambda.
 
-    The step is that of expectation-maximisation: it takes every point's whole information for known, and never goes too far
-    where all points are honest. The covariance takes the ``known`` share, as ``info`` does.
+    The step is that of expectation-maximisation: it uses the complete-data information of every point, and never overshoots
+    if all points are honest. The covariance uses the ``known`` share, as ``info`` does.
     """
     K = len(x)
     J = [W[:, :, None] * nv[:, None, :] for nv in n]
@@ -137,15 +137,15 @@ def _step(x, score, n, info, W, rough, stiff, known):
 
 
 def _spread(e, w) -> float:
-    """Standard deviation of residuals by the median absolute deviation about zero, over points with a say."""
+    """Standard deviation of residuals by the median absolute deviation about zero, over points of non-zero weight."""
     e = np.abs(e[w > 0])
     return float(1.4826 * np.median(e)) if len(e) else np.inf
 
 
 class _Tukey:
-    """Points far from the surface have no say; how far shrinks from iteration to iteration."""
+    """Tukey's weights: zero far from the surface, in a window that shrinks from iteration to iteration."""
 
-    known = 1.0  # share of the information that is left when points are told apart
+    known = 1.0  # share of the information that remains under the unknown classification
 
     def __init__(self, radius, noise, marks):
         self.radius, self.noise, self.marks = radius, noise, marks
@@ -157,7 +157,7 @@ class _Tukey:
         """Score and information (1, n), weight (n,)."""
         r = self.radius
         self.sigma = max(_spread(e, (np.abs(e) < self.cut) & inside), _LEAST * r)
-        if self.marks and self.noise:  # a handful of residuals cannot tell the noise from the shape
+        if self.marks and self.noise:  # too few residuals to separate noise from shape
             self.sigma = self.noise
         self.cut = max(_TUKEY * self.sigma, self.wide)
         weight = np.where((np.abs(e) < self.cut) & inside, (1.0 - (e / self.cut) ** 2) ** 2, 0.0)
@@ -170,14 +170,14 @@ class _Tukey:
 
 
 class _Sensor:
-    """Points are honest, fly, or are strays (`sensor_noise`)."""
+    """Noise model of the sensor: points are honest, flying, or strays (`sensor_noise`)."""
 
     narrow = True
     known = 1.0
     mixture: Any
 
     def __init__(self, radius, sigma, breadth):
-        """``breadth`` (m): how far from the axis points lie at most, strays among them."""
+        """``breadth`` (m): largest distance of points from the axis, strays included."""
         self.radius, self.first, self.band, self.mixture = radius, sigma, radius / max(breadth, radius), None
 
     @property
@@ -187,7 +187,7 @@ class _Sensor:
     def __call__(self, e, blur, side, inside):
         """Score and information (v, n), weight (n,)."""
         told = inside & (side < _STRAY)
-        if self.mixture is None:  # whatever lies this near to the surface must have its place in the mixture
+        if self.mixture is None:  # all points this near to the surface must be covered by the mixture
             near = np.min(np.where(told, np.abs(e), np.inf), axis=0)
             near = near[np.isfinite(near)]
             window = max(3.0 * self.radius, 6.0 * self.first, float(np.quantile(near, _NEARLY_ALL)) if len(near) else 0.0)
@@ -204,7 +204,7 @@ class _Sensor:
 def refine(x, points, real, radius: float, eyes=None, noise: float | None = None, marks: bool = False) -> Refined:
     """The smooth curve (through K points near ``x``) that explains the points; ``eyes`` are viewpoints (m), if known.
 
-    ``marks``: the points are few and were set by hand on the cable: they are the axis but for noise.
+    ``marks``: the points are few, set by hand on the cable, and sample the axis up to noise.
     """
     x, real, host = np.array(x), np.asarray(real), np.asarray(points)
     rough, rank = spline.roughness(len(x)), 3 * (len(x) - 3)
@@ -248,7 +248,7 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
 
 
 def _held(dx, x):
-    """The step without that of the ends along the curve: where it ends no point of a surface can say, and it would drift."""
+    """The step without the motion of the ends along the curve, which surface points do not determine: it would drift."""
     for k, step in ((0, x[1] - x[0]), (-1, x[-1] - x[-2])):
         along = step / np.linalg.norm(step)
         dx[k] -= (dx[k] @ along) * along
@@ -261,7 +261,7 @@ def _moved(before, after) -> float:
 
 
 def _faced(points, q, eyes, on, noisy) -> float:
-    """Share of the points on the cable that face one of the eyes; with noise like the radius none can be said not to."""
+    """Share of the points on the cable that face one of the eyes; 1 if the noise is too large to decide."""
     if noisy or not on.any():
         return 1.0
     out, look = points[on] - q[on], eyes[:, None] - points[on]
@@ -269,11 +269,11 @@ def _faced(points, q, eyes, on, noisy) -> float:
 
 
 def _heard(t, count):
-    """Share of its say that a point has near the ends of the curve: one that is inside now and beyond the end after the next
-    step would make the end swing to and fro."""
+    """Weight of a point, fading towards the ends of the curve: a point that is inside now and beyond the end after the next
+    step would make the end oscillate."""
     return np.clip(np.minimum(t, count - 1 - t) / _FADING, 0.0, 1.0)
 
 
 def _inner(t, count):
-    """Points that project inside the curve, not on its ends."""
+    """Mask of points that project inside the curve, not on its ends."""
     return (t > 1e-6) & (t < count - 1 - 1e-6)

@@ -1,8 +1,8 @@
-"""A scanner to make test clouds: a tube around a known curve, seen from given places by an imperfect sensor.
+"""A simulated scanner for test clouds: a tube around a known curve, seen from given viewpoints by an imperfect sensor.
 
-The cable (and any clutter) is a triangle mesh. From each viewpoint only what faces the sensor and is not hidden behind
-something nearer is seen (a depth buffer decides), so that the back of the cable is missing as in a real scan. Then the
-sensor adds its faults:
+The cable (and any clutter) is a triangle mesh. Each viewpoint sees only surfaces that face it and are not hidden behind
+nearer ones (by a depth buffer), so that the back of the cable is missing as in a real scan. Then the sensor's errors are
+added:
 
 * `STRUCTURED_LIGHT`, a hand-held scanner: 0.5 mm along the ray, a small range bias, uneven density, 1 % outliers.
 * `TIME_OF_FLIGHT`, Kinect-like: one point per pixel, 3.5 mm at 1 m along the ray and growing with range, depth in whole
@@ -24,12 +24,12 @@ from scan2flex_jax.scan.shapes import arc_length
 
 _SIDES = 48  # of the tube's cross section
 _GRAZING = 0.17  # cosine of the steepest incidence that still returns light (80 degrees)
-_CANDIDATES = 120_000  # surface points among which a view chooses
+_CANDIDATES = 120_000  # surface points from which a view is drawn
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a sensor does to a point that it sees.
+    """Error model of a sensor.
 
     noise: standard deviation along the ray at 1 m (m); noise_growth: its exponent in the range (-);
     lateral_noise: across the ray (m); range_bias: constant error along the ray (m, positive = further);
@@ -98,7 +98,7 @@ def _tube_faces(rings: int) -> Int[np.ndarray, "f 3"]:
 
 
 def table(curve: Float[np.ndarray, "m 3"], radius: float, drop: float = 0.12) -> trimesh.Trimesh:
-    """A table top below the cable (along z), ``drop`` metres under its lowest point."""
+    """A table top below the cable (along z), ``drop`` m under its lowest point."""
     low, high = curve.min(axis=0), curve.max(axis=0)
     size = np.append(1.3 * (high - low)[:2] + 0.2, 0.01)
     centre = np.append(0.5 * (low + high)[:2], low[2] - radius - drop)
@@ -122,7 +122,7 @@ def scan(
     gaps: Sequence[tuple[float, float]] = (),
     clutter: Sequence[trimesh.Trimesh] = (),
 ) -> Scan:
-    """The cloud of the cable around ``curve`` (m), seen from ``viewpoints`` (m); nothing is seen inside the ``gaps`` of s."""
+    """The cloud of the cable around ``curve`` (m), seen from ``viewpoints`` (m); the ``gaps`` of s stay unseen."""
     rng = np.random.default_rng([29, key])
     cable, points, normals = _surface([tube_mesh(curve, radius), *clutter], rng)
     s = arc_length(curve)[cKDTree(curve).query(points)[1]]
@@ -143,7 +143,7 @@ def scan(
 
 
 def _surface(meshes: Sequence[trimesh.Trimesh], rng: np.random.Generator):
-    """Points spread evenly over all meshes, their normals, and which belong to the first (the cable)."""
+    """Points spread evenly over all meshes, their normals, and the mask of the first mesh (the cable)."""
     area = np.array([mesh.area for mesh in meshes])
     share = np.minimum(_CANDIDATES, _CANDIDATES * area / area[0] / 3.0).astype(int)
     share[0] = _CANDIDATES
@@ -163,7 +163,7 @@ def _image(points, eye, pixel):
 
 
 def _visible(points, normals, eye, radius, pixel):
-    """Which points are seen (facing, and not behind something a radius nearer), and which stand on a silhouette."""
+    """Masks of visible points (facing the eye, and not behind something a radius nearer) and of silhouette points."""
     ray = points - eye
     depth = np.linalg.norm(ray, axis=1)
     facing = -np.sum(normals * ray, axis=1) / depth
@@ -176,7 +176,7 @@ def _visible(points, normals, eye, radius, pixel):
 
 
 def _pixels(points, eye, sensor, rng):
-    """One point per pixel, as a camera sees."""
+    """One point per pixel, as in a camera."""
     order = rng.permutation(len(points))
     image = _image(points[order], eye, sensor.pixel)
     flat = np.ravel_multi_index(tuple(image.T), tuple(image.max(axis=0) + 1))
@@ -184,7 +184,7 @@ def _pixels(points, eye, sensor, rng):
 
 
 def _uneven(points, sensor, rng):
-    """``sensor.points`` of the points, denser here and thinner there as a hand moves a scanner."""
+    """``sensor.points`` of the points, with the uneven density of a hand-held scanner."""
     scale = np.ptp(points, axis=0).max()
     waves = rng.normal(size=(6, 3)) * 2.0 * np.pi / (0.4 * scale)
     field = np.cos(points @ waves.T + rng.uniform(0.0, 2.0 * np.pi, 6)).sum(axis=1) / np.sqrt(3.0)
@@ -194,7 +194,7 @@ def _uneven(points, sensor, rng):
 
 
 def _measure(points, eye, edge, sensor, rng):
-    """Points as the sensor reports them, and which of them are honest measurements."""
+    """Points as the sensor reports them, and the mask of honest measurements."""
     ray = points - eye
     depth = np.linalg.norm(ray, axis=1)
     ray = ray / depth[:, None]

@@ -1,18 +1,18 @@
-"""What the points of a scan are: honest, flying, or strays. A mixture whose shares and sizes the residuals themselves give.
+"""Mixture model of a scan's points: honest, flying, or stray, with shares and sizes estimated from the residuals.
 
-Along the ray from a viewpoint a point lies a distance e behind the surface that the ray met. A viewpoint's points are
+On its ray from a viewpoint a point lies a distance e behind the surface that the ray met. A viewpoint's points are
 
-* *honest*: e is normal with standard deviation ``sigma h``; ``h`` is larger where the ray grazes the surface;
-* *flying*: pixels that saw the cable's silhouette and the background in one: honest noise plus a depth between 0 and
-  ``reach``. They lie *behind* the surface, never in front; taken for honest ones they push the whole curve away from the
-  sensor. Their share depends on how far from the silhouette the ray passed, so there is one share per ring of the tube;
-* *strays*: anywhere within the ``window``, and anywhere around the cable: a share ``band`` of them where rays meet it.
+* *honest*: e is normal with standard deviation ``sigma h``; ``h`` grows where the ray grazes the surface;
+* *flying*: pixels that mix the cable's silhouette with the background: honest noise plus a depth between 0 and
+  ``reach``. They lie *behind* the surface, never in front; treated as honest they push the whole curve away from the
+  sensor. Their share depends on the distance of the ray from the silhouette, so there is one share per ring of the tube;
+* *strays*: anywhere within the ``window``, and anywhere around the cable: a share ``band`` of their rays meets it.
 
-Expectation-maximisation: `judge` gives every point the part of e that is noise and not flight, and the weight that it
-deserves; `update` renews the mixture from that. Without viewpoints there is no ray, so no flight.
+Expectation-maximisation: `judge` gives for every point the noise part of e, without flight, and its weight; `update`
+re-estimates the mixture from them. Without viewpoints there is no ray, so no flight.
 
 Symbols: e, sigma, reach, window: m; h, share: -; u = e/sigma.
-Reference: Dempster, Laird, Rubin (1977); Louis (1982) for the information that is lost by not knowing which point is which.
+Reference: Dempster, Laird, Rubin (1977); Louis (1982) for the information lost by the unknown classification.
 """
 
 from dataclasses import dataclass, replace
@@ -23,9 +23,9 @@ from scipy.special import ndtr
 
 _RINGS = np.array([0.5, 0.8, 0.93])  # of r: bounds between the rings of the tube, from the middle of the view outwards
 _MOST_FLYING = 0.6
-_SHORTEST = 5.0  # sigma: a shorter flight cannot be told from a shift of all points
+_SHORTEST = 5.0  # sigma: a shorter flight is indistinguishable from a shift of all points
 _DOUBT = 20.0  # honest points that the prior adds to every ring
-_EQUAL = 2.0  # weight of equal shares of the viewpoints: a flying point of one looks like an honest one of another
+_EQUAL = 2.0  # prior weight of equal shares of the viewpoints: a flying point of one looks like an honest one of another
 _LEAST_STRAYS, _MOST_STRAYS = 0.002, 0.4
 _ROOT = np.sqrt(2.0 * np.pi)
 
@@ -34,7 +34,7 @@ _ROOT = np.sqrt(2.0 * np.pi)
 class Mixture:
     """Deviation sigma, reach of a flight, and window (m); shares of flying points per ring, of strays, of viewpoints.
 
-    ``band``: share of the strays whose rays meet the tube. Honest points all do, strays lie anywhere beside the cable.
+    ``band``: share of the strays whose rays meet the tube. All honest rays do; strays lie anywhere around the cable.
     """
 
     sigma: float
@@ -48,9 +48,9 @@ class Mixture:
 
 @dataclass(frozen=True)
 class Judged:
-    """Per viewpoint and point: weight (-), the part of e that is noise (m), its mean square (m^2); ring; and what is left.
+    """Per viewpoint and point: weight (-), noise part of e (m), its mean square (m^2); ring; share of the information.
 
-    ``known`` is the share of the information that not knowing which point flies leaves.
+    ``known`` is the share of the information that remains under the unknown classification.
     """
 
     weight: Float[np.ndarray, "v n"]
@@ -63,7 +63,7 @@ class Judged:
 
 
 def first_guess(sigma: float, window: float, views: int, band: float = 1.0) -> Mixture:
-    """A mixture to start from: few strays, few points that fly."""
+    """Initial mixture: few strays, few flying points."""
     flying = np.full(len(_RINGS) + 1, 0.05)
     return Mixture(sigma, max(_SHORTEST * sigma, 0.5 * window), window, flying, 0.03, np.full(views, 1.0 / views), band)
 
@@ -95,7 +95,7 @@ def judge(e, h, side, real, m: Mixture) -> Judged:
 
 
 def update(m: Mixture, j: Judged, e, real, least: float) -> Mixture:
-    """Maximisation step over the ``real`` points; sigma is not below ``least`` (m)."""
+    """Maximisation step over the ``real`` points; sigma is at least ``least`` (m)."""
     sigma = max(float(np.sqrt(np.sum(j.square) / max(np.sum(j.weight), 1e-12))), least)
     flies, everything = (np.bincount(j.ring.ravel(), x.ravel(), len(m.flying)) for x in (j.flies, j.weight))
     flying = np.minimum(flies / (everything + _DOUBT), _MOST_FLYING)

@@ -1,6 +1,6 @@
-"""Known centre curves to scan: shapes that no rod model made.
+"""Known centre curves for simulated scans: shapes independent of the rod model.
 
-An extraction that is tested on rods only may have learned rods. These curves are geometry alone: a random smooth space
+An extraction tested on rods only may be biased towards rods. These curves are pure geometry: a random smooth space
 curve, a loop, a helix, and a figure of eight whose two strands nearly touch where they cross.
 
 Symbols: ``L`` length (m), ``r`` radius of the cable around the curve (m), ``s`` arc length (m). Every function returns

@@ -3,12 +3,12 @@
     E = 1/(N r^2) sum_i rho(d(curve, p_i) - r_i) + w_1 E_1            data: points lie a radius away from the curve
       + w_s 1/(K-2) sum_k (1 - cos(v_{k-1}, v_k)) + w_2 E_2           shape: smooth, and even in arc length
 
-Two slips of the paper are set right: its names of external and internal energy are swapped (the data term is the
-external one), and its smoothness term is a mean cosine, which must grow for a smooth curve: what is minimised is
-``1 - cos``. Its curve on ``[0, K]`` has K points at 0..K-1 (see `spline.py`).
+Two errors of the paper are corrected: its names of external and internal energy are swapped (the data term is the
+external one), and its smoothness term is a mean cosine, which is largest for a smooth curve, so that
+``1 - cos`` is minimised here. Its curve on ``[0, K]`` has K points at 0..K-1 (see `spline.py`).
 
-E_1, against leaving the cloud: at samples of the curve, how far the nearest cloud point lies beyond the radius, squared
-over r^2; samples inside a known gap do not count. E_2, against uneven arc length: variance of ``|v_k|`` over its mean
+E_1 penalises leaving the cloud: at samples of the curve, the distance of the nearest cloud point beyond the radius, squared
+over r^2; samples inside a known gap do not count. E_2 penalises uneven arc length: variance of ``|v_k|`` over its mean
 squared. ``rho`` is the pseudo-Huber loss: e^2 for small e, 2 delta |e| for outliers.
 
 Every term is a sum of squares, so that one residual vector serves the gradient methods and least squares alike.
@@ -36,7 +36,7 @@ class SnakesWeights(eqx.Module):
 
 
 class SnakesProblem(eqx.Module):
-    """What the energy needs besides the curve: points and their radii (m), which are real (the rest is padding), r (m)."""
+    """Data of the energy: points and their radii (m), the mask of real points (the rest is padding), r (m)."""
 
     points: Float[Array, "n 3"]
     radii: Float[Array, " n"]
@@ -70,7 +70,7 @@ def snakes_residuals(x: Float[Array, "K 3"], problem: SnakesProblem) -> dict[str
 
 
 def _beyond(c, count, problem) -> Float[Array, " m"]:
-    """How far (in r) each curve sample is further than 1.5 r from the nearest cloud point, normalised to a mean square."""
+    """Distance (in r) of each curve sample beyond 1.5 r from the nearest cloud point, normalised to a mean square."""
     q = spline.evaluate(c, gap_samples(count))
     p = jnp.where(problem.real[:, None], problem.points, 1e6)
     square = jnp.sum(jax.lax.stop_gradient(q) ** 2, axis=1)[:, None] - 2.0 * jax.lax.stop_gradient(q) @ p.T

@@ -1,7 +1,7 @@
 """The spline through K guide points, parametrised as in the paper: point k at parameter k, tangents at half-knots.
 
 The paper writes a curve on ``[0, K]`` with tangents ``v_k = curve'(k - 1/2)`` and sums cosines of neighbours over
-``k = 2..K-1``, divided by ``K - 2``. That count fits K points at the unit-spaced parameters ``0, 1, .., K-1``: K-1
+``k = 2..K-1``, divided by ``K - 2``. That count corresponds to K points at the unit-spaced parameters ``0, 1, .., K-1``: K-1
 segments, one tangent in the middle of each. Unit spacing makes the speed ``|curve'|`` the arc length per segment, which
 the penalty E_2 keeps even.
 
@@ -32,7 +32,7 @@ def cardinal(count: int) -> Float[np.ndarray, "4 segments count"]:
 
 @lru_cache(maxsize=32)
 def roughness(count: int) -> Float[np.ndarray, "count count"]:
-    """``M`` with ``x^T M x = int |curve'''|^2 dt``: the curvature's change along the curve, at unit spacing."""
+    """``M`` with ``x^T M x = int |curve'''|^2 dt``: the rate of change of curvature, at unit spacing."""
     third = 6.0 * cardinal(count)[0]
     return third.T @ third
 
@@ -44,7 +44,7 @@ def coefficients(x: Float[Array, "K 3"]) -> Float[Array, "4 segments 3"]:
 
 
 def _split(t, segments):
-    """Segment number of ``t`` and the offset inside it (beyond the ends the outer polynomials go on)."""
+    """Segment number of ``t`` and the offset inside it (the outer polynomials extrapolate)."""
     k = jnp.clip(jnp.floor(t).astype(int), 0, segments - 1)
     return k, t - k
 
@@ -78,8 +78,8 @@ def half_knot_tangents(c: Float[Array, "4 segments 3"]) -> Float[Array, "segment
 def nearest(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[Array, " n"]:
     """Parameter of the curve's nearest point to each ``p``: the best of many samples, then safeguarded Newton steps.
 
-    Treat it as a constant when differentiating a distance: at the nearest point the distance does not change with t to
-    first order (envelope theorem), so that its gradient with respect to the curve's points is exact.
+    A constant in the derivative of a distance: at the nearest point the distance is stationary in t (envelope theorem), so its
+    gradient with respect to the curve's points is exact.
     """
     c, p = jax.lax.stop_gradient((c, p))
     segments = c.shape[1]

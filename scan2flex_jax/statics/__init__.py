@@ -1,4 +1,4 @@
-"""Static equilibrium: starts, solvers, the answer with its verdict, and its derivatives."""
+"""Static equilibrium: starts, solvers, the solution with its status, and its derivatives."""
 
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 from scan2flex_jax.statics.newton import MixedNewton

@@ -1,4 +1,4 @@
-"""What a caller asks of a solve, looked at before anything is compiled: one sentence in place of a fault inside a trace."""
+"""Checks of a solve's arguments before compilation: one sentence in place of a failure inside a trace."""
 
 import operator
 from typing import Any
@@ -9,7 +9,7 @@ from scan2flex_jax.rod.reals import reals
 
 
 def check_start(start: Any, nodes: int, turns: Any) -> None:
-    """Raise `Scan2FlexError` for a start that is no configuration of so many nodes, and for turns that are no number."""
+    """Raise `Scan2FlexError` unless start is a configuration of ``nodes`` nodes (or None) and turns is a number."""
     reals(turns, "turns", ())
     if start is None:
         return
@@ -20,7 +20,7 @@ def check_start(start: Any, nodes: int, turns: Any) -> None:
 
 
 def whole_number(value: Any, name: str, least: int = 1) -> int:
-    """A whole number of at least ``least``, numpy's too; raises `Scan2FlexError`."""
+    """A whole number (numpy's included) of at least ``least``; raises `Scan2FlexError`."""
     try:
         number = least - 1 if isinstance(value, bool) else operator.index(value)
     except TypeError:

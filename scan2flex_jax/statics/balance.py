@@ -1,4 +1,4 @@
-"""The forces that a solve leaves on the nodes, over those that the rod carries."""
+"""Out-of-balance forces on the nodes, relative to the forces that the rod carries."""
 
 import jax.numpy as jnp
 from jax import Array
@@ -8,13 +8,13 @@ from scan2flex_jax.rod.assembly import Derivatives
 from scan2flex_jax.rod.model import Rod
 
 DEFAULT_ELEMENTS = 40
-FEWEST_ELEMENTS = 2  # one has no node between its ends
-BALANCE = 1.0e-6  # `imbalance` of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
-_ROUNDING = 1.0e-8  # force, over the axial stiffness, that positions rounded to 1e-16 leave at a tolerance of BALANCE
+FEWEST_ELEMENTS = 2  # one element has no interior node
+BALANCE = 1.0e-6  # largest `imbalance` of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
+_ROUNDING = 1.0e-8  # force over axial stiffness at which the rounding of positions (1e-16) reaches BALANCE
 
 
 def imbalance(rod: Rod, derivatives: Derivatives) -> Float[Array, ""]:
-    """Largest force and moment left on a node, over the largest force and moment that the rod carries (-)."""
+    """Largest residual force and moment on a node over the largest force and moment that the rod carries (-)."""
     d = derivatives
     softest = jnp.min(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:])
     n, left = jnp.abs(d.elements.n), jnp.abs(d.gradient)

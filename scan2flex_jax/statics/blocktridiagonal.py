@@ -1,9 +1,9 @@
 """Symmetric block-tridiagonal systems: factor once, count negative pivots, solve for any number of right-hand sides.
 
 ``H`` has 6x6 diagonal blocks ``D_i`` and upper blocks ``U_i``. Block elimination from the first node to the last is an
-L D L^T factorisation, each block by scalar pivots without exchange: by Sylvester's law of inertia the negative pivots
-count the negative eigenvalues of ``H``. A pivot that is zero to rounding belongs to a motion that costs no energy (a ball
-jointed cable turning about its own axis); that motion is left where it is.
+L D L^T factorisation, each block by scalar pivots without exchange; by Sylvester's law of inertia the number of negative
+pivots is the number of negative eigenvalues of ``H``. A pivot that is zero to rounding belongs to a zero-energy mode (a cable
+between ball joints spinning about its own axis); that motion stays zero.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from scan2flex_jax.geometry.small import matmul, matvec
 
-_NEUTRAL = 1.0e-13  # pivot over its original diagonal: below it, cancellation left rounding noise only
+_NEUTRAL = 1.0e-13  # pivot over its original diagonal: a smaller one is rounding noise after cancellation
 
 
 class Factors(NamedTuple):
@@ -28,7 +28,7 @@ class Factors(NamedTuple):
 
 
 def factor(diagonal: Float[Array, "n 6 6"], upper: Float[Array, "n-1 6 6"]) -> Factors:
-    """Factors of the matrix, for right-hand sides to come; O(n)."""
+    """Factors of the matrix, in O(n)."""
     below, above = _beside(upper)
 
     def eliminate(carry, blocks):
@@ -53,7 +53,7 @@ def solve(factors: Factors, rhs: Float[Array, "n 6 *k"]) -> Float[Array, "n 6 *k
 
 
 def factor_and_solve(diagonal, upper, rhs: Float[Array, "n 6 k"]):
-    """``(H^-1 rhs, number of negative pivots)`` in one sweep, when the factors are not wanted again."""
+    """``(H^-1 rhs, number of negative pivots)`` in one sweep, when the factors are not needed again."""
     below, above = _beside(upper)
 
     def eliminate(before, blocks):

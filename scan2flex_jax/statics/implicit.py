@@ -1,16 +1,15 @@
 """Derivatives of an equilibrium of any order, by the implicit function theorem.
 
 With the balance ``F(p, c) = 0`` of the free motions f (`rod.assembly.node_forces`), whose derivative by body twists of the
-nodes is the Hessian ``H`` at an equilibrium, a change ``dp`` of anything in the rod moves the nodes by the twists ``x`` of
+nodes is the Hessian ``H`` at an equilibrium, a change ``dp`` of any array of the rod moves the nodes by the twists ``x`` of
 
     H_ff x_f + H_fh x_h = -F_p dp,   x_h = twist of the supports,
 
 with the held motions h of the two ends.
-The rule is made of functions of the rod and of its own answer, which it differentiates again: ``x = H^-1 b`` is the
-solution of a linear system whose matrix is known as a function of both, so ``dx = H^-1 (db - dH x)``, and derivatives of any
-order follow (`jax.hessian`, `jax.jvp` of `jax.grad`, ...). First derivatives never work the matrix out: they solve with the
-factors of the Hessian that the solver leaves, one back-substitution each. Griewank and Walther, "Evaluating Derivatives"
-(2008), chapter 15.
+The rule is written in functions of the rod and of the solution, so it can be differentiated again: ``x = H^-1 b`` solves a
+linear system whose matrix is a known function of both, so ``dx = H^-1 (db - dH x)``, which gives derivatives of any
+order (`jax.hessian`, `jax.jvp` of `jax.grad`, ...). First derivatives need no new matrix: each is one back-substitution
+with the factors of the solver's last Hessian. Griewank and Walther, "Evaluating Derivatives" (2008), chapter 15.
 """
 
 import equinox as eqx
@@ -32,9 +31,9 @@ from scan2flex_jax.statics.starts import sagging_start
 
 @eqx.filter_custom_jvp
 def settled(rod, start, turns, down, solver, max_steps) -> Settled:
-    """What ``solver`` finds from ``start``, or from a sag along ``down`` with ``turns`` turns where there is none.
+    """Solution of ``solver`` from ``start``; without one, from a sag along ``down`` with ``turns`` turns.
 
-    Its configuration, differentiated with respect to ``rod``, is the equilibrium's; nothing else of it has a derivative.
+    The configuration is differentiable with respect to ``rod``; the other fields have no derivative.
     """
     return _settle(rod, start, turns, down, solver, max_steps)
 
@@ -42,7 +41,7 @@ def settled(rod, start, turns, down, solver, max_steps) -> Settled:
 @settled.def_jvp
 def _settled_jvp(primals, tangents):
     rod, *rest = primals
-    found = settled(rod, *rest)  # with its own derivative, for those of higher order
+    found = settled(rod, *rest)  # differentiable itself, for derivatives of higher order
     parameters = eqx.filter(rod, eqx.is_inexact_array)
     change = jax.tree.map(_or_zeros, parameters, tangents[0], is_leaf=lambda x: x is None)
     still = jax.tree.map(jnp.zeros_like, eqx.filter(found, eqx.is_inexact_array))
@@ -51,7 +50,7 @@ def _settled_jvp(primals, tangents):
 
 
 def _or_zeros(parameter, tangent):
-    """The tangent of one leaf of the parameters (None: no parameter)."""
+    """Tangent of one leaf of the parameters (None: no parameter)."""
     return None if parameter is None else jnp.zeros_like(parameter) if tangent is None else tangent
 
 
@@ -64,14 +63,14 @@ def _settle(rod, start, turns, down, solver, max_steps):
 
 @compiled
 def _displacement(rod, change, configuration, derivatives):
-    """Tangent of the configuration when the parameters of the rod change."""
+    """Tangent of the configuration under a change of the rod's parameters."""
     parameters, fixed = eqx.partition(rod, eqx.is_inexact_array)
     free, still = free_motions(rod), jnp.zeros((rod.elements + 1, 6))
 
     def forces(parameters):
         return free * node_forces(eqx.combine(parameters, fixed), configuration)
 
-    def stiffness(twist):  # the balance of free motions, and held ones as they are given
+    def stiffness(twist):  # balance of the free motions; held ones unchanged
         moved = jax.jvp(lambda t: free * node_forces(rod, retract(configuration, t)), (still,), (twist,))[1]
         return moved + (1.0 - free) * twist
 
@@ -91,7 +90,7 @@ class _Inverse(eqx.Module):
     free: Float[Array, "nodes 6"]
 
     def times(self, b):
-        """Free motions that balance the given forces and held motions."""
+        """Free motions in balance with the given forces and held motions."""
         held = (1.0 - self.free) * b
         (first, after), (last, before) = self.ends
         force = jnp.zeros_like(b).at[0].add(first @ held[0]).at[1].add(after.T @ held[0])
@@ -107,7 +106,7 @@ class _Inverse(eqx.Module):
 
 
 def _twist_of_supports(configuration, change):
-    """Body twists of the nodes when the supports change: those of the two ends."""
+    """Body twists of the nodes when the supports change: zero except at the two ends."""
     r, R = configuration
     twist = jnp.zeros((len(r), 6))
     for end, node in ((0, 0), (1, -1)):
@@ -118,7 +117,7 @@ def _twist_of_supports(configuration, change):
 
 
 def _moved(rod, configuration, twist, change):
-    """Tangent of the configuration under body twists; held ends go exactly where their supports go."""
+    """Tangent of the configuration under body twists; held ends follow their supports exactly."""
     dr = matvec(configuration.R, twist[:, :3])
     dR = matmul(configuration.R, jax.vmap(lie.hat)(twist[:, 3:]))
     for end, node in ((0, 0), (1, -1)):

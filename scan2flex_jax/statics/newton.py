@@ -1,13 +1,13 @@
 """A structured Newton method for the rod.
 
 Each step solves the block-tridiagonal system with the geometric stiffness at *predicted* section forces (mixed
-stress-strain step, `rod.assembly`): the nearly rigid stretching then does not shorten the steps. What remains to be tamed
-is negative curvature. The Hessian's inertia comes with its factorisation; while it is not positive definite, a bending
-stiffness is lent to all sections (never to stretching, whose predicted forces must stay right) and taken back as the
-solve settles. A solve that settles for two steps where the undamped Hessian has a negative direction is on a saddle (forces
-that the start did not know, or that were predicted badly, make a Hessian indefinite for one step): it is pushed off
-along that direction, which a second right-hand side has followed by inverse iteration all along, towards the side of the
-start. There is no line search: energy along the way means little in a curved valley, and stability is judged at the end.
+stress-strain step, `rod.assembly`), so that the nearly rigid stretching does not shorten the steps. Negative curvature is
+handled by adaptive regularisation. The factorisation gives the inertia of the Hessian; while it is indefinite, a bending
+stiffness is added to all sections (never a stretching one, whose predicted forces must stay right) and reduced again as the
+solve converges. A solve that makes two small steps while the unregularised Hessian has a negative direction has reached a
+saddle (one such step can be due to badly predicted forces or to those of the start): it is pushed off along that direction,
+towards the side of the start. A second right-hand side tracks the direction by inverse iteration. There is no line search:
+the energy along the way carries little information in a curved valley, and stability is tested at the end.
 """
 
 from functools import partial
@@ -33,19 +33,19 @@ from scan2flex_jax.statics import blocktridiagonal as bt
 from scan2flex_jax.statics.solver import AbstractRodSolver, Settled
 
 MAX_STEPS = 200
-_LONGEST = 0.8  # largest motion of one node in one step: rad, or parts of the length
+_LONGEST = 0.8  # largest motion of one node in one step: rad, or relative to the length
 _PUSH = 0.2  # the same for a push off a saddle
-_SETTLED = 1.0e-2  # two steps below this, still indefinite, mean that a saddle attracts: after one the forces may be to blame
-_LEFT = 0.03  # of the largest force: what frames half-way leave between elements at a solution
+_SETTLED = 1.0e-2  # two steps below this at an indefinite Hessian indicate a saddle; a single one may be due to wrong forces
+_LEFT = 0.03  # of the largest force: jump between elements at a solution, due to the use of half-way frames
 _ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-_HOLD = 1.0e-13  # stiffness that holds each motion of a node, over the largest of the rod: beyond rounding, below physics
-_FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # lent bending stiffness, in units of `lendable_stiffness`
+_HOLD = 1.0e-13  # stiffness that pins zero-energy modes, over the largest of the rod: above rounding, below physics
+_FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # regularising bending stiffness, in units of `lendable_stiffness`
 
 
 class NewtonState(eqx.Module):
-    """What one step leaves to the next: the derivatives where it began, predicted section forces, the softest mode, the
-    lent stiffness, whether the last step that moved was a small one (``settling``), and whether all is ``finite``. After the
-    last step, which does not move, ``last`` belongs to the solution."""
+    """State between steps: the derivatives at the last configuration, predicted section forces, the softest mode, the
+    regularising stiffness ``lent``, whether the last step that moved was small (``settling``), and whether all is ``finite``.
+    After the last step, which does not move, ``last`` belongs to the solution."""
 
     last: Derivatives
     forces: Float[Array, "n 6"]
@@ -64,10 +64,10 @@ class NewtonState(eqx.Module):
 class MixedNewton(AbstractRodSolver):
     """Newton's method with mixed stress-strain steps.
 
-    Converged when an undamped step with known section forces moved no node by more than ``atol`` (rad, or parts of the
-    length): convergence is quadratic then, so what is left is of the order of its square. A first step knows them where the
-    start is next to a solution. The step after it only looks: it must find a positive definite
-    Hessian, and leaves the derivatives at the solution in the state.
+    Converged when an unregularised step with known section forces moved no node by more than ``atol`` (rad, or relative to
+    the length): convergence is then quadratic, and the remaining error of the order of its square. The first step knows the
+    forces if the start is close to a solution. A final step without motion checks that the Hessian is positive definite and
+    leaves the derivatives at the solution in the state.
     """
 
     atol: float = 1.0e-7
@@ -88,7 +88,7 @@ class MixedNewton(AbstractRodSolver):
         return Settled(supported(rod, y), state.last, state.negative, steps, ~state.done & state.finite)
 
     def begin(self, rod: Rod, start: Configuration) -> NewtonState:
-        """The state before the first step: nothing is known of the forces yet."""
+        """State before the first step, with unknown section forces."""
         empty = no_derivatives(rod)
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
@@ -97,11 +97,11 @@ class MixedNewton(AbstractRodSolver):
         )
 
     def step(self, rod: Rod, y: Configuration, state: NewtonState) -> tuple[Configuration, NewtonState]:
-        """One factorisation: a step if the Hessian is positive definite, more lent stiffness if not."""
+        """One factorisation: a step if the Hessian is positive definite, more regularisation if not."""
         y = supported(rod, y)
         looking = state.size < self.atol
         d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, rod, y, state, looking))
-        # a motion without stiffness (a rod that spins between ball joints) must not drown in rounding
+        # rounding must not dominate a zero-energy mode (a rod that spins between ball joints)
         diagonal = d.diagonal + _hold(rod, d.diagonal)
         followed = _lent_forces(rod, d.elements, state.mode) * free_motions(rod)
         both, negative = bt.factor_and_solve(diagonal, d.upper, jnp.stack([-d.gradient, followed], axis=-1))
@@ -138,29 +138,29 @@ class MixedNewton(AbstractRodSolver):
 
     @staticmethod
     def _forces(rod, y, state, looking, n):
-        """Section forces of the geometric stiffness: those of the strains at a solution and next to one; a drawn start's
-        stretching means nothing."""
+        """Section forces of the geometric stiffness: those of the strains at a solution and close to one; at another start
+        without those of stretching, which there carry no information."""
         of_start = jnp.where(_handed_on(rod, y, n), n, n.at[:, :3].set(0.0))
         return jnp.where(looking, n, jnp.where(state.first, of_start, state.forces))
 
 
 def _handed_on(rod, y, n):
-    """Whether elements hand their forces on to the next but for the dead load between them, as they do next to a solution."""
+    """Whether forces are continuous across elements up to the dead load between them, as they are close to a solution."""
     f = 0.5 * (matvec(y.R[:-1], n[:, :3]) + matvec(y.R[1:], n[:, :3]))
     left = f[1:] - f[:-1] + rod.load.force[1:-1]
     return jnp.max(jnp.abs(left), initial=0.0) <= _LEFT * jnp.max(jnp.abs(f))
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
-    """A bending and torsional stiffness (N m^2) of the size of the softer one, or of what the weight asks for."""
+    """Bending and torsional stiffness (N m^2) of the size of the softer one, plus a tenth of weight times squared length."""
     own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
     weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
     return jnp.diag(jnp.array(_ROTATION)) * (own + 0.1 * weight)
 
 
 def _hold(rod, diagonal):
-    """The small stiffness that keeps a motion without any out of the rounding; alike for rad and parts of an element, whose
-    turning stretches it by no more: a rod that hardly stretches is soft against turning beside its stretching."""
+    """Small stiffness that lifts zero-energy modes above rounding. It is equal for rad and for displacement relative to an
+    element, since turning stretches an element by no more: a nearly inextensible rod is far softer in turning."""
     ds = rod.section.ds
     unit = jnp.array([1.0, 1.0, 1.0, ds, ds, ds]) / ds
     largest = jnp.max(jnp.abs(diagonal) / jnp.outer(unit, unit))
@@ -168,12 +168,12 @@ def _hold(rod, diagonal):
 
 
 def _lent_forces(rod, elements, mode):
-    """The lent stiffness applied to a motion of the nodes: with it inverse iteration follows the motion in which the energy
-    falls fastest for the bending that it takes, and not one that merely costs little, like spinning."""
+    """Forces of the regularising stiffness under a motion of the nodes. With them inverse iteration follows the motion of
+    largest energy decrease per bending, not one that merely costs little energy, such as spinning."""
     far = vecmat(matvec(lendable_stiffness(rod), strain_increment(rod, elements, mode)), elements.T)
     return to_nodes(-vecmat(far, elements.A), far)
 
 
 def _size(rod, twist):
-    """Largest motion of a node: rad, or parts of the length."""
+    """Largest motion of a node: rad, or relative to the length."""
     return jnp.maximum(jnp.max(jnp.abs(twist[:, :3])) / rod.length, jnp.max(jnp.abs(twist[:, 3:])))

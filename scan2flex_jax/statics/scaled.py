@@ -1,11 +1,11 @@
 """Any optimistix minimiser as a rod solver, on the dimensionless, scaled energy; with BFGS the reference solver.
 
 optimistix stops on steps and values, never on the gradient, and skips curvature updates below an absolute threshold, so it
-calls a rod of small energy solved far from its minimum. Here it sees coordinates ``z`` with ``twist = P z`` and
-``P P' = unit H^-1`` of the Hessian where the round starts, and an energy counted from there in units of what the rod
-stores: a well conditioned problem of order one. Differences of energy resolve a minimum to no better than the square root
-of rounding (1e-8 of the length), so the last round minimises the squared scaled gradient, which is zero there. The
-verdict is not optimistix's but `verdict.judge`'s, from the out-of-balance force and the inertia of the Hessian.
+can report a rod of small energy as solved far from its minimum. Here its variables are coordinates ``z`` with
+``twist = P z`` and ``P P' = unit H^-1`` for the Hessian at the start of the round, and the energy relative to that start in
+units of the stored energy: a well conditioned problem of order one. Energy differences resolve a minimum only to the square
+root of rounding (1e-8 of the length), so the last round minimises the squared scaled gradient, which vanishes there. The
+status comes not from optimistix but from `verdict.judge`: out-of-balance force and inertia of the Hessian.
 """
 
 from typing import Any
@@ -22,17 +22,17 @@ from scan2flex_jax.statics.balance import BALANCE, imbalance
 from scan2flex_jax.statics.newton import lendable_stiffness
 from scan2flex_jax.statics.solver import AbstractRodSolver, Settled
 
-_SHARES = (2, 4, 4)  # of the steps, a part for each round: one travels, one starts from a Hessian that fits, one ends
-_SMALLEST = 1.0e-9  # curvature, over the largest, below which a direction is not stretched any further
+_SHARES = (2, 4, 4)  # of the steps, one divisor per round: approach, restart with a fresh Hessian, finish
+_SMALLEST = 1.0e-9  # curvature over the largest: directions below it are scaled no further
 MAX_STEPS = 12_000
 
 
 class ScaledMinimiser(AbstractRodSolver):
     """An optimistix minimiser (`optimistix.BFGS`, `LBFGS`, `NonlinearCG`, `GradientDescent`, `NelderMead`, ...) in rounds.
 
-    Its tolerances hold for the coordinates ``z`` and the scaled energy, squared in the last round, whose value is a square. An
-    equilibrium that meets loose ones has the verdict "the forces do not balance". Of ``max_steps`` (12,000 unless given) the
-    first round may take half, the second and the last one a quarter each.
+    Its tolerances apply to the coordinates ``z`` and the scaled energy, squared in the last round, whose objective is a square.
+    A result that only meets loose tolerances has the status "the forces do not balance". Of ``max_steps`` (12,000 by default)
+    the first round gets half, the second and the last a quarter each.
     """
 
     minimiser: optx.AbstractMinimiser
@@ -48,7 +48,7 @@ class ScaledMinimiser(AbstractRodSolver):
             steps = steps + found.stats["num_steps"]
         d = derivatives(rod, configuration)
         reached = found.result == optx.RESULTS.nonlinear_max_steps_reached
-        exhausted = reached & ~(imbalance(rod, d) < BALANCE)  # rounding keeps some minimisers at work on a solved rod
+        exhausted = reached & ~(imbalance(rod, d) < BALANCE)  # rounding keeps some minimisers iterating on a solved rod
         return Settled(configuration, d, bt.factor(d.diagonal, d.upper).negative, steps, exhausted)
 
 
@@ -80,7 +80,7 @@ def _round(rod, base, minimiser, max_steps, last):
 
 
 def _scaling(rod, configuration, unit):
-    """``P``; negative curvatures are taken by their size."""
+    """``P``, with the absolute values of negative curvatures."""
     d = derivatives(rod, configuration, predict=lambda n: n.at[:, :3].set(0.0))
     values, vectors = jnp.linalg.eigh(dense(d.diagonal, d.upper))
     size = jnp.maximum(jnp.abs(values), _SMALLEST * jnp.max(jnp.abs(values)))
@@ -88,7 +88,7 @@ def _scaling(rod, configuration, unit):
 
 
 def dense(diagonal, upper):
-    """The dense symmetric matrix of block-tridiagonal parts."""
+    """Dense symmetric matrix of the block-tridiagonal one."""
     n = diagonal.shape[0]
     i = jnp.arange(n)
     H = jnp.zeros((n, 6, n, 6), diagonal.dtype).at[i, :, i, :].set(diagonal)

@@ -1,8 +1,8 @@
-"""The answer: a static equilibrium with its verdict, its section forces and its derivatives.
+"""Static equilibrium with its status, section forces and derivatives.
 
-`solve_rod` solves a discrete rod; `equilibrium` is `solve_rod` of the rod that `discretise` makes of a cable between its
-supports. Derivatives of any order come from the implicit function theorem at the solution (`implicit`), forward, reverse and
-batched; the solve itself is not differentiated.
+`solve_rod` solves a discrete rod; `equilibrium` discretises a cable between its supports and calls `solve_rod`. Derivatives
+of any order come from the implicit function theorem at the solution (`implicit`), forward, reverse and batched; the solve
+itself is not differentiated.
 """
 
 import equinox as eqx
@@ -32,7 +32,7 @@ Solver = AbstractRodSolver | optx.AbstractMinimiser | None
 
 
 class Equilibrium(eqx.Module):
-    """A static equilibrium of a rod. Everything but the verdict carries derivatives."""
+    """A static equilibrium of a rod. Every field except the verdict is differentiable."""
 
     rod: Rod
     configuration: Configuration
@@ -62,14 +62,14 @@ class Equilibrium(eqx.Module):
         return points
 
     def section_forces(self) -> tuple[Float[Array, " n"], Float[Array, "n 3"], Float[Array, "n 3"]]:
-        """``(s, f, m)``: middles of the elements (m), force (N) and moment (N m) on the section there, in the scan frame.
+        """``(s, f, m)``: midpoints of the elements (m), force (N) and moment (N m) on the section there, in the scan frame.
 
-        They act on the part before the section and are exerted by the part after it (paper, Eq. 3).
+        They are exerted by the part after the section on the part before it (paper, Eq. 3).
         """
         return self.rod.section.s, *_section_forces(self.rod, self.configuration)
 
     def reactions(self) -> tuple[Float[Array, "2 3"], Float[Array, "2 3"]]:
-        """``(force, moment)``, N and N m, scan frame: what the supports exert on start and end."""
+        """``(force, moment)`` of the supports on start and end, N and N m, scan frame."""
         return _reactions(self.rod, self.configuration)
 
 
@@ -107,11 +107,23 @@ def solve_rod(
 ) -> Equilibrium:
     """The static equilibrium of a discrete rod (paper, Section 5: (x, q0, qL) -> q*).
 
-    ``start`` pins the branch; left out, it is a generic sag along the resultant of the dead loads with ``turns`` full turns of
-    twist. ``solver``: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser, which is run by
-    `ScaledMinimiser`, each with its own tolerances. ``max_steps``: at most so many steps; None is the solver's own allowance.
-    A solve that fails is told by the `Verdict` of the answer, so that one rod of a batch harms no other; with ``throw`` it
-    raises `Scan2FlexError`, under `jax.jit` equinox's runtime error. Differentiable to any order in every array of ``rod``.
+    Differentiable to any order in every array of ``rod``.
+
+    Args:
+        rod: Sections, loads and supports, from `discretise`.
+        start: Initial configuration, which selects the branch; by default a sag along the resultant of the dead loads.
+        turns: Full turns of twist of the default start.
+        solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser, which is run by
+            `ScaledMinimiser`, each with its own tolerances.
+        max_steps: Largest number of steps; None is the solver's default.
+        throw: Raise if the solve fails. Otherwise the failure stands in the `Verdict` of the result, so that one rod of a
+            batch does not affect the others.
+
+    Returns:
+        Nodes, section forces, reactions, and the status of the solve.
+
+    Raises:
+        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a failed solve (under `jax.jit` equinox's own error).
     """
     whole_number(rod.elements, "the number of elements of the rod", FEWEST_ELEMENTS)
     check_start(start, rod.elements + 1, turns)
@@ -132,8 +144,31 @@ def equilibrium(
 ) -> Equilibrium:
     """The static equilibrium of ``model`` between the supports of ``boundary``: `solve_rod` of ``elements`` elements.
 
-    ``start`` pins the branch; left out, it is a generic sag along gravity with ``turns`` full turns of twist. The other
-    arguments are those of `solve_rod`. Differentiable to any order in every array of ``model`` and ``boundary``.
+    Differentiable to any order in every array of ``model`` and ``boundary``.
+
+    Args:
+        model: Cable, gravity and effects.
+        boundary: The supports of both ends.
+        start: Initial configuration, which selects the branch; by default a sag along gravity.
+        turns: Full turns of twist of the default start.
+        elements: Elements of the rod.
+        solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser.
+        max_steps: Largest number of steps; None is the solver's default.
+        throw: Raise if the solve fails; otherwise the failure stands in the verdict of the result.
+
+    Returns:
+        Nodes (m), section forces (N) and moments (N m), reactions, and the status of the solve.
+
+    Raises:
+        Scan2FlexError: Arguments of a wrong shape; with ``throw``, a failed solve (under `jax.jit` equinox's own error).
+
+    Examples:
+        >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+        >>> along_x = [0.5, 0.5, 0.5, 0.5]
+        >>> clamps = Boundary.of(([0, 0, 0], along_x), ([0.6, 0, 0], along_x))
+        >>> e = equilibrium(CableModel(cable, gravity=[0.0, 0.0, -9.81]), clamps)
+        >>> bool(e.verdict.solved), round(float(e.points[20, 2]), 2)
+        (True, -0.35)
     """
     elements = whole_number(elements, "elements", FEWEST_ELEMENTS)
     check_start(start, elements + 1, turns)
@@ -161,7 +196,7 @@ _discretised, _judged = compiled(discretise), compiled(judge)
 
 
 def _raised(found: Equilibrium) -> Equilibrium:
-    """The equilibrium, unless it failed."""
+    """The equilibrium; raises if the solve failed."""
     code = found.verdict.code
     if not isinstance(code, jax.core.Tracer):
         bad = [int(c) for c in code.ravel() if c != 0]
@@ -177,7 +212,7 @@ def _allowed(max_steps: int | None) -> int | None:
 
 
 def _rod_solver(solver: object) -> AbstractRodSolver:
-    """The rod solver that a user's ``solver`` stands for: None, a rod solver, or an optimistix minimiser."""
+    """The rod solver for a user's ``solver``: None, a rod solver, or an optimistix minimiser."""
 
     if solver is None:
         return MixedNewton()

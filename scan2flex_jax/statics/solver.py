@@ -1,7 +1,7 @@
-"""What a rod solver is: from a discrete rod and a start to a configuration at rest.
+"""Interface of a rod solver: from a discrete rod and a start to a static equilibrium.
 
-`MixedNewton` (`newton`) is the default, `ScaledMinimiser` (`scaled`) lets any optimistix minimiser solve rods. A solver of
-one's own is a subclass of `AbstractRodSolver`, given as ``equilibrium(..., solver=MySolver())``.
+`MixedNewton` (`newton`) is the default; `ScaledMinimiser` (`scaled`) runs any optimistix minimiser. A user's own solver
+is a subclass of `AbstractRodSolver`, passed as ``equilibrium(..., solver=MySolver())``.
 """
 
 import abc
@@ -15,12 +15,12 @@ from scan2flex_jax.rod.model import Configuration, Rod
 
 
 class Settled(eqx.Module):
-    """What a rod solver returns.
+    """Result of a rod solver.
 
     ``configuration``: the nodes, supported ends included. ``derivatives``: gradient (N, N m) and Hessian blocks at that
-    configuration, of the energy itself (no damping, no predicted forces); the verdict and all derivatives of the
-    equilibrium rest on them. ``negative``: negative pivots of that Hessian. ``steps``: the solver's steps. ``exhausted``:
-    whether it stopped for want of steps; ``derivatives`` may then belong to the step before.
+    configuration, of the energy itself (no damping, no predicted forces), from which the status and all derivatives of the
+    equilibrium are computed. ``negative``: negative pivots of that Hessian. ``steps``: number of steps. ``exhausted``:
+    whether the step limit was reached; ``derivatives`` may then belong to the step before.
     """
 
     configuration: Configuration
@@ -35,8 +35,8 @@ class AbstractRodSolver(eqx.Module):
 
     @abc.abstractmethod
     def settle(self, rod: Rod, start: Configuration, max_steps: int | None) -> Settled:
-        """The rod at rest, on the branch of ``start``, in at most ``max_steps`` steps (None: the solver's own allowance).
+        """The equilibrium on the branch of ``start``, in at most ``max_steps`` steps (None: the solver's default).
 
-        ``rod`` and ``start`` carry no derivatives: those of the equilibrium are made from the answer, so `settle` need not be
-        differentiable. It is traced under `jax.jit` and `jax.vmap`, and never raises for a rod that it cannot solve.
+        ``rod`` and ``start`` carry no derivatives: those of the equilibrium are computed from the result, so `settle` need
+        not be differentiable. It is traced under `jax.jit` and `jax.vmap`, and never raises for a rod that it cannot solve.
         """

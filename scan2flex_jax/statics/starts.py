@@ -1,8 +1,8 @@
-"""Where a solve begins: the start pins the branch, since a twisted clamped cable has several stable equilibria.
+"""Start of a solve, which selects the branch: a twisted clamped cable has several stable equilibria.
 
-Either a generic sag between the supports, or a measured curve (then the branch nearest to the data). Frames are carried
-along the curve without turning about its tangent, and the twist that the end clamp then lacks, with the pose's full
-``turns`` added, is spread evenly.
+The start is either a generic sag between the supports or a measured curve (which selects the branch nearest to the data).
+Frames are transported along the curve without rotation about its tangent; the missing twist to the end clamp, plus the
+pose's full ``turns``, is spread evenly.
 """
 
 import jax
@@ -15,7 +15,7 @@ from scan2flex_jax.geometry import curves
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
 
-_DENSE = 257  # points of the curve that is cut into nodes: its polygon is short by less than 1e-4 of its length
+_DENSE = 257  # points of the curve that is cut into nodes: its polygon is too short by less than 1e-4 of its length
 
 
 def sagging_start(
@@ -72,7 +72,7 @@ def curve_start(
 
 
 def complete_curve(points: np.ndarray, boundary: Boundary, length: float) -> np.ndarray:
-    """Measured points (m, 3) led to the supports that they stop short of; before a free end straight to ``length``."""
+    """Measured points (m, 3), extended to the supports where they end short; to a free end straight, up to ``length``."""
     held, position = np.asarray(boundary.held)[:, 0] > 0, np.asarray(boundary.position)
     first = position[0] if held[0] else points[0]
     measured = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)) + np.linalg.norm(points[0] - first)
@@ -82,7 +82,7 @@ def complete_curve(points: np.ndarray, boundary: Boundary, length: float) -> np.
 
 
 def _bisect(too_large, high):
-    """Largest x in [0, high] (to high/2^24) that is not too large; `too_large` is monotone."""
+    """Largest x in [0, high] (to high/2^24) with ``too_large(x)`` false; `too_large` is monotone."""
 
     def halve(_, bracket):
         low, up = bracket

@@ -1,4 +1,4 @@
-"""How well a rod was solved: from the forces left, the inertia of the Hessian and the mesh, whatever the solver says."""
+"""Status of a solve, from the out-of-balance forces, the inertia of the Hessian and the mesh, independent of the solver."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,8 +9,8 @@ from scan2flex_jax.rod.model import Rod
 from scan2flex_jax.statics.balance import BALANCE, imbalance
 from scan2flex_jax.statics.solver import Settled
 
-TURN = 2.0  # rad between neighbouring nodes beyond which the mesh cannot tell one way round from the other
-SKEW = 0.5  # slope of an element's chord beyond what shear does: elements longer than the bends, and 1e-2 L off at 0.8
+TURN = 2.0  # rad between neighbouring nodes, above which the mesh cannot resolve the sense of the rotation
+SKEW = 0.5  # largest non-constitutive shear of an element's chord; above it the mesh is too coarse (error 1e-2 L at 0.8)
 
 SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
 SENTENCES = {
@@ -24,11 +24,11 @@ SENTENCES = {
 
 
 class Verdict(eqx.Module):
-    """How well a rod was solved.
+    """Status of a solve.
 
-    ``code`` is one of the module's codes (0 solved); ``out_of_balance`` the largest force and moment left on a node, over
-    the largest that the rod carries (-); ``negative`` the number of directions in which the energy falls; ``steps`` the
-    solver's steps. One rod has scalars, a batch has its leading axes.
+    ``code`` is one of the module's codes (0 solved); ``out_of_balance`` the largest residual force and moment on a node over
+    the largest that the rod carries (-); ``negative`` the number of directions of negative curvature of the energy; ``steps``
+    the number of solver steps. Scalars for one rod, with leading axes for a batch.
     """
 
     code: Int[Array, "*batch"]
@@ -47,12 +47,12 @@ class Verdict(eqx.Module):
         return self.negative == 0
 
     def sentence(self) -> str:
-        """The verdict in words (of one rod, not of a batch)."""
+        """The status in words (of one rod, not of a batch)."""
         return SENTENCES[int(self.code)]
 
 
 def judge(rod: Rod, found: Settled) -> Verdict:
-    """The verdict on what a solver found."""
+    """Status of a solver's result."""
     d, c = found.derivatives, found.configuration
     left = imbalance(rod, d)
     turn = jnp.max(jnp.linalg.norm(d.elements.x[:, 3:], axis=1))
@@ -60,7 +60,7 @@ def judge(rod: Rod, found: Settled) -> Verdict:
     rigidity = jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, :2]
     skew = jnp.max(jnp.abs(shear - d.elements.n[:, :2] / rigidity))
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
-    code = jnp.select(  # on the way any element may be skew
+    code = jnp.select(  # during the iteration any element may be skew
         [~finite, turn > TURN, found.exhausted, skew > SKEW, found.negative > 0, ~(left < BALANCE)],
         [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, TOO_COARSE, UNSTABLE, UNBALANCED],
         SOLVED,

@@ -1,7 +1,7 @@
 """Studies: one cable, measured in several poses, on disk and in memory.
 
-`load_study` reads and checks, `Study.from_arrays` takes arrays, `check_study` checks what was made in memory, `save_study`
-writes, `describe` tells a user what a study says. No jax here.
+`load_study` reads and checks, `Study.from_arrays` takes arrays, `check_study` checks a study made in memory, `save_study`
+writes, `describe` summarises a study for a user. No jax here.
 """
 
 from scan2flex_jax.study.check import PoseFacts, describe, pose_facts, study_warnings

@@ -1,4 +1,4 @@
-"""Points and arc lengths of measured curves, as arrays of whatever library, made into checked float64 arrays."""
+"""Conversion of points and arc lengths, as arrays of any library, to checked float64 arrays."""
 
 from typing import Annotated, Any
 
@@ -8,7 +8,7 @@ from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
 
 
 def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """At least `fewest` points, one a row: all finite, and no two neighbours the same."""
+    """At least `fewest` points, one per row: all finite, and no two neighbours equal."""
     table = _table(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")
     if table.ndim != 2 or table.shape[1] != 3:
         turned = table.ndim == 2 and table.shape[0] == 3
@@ -27,7 +27,7 @@ def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"
 
 
 def arc_lengths(value: Any, count: int, where: Where) -> Annotated[np.ndarray, " n"]:
-    """The arc lengths (m) of `count` points, growing."""
+    """The arc lengths (m) of `count` points, strictly increasing."""
     s = _table(value, where, f"one arc length in metres for each point: an array of shape ({count},)")
     if s.shape != (count,):
         raise where.fail(f"got an array of shape {s.shape}: give one arc length for each of the {count} points.")

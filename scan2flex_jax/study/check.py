@@ -1,9 +1,10 @@
-"""A study in words, before any fit: what is known and asked for, how each curve meets its clamps, what is in doubt.
+"""Summary of a study before any fit: known and unknown parameters, the ends of each curve at its clamps, warnings.
 
-Every number is computed from the study. A warning never stops anything: it says what a reader of the result should
-know, in one sentence.
+Every number is computed from the study. A warning never stops anything: it informs a reader of the result,
+in one sentence.
 """
 
+from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
@@ -13,38 +14,49 @@ from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts, all_plan
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
 from scan2flex_jax.study.repeats import repeats
-from scan2flex_jax.study.sense import knows_a_force
+from scan2flex_jax.study.sense import knows_a_force, looks_like
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
 GAP_WARNING = 0.01
-"""Of L: a curve that stops further from its clamp tells nothing of the strongest bend."""
+"""Of L: a curve that stops further from its clamp misses the strongest bend."""
 LENGTH_WARNING = 0.02
 """Of L: tape measures and scanners agree better than this."""
 FREE_WARNING = 0.1
-"""Of L: a curve that stops this far from a free end misses a good part of the cable."""
+"""Of L: a curve that stops this far from a free end misses a large part of the cable."""
 ANGLE_WARNING = 5.0
 """Degrees, beyond two standard deviations: careful mounting stays within about 3."""
 PLANE_LIMIT = 0.005
-"""Of L, RMS: below it a curve counts as plane, or as straight."""
+"""Of L, RMS: a curve with a smaller deviation counts as plane, or as straight."""
 HEAVY = 50.0
-"""kg/m: beyond the heaviest cables that people lay by hand."""
+"""kg/m: beyond the heaviest cables that are laid by hand."""
 DENSE = 20000.0
-"""kg/m^3: nothing that cables are made of is denser."""
+"""kg/m^3: above the density of every cable material."""
 LIGHT = 1e-4
-"""kg/m: a sewing thread; what is lighter is seldom called a cable."""
+"""kg/m: a sewing thread; lighter objects are seldom called a cable."""
 LOOSE = 50.0
 """kg/m^3: foams are denser."""
 LONG = 100.0
 """m: longer than cables whose shape is measured."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
+NO_VALIDATE = (
+    'no validate pose: nothing will tell whether the estimates hold for another shape; give one pose role = "validate".'
+)
+"""The warning of a study without validation pose."""
+
+_CLAMPED = tuple(f"clamp_{what}" for what in ("position", "rotation"))
+_MEASURED = ("length", "length_density")  # cable inputs that may have a tolerance and that influence every stiffness
+_UNIT = {"millimetres": "mm", "centimetres": "cm"}
 
 __all__ = ["PoseFacts", "describe", "pose_facts", "study_warnings"]
 
 
-def describe(study: Study) -> str:
-    """What a study says, as text for a terminal."""
+def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, "3"]]] | None = None) -> str:
+    """Summary of a study as text for a terminal.
+
+    ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`.
+    """
     parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
     if study.folder is not None:
         parts.append(f"Folder   {study.folder}")
@@ -52,7 +64,7 @@ def describe(study: Study) -> str:
     parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Known of the cable"]
     known = {key: value for key, value in study.cable.items() if key not in study.unknown_names}
     parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
-    parts += [f"  {sentence}" for sentence in study.assumptions]
+    parts += ["", "Assumed", *(f"  {sentence}" for sentence in assumptions(study))]
     parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
     parts += ["", "Known only nearly (standard deviations)"]
     nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]
@@ -61,10 +73,28 @@ def describe(study: Study) -> str:
         parts += ["", "Declared effects", *_effects(study)]
     parts += ["", f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"]
     for pose in study.poses:
-        parts += _pose(study, pose)
+        parts += _pose(study, pose, (scans or {}).get(pose.name))
     warnings = study_warnings(study)
     parts += ["", "Warnings" if warnings else "No warnings", *(f"  - {warning}" for warning in warnings)]
     return "\n".join(parts) + "\n"
+
+
+def assumptions(study: Study) -> tuple[str, ...]:
+    """Assumptions of a fit about inputs that the study does not state, in words."""
+    said = list(study.assumptions)
+    unknown = (name.split(".")[-1] for name in study.unknown_names)
+    named = {*study.cable, *unknown, *(name for e in study.effects for name in e.parameters)}
+    if not named & {"natural_curvature", "curvature"}:
+        said.append("natural_curvature left out: the cable is assumed straight when nothing bends it")
+    exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
+    held = [name for name in TOLERANCE if name in _CLAMPED and not getattr(study.tolerance, name)]
+    if exact or held:
+        said.append(f"taken as exact in the intervals: {', '.join([*exact, *held])} (give their errors under [tolerance])")
+    silent = [pose.name for pose in study.poses if pose.noise is None]
+    if silent:
+        who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
+        said.append(f"noise of {who} not stated: it is estimated from the residuals")
+    return tuple(said)
 
 
 def _text(value: Value) -> str:
@@ -107,8 +137,8 @@ def _clamp_kind(clamp: Clamp | None) -> str:
     return "ball joint" if clamp.quaternion is None else "clamp"
 
 
-def _pose(study: Study, pose: StudyPose) -> list[str]:
-    """The block of one pose."""
+def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:
+    """The block of one pose, with the number of points and the box of its scan."""
     lines = ["", f"  {one_line(pose.name)} ({pose.role})"]
     ends = f"start {_clamp_kind(pose.start)}, end {_clamp_kind(pose.end)}"
     if pose.end is not None:
@@ -130,7 +160,8 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
         lines.append(f"    markers     {len(s)}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
-        lines.append(f"    scan        {scan_name(study, pose)}, guide points {guides}")
+        counted = "" if scan is None else f", {scan_in_words(study, scan)}"
+        lines.append(f"    scan        {scan_name(study, pose)}{counted}, guide points {guides}")
     noise = "not stated" if pose.noise is None else f"{_mm(pose.noise)} stated"
     lines.append(f"    noise       {noise}")
     own = next((group for group in repeats(study) if pose.name in group), ())
@@ -139,8 +170,17 @@ def _pose(study: Study, pose: StudyPose) -> list[str]:
     return lines + _circumstances(pose)
 
 
+def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
+    """Points and box (m) of a scan, and whether it seems to be in another unit."""
+    count, size = scan
+    length = study.known("length")
+    unit = None if length is None else looks_like(float(np.max(size)) / float(np.max(length)))
+    box = f"{count} points in a box of {' x '.join(f'{x:.3g}' for x in size)} m"
+    return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres (new --units {_UNIT[unit[0]]})"
+
+
 def _circumstances(pose: StudyPose) -> list[str]:
-    """Gravity, time and reset of a pose, where they were given."""
+    """Gravity, time and reset of a pose, if given."""
     lines = [] if pose.gravity is None else [f"    gravity     {_text(pose.gravity)} m/s^2 in this pose"]
     lines += [] if pose.time is None else [f"    measured    at {pose.time:.6g} s"]
     return [*lines, "    before      the cable was taken out and straightened"] if pose.reset else lines
@@ -151,7 +191,7 @@ def _mm(metres: float) -> str:
 
 
 def _end(end: EndFacts) -> str:
-    """How a curve meets a clamp, in words."""
+    """Position and direction of a curve's end at its clamp, in words."""
     gap = f"{_mm(end.gap)} from the clamp"
     if end.angle is None:
         return gap
@@ -159,7 +199,7 @@ def _end(end: EndFacts) -> str:
 
 
 def study_warnings(study: Study) -> list[str]:
-    """What is doubtful in a study, one sentence each, likely mistakes first; empty when nothing is."""
+    """Warnings about a study, one sentence each, likely mistakes first; empty without any."""
     warnings = [f"{mistake}." for mistake in visible_mistakes(study)]
     scale = None if warnings else scale_between(study)
     warnings += [] if scale is None else [f"{scale}."]
@@ -181,7 +221,7 @@ def _of_study(study: Study) -> list[str]:
     """Warnings that concern no single pose."""
     warnings = []
     if not study.validate_poses:
-        warnings.append("no validate pose: nothing will tell whether the estimates hold for another shape.")
+        warnings.append(NO_VALIDATE)
     if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
         warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
     warnings += unit_warnings(study)
@@ -196,7 +236,7 @@ def _of_study(study: Study) -> list[str]:
 
 
 def unit_warnings(study: Study) -> list[str]:
-    """Numbers that no cable on Earth has: of these a fit may know nothing, since shapes tell only ratios of forces."""
+    """Numbers outside the range of cables on Earth. A fit may not notice them, since shapes depend on ratios of forces."""
     warnings = _odd_gravity("", study.gravity)
     for pose in study.poses:
         warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
@@ -207,14 +247,14 @@ def unit_warnings(study: Study) -> list[str]:
 
 
 def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:
-    """Whether gravity is not that of Earth; none at all may be meant so."""
+    """Warning about a gravity unlike that of Earth; none at all may be intended."""
     size = float(np.linalg.norm(gravity))
     odd = size and abs(size - GRAVITY) > 0.01 * GRAVITY
     return [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit."] if odd else []
 
 
 def _odd_weight(study: Study) -> list[str]:
-    """Whether the cable weighs more, or less, than cables do."""
+    """Warning about a weight per length unlike that of cables."""
     density, radius = study.known("length_density"), study.known("radius")
     if density is None:
         return []
@@ -237,21 +277,25 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
             continue
         if end.gap > GAP_WARNING * scale:
             verb = "starts" if name == "start" else "ends"
-            warnings.append(f"the curve {verb} {_mm(end.gap)} from the {name} clamp.")
+            mend = "scan up to the clamp, where the cable bends most, or correct its position"
+            warnings.append(f"the curve {verb} {_mm(end.gap)} from the {name} clamp: {mend}.")
         if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
-            warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve.")
+            mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
+            warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}.")
     if length is not None:
         warnings += _length_warnings(facts, scale)
     if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
-        warnings.append("the curve is nearly straight: it says little about stiffness.")
+        mend = "bring its clamps nearer to each other, or give the pose more sag"
+        warnings.append(f"the curve is nearly straight and says little about stiffness: {mend}.")
     return warnings
 
 
 def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
-    """Whether curve and gaps add up to the cable's length (m)."""
+    """Warning if curve and gaps do not add up to the cable's length (m)."""
     off, unseen = facts.covered / length - 1, facts.unseen / length
     least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
     if least - unseen <= off <= LENGTH_WARNING:
         return []
     way = "longer" if off > 0 else "shorter"
-    return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length."]
+    mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
+    return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length: {mend}."]

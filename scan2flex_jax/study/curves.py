@@ -1,7 +1,7 @@
-"""Measured centre curves: read from CSV, checked, and measured.
+"""Measured centre curves: reading from CSV, checks, and arc length.
 
-A CSV has the header `x,y,z` or `s,x,y,z` (m) and one point a line, in order from start to end. The arc length of noisy
-points is not the length of the polyline through them: each step adds noise. `arc_length` averages neighbours first.
+A CSV has the header `x,y,z` or `s,x,y,z` (m) and one point per line, in order from start to end. The polyline through noisy
+points is longer than the curve, since noise adds to each step. `arc_length` averages neighbours first.
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from scan2flex_jax.study.model import Markers, MeasuredCurve
 from scan2flex_jax.study.values import Where, shown
 
 BLOCKS = 64
-"""Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points a block."""
+"""Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block."""
 
 
 def read_curve(path: Path, where: Where) -> MeasuredCurve:
@@ -36,7 +36,7 @@ def read_markers(path: Path, where: Where) -> Markers:
 def checked_markers(
     points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], path: Path | None, where: Where
 ) -> Markers:
-    """The markers of a file, whose faults name the file and the column."""
+    """The markers of a file, with errors that name the file and the column."""
     with where.placed({"points": None, "arc_length": "s"}):
         return Markers(points, s, path)
 
@@ -44,20 +44,15 @@ def checked_markers(
 def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
     """Points that a user marked on the surface, from start to end; header `x,y,z`."""
     _, table = _read_csv(path, ("x,y,z",), where)
-    return checked_points(table, 2, where)
+    return arrays.points(table, 2, where)
 
 
 def checked_curve(
     points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"] | None, path: Path | None, where: Where
 ) -> MeasuredCurve:
-    """The measured curve of a file, whose faults name the file and the column."""
+    """The measured curve of a file, with errors that name the file and the column."""
     with where.placed({"points": None, "arc_length": "s"}):
         return MeasuredCurve(points, s, path)
-
-
-def checked_points(points: Annotated[np.ndarray, "n 3"], fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """The points of a file, when there are enough of them, all are finite, and no two neighbours are the same."""
-    return arrays.points(points, fewest, where)
 
 
 def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:
@@ -81,7 +76,7 @@ def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[
 
 
 def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
-    """Which line of a CSV that numpy refused is at fault, and why."""
+    """The line of a CSV that numpy could not read, and the reason."""
     for i, line in enumerate(lines):
         if not line or line.isspace():
             continue
@@ -102,20 +97,20 @@ def arc_length(points: Annotated[np.ndarray, "n 3"]) -> float:
 
 
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
-    """By how much (m) `arc_length` falls short: a chord h of an arc that turns by a is h (a / (2 sin(a / 2)) - 1) short.
+    """Shortfall (m) of `arc_length`: the chord h of an arc that turns by a is shorter by h (a / (2 sin(a / 2)) - 1).
 
-    ``start`` and ``end``: angles (rad) between the curve's tangents there, where they are known, and its end chords.
+    ``start`` and ``end``: angles (rad) between the curve's tangents there, if known, and its end chords.
     """
     chords = np.diff(_knots(points), axis=0)
     h = np.linalg.norm(chords, axis=1)
     cosine = np.sum(chords[1:] * chords[:-1], axis=1) / np.maximum(h[1:] * h[:-1], np.finfo(float).tiny)
     turn = np.arccos(np.clip(cosine, -1.0, 1.0))
-    over = np.maximum(np.r_[2.0 * start, turn], np.r_[turn, 2.0 * end])  # of the turns at both ends of a chord the larger
+    over = np.maximum(np.r_[2.0 * start, turn], np.r_[turn, 2.0 * end])  # the larger of the turns at the two ends of a chord
     return float(np.sum(h * (1 / np.sinc(np.minimum(over, np.pi) / (2 * np.pi)) - 1)))
 
 
 def _knots(points: Annotated[np.ndarray, "n 3"]) -> Annotated[np.ndarray, "k 3"]:
-    """First point, averages of neighbours where there are many, last point."""
+    """First point, averages of neighbours if there are many, last point."""
     knots = points
     if len(points) > BLOCKS:
         edges = np.linspace(0, len(points), BLOCKS + 1).astype(int)

@@ -1,12 +1,9 @@
-"""What a study declares beyond the plain rod, and what it asks for: effects and unknowns, checked against the cable.
+"""The effects and the unknowns of a study, checked against its cable, its clamps and each other.
 
-The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect. TOML writes the latter as
-`[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`; both are read.
+The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,13 +14,13 @@ from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
 from scan2flex_jax.study.values import Where
 
 FEWEST_PLACES = 2
-"""Of a field along the cable: with fewer it does not vary, and has a kind of its own."""
+"""Of a field along the cable: with fewer it would not vary, and is an effect type of its own."""
 _ROUNDING = 1e-9
-"""Of a bound: how far a start may lie beyond it. An estimate at its bound comes back through a logarithm."""
+"""Of a bound: tolerance for a start beyond it. An estimate at its bound changes by rounding through a logarithm."""
 
 
 def longest_cable(study: Study) -> float | None:
-    """How long (m) the cable may be: L, or the high end of its range with three sigma; None when nothing says it."""
+    """Largest possible length (m) of the cable: L, or the high end of its range with three sigma; None if unknown."""
     unknown = next((u for u in study.unknowns if u.name == "length"), None)
     length = study.cable.get("length")
     longest = length if unknown is None else unknown.high
@@ -33,20 +30,8 @@ def longest_cable(study: Study) -> float | None:
     return float(np.max(longest)) + slack
 
 
-def read_effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
-    """The `[[effect]]` of a file."""
-    effects = []
-    for i, table in enumerate(v.tables(entries, where)):
-        here = where.item(i + 1)
-        kind = v.required(table, "kind", here, 'kind = "point_mass"')
-        with here.placed():
-            given = {key: value for key, value in table.items() if key not in ("kind", "poses")}
-            effects.append(EffectDeclaration(kind, given, table.get("poses")))
-    return tuple(effects)
-
-
 def check_effects(study: Study, where: Where) -> None:
-    """Every parameter is given or asked for, has its shape, and places lie on the cable."""
+    """Every parameter is given or unknown, has its shape, and places lie on the cable."""
     longest = longest_cable(study)
     for i, effect in enumerate(study.effects):
         form, here = kind_format(effect.kind), where.item(i + 1)
@@ -63,7 +48,7 @@ def check_effects(study: Study, where: Where) -> None:
 
 
 def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
-    """On how many points a field is given; its places grow along the cable."""
+    """Number of points of a field; its places increase along the cable."""
     if not any(parameter.per_point for parameter in form.parameters) or "s" not in effect.parameters:
         return 0
     count = int(np.size(effect.parameters["s"]))
@@ -73,7 +58,7 @@ def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> 
 
 
 def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
-    """An effect acts in poses of the study."""
+    """The poses of an effect are poses of the study."""
     names = [pose.name for pose in study.poses]
     for name in effect.poses or ():
         if name not in names:
@@ -81,7 +66,7 @@ def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
 
 
 def _ends(study: Study, form: KindFormat, where: Where) -> int:
-    """How many ends have a clamp, for a kind that needs one."""
+    """Number of clamped ends, for an effect type that needs one."""
     ends = len(study.clamped_ends)
     if ends == 0 and any(parameter.per_end for parameter in form.parameters):
         raise where.fail(f"{form.kind} acts on clamps, and no pose has one: give a clamp its quaternion.")
@@ -89,7 +74,7 @@ def _ends(study: Study, form: KindFormat, where: Where) -> int:
 
 
 def _coupled(effect: EffectDeclaration, where: Where) -> None:
-    """Fractions of sqrt(EI GJ) whose squares sum to one or more leave a rod without resistance (isotropic EI)."""
+    """Fractions of sqrt(EI GJ) whose squares sum to one or more make the stiffness singular or indefinite (isotropic EI)."""
     coupling = effect.parameters.get("coupling")
     if effect.kind == "bend_twist_coupling" and coupling is not None and float(np.sum(np.square(coupling))) >= 1:
         size = float(np.linalg.norm(coupling))
@@ -106,36 +91,8 @@ def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     return formats
 
 
-def read_unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
-    """What a file asks for under `[unknown]`, in the study that it declares above."""
-    unknowns: list[Unknown] = []
-    for name, body, here in _flat(v.sub_table(table, where, "[unknown.bending_stiffness]"), where):
-        check_name(name, study, here)
-        v.allow(body, ("guess", "range", "prior"), here)
-        bounds = body.get("range", [None, None])
-        if not isinstance(bounds, list) or len(bounds) != 2:
-            raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
-        with here.placed({"low": "range", "high": "range"}):
-            low, high = bounds
-            unknowns.append(Unknown(name, body.get("guess"), low, high, body.get("prior")))
-    return tuple(unknowns)
-
-
-def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
-    """Name, body and place of each unknown, nested tables made flat."""
-    example = "[unknown.bending_stiffness]"
-    for name, entry in table.items():
-        here = where.at(name)
-        body = v.sub_table(entry, here, example)
-        if any(isinstance(value, dict) for key, value in body.items() if key != "prior"):
-            for parameter, inner in body.items():
-                yield f"{name}.{parameter}", v.sub_table(inner, here.at(parameter), example), here.at(parameter)
-        else:
-            yield name, body, here
-
-
 def check_unknowns(study: Study, where: Where) -> None:
-    """Every name is something of this study, once, and starts and ranges are values that it may take."""
+    """Every name exists in this study, once, and starts and ranges are admissible values."""
     formats, longest = unknown_formats(study), longest_cable(study)
     for unknown, name in zip(study.unknowns, study.unknown_names, strict=True):
         here = where.at(name)
@@ -146,7 +103,7 @@ def check_unknowns(study: Study, where: Where) -> None:
 
 
 def check_name(name: str, study: Study, where: Where) -> None:
-    """Refuse a name that nothing in the study has, or that two effects share."""
+    """Refuse a name that the study does not contain, or that two effects share."""
     kind, formats = name.partition(".")[0], unknown_formats(study)
     if name not in formats:
         if name in CABLE:
@@ -159,7 +116,7 @@ def check_name(name: str, study: Study, where: Where) -> None:
 
 
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
-    """The range is a range of values that the quantity may take, and the start lies in it."""
+    """The range lies in the domain of the quantity, and contains the start."""
     shapes = form.bound_shapes(len(study.clamped_ends), study.places_of(unknown.name))
     domain = "any" if form.domain == "unit" else form.domain
     low, high, key = unknown.low, unknown.high, where.at("range")
@@ -179,7 +136,7 @@ def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest:
 def _check_prior(
     unknown: Unknown, shapes: tuple[tuple[int, ...], ...], form: ParameterFormat, longest: float | None, where: Where
 ) -> None:
-    """The mean is a value that the quantity may take, and the standard deviation is above zero."""
+    """The mean is an admissible value of the quantity, and the standard deviation is positive."""
     if unknown.prior is None:
         return
     v.check_domain(v.array(unknown.prior["mean"], shapes, where.at("mean")), form.domain, where.at("mean"), longest)
@@ -208,7 +165,7 @@ _MISMATCH = "its shape does not match the value: write one number, or one for ea
 
 
 def _match(a: Value, b: Value) -> bool:
-    """Whether two values stand for the same entries; one entry may stand for all."""
+    """Whether two values refer to the same entries; a scalar refers to all."""
     try:
         np.broadcast_shapes(np.shape(a), np.shape(b))
     except ValueError:

@@ -1,7 +1,7 @@
-"""What a measured curve says before any model: its length, how it meets its clamps, whether it lies in a plane.
+"""Geometry of a measured curve before any model: its length, its ends at the clamps, whether it is plane.
 
-Near a clamp the curve is fitted by a parabola, continued to the clamp: its slope there is compared with
-the clamp's d3. Beside the angle stands its standard deviation: of the fit, and of what points far apart do not show.
+Near a clamp a parabola is fitted to the curve and extrapolated to the clamp: its slope there is compared with
+the clamp's d3. The standard deviation of the angle includes the fit's and the effect of the points' spacing.
 """
 
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ from scan2flex_jax.study.curves import arc_length, chord_deficit
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 TANGENT_SPAN = 0.08
-"""Part of the curve that the parabola is fitted to at most: beyond it a cable's bends are no parabola."""
+"""Longest part of the curve for the parabola: a cable's bends beyond it are not parabolic."""
 TANGENT_START = 0.02
-"""Part of the curve that the shortest parabola is fitted to: long against the noise of a scan."""
+"""Shortest part of the curve for the parabola: long against the noise of a scan."""
 TANGENT_LEAST = 6
-"""Points that the parabola takes at least, where the curve has as many: twice its coefficients."""
+"""Fewest points of the parabola, if the curve has as many: twice its coefficients."""
 UNEVEN = 3.0
-"""Times that a chord may fall shorter than that of an arc: bends are not even along it."""
+"""Allowed factor between a chord's shortfall and that of an arc: bends are not even along it."""
 STEEPEST = 3.0
-"""Largest growth of curvature over the first chord that is allowed for, as a logarithm: a factor of 20."""
+"""Largest growth of curvature over the first chord, as a logarithm: a factor of 20."""
 
 
 FEWEST_BENT = 4
-"""Points that a space curve with curvature and twist takes: fewer tell nothing of its tangents, its bends or its plane."""
+"""Fewest points of a space curve with curvature and torsion: fewer do not determine tangents, bends or plane."""
 
 
 @dataclass(frozen=True)
 class EndFacts:
-    """How a curve meets one clamp.
+    """Position and direction of a curve's end at one clamp.
 
     `gap` (m): from the clamp to the curve's end. `angle` and `angle_sd` (deg): between the curve's tangent and the
     clamp's d3; None for a ball joint, and for a curve of too few points.
@@ -46,8 +46,8 @@ class EndFacts:
 class PoseFacts:
     """Numbers of one measured centre curve (m, deg).
 
-    `covered`: arc length with the gaps to the clamps; `unseen`: how much longer than its chords the curve may be.
-    `off_plane` and `off_line`: RMS distance from the plane and from the line that fit best. `backwards`: the curve seems to
+    `covered`: arc length with the gaps to the clamps; `unseen`: possible excess of the curve over its chords.
+    `off_plane` and `off_line`: RMS distance from the best-fitting plane and line. `backwards`: the curve seems to
     run from end to start. `end` is None for a free end.
     """
 
@@ -63,7 +63,7 @@ class PoseFacts:
 
 
 def pose_facts(pose: StudyPose) -> PoseFacts | None:
-    """The numbers of a pose's centre curve; None where it has only a scan."""
+    """The numbers of a pose's centre curve; None if it has only a scan."""
     if pose.curve is None:
         return None
     points = pose.curve.points
@@ -87,7 +87,7 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
 
 
 def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:
-    """Angles (rad) between the clamps' d3 and the first and last chord; 0 where an end has no clamp."""
+    """Angles (rad) between the clamps' d3 and the first and last chord; 0 for an end without clamp."""
     ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
     first, last = (
         0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends
@@ -96,14 +96,14 @@ def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[
 
 
 def _length(curve: MeasuredCurve) -> float:
-    """Arc length (m) between first and last point: as it was measured, else along the points."""
+    """Arc length (m) between first and last point: the measured one, else along the points."""
     if curve.arc_length is not None:
         return float(curve.arc_length[-1] - curve.arc_length[0])
     return arc_length(curve.points)
 
 
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
-    """Whether the curve meets its clamps much better when it is turned round."""
+    """Whether the reversed curve agrees much better with its clamps."""
     ends = points[[0, -1]]
     if pose.end is None:
         gaps = np.linalg.norm(ends - pose.start.position, axis=1)
@@ -115,7 +115,7 @@ def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
 
 
 def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) -> EndFacts:
-    """How a curve that begins at this clamp meets it; `sign` = -1 where d3 points back into the clamp's own side."""
+    """Position and direction of a curve that begins at this clamp; `sign` = -1 if d3 points away from the curve."""
     gap = float(np.linalg.norm(points[0] - clamp.position))
     d3 = clamp.tangent
     if d3 is None or len(points) < FEWEST_BENT:
@@ -132,9 +132,9 @@ def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) 
 def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:
     """Slope at s = -gap of a parabola through the beginning of a curve, and the standard deviation of its direction.
 
-    The widest window is taken whose slope agrees with those of all shorter ones (Lepski's rule): wide where noise
-    rules, short where the cable bends sharply behind its clamp. Where points are so far apart that even the shortest window
-    reaches beyond `TANGENT_SPAN`, its slope may be off by as much as `_unresolved` says.
+    The window is the widest one whose slope agrees with those of all shorter ones (Lepski's rule): wide if noise
+    dominates, short if the cable bends sharply behind its clamp. If the points are so far apart that even the shortest window
+    exceeds `TANGENT_SPAN`, the error estimate of `_unresolved` is added.
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
@@ -157,14 +157,14 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
 def _unresolved(
     points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], slope: Annotated[np.ndarray, "3"], gap: float
 ) -> float:
-    """Angle (rad) that a tangent at s = -gap may be off because the points stand far apart.
+    """Possible error (rad) of a tangent at s = -gap due to the spacing of the points.
 
-    The curvature k at a point is the turn between its chords over their mean length. From the second point to the first it
-    may grow as it goes on growing towards the clamp, as exp(-s / l), in a heavy cable with l = sqrt(EI / tension); the turn
-    from the clamp to the mean of the first chord then is k l (exp((h + gap) / l) - (exp(h / l) - 1) l / h), h that chord's
-    length. For k stands the largest curvature of the first points. Where there are `TANGENT_LEAST` of them, half of the turn
-    that a steady curvature makes is left out: parabolas follow it. Beside the turn counts by how much ``slope`` differs from
-    that of the parabola through the first three points.
+    The curvature k at a point is the turn between its chords over their mean length. The growth from the second point to the
+    first is extrapolated towards the clamp, as exp(-s / l), in a heavy cable with l = sqrt(EI / tension); the turn from the
+    clamp to the mean of the first chord is then k l (exp((h + gap) / l) - (exp(h / l) - 1) l / h), with h that chord's
+    length and k the largest curvature of the first points. With `TANGENT_LEAST` points, half of the turn at constant curvature
+    is subtracted, since parabolas follow it. The difference between ``slope`` and that of the parabola through the first
+    three points is added in quadrature.
     """
     chords, h = np.diff(points[:TANGENT_LEAST], axis=0), np.diff(s[:TANGENT_LEAST])
     turns = np.array([_between(a, b) for a, b in pairwise(chords)])
@@ -204,7 +204,7 @@ def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotat
 
 
 def all_plane(study: Study, facts: list[PoseFacts], limit: float) -> bool:
-    """Whether every measured curve stays within `limit` (m, RMS) of a plane of its own, or within its stated noise."""
+    """Whether every measured curve stays within `limit` (m, RMS), or its stated noise, of a plane of its own."""
     noise = [pose.noise or 0.0 for pose in study.poses if pose.curve is not None]
     if any(f.points < FEWEST_BENT for f in facts):
         return False

@@ -1,9 +1,9 @@
-"""Files of a study: read within limits, inside the folder only, and written so that nothing is ever half there.
+"""Files of a study: bounded reading inside the folder only, and atomic writing.
 
-Reading refuses what is no regular file, what is too large, and every path that leads out of the study's folder.
-Writing goes to a new file in the same directory, is flushed to the disk, and takes the place of the old file in one
-step; what the old file said is kept in a backup. Devices, pipes and the program's own streams are written to as they are.
-Which files may be written is decided in `outputs`.
+Reading refuses special files, files above the size limit, and every path that leads out of the study's folder.
+Writing goes to a new file in the same directory, is flushed to the disk, and replaces the old file in one step; the old
+content is kept in a backup. Devices, pipes and the program's own streams are written to directly.
+`outputs` decides which files may be written.
 """
 
 import contextlib
@@ -26,15 +26,15 @@ TOML_LIMIT = 10_000_000
 CSV_LIMIT = 200_000_000
 """Bytes of a CSV; a curve of a million points takes about 50 million."""
 PATIENCE = 10.0
-"""Seconds that a pipe is waited for which nobody reads yet."""
+"""Seconds to wait for the reader of a pipe."""
 _BLOCK = 1 << 20
 _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(), "\u2028".encode(), "\u2029".encode())
 
 
 def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None) -> str:
-    """The text of a UTF-8 file of at most `limit` bytes; `missing` says what to do when it is not there.
+    """The text of a UTF-8 file of at most `limit` bytes; `missing` is the advice for a missing file.
 
-    Of a table, `rows` limits the lines, which are counted as they come.
+    For a table, `rows` limits the number of lines, counted while reading.
     """
     try:
         if path.is_dir():
@@ -53,7 +53,7 @@ def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | 
 
 
 def _read(path: Path, limit: int, where: Where, rows: Limit | None) -> bytearray:
-    """The bytes of a file: its size is looked at first, and counted again, since a file may grow."""
+    """The bytes of a file: the size is checked before and while reading, since a file may grow."""
     advice = "give a smaller one." if rows is None else rows.advice
     too_large = where.fail(f"the file is larger than {limit // 1_000_000} MB: {advice}")
     data, lines = bytearray(), 0
@@ -65,7 +65,7 @@ def _read(path: Path, limit: int, where: Where, rows: Limit | None) -> bytearray
             if len(data) > limit:
                 raise too_large
             lines += sum(map(block.count, _BREAKS)) - block.count(b"\r\n")
-            if rows is not None and lines > rows.points + 1:  # a header
+            if rows is not None and lines > rows.points + 1:  # one more for the header
                 raise where.fail(rows.sentence(f"more than {rows.points} lines"))
     return data
 
@@ -107,7 +107,7 @@ def existing(folder: Path, name: str, where: Where) -> Path:
 
 
 def backup(path: Path) -> Path | None:
-    """Copy a file to NAME.bak, or to NAME.bak.1, .2, ... where that is taken; None where there is no file."""
+    """Copy a file to NAME.bak, or to NAME.bak.1, .2, ... if that exists; None without a file."""
     if not path.exists():
         return None
     number = 0
@@ -124,15 +124,15 @@ def backup(path: Path) -> Path | None:
                 target.flush()
                 os.fsync(target.fileno())
         except BaseException:
-            copy.unlink(missing_ok=True)  # half a backup would be taken for a whole one
+            copy.unlink(missing_ok=True)  # an incomplete backup would pass for a complete one
             raise
         return copy
 
 
 def write_atomic(path: Path, data: bytes | Path) -> None:
-    """Make `path` hold `data`, or a copy of the file `data`, in one step: a reader sees the old or the new, whole.
+    """Make `path` contain `data`, or a copy of the file `data`, in one step: a reader sees the old content or the new one.
 
-    What is no regular file (a device, a pipe) is written to as it is; raises `OSError`, `ValueError` or `RuntimeError`.
+    Special files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`.
     """
     if is_stream(path):
         _write_through(path, data.read_bytes() if isinstance(data, Path) else data)
@@ -161,7 +161,7 @@ def write_atomic(path: Path, data: bytes | Path) -> None:
 
 
 def is_stream(path: Path) -> bool:
-    """Whether a path leads to a device, a pipe, or a stream of this process, which no new file may replace."""
+    """Whether a path leads to a device, a pipe, or a stream of this process, which must not be replaced by a new file."""
     try:
         found = path.stat()
     except FileNotFoundError:
@@ -170,7 +170,7 @@ def is_stream(path: Path) -> bool:
 
 
 def _own_stream(found: os.stat_result) -> int | None:
-    """The descriptor of standard output or error, where this is it: /dev/stdout may stand for a regular file."""
+    """The descriptor of standard output or error, if this is it: /dev/stdout may refer to a regular file."""
     for handle in (1, 2):
         with contextlib.suppress(OSError):
             if os.path.samestat(found, os.fstat(handle)):
@@ -179,7 +179,7 @@ def _own_stream(found: os.stat_result) -> int | None:
 
 
 def _write_through(path: Path, data: bytes) -> None:
-    """Write to a device or a pipe; a pipe that nobody reads is waited for, but not for ever."""
+    """Write to a device or a pipe; the wait for a pipe's reader is limited."""
     own = _own_stream(path.stat())
     if own is not None:
         sys.stdout.flush()
@@ -205,7 +205,7 @@ def _opened(path: Path) -> int:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Put the new name on the disk too, where the system lets a folder be opened."""
+    """Flush the new name to the disk too, on systems that can open a folder."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -215,7 +215,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def writing_error(path: Path, error: Exception) -> Scan2FlexError:
-    """One sentence for a file that the system would not take."""
+    """One sentence for a file that the system could not write."""
     path = Path(one_line(str(path), 300))
     if getattr(error, "errno", None) == errno.ENXIO:
         return StudyError(path, None, f"nobody read this pipe for {PATIENCE:g} s: start its reader first.")

@@ -1,7 +1,7 @@
-"""How large a measured file may be: points, and the bytes that so many points can fill.
+"""Size limits of measured files: number of points, and the bytes they can fill.
 
-The limits keep a broken or hostile file from filling the memory; what is refused is never read whole. Whoever has more points
-sets ``SCAN2FLEX_MAX_POINTS``, which holds for scans and for curves.
+The limits keep a broken or hostile file from filling the memory; a refused file is never read completely. For more points,
+set ``SCAN2FLEX_MAX_POINTS``, which applies to scans and to curves.
 """
 
 import os
@@ -18,22 +18,22 @@ _HEADER = 1_000_000
 
 @dataclass(frozen=True)
 class Limit:
-    """At most so many points."""
+    """Largest number of points."""
 
     points: int
 
     @property
     def bytes(self) -> int:
-        """Bytes that so many points can fill, unpacked, with a header."""
+        """Largest size of that many points, uncompressed, with a header."""
         return BYTES_OF_A_POINT * self.points + _HEADER
 
     @property
     def advice(self) -> str:
-        """What to do about a file that is larger."""
+        """Advice for a larger file."""
         return f"thin it out, or set {VARIABLE} to more points."
 
     def sentence(self, found: str) -> str:
-        """What is said of a file that is larger: ``found`` is what it holds, as in "9000000 points"."""
+        """Message for a larger file; ``found`` is its content, as in "9000000 points"."""
         most = f"{self.points} points ({self.bytes // 1_000_000} MB)"
         return f"it holds {found}, and at most {most} are read: {self.advice}"
 

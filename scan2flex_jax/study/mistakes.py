@@ -1,8 +1,8 @@
-"""Likely mistakes of the input as hypotheses: each names itself, says how to mend it, and holds the study with it mended.
+"""Likely mistakes of the input as hypotheses: each with its description, its correction, and the corrected study.
 
-Every hypothesis is a pure change of a study; nothing is solved here. `study.visible` keeps those that ends and tangents of the
-curves tell, `fitting.mistakes` asks the rest by a refit. Rotations ``R`` of clamps turn material vectors into the scan frame,
-d3 = R e3; a change of convention multiplies them from the right.
+Every hypothesis is a pure change of a study; nothing is solved here. `study.visible` tests those that are visible in ends and
+tangents of the curves, `fitting.mistakes` the others by a refit. Rotations ``R`` of clamps turn material vectors into the scan
+frame, d3 = R e3; a change of convention multiplies them from the right.
 """
 
 from collections.abc import Iterator
@@ -17,18 +17,18 @@ from scan2flex_jax.study.rotations import product, rolled, twist_along
 from scan2flex_jax.study.sense import knows_a_force
 from scan2flex_jax.study.values import one_line
 
-_SMALL = np.radians(2.0)  # rad: a roll or twist whose sign makes no difference
+_SMALL = np.radians(2.0)  # rad: a roll or twist whose sign is irrelevant
 _PARALLEL = 0.99  # cosine of two directions that count as one
 _HALF = 2**-0.5
-_AXES = (  # a clamp's axis along which the cable leaves it, and the rotation that takes e3 there
-    ("d1, its x axis,", (_HALF, 0.0, _HALF, 0.0)),
-    ("d2, its y axis,", (_HALF, -_HALF, 0.0, 0.0)),
-    ("-d1, against its x axis,", (_HALF, 0.0, -_HALF, 0.0)),
-    ("-d2, against its y axis,", (_HALF, _HALF, 0.0, 0.0)),
-    ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0)),
+_AXES = (  # a clamp's axis along which the cable leaves it, and the rotation of e3 to that axis
+    ("d1, its x axis,", (_HALF, 0.0, _HALF, 0.0), "x"),
+    ("d2, its y axis,", (_HALF, -_HALF, 0.0, 0.0), "y"),
+    ("-d1, against its x axis,", (_HALF, 0.0, -_HALF, 0.0), "-x"),
+    ("-d2, against its y axis,", (_HALF, _HALF, 0.0, 0.0), "-y"),
+    ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0), "-z"),
 )
-_ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that point an end the other way
-_WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # and how many of them make a kg/m
+_ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that reverse the direction of an end
+_WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # units of weight, and how many of them make a kg/m
 _ROLLS = (180, 90, -90)  # degrees
 
 Quaternion = Annotated[np.ndarray, "4"]
@@ -36,9 +36,10 @@ Quaternion = Annotated[np.ndarray, "4"]
 
 @dataclass(frozen=True)
 class Mistake:
-    """A likely mistake of the input: what is wrong, what to do about it, and the study with it mended.
+    """A likely mistake of the input: its description, the advice, and the corrected study.
 
-    ``before`` and ``after``: RMS distance (m) of the fitted poses as the study stands and mended; None where no refit told.
+    ``axis``: the axis of every clamp's frame along which the cable leaves it, if that is the mistake ("x", "-y"; else "").
+    ``before`` and ``after``: RMS distance (m) of the fitted poses, as given and corrected; None without a refit.
     """
 
     sentence: str
@@ -46,9 +47,10 @@ class Mistake:
     study: Study = field(repr=False)
     before: float | None = None
     after: float | None = None
+    axis: str = ""
 
     def __str__(self) -> str:
-        """``what is wrong: what to do; by how much that is better``."""
+        """``description: advice (improvement)``."""
         return f"{self.sentence}: {self.mend}{self._better()}"
 
     def _better(self) -> str:
@@ -58,19 +60,21 @@ class Mistake:
         return f" (fits {times:.0f} times better, {figures})" if 2.0 < times < 1e3 else f" ({figures})"
 
     def to_json(self) -> dict[str, Any]:
-        """Sentence, mend and RMS distances (m)."""
+        """Sentence, advice and RMS distances (m)."""
         figures = {"rms_before": self.before, "rms_after": self.after}
         return {"sentence": self.sentence, "mend": self.mend} | {k: v for k, v in figures.items() if v is not None}
 
 
 def of_frames(study: Study) -> Iterator[Mistake]:
-    """Mistakes of all clamps or all curves that ends and tangents of the curves can tell, the simplest first."""
+    """Mistakes of all clamps or all curves that are visible in ends and tangents of the curves, simplest first."""
     yield from _changed(study, reversed_curve, "every curve runs from end to start", "reverse the order of the points")
     yield from _changed(study, exchanged_ends, "start and end of every pose are exchanged", "exchange the clamps of each pose")
     yield from _inward(study)
-    for words, turn in _AXES:
+    for words, turn, axis in _AXES:
         said = f"the cable leaves every clamp along {words} not along d3"
-        yield from _turned_clamps(study, turn, said, ("start", "end"))
+        for mistake in _turned_clamps(study, turn, said, ("start", "end")):
+            anew = f"{mistake.mend}, or make the study anew with --tangent {axis} in place of z"
+            yield replace(mistake, mend=anew, axis=axis)
     words, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
     yield from _changed(study, _each_clamp(_conjugated), words, mend)
     words, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
@@ -106,7 +110,7 @@ def of_gravity(study: Study) -> Iterator[Mistake]:
 
 
 def of_weight(study: Study) -> Iterator[Mistake]:
-    """The weight per length in another unit, where a known force or stiffness sets the scale; else shapes cannot tell."""
+    """The weight per length in another unit, if a known force or stiffness sets the scale; shapes alone do not show it."""
     density = study.known("length_density")
     stiffness = any(study.known(name) is not None for name in ("bending_stiffness", "torsional_stiffness"))
     if density is None or not (stiffness or knows_a_force(study)):
@@ -147,7 +151,7 @@ def of_reversed(study: Study, pose: StudyPose) -> Mistake:
 
 
 def of_pairs(study: Study) -> Iterator[Mistake]:
-    """Curves of two poses exchanged, one of them at least a pose of the fit."""
+    """Exchanged curves of two poses, at least one of them a pose of the fit."""
     for a, b in combinations([pose for pose in study.poses if pose.curve is not None], 2):
         if "fit" in (a.role, b.role):
             mended = with_pose(with_pose(study, replace(a, curve=b.curve)), replace(b, curve=a.curve))
@@ -156,7 +160,7 @@ def of_pairs(study: Study) -> Iterator[Mistake]:
 
 
 def without(study: Study, pose: StudyPose) -> Mistake:
-    """A pose that alone does not fit: it has no part in the fit."""
+    """Exclude a single misfitting pose from the fit."""
     name = one_line(pose.name)
     said = f"pose {name} does not fit, and the others fit without it"
     mend = 'look at its clamps, turns and curve, or give it role = "validate"'
@@ -164,12 +168,12 @@ def without(study: Study, pose: StudyPose) -> Mistake:
 
 
 def with_pose(study: Study, pose: StudyPose) -> Study:
-    """The study with one pose in place of that of the same name."""
+    """The study with one pose replaced by name."""
     return replace(study, poses=tuple(pose if p.name == pose.name else p for p in study.poses))
 
 
 def written(values: Annotated[np.ndarray, " n"]) -> str:
-    """Numbers as study.toml has them."""
+    """Numbers in the notation of study.toml."""
     return "[" + ", ".join(f"{v:.7g}" for v in np.round(np.asarray(values), 12) + 0.0) + "]"
 
 
@@ -177,14 +181,14 @@ _ONE = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def _changed(study, change, said, mend) -> Iterator[Mistake]:
-    """The study with every pose changed; nothing where that changes none."""
+    """The study with every pose changed; nothing if no pose changes."""
     poses = tuple(change(pose) for pose in study.poses)
     if any(new is not old for new, old in zip(poses, study.poses, strict=True)):
         yield Mistake(said, mend, replace(study, poses=poses))
 
 
 def reversed_curve(pose: StudyPose) -> StudyPose:
-    """The pose with its curve from the last point to the first."""
+    """The pose with its curve reversed."""
     if pose.curve is None:
         return pose
     s = pose.curve.arc_length
@@ -193,7 +197,7 @@ def reversed_curve(pose: StudyPose) -> StudyPose:
 
 
 def exchanged_ends(pose: StudyPose) -> StudyPose:
-    """The pose with its clamps exchanged; the same pose where it has one."""
+    """The pose with its clamps exchanged; unchanged with a single clamp."""
     return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
@@ -205,7 +209,7 @@ def _inward(study):
 
 
 def _turned_clamps(study, turn, said, ends):
-    """The clamps of these ends turned in their own frame."""
+    """The clamps of these ends rotated in their own frame."""
     which = "the quaternions" if len(ends) == 2 else f"the {ends[0]} quaternions"
     mend = f"multiply {which} from the right by {written(np.array(turn))}"
     yield from _changed(study, _each_clamp(lambda q: product(q, np.array(turn)), ends), said, mend)
@@ -227,26 +231,26 @@ def _conjugated(q):
 
 
 def _twisted(pose) -> bool:
-    """Whether both ends are clamps, so that the cable between them has a twist."""
+    """Whether both ends are clamps, so that the twist of the cable is prescribed."""
     return pose.end is not None and pose.end.quaternion is not None and pose.start.quaternion is not None
 
 
 def _rolled_end(pose, angle):
-    """The end clamp rolled about its d3 by an angle (rad); the same pose where it has no twist."""
+    """The end clamp rolled about its d3 by an angle (rad); unchanged without a prescribed twist."""
     if not _twisted(pose) or abs(angle) < _SMALL:
         return pose
     return replace(pose, end=Clamp(pose.end.position, rolled(pose.end.quaternion, angle)))
 
 
 def _untwisted(pose):
-    """The end clamp rolled so that the twist along the measured curve changes its sign."""
+    """The end clamp rolled so that the twist along the measured curve changes sign."""
     if not _twisted(pose) or pose.curve is None:
         return pose
     return _rolled_end(pose, -2.0 * twist_along(pose.curve.points, pose.start.quaternion, pose.end.quaternion))
 
 
 def _unrolled(pose, first):
-    """The end clamp rolled so that its roll from that of the first pose changes its sign."""
+    """The end clamp rolled so that its roll relative to the first pose changes sign."""
     if not _twisted(pose):
         return pose
     return _rolled_end(pose, -2.0 * twist_along(np.zeros((0, 3)), first.quaternion, pose.end.quaternion))

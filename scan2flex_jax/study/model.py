@@ -2,10 +2,10 @@
 
 Frozen dataclasses with read-only float64 arrays; `dataclasses.replace` makes changed copies. SI units (m, kg, N, rad),
 quaternions `[w, x, y, z]` turn material vectors into the scan frame, `d3 = R e3` is the tangent of the centre curve. Two
-studies are equal when they say the same, wherever their folders lie.
+studies are equal if their contents are, independent of their folders.
 
-Each part is checked by itself when it is made (`parts`); what they must say together is `sense.check_study`, which
-everything that uses a study calls first.
+Each part is checked on its own at construction (`parts`); `sense.check_study` checks the parts against each other, and is
+called first by every user of a study.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,13 +38,13 @@ __all__ = ["Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "S
 
 GRAVITY = (0.0, 0.0, -9.81)
 RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
-"""Stiffnesses that a study may leave out, and what the cable is then, practically."""
+"""Stiffnesses that a study may omit, and the resulting property of the cable."""
 
 
 @converting
 @dataclass(frozen=True, eq=False)
 class Study(Compared):
-    """One cable in several poses. `cable` has only the keys that were given, in the units of `kinds.CABLE`."""
+    """One cable in several poses. `cable` has only the given keys, in the units of `kinds.CABLE`."""
 
     title: str
     gravity: Annotated[np.ndarray, "3"]
@@ -56,7 +56,7 @@ class Study(Compared):
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Check each field by itself, and keep read-only copies; `check_study` checks them together."""
+        """Check each field on its own, and keep read-only copies; `check_study` checks them together."""
         where = Where("Study")
         keep(self, title=v.text(self.title, where.at("title")))
         keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
@@ -81,12 +81,30 @@ class Study(Compared):
         tolerance: Tolerance | None = None,
         effects: Sequence[EffectDeclaration] = (),
     ) -> "Study":
-        """A study of plain numbers and arrays; raises `StudyError`.
+        """A study from plain numbers and arrays.
 
-        ``cable`` holds what is known, by the keys of `[cable]`; ``unknowns`` are names, or `Unknown` with a guess or a range.
-        A pose is a dict: ``points`` (n, 3) in m of its centre curve, and their ``arc_length`` (n,) where it was measured;
-        ``start`` and ``end`` as `Clamp.of` takes them (no ``end``: a free end); any other field of `StudyPose`. Its ``name``
-        is p1, p2, ... and its ``role`` "fit" where they are left out.
+        Args:
+            cable: Known parameters, by the keys of `[cable]`, in SI units.
+            poses: Each a `StudyPose` or a dict: ``points`` (n, 3) in m of its centre curve, and their ``arc_length`` (n,) if
+                measured; ``start`` and ``end`` in the forms of `Clamp.of` (no ``end``: a free end); any other field of
+                `StudyPose`. Its ``name`` defaults to p1, p2, ... and its ``role`` to "fit".
+            unknowns: Names, or `Unknown` with a guess or a range.
+            title: Shown in every result.
+            gravity: m/s^2, in the scan frame.
+            tolerance: Standard deviations of inexact inputs; None: all exact.
+            effects: Physics declared beyond the baseline model.
+
+        Returns:
+            The study; its parts are checked against each other at first use.
+
+        Raises:
+            StudyError: An invalid part: object, key, the value found and the remedy.
+
+        Examples:
+            >>> pose = {"points": [[0, 0, 0], [0.5, 0, -0.1]], "start": ([0, 0, 0], [0, 0, 1, 0])}
+            >>> study = Study.from_arrays({"length": 1.0, "length_density": 0.2}, [pose], ["bending_stiffness"])
+            >>> study.poses[0].name, study.unknown_names
+            ('p1', ('bending_stiffness',))
         """
         where = Where("Study")
         entries = all_of_kind(poses, (StudyPose, Mapping), where.at("poses"), "{'points': points, 'start': start}")
@@ -97,21 +115,21 @@ class Study(Compared):
         return cls(**given) if tolerance is None else cls(**given, tolerance=tolerance)
 
     def __eq__(self, other: object) -> bool:
-        """Equal but for the folder: a scan counts by its path inside the folder."""
+        """Equal up to the folder: a scan is compared by its path inside the folder."""
         return isinstance(other, Study) and same(_portable(self), _portable(other))
 
     __hash__ = None
 
     @property
     def assumed_rigid(self) -> tuple[str, ...]:
-        """Those of axial and shear stiffness that are neither given nor unknown, nor an effect's in all poses."""
+        """Axial and shear stiffness, if neither given nor unknown, nor an effect's in all poses."""
         said = {*self.cable, *self.unknown_names}
         said |= {parameter.name for effect in self.acting() for parameter in kind_format(effect.kind).parameters}
         return tuple(name for name in RIGID if name not in said)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """What is assumed of the cable where stiffnesses are left out, in words."""
+        """Assumptions for omitted stiffnesses, in words."""
         if not (names := self.assumed_rigid):
             return ()
         words = " and ".join(RIGID[name] for name in names)
@@ -119,17 +137,17 @@ class Study(Compared):
 
     @property
     def fit_poses(self) -> tuple[StudyPose, ...]:
-        """The poses that a fit may use, in the order in which they were measured."""
+        """The poses available to a fit, in the order of measurement."""
         return tuple(pose for pose in self.poses if pose.role == "fit")
 
     @property
     def validate_poses(self) -> tuple[StudyPose, ...]:
-        """The poses that neither a fit nor the choice of an effect may use."""
+        """The poses excluded from fits and from the choice of effects."""
         return tuple(pose for pose in self.poses if pose.role == "validate")
 
     @property
     def unknown_names(self) -> tuple[str, ...]:
-        """The names of what is to be estimated."""
+        """The names of the unknowns."""
         return tuple(unknown.name for unknown in self.unknowns)
 
     @property
@@ -139,7 +157,7 @@ class Study(Compared):
         return tuple(end for end in ENDS if any(c is not None and c.quaternion is not None for c in held[end]))
 
     def places_of(self, name: str) -> int:
-        """On how many places along the cable "kind.parameter" of a field is given; 0 for what is no field."""
+        """Number of places along the cable of the field "kind.parameter"; 0 for other parameters."""
         return int(np.size(places)) if (places := self.given(f"{name.partition('.')[0]}.s")) is not None else 0
 
     def acting(self, pose: StudyPose | None = None) -> tuple[EffectDeclaration, ...]:
@@ -158,11 +176,11 @@ class Study(Compared):
         raise Scan2FlexError(f"No pose is called {name!r}: the poses are {', '.join(p.name for p in self.poses)}.")
 
     def known(self, key: str) -> Value | None:
-        """The value of a key of `[cable]` that is not to be estimated; None when it is, or was not given."""
+        """The value of a key of `[cable]` that is not estimated; None if it is, or was not given."""
         return None if key in self.unknown_names else self.cable.get(key)
 
     def start_value(self, name: str) -> Value | None:
-        """Where the estimate of an unknown starts: its guess, else the value given, else the mean of its prior, else None."""
+        """Start of an unknown: its guess, else the value given, else the mean of its prior, else None."""
         unknown = next((unknown for unknown in self.unknowns if unknown.name == name), None)
         values = [None if unknown is None else unknown.guess, self.given(name)]
         values += [unknown.prior["mean"]] if unknown is not None and unknown.prior is not None else []
@@ -177,7 +195,7 @@ class Study(Compared):
 
 
 def _cable(given: Any, where: Where) -> ReadOnly:
-    """What is known of the cable, in the order of `CABLE`."""
+    """Known parameters of the cable, in the order of `CABLE`."""
     table = table_of(given, where, '{"length": 0.9}')
     v.allow(table, CABLE, where)
     cable = {key: read_only_value(v.quantity(table[key], CABLE[key], where.at(key))) for key in CABLE if key in table}
@@ -188,7 +206,7 @@ def _cable(given: Any, where: Where) -> ReadOnly:
 
 
 def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> StudyPose:
-    """A pose of arrays, called `name` where it has none of its own."""
+    """A pose of arrays, called `name` by default."""
     if isinstance(entry, StudyPose):
         return entry
     given = {"name": name, "role": "fit", **entry}
@@ -207,7 +225,7 @@ def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> Stud
 
 
 def _portable(study: Study) -> tuple[Any, ...]:
-    """What a study says, with scans by their path inside the folder."""
+    """Contents of a study, with scans by their path inside the folder."""
     poses = tuple(replace(pose, scan=scan_name(study, pose)) for pose in study.poses)
     return (study.title, study.gravity, study.cable, poses, study.tolerance, study.unknowns, study.effects)
 
@@ -218,7 +236,7 @@ def scan_name(study: Study, pose: StudyPose) -> Path | None:
 
 
 def relative_name(folder: Path | None, path: Path) -> Path:
-    """`path` relative to `folder` where it lies inside, else its plain file name."""
+    """`path` relative to `folder` if it lies inside, else its plain file name."""
     path = Path(path)
     if folder is not None and path.is_absolute() and path.is_relative_to(folder):
         return path.relative_to(folder)

@@ -1,9 +1,9 @@
-"""Where results go: which files may be written over, and by whom.
+"""Rules for writing results: which files may be overwritten, and by whom.
 
-A measured file is never written over: no `study.toml`, and no file that the study names which lies in a folder above, however
-the path leads there. That holds for everybody (`write_file`, `write_json_atomic`). A command writes more files than its
-user names, and writes them again at every run; `Outputs` therefore replaces only what the program wrote itself, unless it is
-told to. A folder of results keeps a list of them, ``.scan2flex-written``: one line of JSON for each file, with its name and
+A measured file is never overwritten: no `study.toml`, and no file named by a study in a folder above, by whatever
+path. This holds for all writers (`write_file`, `write_json_atomic`). A command writes more files than its
+user names, and rewrites them at every run; `Outputs` therefore replaces only files written by the program itself, unless
+forced. A folder of results keeps a list of them, ``.scan2flex-written``: one line of JSON per file, with its name and
 SHA-256. A file that was changed since is the user's.
 """
 
@@ -25,8 +25,8 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 
 LIST = ".scan2flex-written"
-_LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: a process killed in between wrote one of them
-_LONGEST_LINE = 20_000  # of a TOML that is looked through
+_LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: one of them is right after a process was killed
+_LONGEST_LINE = 20_000  # of a TOML that is searched
 _FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links
 
 
@@ -34,13 +34,13 @@ class Outputs:
     """The files that one command writes."""
 
     def __init__(self, study: Study | None = None, *, source: Path | None = None, force: bool = False):
-        """`study` was read from `source`; `force` replaces files that the program did not write (measured ones never)."""
+        """`study` was read from `source`; `force` replaces files not written by the program (measured ones never)."""
         self.force = force
         self.measured = [] if study is None else measured_files(study)
         self.measured += [] if source is None else [source]
 
     def claim(self, *paths: Path | None) -> None:
-        """Refuse, before anything is computed, files that must not be written; None is an output that nobody asked for."""
+        """Refuse, before any computation, files that must not be written; None is an output that was not requested."""
         wanted = [path for path in paths if path is not None]
         for i, path in enumerate(wanted):
             self._claim(path, wanted[:i])
@@ -60,7 +60,7 @@ class Outputs:
         raise StudyError(one_line(str(path), 300), None, f"{said}: name another file, or replace it with --force.")
 
     def write(self, path: Path, data: bytes) -> None:
-        """Make `path` hold `data`, in one step; raises `StudyError`."""
+        """Make `path` contain `data`, in one step; raises `StudyError`."""
         self._claim(path)
         try:
             if not is_stream(path):
@@ -71,12 +71,12 @@ class Outputs:
             raise writing_error(path, error) from error
 
     def write_json(self, path: Path, obj: Any) -> None:
-        """Write `obj` as JSON, as `write_json_atomic` does."""
+        """Write `obj` as JSON, like `write_json_atomic`."""
         self.write(path, json_bytes(path, obj))
 
 
 def write_file(path: Path, data: bytes, measured: Iterable[Path] = ()) -> None:
-    """Make `path` hold `data`, in one step, unless it is a study's own file; raises `StudyError` or `OSError`."""
+    """Make `path` contain `data`, in one step, unless it is a study's own file; raises `StudyError` or `OSError`."""
     try:
         keep_measured(path, measured)
         write_atomic(path, data)
@@ -87,7 +87,7 @@ def write_file(path: Path, data: bytes, measured: Iterable[Path] = ()) -> None:
 def write_json_atomic(path: str | Path, obj: Any) -> None:
     """Write `obj` as JSON in one step; numpy numbers and arrays become lists, NaN and infinity are refused.
 
-    Raises `StudyError`, for a study's own file too.
+    Raises `StudyError`, also for a study's own file.
     """
     data = json_bytes(path, obj)
     try:
@@ -97,7 +97,7 @@ def write_json_atomic(path: str | Path, obj: Any) -> None:
 
 
 def measured_files(study: Study) -> list[Path]:
-    """The files that a study was read from."""
+    """The files of a study."""
     files = [] if study.folder is None else [study.folder / STUDY_FILE]
     for pose in study.poses:
         files += [pose.curve.path] if pose.curve is not None and pose.curve.path is not None else []
@@ -107,7 +107,7 @@ def measured_files(study: Study) -> list[Path]:
 
 
 def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:
-    """Refuse one of the files `measured`, and one that belongs to a study in a folder above it."""
+    """Refuse a file of `measured`, and one that belongs to a study in a folder above it."""
     if any(_same(path, other) for other in measured):
         raise _refused(path, "it is what this command reads")
     try:
@@ -127,7 +127,7 @@ def _refused(path: Path, why: str) -> StudyError:
 
 
 def _named(toml: Path) -> Iterable[Path]:
-    """Whatever the poses of a study.toml may name, be the rest of it right or wrong."""
+    """All files named by the poses of a study.toml, even if the rest of it is invalid."""
     with toml.open("rb") as stream:
         text = stream.read(TOML_LIMIT).decode("utf-8", errors="replace")
     try:
@@ -142,7 +142,7 @@ def _named(toml: Path) -> Iterable[Path]:
 
 
 def _same(path: Path, other: Path) -> bool:
-    """Whether two paths are one file, here (links of both kinds) or on a system that knows no case."""
+    """Whether two paths are one file, here (links of both kinds) or on a case-insensitive system."""
     with contextlib.suppress(OSError, ValueError):
         if os.path.samefile(path, other):
             return True
@@ -158,7 +158,7 @@ def _folded(path: Path) -> str:
 
 
 def _written_here(path: Path) -> bool:
-    """Whether the program wrote this file, and nobody has changed it since."""
+    """Whether the program wrote this file, and it is unchanged since."""
     path = path.resolve()
     with contextlib.suppress(OSError), path.open("rb") as stream:
         found = _entry(path.name, hashlib.file_digest(stream, "sha256").hexdigest())
@@ -171,9 +171,9 @@ def _entry(name: str, digest: str) -> str:
 
 
 def _note(path: Path, data: bytes) -> None:
-    """Put a file on the list before it is there: a process killed in between leaves a file that is known.
+    """List a file before it is written: a killed process then leaves a file that is known.
 
-    A list that cannot be written costs no result: the file is then taken for the user's.
+    A list that cannot be written never loses a result: the file is then treated as the user's.
     """
     line, listed = _entry(path.name, hashlib.sha256(data).hexdigest()), path.parent / LIST
     with contextlib.suppress(OSError):
@@ -197,7 +197,7 @@ def _latest(lines: list[str]) -> list[str]:
 
 
 def json_bytes(path: str | Path, obj: Any) -> bytes:
-    """`obj` as the text of a JSON file; `path` is named where it holds what JSON cannot."""
+    """`obj` as the text of a JSON file; errors name `path`."""
     try:
         return (json.dumps(obj, indent=2, allow_nan=False, ensure_ascii=False, default=_plain) + "\n").encode("utf-8")
     except (ValueError, TypeError, RecursionError) as error:
@@ -214,7 +214,7 @@ def _plain(value: Any) -> Any:
 
 
 def _non_finite(obj: Any, key: str = "") -> str | None:
-    """Where the first NaN or infinity stands, as in estimates.length.std."""
+    """Key of the first NaN or infinity, as in estimates.length.std."""
     if isinstance(obj, dict):
         found = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
     elif isinstance(obj, list | tuple | np.ndarray) and np.ndim(obj) > 0:

@@ -1,7 +1,7 @@
 """The parts of a study: clamps, measured curves, poses, unknowns, declared effects and tolerances.
 
 Frozen dataclasses with read-only float64 arrays. Each takes lists, and arrays of NumPy, JAX or pandas, and raises `StudyError`
-when it is made of what it cannot be; `dataclasses.replace` makes a changed copy, which is checked anew.
+for invalid values; `dataclasses.replace` makes a changed copy, which is checked again.
 """
 
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ from scan2flex_jax.study.values import Where
 Value = float | Annotated[np.ndarray, "..."]
 
 FEWEST_POINTS = 2
-"""Fewer have no direction, and no order from start to end."""
+"""Fewer points have no direction, and no order from start to end."""
 ROLES = ("fit", "validate")
 MOST_TURNS = 1000
 _CLAMP = "a Clamp, as in Clamp.of((position, quaternion))"
@@ -40,7 +40,7 @@ _CLAMP = "a Clamp, as in Clamp.of((position, quaternion))"
 @converting
 @dataclass(frozen=True, eq=False)
 class Clamp(Compared):
-    """Where one end is held: `position` (m) and unit `quaternion`, or None for a ball joint."""
+    """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint."""
 
     position: Annotated[np.ndarray, "3"]
     quaternion: Annotated[np.ndarray, "4"] | None = None
@@ -55,10 +55,22 @@ class Clamp(Compared):
 
     @classmethod
     def of(cls, held: "Clamp | ArrayLike | tuple[ArrayLike, Any]") -> "Clamp":
-        """The clamp of ``(position, rotation)``, or of a 4x4 matrix; raises `StudyError`.
+        """The clamp of ``(position, rotation)``, or of a 4x4 matrix.
 
-        The position (3,) is in m. The rotation is a quaternion [w, x, y, z], a 3x3 matrix with the columns d1, d2, d3, a
-        rotation of scipy, or None for a ball joint.
+        Args:
+            held: The position (3,) is in m. The rotation is a quaternion [w, x, y, z], a 3x3 matrix with the columns d1, d2,
+                d3, a rotation of scipy, or None for a ball joint.
+
+        Returns:
+            The clamp, its quaternion normalised.
+
+        Raises:
+            StudyError: A position or rotation that is not one.
+
+        Examples:
+            >>> along_x = [[0, 0, 1], [0, -1, 0], [1, 0, 0]]
+            >>> round(float(Clamp.of(([0.6, 0, 0], along_x)).tangent[0]), 6)
+            1.0
         """
         if isinstance(held, Clamp):
             return held
@@ -94,14 +106,19 @@ def third_column(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray
 @converting
 @dataclass(frozen=True, eq=False)
 class MeasuredCurve(Compared):
-    """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) where it was measured."""
+    """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) if measured.
+
+    Examples:
+        >>> MeasuredCurve([[0.0, 0.0, 0.0], [0.1, 0.0, -0.01]]).points.shape
+        (2, 3)
+    """
 
     points: Annotated[np.ndarray, "n 3"]
     arc_length: Annotated[np.ndarray, " n"] | None = None
     path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Check that points are finite and apart and the arc length grows, and keep read-only copies."""
+        """Check that points are finite and distinct and the arc length grows, and keep read-only copies."""
         where, s = Where("MeasuredCurve"), self.arc_length
         keep(self, points=read_only(arrays.points(self.points, FEWEST_POINTS, where.at("points"))))
         if s is not None:
@@ -111,14 +128,19 @@ class MeasuredCurve(Compared):
 @converting
 @dataclass(frozen=True, eq=False)
 class Markers(Compared):
-    """Points (m) that were tracked at known arc lengths (m), growing from the start: all three coordinates count."""
+    """Points (m) tracked at known arc lengths (m), in order from the start: all three coordinates count.
+
+    Examples:
+        >>> Markers([[0.2, 0.0, -0.05]], arc_length=[0.22]).arc_length.tolist()
+        [0.22]
+    """
 
     points: Annotated[np.ndarray, "n 3"]
     arc_length: Annotated[np.ndarray, " n"]
     path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Check that points are finite and apart and the arc length grows from 0 on, and keep read-only copies."""
+        """Check that points are finite and distinct and the arc length grows from 0 on, and keep read-only copies."""
         where = Where("Markers")
         keep(self, points=read_only(arrays.points(self.points, 1, where.at("points"))))
         s, key = arrays.arc_lengths(self.arc_length, len(self.points), where.at("arc_length")), where.at("arc_length")
@@ -132,7 +154,11 @@ class Markers(Compared):
 class Unknown(Compared):
     """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit.
 
-    `prior`: what another measurement says of it, as {"mean": 0.1, "std": 0.01} in its own unit; None = nothing.
+    `prior`: another measurement of it, as {"mean": 0.1, "std": 0.01} in its own unit; None for none.
+
+    Examples:
+        >>> Unknown("bending_stiffness", guess=0.1, low=1e-3, high=1e2).guess
+        0.1
     """
 
     name: str
@@ -142,7 +168,7 @@ class Unknown(Compared):
     prior: dict[str, Value] | None = None
 
     def __post_init__(self) -> None:
-        """Check that these are numbers; what they mean depends on the study."""
+        """Check that these are numbers; the study determines their meaning."""
         name = v.text(self.name, Where("Unknown").at("name"))
         keep(self, name=name)
         for bound in ("guess", "low", "high"):
@@ -164,9 +190,13 @@ def _prior(given: Any, where: Where) -> ReadOnly:
 @converting
 @dataclass(frozen=True, eq=False)
 class EffectDeclaration(Compared):
-    """Physics beyond the plain rod that the user knows of; a parameter to be estimated may be left out.
+    """Known physics beyond the baseline model; a parameter to be estimated may be omitted.
 
     `poses`: the names of the poses in which it acts, None = all of them.
+
+    Examples:
+        >>> EffectDeclaration("point_mass", {"position": 0.42, "mass": 0.05}, poses=["sag-with-weight"]).poses
+        ('sag-with-weight',)
     """
 
     kind: str
@@ -174,7 +204,7 @@ class EffectDeclaration(Compared):
     poses: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        """Check the kind and the names of its parameters; their values depend on the cable and its clamps."""
+        """Check the effect type and the names of its parameters; their values depend on the cable and its clamps."""
         key = Where("EffectDeclaration").at("kind")
         kind = v.text(self.kind, key)
         if kind not in kind_names():
@@ -202,10 +232,14 @@ def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
 @converting
 @dataclass(frozen=True)
 class Tolerance:
-    """Standard deviations of what is known only nearly; 0 = exact.
+    """Standard deviations of inexact inputs; 0 = exact.
 
     `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt), `clamp_roll`
     (rad, about d3 of each clamp; None = `clamp_rotation`), `length_density` (kg/m).
+
+    Examples:
+        >>> Tolerance(length=0.002).given
+        {'length': 0.002}
     """
 
     length: float = 0.0
@@ -223,7 +257,7 @@ class Tolerance:
 
     @property
     def given(self) -> dict[str, float]:
-        """Those that are not exact, and a roll that is said to be, by their names."""
+        """The nonzero entries, and a stated roll, by name."""
         entries = {name: getattr(self, name) for name in TOLERANCE}
         return {name: value for name, value in entries.items() if value or (name == "clamp_roll" and value is not None)}
 
@@ -231,12 +265,17 @@ class Tolerance:
 @converting
 @dataclass(frozen=True, eq=False)
 class StudyPose(Compared):
-    """One pose: how the cable was held, and what was measured of it.
+    """One pose: its supports and its measurements.
 
-    `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns beyond what the quaternions tell; `scan` = file
+    `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns in addition to the quaternions; `scan` = file
     of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
-    deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) when it was
-    measured, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
+    deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) of the
+    measurement, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
+
+    Examples:
+        >>> held = Clamp([0, 0, 0], [0.7071068, 0, 0.7071068, 0])
+        >>> StudyPose("sag", "fit", held, curve=MeasuredCurve([[0, 0, 0], [0.1, 0, -0.01]])).end is None
+        True
     """
 
     name: str
@@ -257,7 +296,7 @@ class StudyPose(Compared):
     guide_points_path: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Check each field by itself, and keep read-only copies."""
+        """Check each field on its own, and keep read-only copies."""
         keep(self, name=v.pose_name(self.name, Where("StudyPose").at("name")))
         where = Where(f"StudyPose {v.shown(self.name)}")
         if v.text(self.role, where.at("role")) not in ROLES:
@@ -280,7 +319,7 @@ class StudyPose(Compared):
         keep(self, turns=v.integer(self.turns, where.at("turns"), MOST_TURNS))
 
     def _check_circumstances(self, where: Where) -> None:
-        """Gravity, time and what was done to the cable before."""
+        """Check gravity, time and reset."""
         if self.gravity is not None:
             keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
         if self.time is not None:
@@ -288,7 +327,7 @@ class StudyPose(Compared):
         keep(self, reset=v.boolean(self.reset, where.at("reset")))
 
     def _check_shape(self, where: Where) -> None:
-        """What was measured is of the right type."""
+        """Check the types of the measurements."""
         if self.curve is not None:
             of_kind(self.curve, MeasuredCurve, where.at("curve"), "a MeasuredCurve, as in MeasuredCurve(points)")
         if self.markers is not None:

@@ -1,11 +1,12 @@
-"""Read a study from its folder: `study.toml` and the files that it names.
+"""Reading of a study from its folder: `study.toml` and the files that it names.
 
-`load_study` returns a `Study`, or raises one `StudyError` that names the file and the key, says what was got and what
-to do. Here TOML is turned into the parts of a study, which check themselves, and their faults get their place in the file.
+`load_study` returns a `Study`, or raises one `StudyError` with the file, the key, the value found and the remedy. This
+module converts TOML to the parts of a study, which check themselves, and adds the place in the file to their errors.
 """
 
 import re
 import tomllib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Protocol, runtime_checkable
@@ -14,10 +15,10 @@ import numpy as np
 
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.curves import read_curve, read_guide_points, read_markers
-from scan2flex_jax.study.declared import read_effects, read_unknowns
+from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import TOLERANCE
-from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance
+from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
 from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.study.values import Where
 
@@ -29,8 +30,8 @@ _POSE = (
     "repeat_of", "gravity", "time", "reset",
 )  # fmt: skip
 MOST_PARTS = 32
-"""Parts of a dotted key. A study's keys have three at most, and the time that tomllib takes grows with their square or cube."""
-# possessive, so that the search takes a time in proportion to the text
+"""Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
+# possessive, for a search in linear time
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\\\n]*+(?:\\.[^"\\\n]*+)*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_PART}[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}", re.MULTILINE)
 _FILES = ("centre_curve", "scan", "markers", "guide_points")
@@ -38,7 +39,7 @@ _FILES = ("centre_curve", "scan", "markers", "guide_points")
 
 @runtime_checkable
 class StudyFiles(Protocol):
-    """Where the files that a study names come from: a folder, or the memory that is about to be saved."""
+    """Source of the files named by a study: a folder, or the memory of a study about to be saved."""
 
     def curve(self, name: str, where: Where) -> MeasuredCurve:
         """The centre curve of this name."""
@@ -54,7 +55,7 @@ class StudyFiles(Protocol):
 
 
 class FolderFiles:
-    """The files in the folder of a study; `shown_folder` is the folder as the user named it."""
+    """The files in the folder of a study; `shown_folder` is the folder in the user's notation."""
 
     def __init__(self, folder: Path, shown_folder: Path):
         """Keep both."""
@@ -78,12 +79,27 @@ class FolderFiles:
         return read_guide_points(path, self._where(name)), path
 
     def scan(self, name: str, where: Where) -> Path:
-        """Only see that the file is there."""
+        """Check only that the file exists."""
         return existing(self.folder, name, where)
 
 
 def load_study(folder_or_toml: str | Path) -> Study:
-    """Read and check a study, given its folder or its `study.toml`; raises `StudyError`."""
+    """Read and check a study.
+
+    Args:
+        folder_or_toml: The folder of the study, or its `study.toml`.
+
+    Returns:
+        The checked study, with the curves and markers that it names.
+
+    Raises:
+        StudyError: An invalid input: file, key, the value found and the remedy.
+
+    Examples:
+        >>> from scan2flex_jax.examples import example_path
+        >>> [pose.name for pose in load_study(example_path("black-wire")).poses]
+        ['turn-0', 'turn-360']
+    """
     path = Path(folder_or_toml)
     try:
         if not path.exists():
@@ -117,7 +133,7 @@ def _parse(content: str, where: Where) -> dict[str, Any]:
 
 
 def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: StudyFiles) -> Study:
-    """The checked study that a TOML tree says; `where` is the file, `files` gives what it names."""
+    """The checked study of a TOML tree; `where` is the file, `files` provides the files it names."""
     given = data.get("format")
     if given != FORMAT:
         found = "it is missing" if given is None else f"got {v.shown(given)}"
@@ -131,16 +147,16 @@ def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: 
     study = replace(
         study,
         poses=_poses(data, where, files),
-        effects=read_effects(data.get("effect", []), where.at("effect")),
+        effects=_effects(data.get("effect", []), where.at("effect")),
     )
-    study = replace(study, unknowns=read_unknowns(study, data.get("unknown", {}), where.at("unknown")))
+    study = replace(study, unknowns=_unknowns(study, data.get("unknown", {}), where.at("unknown")))
     with where.placed({"curve": "centre_curve"}):
         check_study(study)
     return study
 
 
 def _tolerance(table: Any, where: Where) -> Tolerance:
-    """`[tolerance]`: standard deviations; each entry left out is exact."""
+    """`[tolerance]`: standard deviations; an omitted entry is exact."""
     table = v.sub_table(table, where, "[tolerance]")
     v.allow(table, TOLERANCE, where)
     with where.placed():
@@ -148,7 +164,7 @@ def _tolerance(table: Any, where: Where) -> Tolerance:
 
 
 def _poses(data: dict[str, Any], where: Where, files: StudyFiles) -> tuple[StudyPose, ...]:
-    """All `[[pose]]`, in the order in which they were measured."""
+    """All `[[pose]]`, in the order of measurement."""
     here = where.at("pose")
     entries = v.tables(v.required(data, "pose", where, "[[pose]] with its clamps and its shape"), here)
     for i, entry in enumerate(entries):
@@ -158,7 +174,7 @@ def _poses(data: dict[str, Any], where: Where, files: StudyFiles) -> tuple[Study
 
 
 def _pose(table: dict[str, Any], where: Where, files: StudyFiles) -> StudyPose:
-    """One `[[pose]]`."""
+    """One `[[pose]]` with the files that it names: centre curve, scan, markers, guide points."""
     v.allow(table, _POSE, where)
     v.required(table, "role", where, 'role = "fit" or role = "validate"')
     held = "start = { position = [x, y, z], quaternion = [w, x, y, z] }"
@@ -166,7 +182,15 @@ def _pose(table: dict[str, Any], where: Where, files: StudyFiles) -> StudyPose:
     given["start"] = _clamp(v.required(table, "start", where, held), where.at("start"))
     if "end" in table:
         given["end"] = _clamp(table["end"], where.at("end"))
-    given |= _shape(table, where, files)
+    names = {key: v.text(table[key], where.at(key)) for key in _FILES if key in table}
+    if "centre_curve" in names:
+        given["curve"] = files.curve(names["centre_curve"], where.at("centre_curve"))
+    if "scan" in names:
+        given["scan"] = files.scan(names["scan"], where.at("scan"))
+    if "markers" in names:
+        given["markers"] = files.markers(names["markers"], where.at("markers"))
+    if "guide_points" in names:
+        given["guide_points"], given["guide_points_path"] = files.guide_points(names["guide_points"], where.at("guide_points"))
     with where.placed():
         return StudyPose(**given)
 
@@ -180,17 +204,44 @@ def _clamp(table: Any, where: Where) -> Clamp:
         return Clamp(**table)
 
 
-def _shape(table: dict[str, Any], where: Where, files: StudyFiles) -> dict[str, Any]:
-    """What was measured of a pose: centre curve, scan, markers, guide points and their file."""
-    found: dict[str, Any] = {}
-    names = {key: v.text(table[key], where.at(key)) for key in _FILES if key in table}
-    if "centre_curve" in names:
-        found["curve"] = files.curve(names["centre_curve"], where.at("centre_curve"))
-    if "scan" in names:
-        found["scan"] = files.scan(names["scan"], where.at("scan"))
-    if "markers" in names:
-        found["markers"] = files.markers(names["markers"], where.at("markers"))
-    if "guide_points" in names:
-        points, path = files.guide_points(names["guide_points"], where.at("guide_points"))
-        found |= {"guide_points": points, "guide_points_path": path}
-    return found
+def _effects(entries: Any, where: Where) -> tuple[EffectDeclaration, ...]:
+    """All `[[effect]]`."""
+    effects = []
+    for i, table in enumerate(v.tables(entries, where)):
+        here = where.item(i + 1)
+        kind = v.required(table, "kind", here, 'kind = "point_mass"')
+        with here.placed():
+            given = {key: value for key, value in table.items() if key not in ("kind", "poses")}
+            effects.append(EffectDeclaration(kind, given, table.get("poses")))
+    return tuple(effects)
+
+
+def _unknowns(study: Study, table: Any, where: Where) -> tuple[Unknown, ...]:
+    """The tables under `[unknown]`, for the study declared above them in the file.
+
+    TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`.
+    """
+    unknowns: list[Unknown] = []
+    for name, body, here in _flat(v.sub_table(table, where, "[unknown.bending_stiffness]"), where):
+        check_name(name, study, here)
+        v.allow(body, ("guess", "range", "prior"), here)
+        bounds = body.get("range", [None, None])
+        if not isinstance(bounds, list) or len(bounds) != 2:
+            raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
+        with here.placed({"low": "range", "high": "range"}):
+            low, high = bounds
+            unknowns.append(Unknown(name, body.get("guess"), low, high, body.get("prior")))
+    return tuple(unknowns)
+
+
+def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
+    """Name, body and place of each unknown, with nested tables flattened."""
+    example = "[unknown.bending_stiffness]"
+    for name, entry in table.items():
+        here = where.at(name)
+        body = v.sub_table(entry, here, example)
+        if any(isinstance(value, dict) for key, value in body.items() if key != "prior"):
+            for parameter, inner in body.items():
+                yield f"{name}.{parameter}", v.sub_table(inner, here.at(parameter), example), here.at(parameter)
+        else:
+            yield name, body, here

@@ -1,7 +1,7 @@
-"""What the records of a study have in common: equality by content, and contents that do not change.
+"""Base of a study's records: equality by content, and immutable contents.
 
-A frozen dataclass whose arrays and dicts refuse changes stays as it was checked; `dataclasses.replace` makes a changed copy,
-which is checked anew.
+A frozen dataclass whose arrays and dicts refuse changes stays as checked; `dataclasses.replace` makes a changed copy,
+which is checked again.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,9 +17,9 @@ _Kind = TypeVar("_Kind")
 
 
 def converting(record: type[_Kind]) -> type[_Kind]:
-    """A dataclass whose `__post_init__` takes any values, and says in a sentence what it cannot use.
+    """A dataclass whose `__post_init__` takes any values, and rejects unusable ones with a sentence.
 
-    The annotations of its fields say what they hold then; checking arguments against them at run time would come too early.
+    Its annotations hold after conversion; a runtime check of the constructor's arguments against them would come too early.
     """
     no_type_check(record.__init__)
     return record
@@ -49,7 +49,7 @@ def same(a: Any, b: Any) -> bool:
 
 
 class ReadOnly(dict[str, Any]):
-    """A dict that is not changed in place, so that what was checked stays as it was."""
+    """A dict that cannot be changed in place, so that its contents stay as checked."""
 
     def _refuse(self, *_: object, **__: object) -> NoReturn:
         raise Scan2FlexError(
@@ -60,12 +60,12 @@ class ReadOnly(dict[str, Any]):
     __setitem__ = __delitem__ = __ior__ = update = pop = popitem = setdefault = clear = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickled as its contents: the usual way fills an empty dict."""
+        """Pickled by its contents: the default would fill an empty dict."""
         return type(self), (dict(self),)
 
 
 def read_only(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "..."]:
-    """A copy that cannot be written to."""
+    """A read-only copy."""
     array = np.array(array, dtype=np.float64)
     array.flags.writeable = False
     return array
@@ -77,7 +77,7 @@ def read_only_value(value: Any) -> Any:
 
 
 def keep(instance: Any, **values: Any) -> None:
-    """Set fields of a frozen dataclass while it is made."""
+    """Set fields of a frozen dataclass during construction."""
     for name, value in values.items():
         object.__setattr__(instance, name, value)
 

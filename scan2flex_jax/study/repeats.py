@@ -1,6 +1,6 @@
-"""Poses that were measured more than once: those that say so (`repeat_of`), and those with the same clamps, gravity and turns.
+"""Repeated poses: those marked by `repeat_of`, and those with the same clamps, gravity and turns.
 
-What repeats differ in is the sensor's noise and the cable's handling, whatever the model: it is the floor of every fit.
+Repeats differ by the sensor's noise and the cable's handling, independent of the model: a lower bound for every fit.
 """
 
 from itertools import combinations
@@ -9,11 +9,11 @@ import numpy as np
 
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 
-_SAME = 1e-9  # m, and of a quaternion: clamps are written down, not measured anew
+_SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measured again
 
 
 def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
-    """Groups of names of poses that are repeats of one another, in the order of the study."""
+    """Groups of names of repeated poses, in the order of the study."""
     groups: list[list[StudyPose]] = []
     for pose in study.poses:
         own = next((g for g in groups if any(_said(pose, other) or _alike(study, pose, other) for other in g)), None)
@@ -25,7 +25,7 @@ def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
 
 
 def repeat_sentences(study: Study) -> tuple[str, ...]:
-    """By how much the curves or markers of repeats differ, one sentence for each pair that can be compared."""
+    """Differences between curves or markers of repeats, one sentence for each comparable pair."""
     said, length = [], float(np.max(study.cable.get("length", np.inf)))
     for group in repeats(study):
         for a, b in combinations(map(study.pose, group), 2):
@@ -39,8 +39,8 @@ def repeat_sentences(study: Study) -> tuple[str, ...]:
 
 
 def difference(a: StudyPose, b: StudyPose) -> float | None:
-    """RMS distance (m) from the points of one pose to the curve through those of another, or between the same markers of both;
-    None where there is nothing to compare."""
+    """RMS distance (m) from the points of one pose to the curve of another, or between equal markers of both;
+    None if they cannot be compared."""
     if a.curve is not None and b.curve is not None:
         return float(np.sqrt(np.mean(_to_polyline(a.curve.points, b.curve.points) ** 2)))
     if a.markers is None or b.markers is None:
@@ -55,7 +55,7 @@ def _said(pose, other):
 
 
 def _alike(study, a, b):
-    """Whether two poses are held alike, and what acts in one acts in the other."""
+    """Whether two poses have the same supports and the same effects."""
     gravity = [study.gravity if p.gravity is None else p.gravity for p in (a, b)]
     acting = [[e.poses is None or p.name in e.poses for e in study.effects] for p in (a, b)]
     held = _same_clamp(a.start, b.start) and _same_clamp(a.end, b.end)

@@ -1,4 +1,4 @@
-"""Rotation matrices of frames, checked, and made into the format's quaternions.
+"""Checked rotation matrices, and their conversion to the format's quaternions.
 
 The columns of a rotation are d1, d2, d3 in the scan frame; a quaternion is [w, x, y, z].
 """
@@ -10,10 +10,10 @@ import numpy as np
 from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
 
 TRANSPORTED = 24
-"""Averaged points of a curve along which a frame is carried: more add noise."""
+"""Averaged points of a curve for transporting a frame: more add noise."""
 _TINY = 1e-12
 RIGID = 2e-3
-"""Entries of R'R - 1 that matrices printed with three digits leave."""
+"""Largest entries of R'R - 1 for matrices printed with three digits."""
 
 
 def checked_rotation(matrix: Any, where: Where) -> Annotated[np.ndarray, "3 3"]:
@@ -69,9 +69,9 @@ def rolled(quaternion: Annotated[np.ndarray, "4"], angle: float) -> Annotated[np
 def twist_along(
     points: Annotated[np.ndarray, "n 3"], start: Annotated[np.ndarray, "4"], end: Annotated[np.ndarray, "4"]
 ) -> float:
-    """Angle (rad, up to half a turn) about d3 between an end frame and the start frame carried along a curve without twist.
+    """Angle (rad, up to half a turn) about d3 between an end frame and the start frame transported along a curve without twist.
 
-    Without points the frame is turned from the one d3 to the other on the shortest way.
+    Without points the frame is rotated from one d3 to the other by the smallest rotation.
     """
     blocks = np.array_split(np.asarray(points), min(len(points), TRANSPORTED)) if len(points) else []
     chords = np.diff([block.mean(axis=0) for block in blocks], axis=0) if len(blocks) > 1 else np.zeros((0, 3))

@@ -1,10 +1,10 @@
-"""Files of scans and meshes: looked at first, then read by trimesh.
+"""Files of scans and meshes: surveyed first, then read by trimesh.
 
-What a file says of its size is compared with what is there before anything is read (`survey`), so that a file that is too
-large, cut short or empty is refused in one sentence and costs no memory. A packed file (.gz, or a .zip of one scan) is unpacked
-here, and counted while it is: what an archive says of itself may be wrong. trimesh gets the bytes of the one file: given
-a path, it follows what a file names (materials of an OBJ), out of the study's folder too, and writes its own faults to the
-screen.
+The size in a file's header is compared with its content before anything is read (`survey`), so that a file that is too
+large, truncated or empty is refused in one sentence without using memory. A packed file (.gz, or a .zip of one scan) is
+unpacked and counted here, since an archive's own size entry may be wrong. trimesh gets the bytes of the one file: given
+a path, it follows references to other files (materials of an OBJ), also out of the study's folder, and prints its own
+errors.
 """
 
 import gzip
@@ -21,14 +21,13 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.limits import Limit, scan_limit
 from scan2flex_jax.study.survey import KINDS, Survey, survey
 
-PACKED = (".gz", ".zip")
 _BLOCK = 1 << 20
 _ADVICE = "export it again, as PLY or XYZ."
 _NAMES = ", ".join(f".{kind}" for kind in KINDS)
 
 
 def load_geometry(path: Path) -> Any:
-    """The trimesh object in a file; raises `StudyError` for one that is not there, too large, cut short or empty."""
+    """The trimesh object in a file; raises `StudyError` for a missing, too large, truncated or empty one."""
     limit = scan_limit()
     try:
         if not path.is_file():
@@ -60,7 +59,7 @@ def _unpacked(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str,
 
 
 def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, Any]:
-    """The one scan in an archive: its name, and a stream of it."""
+    """The one scan in an archive: its name, and its stream."""
     try:
         archive = zipfile.ZipFile(stream)
         found = [m for m in archive.infolist() if Path(m.filename).suffix.lower().removeprefix(".") in KINDS]
@@ -73,7 +72,7 @@ def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str
 
 
 def _counted(path: Path, stream: Any, limit: Limit) -> io.BufferedIOBase:
-    """What a packed stream unpacks to, as long as that is no more than the limit."""
+    """The unpacked content of a stream, up to the limit."""
     data = io.BytesIO()
     try:
         while block := stream.read(_BLOCK):
@@ -91,7 +90,7 @@ def _check_bytes(path: Path, size: int, limit: Limit) -> None:
 
 
 def _check(path: Path, found: Survey, limit: Limit) -> None:
-    """Refuse what is too large, empty, or less than its own header says."""
+    """Refuse a file that is too large, empty, or shorter than its own header states."""
     if found.fault:
         raise StudyError(path, None, f"it cannot be read as a point cloud ({found.fault}): {_ADVICE}")
     if max(found.points, found.declared, found.faces) > limit.points:
@@ -123,7 +122,7 @@ def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
 
 
 def _table(data: io.BufferedIOBase) -> np.ndarray:
-    """The first three columns of a text, apart by blanks or commas (trimesh's reader takes ten times the memory)."""
+    """The first three columns of a text, separated by blanks or commas (trimesh's reader takes ten times the memory)."""
     text = io.TextIOWrapper(data, "utf-8-sig", errors="replace")  # type: ignore[type-var]  # any stream of bytes does
     first = next(line for line in text if line.strip() and not line.lstrip().startswith("#"))
     text.seek(0)
@@ -134,13 +133,13 @@ def _table(data: io.BufferedIOBase) -> np.ndarray:
 
 
 def unreadable(path: Path, fault: Exception) -> StudyError:
-    """One sentence for what a reader made of a broken file."""
+    """One sentence for a reader's exception on a broken file."""
     reason = " ".join(f"{type(fault).__name__} {fault}".split())[:140]
     return StudyError(path, None, f"it cannot be read as a point cloud ({reason}): {_ADVICE}")
 
 
 def scan_facts(path: Path) -> tuple[int, np.ndarray]:
-    """``(points, size)`` of a scan: how many it has, and the extents (3,) of their box in the unit of the file."""
+    """``(points, size)`` of a scan: the number of points, and the extents (3,) of their box in the unit of the file."""
     loaded = load_geometry(path)
     try:
         parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]

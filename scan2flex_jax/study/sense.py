@@ -1,7 +1,7 @@
-"""What the parts of a study must say together: enough is known, and cable, clamps and curves fit each other.
+"""Consistency of a study: enough is known, and cable, clamps and curves fit each other.
 
-`check_study` is called by everything that uses a study, whether it was read or made in memory. Limits are wide: they catch a
-wrong unit or a wrong frame, never a noisy scan. What is only doubtful is a warning of `check.describe`, not an error.
+Every user of a study calls `check_study`, whether it was read or made in memory. Limits are wide: they catch a
+wrong unit or a wrong frame, never a noisy scan. Doubts are warnings of `check.describe`, not errors.
 """
 
 from typing import Annotated, Literal
@@ -18,37 +18,37 @@ from scan2flex_jax.study.values import Where, shown, suggestion
 Purpose = Literal["fit", "predict", "extract"]
 
 SPAN_SLACK = 1.05
-"""Clamps further apart than this many L cannot be held by a cable that hardly stretches."""
+"""Clamps further apart than this many L are out of reach of a nearly inextensible cable."""
 CURVE_SLACK = 1.3
-"""A measured curve longer than this many L is no curve of this cable; noise and stretch stay far below."""
+"""Length of a measured curve over L, above which it is not of this cable; noise and stretch stay far below."""
 CURVE_LEAST = 1 / 300
-"""A measured curve shorter than this many L was written in another unit than L."""
+"""Length of a measured curve over L, below which its unit differs from that of L."""
 GUIDE_SLACK = 2.0
 """The same for guide points, which wander over the surface."""
 MARKER_SLACK = 0.1
-"""Of the arc length of the last marker: how far a marker may lie beyond the cable up to it, in a scan that is off."""
+"""Of the arc length of the last marker: largest distance of a marker beyond the taut cable, in a scan with errors."""
 THICK = 0.5
-"""A radius larger than this many L was written in another unit than L."""
+"""Radius over L, above which its unit differs from that of L."""
 STIFF_AXIAL = 1e3
-"""N. Below it a cable may stretch by more than SPAN_SLACK under everyday forces, and spans are not checked."""
+"""N. A cable of smaller axial stiffness may stretch by more than SPAN_SLACK in use, and spans are not checked."""
 ASTRAY, ALONG = 60.0, 30.0
-"""Degrees between clamps and the beginnings of their curves: no mounting is so far off, no bend beyond a clamp so sharp."""
+"""Degrees between clamps and the beginnings of their curves: beyond any error of mounting or bend at a clamp."""
 _NO_GRAVITY = 1e-9
-_ROUNDED = 1e-6  # of a length that was written with few digits
+_ROUNDED = 1e-6  # of a length written with few digits
 _FORCES = {
     "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
     "elastic_support": "stiffness", "distributed_load": "force",
 }  # fmt: skip
-"""Of effects whose size is a force, or a stiffness beside that of the cable: the parameter that tells it."""
+"""Parameter with the size of an effect that sets the scale of forces (a force, or a stiffness comparable to the cable's)."""
 _UNITS = ((300.0, 3000.0, "millimetres", 1000.0), (30.0, 300.0, "centimetres", 100.0))
 _EXACT = (("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 1 / 0.0254), ("feet", 1 / 0.3048))
-_SHORT, _LONG = 0.8, 1.1  # of one length over another that it is compared with: a curve may stop short of its clamps
+_SHORT, _LONG = 0.8, 1.1  # bounds for the ratio of two compared lengths: a curve may stop short of its clamps
 
 
 def check_study(study: Study, purpose: Purpose = "fit") -> None:
-    """Raise a `StudyError` for the first thing that does not fit.
+    """Raise a `StudyError` for the first inconsistency.
 
-    For the ``purpose`` "fit" every pose needs a measured shape; to "predict", only what is measured must fit the cable; to
+    For the ``purpose`` "fit" every pose needs a measured shape; to "predict", only given measurements must fit the cable; to
     "extract" centre curves, weight and stiffness of the cable may be missing too.
     """
     where = Where("Study")
@@ -68,7 +68,7 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
 
 
 def _check_pose(study: Study, pose: StudyPose, purpose: Purpose, reach: float | None, where: Where) -> None:
-    """A pose was measured, and its clamps and shapes are those of a cable that reaches so far (m)."""
+    """The pose is measured, and its clamps and shapes are consistent with a cable of this reach (m)."""
     if purpose == "fit" and pose.curve is None and pose.scan is None and pose.markers is None:
         raise where.fail("it has no shape: give it a centre curve, a scan, or markers.")
     if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
@@ -83,13 +83,13 @@ def _check_pose(study: Study, pose: StudyPose, purpose: Purpose, reach: float | 
 
 
 def _check_begin(curve: MeasuredCurve, where: Where) -> None:
-    """A measured arc length that starts at or after the start, up to what rounding and noise leave."""
+    """A measured arc length starts at or after the start, up to rounding and noise."""
     if curve.arc_length is not None and curve.arc_length[0] < -0.05 * (curve.arc_length[-1] - curve.arc_length[0]):
         raise where.fail(f"its s begins at {curve.arc_length[0]:g} m: count s from 0 at the start clamp.")
 
 
 def _check_markers(study: Study, pose: StudyPose, markers: Markers, where: Where) -> None:
-    """Markers lie on the cable, and no further from the start than it is long up to there."""
+    """Markers lie on the cable, and no further from the start than their arc length."""
     longest, s = longest_cable(study), markers.arc_length
     if longest is not None and s[-1] > longest * (1 + _ROUNDED):
         hint = unit_hint(s[-1] / longest)
@@ -105,7 +105,7 @@ def _check_markers(study: Study, pose: StudyPose, markers: Markers, where: Where
 
 
 def _check_cable(study: Study, where: Where, purpose: Purpose) -> None:
-    """What every study must know or ask for, and whether it can be a cable."""
+    """Every required parameter is given or unknown, and together they describe a cable."""
     needed = () if purpose == "extract" else ("length", "length_density", "bending_stiffness", "torsional_stiffness")
     for key in needed:
         if key not in study.cable and key not in study.unknown_names:
@@ -120,7 +120,7 @@ def _check_cable(study: Study, where: Where, purpose: Purpose) -> None:
 
 
 def _check_names(study: Study, where: Where) -> None:
-    """Every pose has a name of its own, and repeats another one, if any."""
+    """Pose names are unique, and repeats refer to another pose."""
     names: dict[str, int] = {}
     for i, pose in enumerate(study.poses):
         if names.setdefault(pose.name, i) != i:
@@ -138,7 +138,7 @@ def _check_roles(study: Study, where: Where) -> None:
 
 
 def _check_scale(study: Study, where: Where) -> None:
-    """Without gravity, shapes of an unloaded rod depend on ratios of stiffnesses alone."""
+    """Without gravity, shapes of an unloaded rod depend only on ratios of stiffnesses."""
     if any(_has_gravity(study, pose) for pose in study.fit_poses) or knows_a_force(study):
         return
     if not {"bending_stiffness", "torsional_stiffness"} <= set(study.unknown_names):
@@ -150,7 +150,7 @@ def _check_scale(study: Study, where: Where) -> None:
 
 
 def knows_a_force(study: Study) -> bool:
-    """Whether an effect of known size in a fitted pose sets the scale of forces, whatever the cable weighs."""
+    """Whether an effect of known size in a fitted pose sets the scale of forces, independent of the cable's weight."""
     for effect in study.effects:
         parameter = _FORCES.get(effect.kind)
         if parameter is None or f"{effect.kind}.{parameter}" in study.unknown_names:
@@ -167,7 +167,7 @@ def _has_gravity(study: Study, pose: StudyPose) -> bool:
 
 
 def _reach(study: Study) -> float | None:
-    """How far (m) the cable reaches when it is drawn straight; None when it may stretch, or no length is known."""
+    """Reach (m) of the straightened cable; None if it may stretch, or no length is known."""
     longest = longest_cable(study)
     said = "axial_stiffness" in study.cable or "axial_stiffness" in study.unknown_names
     axial = [study.known("axial_stiffness")] if said else []
@@ -188,37 +188,37 @@ def _reach(study: Study) -> float | None:
 
 
 def looks_like(ratio: float) -> tuple[str, float] | None:
-    """Which unit a length that is about `ratio` times too long was probably written in, and how many of it make a metre."""
+    """Probable unit of a length that is about `ratio` times too long, and how many of that unit make a metre."""
     return next(((unit, factor) for low, high, unit, factor in _UNITS if low < ratio < high), None)
 
 
 def unit_of(ratio: float) -> tuple[str, float] | None:
-    """The same of a length that ought to be equal to the one it is compared with, so that inches and feet can be told too."""
+    """The same for a length that should equal the compared one, which identifies inches and feet too."""
     return next(((unit, factor) for unit, factor in _EXACT if _SHORT < ratio / factor < _LONG), None)
 
 
 def unit_hint(ratio: float, equal: bool = False) -> str:
-    """What to do about a length that is `ratio` times too long; `equal`: over one that it ought to be equal to."""
+    """Advice for a length that is `ratio` times too long; `equal`: relative to one that it should equal."""
     unit = (unit_of(ratio) if equal else None) or looks_like(ratio)
     return "correct the length, the unit or the frame" if unit is None else f"it looks like {unit[0]}: divide by {unit[1]:.6g}"
 
 
 def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
-    """Two ends cannot be held further apart than the cable is long."""
+    """The two ends are no further apart than the cable is long."""
     if pose.end is None:
         return
     span = float(np.linalg.norm(pose.end.position - pose.start.position))
     slack = SPAN_SLACK * reach
     if span > slack:
         chord = reach if pose.curve is None else float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
-        measured = 0.0 < chord < reach  # a curve that fits the cable tells how far apart the ends ought to be
+        measured = 0.0 < chord < reach  # a curve that fits the cable gives the true distance of the ends
         hint = unit_hint(span / chord, equal=True) if measured else unit_hint(span / reach)
         said = f"the ends are {span:g} m apart, but the cable is at most {reach:g} m long"
         raise where.at("end.position").fail(f"{said}: {hint}.")
 
 
 def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) -> None:
-    """A measured curve is about as long as the cable, and lies where its clamps are."""
+    """A measured curve is about as long as the cable, and lies near its clamps."""
     if pose.guide_points is not None:
         guided = arc_length(pose.guide_points)
         if guided > GUIDE_SLACK * reach:
@@ -241,7 +241,7 @@ def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) ->
 
 
 def _check_frame(pose: StudyPose, reach: float, where: Where) -> None:
-    """No point of a cable lies further from where it is held than the cable is long."""
+    """No point of a cable lies further from its supports than the cable is long."""
     points = np.zeros((0, 3)) if pose.curve is None else pose.curve.points
     for end, clamp in (("start", pose.start), ("end", pose.end)):
         if clamp is None:
@@ -255,7 +255,7 @@ def _check_frame(pose: StudyPose, reach: float, where: Where) -> None:
 
 
 def _check_order(study: Study, where: Where) -> None:
-    """Quaternions with the scalar last: every clamp points along its curve when they are read so, and only then."""
+    """Detect quaternions with the scalar last: every clamp then points along its curve when read that way, and only then."""
     key = None
     for pose in study.poses:
         if pose.curve is None:

@@ -1,7 +1,7 @@
-"""What a scan holds, told from its header and its size or by counting its lines, before it is read.
+"""Size of a scan before reading, from its header and its length or by counting its lines.
 
-A survey takes a block of memory, whatever the file says. `points` are those that the file has room for, `declared` those that
-its header promises (the same, where the format has no header).
+A survey takes one block of memory, independent of the file. `points` is the number for which the file has room, `declared`
+the number in its header (the same for formats without a header).
 """
 
 import io
@@ -25,7 +25,7 @@ _PACKING = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 @dataclass(frozen=True)
 class Survey:
-    """Counts; `cut`: there are fewer faces than the header says; `fault`: why it cannot be told; `unit`: what points are."""
+    """Counts; `cut`: there are fewer faces than in the header; `fault`: reason for a failed survey; `unit`: of the points."""
 
     points: int = 0
     declared: int = 0
@@ -36,19 +36,19 @@ class Survey:
 
 
 def survey(kind: str, stream: io.BufferedIOBase, limit: Limit) -> Survey:
-    """What a file of a kind among `KINDS` holds; counting stops where the limit is passed."""
+    """Survey of a file of a kind among `KINDS`; counting stops at the limit."""
     size = stream.seek(0, 2)
     stream.seek(0)
     return KINDS[kind](stream, size, limit)
 
 
 def _lines(stream: io.BufferedIOBase) -> Iterator[bytes]:
-    """Lines that are not blank; of endless ones, pieces."""
+    """Non-blank lines; very long ones in pieces."""
     return (line for line in iter(lambda: stream.readline(_LONGEST_LINE), b"") if not line.isspace())
 
 
 def _count(lines: Iterator[bytes], most: int) -> int:
-    """How many there are, counted a little beyond `most`."""
+    """Number of lines, counted slightly beyond `most`."""
     return sum(1 for _ in itertools.islice(lines, most + 1))
 
 
@@ -134,7 +134,7 @@ def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
 
 
 def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]] | str:
-    """Whether a PLY is text, and the name, count and least bytes of its elements, in turn; or why there is no telling."""
+    """Whether a PLY is text, and the name, count and least bytes of its elements, in turn; or the reason of failure."""
     elements: list[tuple[str, int, int]] = []
     ascii_text = None
     for line in iter(lambda: stream.readline(_LONGEST_LINE), b""):
@@ -150,7 +150,7 @@ def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, i
                 return "an element of its header has no count"
             case ["property", *kind] if elements and kind:
                 name, number, least = elements[-1]
-                written = kind[1] if kind[0] == "list" and len(kind) > 1 else kind[0]  # of a list, its count is always there
+                written = kind[1] if kind[0] == "list" and len(kind) > 1 else kind[0]  # a list always has at least its count
                 elements[-1] = (name, number, least + _SIZES.get(written, 1))
         if stream.tell() > _HEADER:
             break
@@ -160,4 +160,4 @@ def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, i
 KINDS: dict[str, Callable[[io.BufferedIOBase, int, Limit], Survey]] = {
     "ply": _ply, "xyz": _xyz, "obj": _obj, "stl": _stl, "off": _off, "glb": _glb,
 }  # fmt: skip
-"""The kinds of scans that are read: those whose size can be told before."""
+"""The kinds of scans that are read: those whose size can be found before reading."""

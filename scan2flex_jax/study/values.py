@@ -1,8 +1,8 @@
-"""From untyped values, of a TOML file or of a notebook, to checked numbers, arrays and texts.
+"""Conversion of untyped values, from a TOML file or a notebook, to checked numbers, arrays and texts.
 
-Every function takes the value and the `Where` it stands at, and raises one `StudyError` that says what was got and what
-to do. Numbers come as Python's, NumPy's, JAX's or pandas'. A bool is never a number, NaN and infinity are refused, and so
-is anything beyond `LARGEST`.
+Every function takes the value and its place `Where`, and raises one `StudyError` with the value found and the
+remedy. Numbers may be Python's, NumPy's, JAX's or pandas'. A bool is never a number, and NaN, infinity and numbers
+above `LARGEST` are refused.
 """
 
 import difflib
@@ -19,9 +19,9 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.kinds import Domain, ParameterFormat
 
 LARGEST = 1e15
-"""Larger numbers are a fault in every unit of a study, and their squares and cubes would leave float64."""
+"""Larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64."""
 UNIT_TOLERANCE = 1e-3
-"""Quaternions and normals this close to length one are normalised: what four written digits leave."""
+"""Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
 
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother = 2, 6, 3, 60, 60
@@ -29,7 +29,7 @@ _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxoth
 
 @dataclass(frozen=True)
 class Where:
-    """A place in a study: the file as the user named it, or the object, and the key in it (None: all of it)."""
+    """A place in a study: the file in the user's notation, or the object, and the key in it (None: all of it)."""
 
     file: str
     key: str | None = None
@@ -49,9 +49,9 @@ class Where:
 
     @contextmanager
     def placed(self, names: Mapping[str, str | None] | None = None) -> Iterator[None]:
-        """Raise errors of an object that is made inside as errors of this place, with its key below this one.
+        """Re-raise errors of an object constructed inside as errors of this place, with its key below this one.
 
-        ``names`` translates the last part of the object's key into what the file calls it; None leaves that part out.
+        ``names`` maps the last part of the object's key to its name in the file; None omits that part.
         """
         try:
             yield
@@ -64,7 +64,7 @@ class Where:
 
 
 def one_line(text: str, longest: int = 80) -> str:
-    """`text` fit for a message: no line breaks or control characters, not too long."""
+    """`text` for a message: no line breaks or control characters, not too long."""
     if len(text) <= longest and text.isprintable():
         return text
     text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: longest + 1])
@@ -72,7 +72,7 @@ def one_line(text: str, longest: int = 80) -> str:
 
 
 def shown(value: Any) -> str:
-    """A short, one-line picture of any value."""
+    """A short, one-line representation of any value."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, int) and abs(value) > LARGEST:
@@ -96,7 +96,7 @@ def allow(table: dict[str, Any], names: Iterable[str], where: Where) -> None:
 
 
 def required(table: dict[str, Any], name: str, where: Where, example: str) -> Any:
-    """The value of a key that must be there."""
+    """The value of a required key."""
     if name not in table:
         raise where.at(name).fail(f"it is missing: write {example}.")
     return table[name]
@@ -138,26 +138,26 @@ def tables(value: Any, where: Where) -> list[dict[str, Any]]:
 
 
 def plain(value: Any) -> Any:
-    """Scalars and arrays of NumPy, JAX or pandas as Python's numbers and lists; whatever else as it is."""
+    """Scalars and arrays of NumPy, JAX or pandas as Python's numbers and lists; other values unchanged."""
     if isinstance(value, list | tuple):
         return [plain(entry) for entry in value]
     if not hasattr(value, "__array__"):
         return value
     try:
         return as_array(value).tolist()
-    except (TypeError, ValueError):  # what only looks like an array, such as a tracer of JAX
+    except (TypeError, ValueError):  # not really an array, such as a tracer of JAX
         return value
 
 
 def as_array(value: Any) -> Annotated[np.ndarray, "..."]:
-    """The array of an array-like; masked entries become NaN, which is refused later, and never what they hide."""
+    """The array of an array-like; masked entries become NaN, which is refused later, and never their hidden values."""
     if isinstance(value, np.ma.MaskedArray):
         value = np.where(np.ma.getmaskarray(value), np.nan, value.data)
     return np.asarray(value)
 
 
 def integer(value: Any, where: Where, largest: int) -> int:
-    """A whole number of at most `largest` in size."""
+    """A whole number of magnitude at most `largest`."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int):
         raise where.fail(f"got {shown(value)}: write a whole number, as in 0 or -1.")
@@ -181,7 +181,7 @@ def number(value: Any, where: Where) -> float:
 
 
 def _shape(value: Any, depth: int = 3) -> tuple[int, ...] | None:
-    """Shape of nested lists; None where they are ragged or deeper than any value of a study."""
+    """Shape of nested lists; None if they are ragged or deeper than any value of a study."""
     if not isinstance(value, list):
         return ()
     inner = {_shape(entry, depth - 1) for entry in value} if depth > 0 else set()
@@ -212,7 +212,7 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float 
 
 
 def any_array(value: Any, where: Where) -> float | Annotated[np.ndarray, "..."]:
-    """A number, or an array of numbers of whatever shape; what they may be is left to a later check."""
+    """A number, or an array of numbers of any shape; their domain is checked later."""
     value = plain(value)
     if _shape(value) is None:
         raise where.fail(f"got {shown(value)}: write a number, or a list of numbers.")
@@ -221,7 +221,7 @@ def any_array(value: Any, where: Where) -> float | Annotated[np.ndarray, "..."]:
 
 
 def _real(value: Any, where: Where) -> Any:
-    """Real numbers, infinite ones and NaN too."""
+    """Real numbers, including infinities and NaN."""
     if isinstance(value, list):
         return [_real(entry, where) for entry in value]
     return float(value) if isinstance(value, float) else number(value, where)
@@ -242,16 +242,16 @@ def rows(value: Any, where: Where) -> Annotated[np.ndarray, "n 3"]:
 
 
 def unit(value: Annotated[np.ndarray, " n"], where: Where, name: str) -> Annotated[np.ndarray, " n"]:
-    """The vector made exactly unit, where it is so within `UNIT_TOLERANCE`."""
+    """The vector normalised to unit length, if it is within `UNIT_TOLERANCE` of it."""
     length = float(np.linalg.norm(value))
     if abs(length - 1) > UNIT_TOLERANCE:
         raise where.fail(f"got {shown(value.tolist())} of length {length:.6g}: give a unit {name}.")
-    # A vector that is unit already keeps its digits, so that saving and loading changes nothing.
+    # A unit vector keeps its digits, so that saving and loading changes nothing.
     return value if abs(length - 1) < 4 * np.finfo(float).eps else value / length
 
 
 def check_domain(value: Any, domain: Domain, where: Where, longest: float | None = None) -> None:
-    """Refuse entries outside a domain; `longest` (m) is how far the cable may reach, None = not known."""
+    """Refuse entries outside a domain; `longest` (m) is the largest place on the cable, None if unknown."""
     lowest = float(np.min(value))
     if domain == "positive" and lowest <= 0:
         raise where.fail(f"got {lowest:g}: give a value above zero.")

@@ -1,8 +1,8 @@
-"""Mistakes that a study shows before any solve: by the ends of its curves, their tangents there, and their lengths.
+"""Mistakes visible before any solve: in the ends of the curves, their tangents there, and their lengths.
 
-A pose is *astray* where a curve ends far from its clamp, or leaves it far from d3. A hypothesis (`study.mistakes`) is named
-where it brings all astray poses back to their clamps and leads none astray: mistakes of all poses first, then those of one
-pose or two.
+A pose is *astray* if a curve ends far from its clamp, or leaves it far from d3. A hypothesis (`study.mistakes`) is reported
+if it brings all astray poses back to their clamps and leads none astray: mistakes of all poses first, then those of one
+or two poses.
 """
 
 from collections.abc import Iterator
@@ -17,15 +17,15 @@ from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import unit_of
 
-_GAP, _ANGLE = 0.1, 45.0  # of L, and degrees: a curve that is further from its clamp, or from d3, is astray
-_BACK = 0.5  # of both: a curve that is nearer has been brought back
-_SAME = 0.1  # by which lengths that are the same may differ, relatively: curves stop short of clamps
-_ARCH = 0.05  # of L: a curve whose mean lies this far above the line that gravity pulls it from stands against gravity
-_SCALES, _CLEAR = (0.01, 0.15), 0.35  # change of a scale that is said; gaps that it leaves, over those before
+_GAP, _ANGLE = 0.1, 45.0  # of L, and degrees: a curve is astray beyond this distance from its clamp, or this angle from d3
+_BACK = 0.5  # of both: a nearer curve has been brought back
+_SAME = 0.1  # relative difference of lengths that count as equal: curves stop short of clamps
+_ARCH = 0.05  # of L: a curve whose mean lies this far above its chord (free end: initial tangent) stands against gravity
+_SCALES, _CLEAR = (0.01, 0.15), 0.35  # reported changes of a scale; remaining gaps over those before
 
 
 def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
-    """The mistakes that need no solve, each with its study mended, those before it too; empty when nothing is astray."""
+    """The mistakes visible without a solve, each with the cumulatively corrected study; empty if no pose is astray."""
     found = tuple(_of_units(study))
     if found:
         return found
@@ -60,7 +60,7 @@ def _touched(after, before) -> set[str]:
 
 
 def _mends(mistake, study, astray, few=False) -> bool:
-    """Whether all astray poses are brought back (with ``few``: those that are changed), and no other is led astray."""
+    """Whether all astray poses are brought back (with ``few``: the changed ones), and no other is led astray."""
     changed = _touched(mistake.study, study)
     wanted = astray & changed if few else astray
     return bool(wanted) and all(_mended(study, mistake.study.pose(name)) for name in wanted | changed)
@@ -72,7 +72,7 @@ def _mended(study, pose) -> bool:
 
 
 def _off(study, pose) -> float:
-    """How far a pose's curve is from its clamps, in units of what counts as astray; 0 where nothing tells."""
+    """Distance of a pose's curve from its clamps, in units of the astray threshold; 0 if undefined."""
     facts, length = pose_facts(pose), study.known("length")
     if facts is None:
         return 0.0
@@ -83,7 +83,7 @@ def _off(study, pose) -> float:
 
 
 def stands(study: Study, pose: StudyPose) -> bool:
-    """Whether a curve rises against gravity: above the line between its ends, or above the line in which a free one begins."""
+    """Whether a curve rises against gravity: above its chord, or above the initial tangent of a cable with a free end."""
     gravity, length = study.gravity_in(pose), study.known("length")
     size = float(np.linalg.norm(gravity))
     if pose.curve is None or length is None or not size > 0:
@@ -95,7 +95,7 @@ def stands(study: Study, pose: StudyPose) -> bool:
 
 
 def _upward(study) -> Iterator[Mistake]:
-    """Gravity against which every curve rises."""
+    """Gravity whose direction makes every curve rise against it."""
     if study.poses and all(stands(study, pose) for pose in study.poses):
         mistake = next(mistakes.of_gravity(study), None)
         if mistake is not None:
@@ -104,7 +104,7 @@ def _upward(study) -> Iterator[Mistake]:
 
 
 def _of_units(study) -> Iterator[Mistake]:
-    """One of length, curves and clamps in another unit than the two others, with which their lengths agree."""
+    """One of length, curves and clamps in another unit than the two others, whose lengths agree."""
     length = study.known("length")
     curves = [pose for pose in study.poses if pose.curve is not None]
     if length is None or not curves:
@@ -127,7 +127,7 @@ def _of_units(study) -> Iterator[Mistake]:
 
 
 def _span_ratio(pose) -> float | None:
-    """Distance between the ends of a curve over that between its clamps."""
+    """Distance between the ends of a curve over that of its clamps."""
     if pose.end is None:
         return None
     span = float(np.linalg.norm(pose.end.position - pose.start.position))
@@ -136,7 +136,7 @@ def _span_ratio(pose) -> float | None:
 
 
 def scaled_curves(study: Study, factor: float) -> Study:
-    """The study with every curve times a factor, about the origin of the scan frame."""
+    """The study with every curve scaled about the origin of the scan frame."""
 
     def one(pose):
         if pose.curve is None:
@@ -148,7 +148,7 @@ def scaled_curves(study: Study, factor: float) -> Study:
 
 
 def scaled_clamps(study: Study, factor: float) -> Study:
-    """The study with the positions of all clamps times a factor, about the origin of the scan frame."""
+    """The study with the positions of all clamps scaled about the origin of the scan frame."""
 
     def one(clamp):
         return None if clamp is None else Clamp(factor * clamp.position, clamp.quaternion)
@@ -157,9 +157,9 @@ def scaled_clamps(study: Study, factor: float) -> Study:
 
 
 def scale_between(study: Study) -> Mistake | None:
-    """Curves that are larger or smaller than the clamps' positions by a few per cent; None where gaps show no common factor.
+    """Curves that are larger or smaller than the clamps' positions by a few per cent; None if gaps show no common factor.
 
-    Gaps count across d3 alone, since curves may stop short of their clamps. The cable's length tells which of the two is off.
+    Only gaps across d3 count, since curves may stop short of their clamps. The cable's length decides which of them is wrong.
     """
     length, poses = study.known("length"), [pose for pose in study.poses if pose.curve is not None]
     if length is None or not poses:
@@ -191,6 +191,6 @@ def _gap(clamp, point):
 
 
 def clamps_scaled(study: Study) -> tuple[Mistake, ...]:
-    """The scale of the clamps' positions, where it is off; that of the curves is an effect of the catalogue."""
+    """A wrong scale of the clamps' positions; that of the curves is an effect of the catalogue."""
     found = scale_between(study)
     return (found,) if found is not None and found.study.poses[0].curve is study.poses[0].curve else ()

@@ -1,8 +1,8 @@
-"""Write a study to a folder, so that `load_study` gives back an equal one and nothing of the user's is lost.
+"""Writing of a study to a folder, such that `load_study` returns an equal one and no user data is lost.
 
-What is saved is first read back in memory by the reader's own checks. Then come the files that the study names, each in
-one step, and `study.toml` last: at no time does it name a file that is not there. A file that would change is kept as
-NAME.bak; a file that says the same already, comments and all, is left as it is.
+The study is first read back in memory with the reader's own checks. Then the files that it names are written, each in
+one step, and `study.toml` last: it never names a missing file. A file that would change is kept as
+NAME.bak; a file with the same content, up to comments, is left unchanged.
 """
 
 import filecmp
@@ -15,7 +15,8 @@ import tomlkit
 from tomlkit.items import SingleKey
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.curves import checked_curve, checked_markers, checked_points
+from scan2flex_jax.study import arrays
+from scan2flex_jax.study.curves import checked_curve, checked_markers
 from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
@@ -26,7 +27,7 @@ Content = MeasuredCurve | Markers | Path | Annotated[np.ndarray, "k 3"]
 
 
 class NamedFiles:
-    """The files that a study will name: what each holds, under the path it gets inside the folder."""
+    """The files that a study will name: the content of each, under its path inside the folder."""
 
     def __init__(self, folder: Path | None):
         """`folder` is where the study was read from."""
@@ -34,7 +35,7 @@ class NamedFiles:
         self.contents: dict[str, Content] = {}
 
     def add(self, content: Content, path: Path | None, fallback: str) -> str:
-        """The name for `content`: the one it had inside its folder, or `fallback`, numbered where it is taken."""
+        """The name for `content`: its previous one inside the folder, or `fallback`, numbered if it is taken."""
         name = fallback if path is None else relative_name(self.folder, path).as_posix()
         stem, dot, ending = name.rpartition(".")
         number = 1
@@ -45,29 +46,29 @@ class NamedFiles:
         return name
 
     def _taken(self, name: str, content: Content) -> bool:
-        """Whether a name holds something else; case does not tell names apart on every system."""
+        """Whether a name has other content; case does not distinguish names on every system."""
         if name.lower() == STUDY_FILE:
             return True
         other = next((key for key in self.contents if key.lower() == name.lower()), None)
         return other is not None and not (other == name and _equal(self.contents[other], content))
 
     def curve(self, name: str, where: Where) -> MeasuredCurve:
-        """The centre curve of this name, checked as one that is read."""
+        """The centre curve of this name, checked like one that is read."""
         curve = _of_kind(self.contents[name], MeasuredCurve, where)
         return checked_curve(curve.points, curve.arc_length, curve.path, where)
 
     def markers(self, name: str, where: Where) -> Markers:
-        """The markers of this name, checked as those that are read."""
+        """The markers of this name, checked like those that are read."""
         markers = _of_kind(self.contents[name], Markers, where)
         return checked_markers(markers.points, markers.arc_length, markers.path, where)
 
     def guide_points(self, name: str, where: Where) -> tuple[Annotated[np.ndarray, "k 3"], Path | None]:
         """The guide points of this name."""
         points = _of_kind(self.contents[name], np.ndarray, where)
-        return checked_points(points, 2, where), None
+        return arrays.points(points, 2, where), None
 
     def scan(self, name: str, where: Where) -> Path:
-        """The scan to copy, which must still be there."""
+        """The scan to copy, which must still exist."""
         path = _of_kind(self.contents[name], Path, where)
         if not path.is_file():
             raise where.fail(f"the scan {one_line(str(path), 200)} is not there: put it back, or name another.")
@@ -75,7 +76,7 @@ class NamedFiles:
 
 
 def _of_kind(content: Any, kind: type[_Kind], where: Where) -> _Kind:
-    """Refuse one name for two things of a study."""
+    """Refuse one name for two kinds of content."""
     if not isinstance(content, kind):
         raise where.fail("the same file name stands for two things: give each its own.")
     return content
@@ -88,7 +89,21 @@ def _equal(a: Content, b: Content) -> bool:
 
 
 def save_study(study: Study, folder: str | Path) -> Path:
-    """Write `study` into `folder` and return the path of its `study.toml`; raises `StudyError`."""
+    """Write a study such that `load_study` returns an equal one.
+
+    Args:
+        study: The study; its curves and scans are written or copied too.
+        folder: Created if missing. A file that would change is kept as NAME.bak.
+
+    Returns:
+        The path of its `study.toml`.
+
+    Raises:
+        StudyError: The study cannot be read back, or the folder cannot be written.
+
+    Examples:
+        >>> save_study(fit(study).calibrated, "calibrated")  # doctest: +SKIP
+    """
     folder = Path(folder)
     toml = folder / STUDY_FILE
     files = NamedFiles(study.folder)
@@ -108,18 +123,18 @@ def save_study(study: Study, folder: str | Path) -> Path:
 
 
 def _put_toml(path: Path, study: Study, text: str) -> None:
-    """Write study.toml, unless the one there says the same."""
+    """Write study.toml, unless the existing one has the same content."""
     try:
         if path.exists() and load_study(path) == study:
             return
     except StudyError:
-        pass  # what is there is no study, and is kept in the backup
+        pass  # the existing file is no study, and is kept in the backup
     backup(path)
     write_atomic(path, text.encode("utf-8"))
 
 
 def _put_file(folder: Path, name: str, content: Content) -> None:
-    """Write a CSV or copy a scan, unless the file there says the same."""
+    """Write a CSV or copy a scan, unless the existing file has the same content."""
     path = inside(folder, name, Where(one_line(str(folder / name), 300)))
     if isinstance(content, Path):
         if path.exists() and (path.samefile(content) or filecmp.cmp(path, content, shallow=False)):
@@ -131,7 +146,7 @@ def _put_file(folder: Path, name: str, content: Content) -> None:
 
 
 def _holds(folder: Path, name: str, content: Content) -> bool:
-    """Whether the CSV in the folder reads as the same numbers."""
+    """Whether the CSV in the folder contains the same numbers."""
     files, where = FolderFiles(folder, folder), Where(name)
     try:
         found: Content
@@ -145,7 +160,7 @@ def _holds(folder: Path, name: str, content: Content) -> bool:
 
 
 def csv_text(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> str:
-    """The text of a CSV whose digits give back every number exactly."""
+    """The text of a CSV with all digits, so that every number is restored exactly."""
     header, table = "x,y,z", content
     if isinstance(content, MeasuredCurve | Markers):
         table = content.points
@@ -211,7 +226,7 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
 
 
 def _circumstances(pose: StudyPose) -> dict[str, Any]:
-    """Gravity, time and reset of a pose, where they were given."""
+    """Gravity, time and reset of a pose, if given."""
     table = {} if pose.gravity is None else {"gravity": _plain(pose.gravity)}
     table |= {} if pose.time is None else {"time": float(pose.time)}
     return {**table, "reset": True} if pose.reset else table
@@ -223,8 +238,8 @@ def _clamp(clamp: Clamp) -> dict[str, Any]:
 
 
 def render(tree: dict[str, Any], assumptions: tuple[str, ...] = ()) -> str:
-    """The TOML text of a study's tree, laid out as in the format: clamps on one line each. What is assumed of the cable
-    stands in a comment of its table."""
+    """The TOML text of a study's tree, in the layout of the format: clamps on one line each, and assumptions about the cable in
+    a comment of its table."""
     document = tomlkit.document()
     for key, value in tree.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):

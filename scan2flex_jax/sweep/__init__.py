@@ -1,4 +1,4 @@
-"""Sweeps: one function evaluated in many lanes, each with its own verdict, kept as it grows, as a labelled dataset.
+"""Sweeps: one function evaluated for many samples, each with its own status, stored as they come, as a labelled dataset.
 
     sweep(fits(study), grid(bending_stiffness=Axis(decades, "N m^2")), store="guesses")
     sweep(equilibria(scene, ("points",)), draws(tilt=Axis(tilts, "rad")))

@@ -1,4 +1,4 @@
-"""What a lane does to a study: other guesses, clamps that are turned, curves with noise."""
+"""Changes of a study per sample: other guesses, rotated clamps, curves with noise."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ _ENDS = ("start", "end")
 
 
 def guesses(study: Study, lane: dict) -> Study:
-    """The study with the lane's ``guess_NAME`` as the guess of each unknown NAME."""
+    """The study with the sample's ``guess_NAME`` as the guess of each unknown NAME."""
     given = {name.removeprefix("guess_"): x for name, x in lane.items() if name.startswith("guess_")}
     strangers = [name for name in lane if name.removeprefix("guess_") not in set(study.unknown_names) & given.keys()]
     if strangers:
@@ -23,11 +23,11 @@ def guesses(study: Study, lane: dict) -> Study:
 
 
 def turned(study: Study, turns: ArrayLike) -> Study:
-    """The study with its clamps turned by rotation vectors ``turns`` (poses, 2, 3), rad, in the clamps' own frames.
+    """The study with its clamps rotated by rotation vectors ``turns`` (poses, 2, 3), rad, in the clamps' own frames.
 
-    A ball joint or a free end has no orientation and stays as it is.
+    A ball joint or a free end has no orientation and is unchanged.
     """
-    turns = np.array(turns, float)  # a copy: scipy refuses what is read-only
+    turns = np.array(turns, float)  # a copy: scipy refuses read-only arrays
     if turns.shape != (len(study.poses), 2, 3):
         wanted = (len(study.poses), 2, 3)
         raise Scan2FlexError(f"turns have shape {turns.shape}: give {wanted}, a vector for each end of each pose")
@@ -45,9 +45,9 @@ def _turned(pose, *turns):
 
 
 def random_turns(count: int, poses: int, largest: float, seed: int = 0) -> np.ndarray:
-    """Rotation vectors (count, poses, 2, 3), rad: angles even in +-``largest`` about axes that point anywhere.
+    """Rotation vectors (count, poses, 2, 3), rad: angles uniform in +-``largest`` about isotropic axes.
 
-    About any one axis their standard deviation is ``largest / 3``.
+    The standard deviation about any one axis is ``largest / 3``.
     """
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=(count, poses, 2, 3))
@@ -55,7 +55,7 @@ def random_turns(count: int, poses: int, largest: float, seed: int = 0) -> np.nd
 
 
 def noisy(study: Study, noise: float, seed: int) -> Study:
-    """The study with white noise of ``noise`` (m) on every coordinate of its curves, stated as each pose's noise."""
+    """The study with white noise of ``noise`` (m) on every coordinate of its curves, also stated as each pose's noise."""
     rng, poses = np.random.default_rng(seed), []
     for pose in study.poses:
         if pose.curve is None and pose.markers is None:

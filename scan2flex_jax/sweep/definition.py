@@ -1,7 +1,14 @@
-"""What a sweep is: a fingerprint of everything that its numbers depend on, so that a store is never continued as another.
+"""The identity of a sweep: a fingerprint of all inputs of its numbers, so that a store is never continued as another sweep.
 
-`digest` follows arrays, containers, dataclasses and functions: a function's instructions, its constants, defaults, and the
-values that it refers to. Libraries count by their version.
+A key given by the caller with a hash of the arrays could not do this. The scene of `equilibria`, the change of `fits`, the
+function of a task and its quantities are the caller's own code, most often a cell of a notebook. If the caller edits that code,
+or a number from its closure or module, and runs the same line again, the key is unchanged: some samples of the store would
+belong to one model and the rest to another, without a trace. So `digest` follows functions too: their instructions,
+constants and defaults, and the values they refer to, through containers and dataclasses to the arrays.
+A file named by a `Path` is hashed by content, a library by version.
+
+Not covered: anything a function reads at run time, such as a file opened by name. Another version of Python compiles
+other instructions, but the version of Python is part of the definition anyway.
 """
 
 import dis
@@ -17,8 +24,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-import scan2flex_jax
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.version import __version__
 
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy")
 _COUNTED_BY_VERSION = {"scan2flex_jax", "jaxtyping", *LIBRARIES, *sys.stdlib_module_names} - {"__main__"}
@@ -27,8 +34,8 @@ _COMPUTING = ("geometry", "rod", "effects", "statics", "study", "scan", "fitting
 
 
 def versions() -> dict[str, str]:
-    """What computes: this package with its sources, the libraries, the interpreter and the kind of device."""
-    own = f"{scan2flex_jax.__version__}+{_sources()}"
+    """Versions of the computing parts: this package with its sources, the libraries, the interpreter and the kind of device."""
+    own = f"{__version__}+{_sources()}"
     libraries = {name: importlib.metadata.version(name) for name in LIBRARIES}
     python = ".".join(platform.python_version_tuple()[:2])
     return {"scan2flex_jax": own, **libraries, "python": python, "device": jax.default_backend()}
@@ -36,8 +43,8 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def _sources() -> str:
-    """A hash of the sources of this package that compute: a checkout changes under one version number."""
-    folder, h = Path(scan2flex_jax.__file__).parent, hashlib.sha256()
+    """A hash of the sources of this package that compute, since a checkout changes under one version number."""
+    folder, h = Path(__file__).parents[1], hashlib.sha256()
     for part in _COMPUTING:
         for path in sorted((folder / part).rglob("*.py")):
             h.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
@@ -45,7 +52,7 @@ def _sources() -> str:
 
 
 def digest(thing) -> str:
-    """A fingerprint of ``thing``, the same in every process; raises `Scan2FlexError` for what cannot be looked into."""
+    """A fingerprint of ``thing``, the same in every process; raises `Scan2FlexError` for an opaque object."""
     h = hashlib.sha256()
     for piece in _pieces(thing, ()):
         h.update(piece if isinstance(piece, bytes) else piece.encode())
@@ -54,7 +61,7 @@ def digest(thing) -> str:
 
 
 def _pieces(x, seen):
-    """Bytes and texts that tell ``x`` from others; ``seen`` holds what is being looked into already."""
+    """Bytes and texts that identify ``x``; ``seen`` holds the objects already visited."""
     if id(x) in seen:
         yield "again"
         return
@@ -79,7 +86,7 @@ def _pieces(x, seen):
 
 
 def _leaf(x) -> list | None:
-    """Pieces of what holds nothing else."""
+    """The pieces of an object without members, or None."""
     if isinstance(x, _PLAIN):
         return [f"{type(x).__name__}:{x!r}"]
     if isinstance(x, np.ndarray | np.generic | jax.Array):
@@ -109,11 +116,11 @@ def _callable_pieces(x, seen):
         yield from _pieces(x.__wrapped__, seen)
     else:
         what = type(x).__qualname__
-        raise Scan2FlexError(f"a sweep that is stored cannot tell what a {what} holds: pass it as numbers or as a dataclass")
+        raise Scan2FlexError(f"a stored sweep cannot identify the content of a {what}: pass it as numbers or as a dataclass")
 
 
 def _function_pieces(f, seen):
-    """Instructions and constants of a function, its defaults, and the values that it closes over or finds in its module."""
+    """Instructions and constants of a function, its defaults, and the values from its closure and its module."""
     yield from _code_pieces(f.__code__, seen)
     yield from _pieces((f.__defaults__, f.__kwdefaults__), seen)
     for cell in f.__closure__ or ():
@@ -134,6 +141,6 @@ def _code_pieces(code, seen):
 
 
 def _names(code) -> set[str]:
-    """Names that a function and those inside it may look up."""
+    """Names that a function and its inner functions may look up."""
     own = {i.argval for i in dis.get_instructions(code) if i.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
     return own.union(*(_names(c) for c in code.co_consts if isinstance(c, types.CodeType)))

@@ -1,4 +1,4 @@
-"""Equilibria as the task of a sweep: any parameter of the model, any pose, in every lane."""
+"""Equilibria as the task of a sweep: any parameter of the model, any pose, per sample."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from scan2flex_jax.sweep.task import Output, Traced
 
 
 class Scene(NamedTuple):
-    """What is solved in one lane; ``start`` and ``turns`` as in `equilibrium`."""
+    """The problem of one sample; ``start`` and ``turns`` as in `equilibrium`."""
 
     model: CableModel
     boundary: Boundary
@@ -23,7 +23,7 @@ class Scene(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """A number or array read off an equilibrium, declared once."""
+    """A number or array computed from an equilibrium, declared once."""
 
     of: Callable[[Equilibrium], object]
     output: Output
@@ -51,9 +51,9 @@ def equilibria(
     elements: int = DEFAULT_ELEMENTS,
     max_steps: int | None = None,
 ) -> Traced:
-    """A task that solves ``scene(lane)``, a `Scene` or ``(model, boundary)``, and keeps ``quantities`` of what it finds.
+    """A task that solves ``scene(lane)``, a `Scene` or ``(model, boundary)``, and keeps ``quantities`` of the equilibrium.
 
-    ``quantities`` are names of `QUANTITIES`, or a dictionary of your own. ``scene`` is traced: it sees arrays.
+    ``quantities`` are names of `QUANTITIES`, or a dictionary of your own. ``scene`` is traced: its arguments are arrays.
     """
     chosen = quantities if isinstance(quantities, dict) else {name: _standard(name) for name in quantities}
 

@@ -1,4 +1,4 @@
-"""Fits as the task of a sweep: from other guesses, with other clamps, noise or tolerances, in every lane."""
+"""Fits as the task of a sweep: from other guesses, with other clamps, noise or tolerances, per sample."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.sweep.changes import guesses
 from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output
 
-_NO_INFORMATION = np.inf  # where a fit gives no error bar: NaN is left to what has failed
+_NO_INFORMATION = np.inf  # of a fit without an error bar: NaN is reserved for failures
 
 
 def fits(
@@ -26,10 +26,10 @@ def fits(
     data: str = "auto",
     elements: int = FIT_ELEMENTS,
 ) -> Calls:
-    """A task that fits ``change(study, lane)``; without ``change`` a lane gives guesses: ``guess_bending_stiffness``, ...
+    """A task that fits ``change(study, lane)``; without ``change`` a sample gives guesses: ``guess_bending_stiffness``, ...
 
-    Outputs: each unknown in its own unit, its ``_std``, ``_low`` and ``_high`` (95 %; infinite where the fit gives no error
-    bar), ``rms`` and ``rms_validate`` (m; infinite where a validate pose could not be solved), ``cost``, ``equilibria``,
+    Outputs: each unknown in its own unit, its ``_std``, ``_low`` and ``_high`` (95 %; infinite for a fit without an error
+    bar), ``rms`` and ``rms_validate`` (m; infinite if a validation pose failed to solve), ``cost``, ``equilibria``,
     ``iterations``.
     """
     check_study(study)
@@ -47,7 +47,7 @@ def fits(
 
 
 def outcome(f) -> Outcome:
-    """The numbers of a `Fit` and its verdict; what it found is kept even where it did not converge."""
+    """The numbers of a `Fit` and its status; the estimates are kept even if it did not converge."""
     values = {}
     for name, e in f.estimates.items():
         bars = {"std": e.std, "low": e.low, "high": e.high}

@@ -1,6 +1,6 @@
-"""The result of a sweep as an xarray dataset: labelled dimensions, units on everything, the verdict of every lane.
+"""The result of a sweep as an xarray dataset: labelled dimensions, units on everything, the status of every sample.
 
-Lanes that were not run yet, or failed, are NaN and say so in `code` and `verdict`.
+Samples that failed or were not run yet are NaN, with the reason in `code` and `verdict`.
 """
 
 from typing import Any
@@ -16,7 +16,7 @@ _EMPTY = {"code": NOT_RUN, "verdict": SENTENCES[NOT_RUN], "stable": False, "step
 
 
 def xarray():
-    """The library, or one sentence on how to get it."""
+    """The library, or one sentence on its installation."""
     try:
         import xarray as library  # noqa: PLC0415  (an extra: only sweeps need it)
     except ImportError as error:
@@ -38,7 +38,7 @@ def skeleton(lanes: Lanes):
 
 
 def filled(bare, outputs: dict[str, Output], parts: list[tuple[np.ndarray, Batch]]):
-    """``bare`` with the lanes that have come back: ``parts`` are their places in the order of the lanes, and the batches."""
+    """``bare`` filled with finished samples: ``parts`` are their indices in the order of the samples, and the batches."""
     xr = xarray()
     dims = bare.attrs["dims"].split()
     sizes = tuple(bare.sizes[d] for d in dims)
@@ -55,7 +55,7 @@ def filled(bare, outputs: dict[str, Output], parts: list[tuple[np.ndarray, Batch
         elif not output.dims:
             x, own = np.full(count, np.nan), ()
         else:
-            continue  # no lane has told its size
+            continue  # no sample has set its shape
         _check_name(found, name)
         about = {"units": output.unit} | ({"long_name": output.label} if output.label else {})
         found[name] = ((*dims, *own), x.reshape(*sizes, *x.shape[1:]), about)
@@ -74,7 +74,7 @@ def _check_name(found, name):
 
 
 def failed(found: Any) -> dict[str, str]:
-    """Every lane that is not solved, by name, with its verdict in words."""
+    """Every sample that is not solved, by name, with its status in words."""
     dims = found.attrs["lane_dims"].split()
     codes, words = found["code"].transpose(*dims).values, found["verdict"].transpose(*dims).values
     out = {}

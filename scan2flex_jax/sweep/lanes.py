@@ -1,7 +1,7 @@
-"""The lanes of a sweep: which inputs vary, over which labelled axes, in which unit.
+"""The samples ("lanes") of a sweep: the varied inputs, over labelled axes, with units.
 
-A lane is one point: a dictionary from the name of each input to its value. `grid` makes every combination of its axes, one
-dimension each; `draws` takes row ``i`` of every column as lane ``i``, along a single dimension.
+A sample is a dictionary from the name of each input to its value. `grid` makes every combination of its axes, one
+dimension each; `draws` takes row ``i`` of every column as sample ``i``, along a single dimension.
 """
 
 from dataclasses import dataclass, field
@@ -34,7 +34,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Lanes:
-    """Lanes in the order of ``dims`` (last fastest): each input has one value, or row of values, per lane."""
+    """Samples in the order of ``dims`` (last fastest): each input has one value, or row of values, per sample."""
 
     dims: dict[str, int]
     inputs: dict[str, Axis]
@@ -42,15 +42,15 @@ class Lanes:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of samples."""
         return prod(self.dims.values())
 
     def take(self, which: int | slice | np.ndarray) -> dict[str, np.ndarray]:
-        """The inputs of some lanes, stacked."""
+        """The inputs of a subset of samples, stacked."""
         return {name: axis.values[which] for name, axis in self.inputs.items()}
 
     def name(self, i: int) -> str:
-        """How a lane is called: ``bending_stiffness=0.1, torsional_stiffness=10`` or ``draw=17``."""
+        """Name of a sample: ``bending_stiffness=0.1, torsional_stiffness=10`` or ``draw=17``."""
         places = np.unravel_index(i, tuple(self.dims.values()))
         at = zip(self.dims, places, strict=True)
         return ", ".join(f"{d}={self.coordinates[d].values[k]:g}" if d in self.coordinates else f"{d}={k}" for d, k in at)
@@ -70,7 +70,7 @@ def grid(**axes: Any) -> Lanes:
 
 
 def draws(dim: str = "draw", **columns: Any) -> Lanes:
-    """Lane ``i`` has row ``i`` of every column: ``draws(tilt=Axis(rng.normal(size=(1000, 2, 3)), "rad"))``."""
+    """Sample ``i`` has row ``i`` of every column: ``draws(tilt=Axis(rng.normal(size=(1000, 2, 3)), "rad"))``."""
     for name, axis in columns.items():
         _check(name, axis)
     counts = {len(axis.values) for axis in columns.values()}

@@ -1,8 +1,8 @@
-"""The sweep: lanes in chunks, of like cost together, each kept as soon as it is done; several processes share the chunks.
+"""The sweep: samples in chunks of similar cost, each stored as soon as it is done; several processes share the chunks.
 
-Lanes are independent, so processes need not talk to each other: process ``i`` of ``n`` takes every n-th chunk, and whoever is
-done goes on with what is still missing, from the back. A chunk that two have done is the same chunk twice. A process that is
-lost takes with it the chunk under way, and the others, or the next start, do that one again.
+Samples are independent, so processes need no communication: process ``i`` of ``n`` takes every n-th chunk, and a process that
+has finished continues with the missing chunks, from the back. A chunk computed twice is the same chunk. A lost process loses
+only its current chunk, which the others, or the next start, compute again.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,7 +24,7 @@ from scan2flex_jax.sweep.lanes import Lanes
 from scan2flex_jax.sweep.store import FORMAT, Memory, create
 from scan2flex_jax.sweep.task import FAULT, Calls, Traced, joined
 
-_IN_ONE_CALL = 16  # lanes on a CPU: starting a call costs a third of a solve, and few lanes are filled up
+_IN_ONE_CALL = 16  # samples on a CPU: starting a call costs a third of a solve, and small batches are padded
 
 
 def sweep(
@@ -40,16 +40,16 @@ def sweep(
     longest: float | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Any:
-    """Evaluate ``task`` in every lane; returns an `xarray.Dataset` over the lanes' dimensions, every lane with its verdict.
+    """Evaluate ``task`` for every sample; returns an `xarray.Dataset` over the samples' dimensions, with a status per sample.
 
-    ``store``: a folder in which each chunk of ``chunk`` lanes is kept once it is done; the same call goes on from there.
-    ``at_once``: lanes in one compiled call of a traced task, one after the other on a CPU and vectorised on other devices or
-    a ``mesh`` (left out: some on a CPU, one for each device of a CPU mesh, a whole chunk on other devices). ``cost``: expected
-    cost of a lane, a function of it or numbers; lanes of like cost share a chunk, the costly ones first. ``mesh``: from
-    `device_mesh`.
-    ``share``: ``(i, n)``, this process and how many share the store (left out: what `jax.distributed` says).
-    ``longest``: seconds after which no further chunk is begun; lanes that were not reached say so, and the same call goes on.
-    ``progress`` is called with a line of text after every chunk and now and then inside one.
+    ``store``: a folder that keeps each chunk of ``chunk`` samples once it is done; the same call continues from there.
+    ``at_once``: samples in one compiled call of a traced task, sequential on a CPU and vectorised on other devices or
+    a ``mesh`` (default: several on a CPU, one per device of a CPU mesh, a whole chunk on other devices). ``cost``: expected
+    cost of a sample, as a function of it or as numbers; samples of similar cost share a chunk, the expensive ones first.
+    ``mesh``: from `device_mesh`.
+    ``share``: ``(i, n)``, this process and the number of processes that share the store (default: from `jax.distributed`).
+    ``longest``: seconds after which no further chunk is started; samples not reached are marked, and the same call continues.
+    ``progress`` is called with a line of text after every chunk and occasionally inside one.
     """
     xarray()
     require_float64()
@@ -80,13 +80,13 @@ def sweep(
 
 
 def device_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
-    """This process's devices in a row, as a mesh that the solvers work on (their axes must be of type Auto)."""
+    """This process's devices in a row, as a mesh for the solvers (their axes must be of type Auto)."""
     devices = jax.local_devices() if devices is None else devices
     return jax.make_mesh((len(devices),), ("lane",), axis_types=(AxisType.Auto,), devices=devices)
 
 
 def _at_once(task, size, at_once, mesh) -> int:
-    """Lanes in one call, of a chunk of ``size``."""
+    """Samples per call, for a chunk of ``size``."""
     if mesh is not None:
         here = set(jax.local_devices())
         if len(mesh.axis_names) != 1 or mesh.axis_types != (AxisType.Auto,) or not set(mesh.devices.flat) <= here:
@@ -102,7 +102,7 @@ def _at_once(task, size, at_once, mesh) -> int:
 
 
 def _order(lanes, cost) -> np.ndarray:
-    """Places of the lanes, the costly ones first; as they are where nothing is known of their cost."""
+    """Indices of the samples, expensive ones first; in their own order without a cost."""
     if cost is None:
         return np.arange(lanes.count)
     if callable(cost):
@@ -118,7 +118,7 @@ def _plain(outputs):
 
 
 def _definition(task, lanes, size, at_once, order) -> dict:
-    """What the store must hold to be gone on with."""
+    """The definition that a store must hold to be continued."""
     parts = {name: digest(part) for name, part in task.parts().items()}
     parts |= {"lanes": digest((lanes.dims, lanes.inputs)), "order of lanes": digest(order), "lanes at once": str(at_once)}
     out = {"format": FORMAT, "chunk": size, "defined_by": parts, "versions": versions(), "outputs": _plain(task.outputs)}
@@ -126,7 +126,7 @@ def _definition(task, lanes, size, at_once, order) -> dict:
 
 
 def _mine(kept, i, n) -> Iterator[int]:
-    """Chunks to do, in turn: this process's own, then whatever is missing, from the back."""
+    """Chunks to do, in turn: this process's own, then the missing ones, from the back."""
     for k in range(i, kept.count, n):
         if k not in kept.done():
             yield k
@@ -148,7 +148,7 @@ def _chunk(task, lanes, count, at_once, mesh, tell):
 
 
 class _Progress:
-    """Lines on how far a sweep is, what failed, and how long it may still take."""
+    """Progress lines of a sweep: samples done, failures, and an estimate of the remaining time."""
 
     def __init__(self, kept, count, say):
         self.kept, self.count, self.say = kept, count, say

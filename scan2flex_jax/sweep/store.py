@@ -1,14 +1,14 @@
-"""Where a sweep is kept while it grows: one file for each chunk of lanes, each put there in one step.
+"""The store of a growing sweep: one file per chunk of samples, each written in one step.
 
-    definition.json    what the sweep is (fingerprints and versions), its outputs, and how lanes are cut into chunks
-    lanes.nc           the labelled inputs, and the order in which lanes are taken
-    chunk-00017.nc     the lanes of one chunk that is done
+    definition.json    the identity of the sweep (fingerprints and versions), its outputs, and the division into chunks
+    lanes.nc           the labelled inputs, and the order of the samples
+    chunk-00017.nc     the samples of one finished chunk
     sweep.nc           the whole, once every chunk is there
 
-The files are netCDF 3, which xarray reads and writes without a further library. Each one but `sweep.nc`, which is for others,
-ends with the SHA-256 of what stands before, and the definition holds its own: a store whose bytes have changed is not read. A
-chunk that is damaged counts as not done. A process that is killed leaves whole chunks only, and at most a file of its own
-whose name begins with a dot, which nobody reads.
+The files are netCDF 3, which xarray reads and writes without a further library. Each one except `sweep.nc`, which is meant for
+others, ends with the SHA-256 of its content, and the definition contains its own: a store whose bytes have changed is not
+read. A damaged chunk counts as missing. A killed process leaves only complete chunks, and at most one file of its own whose
+name begins with a dot, which is never read.
 """
 
 import contextlib
@@ -37,10 +37,10 @@ _CHUNK = re.compile(r"chunk-(\d+)\.nc")
 
 
 class Memory:
-    """The same without a folder: chunks live as long as the sweep."""
+    """The store in memory, without a folder: chunks live as long as the sweep."""
 
     def __init__(self, definition: dict, bare, order: np.ndarray):
-        """Nothing is done yet."""
+        """Start without chunks."""
         self.outputs = {name: Output(o["unit"], tuple(o["dims"]), o["label"]) for name, o in definition["outputs"].items()}
         self.bare, self.order, self.size = bare, order, definition["chunk"]
         self.kept: dict[int, Batch] = {}
@@ -51,11 +51,11 @@ class Memory:
         return -(-len(self.order) // self.size)
 
     def lanes(self, k: int) -> np.ndarray:
-        """Places of the lanes of chunk ``k``."""
+        """Indices of the samples of chunk ``k``."""
         return self.order[k * self.size : (k + 1) * self.size]
 
     def done(self) -> set[int]:
-        """Chunks that are there."""
+        """Chunks that exist."""
         return set(self.kept)
 
     def put(self, k: int, batch: Batch) -> None:
@@ -63,11 +63,11 @@ class Memory:
         self.kept[k] = batch
 
     def get(self, k: int) -> Batch:
-        """A chunk that is there."""
+        """An existing chunk."""
         return self.kept[k]
 
     def dataset(self):
-        """What there is, as a dataset."""
+        """The existing chunks as a dataset."""
         return filled(self.bare, self.outputs, [(self.lanes(k), self.get(k)) for k in sorted(self.done())])
 
     def finish(self, found) -> None:
@@ -78,14 +78,14 @@ class Store(Memory):
     """Chunks in a folder that several processes and hosts may share."""
 
     def __init__(self, folder: Path, definition: dict, bare, order: np.ndarray, *, going_on: bool = False):
-        """The folder's own sweep, as `create` or `open_sweep` found it; one that is `going_on` mends what is damaged."""
+        """The folder's own sweep, from `create` or `open_sweep`; if it is `going_on`, damaged chunks are computed again."""
         super().__init__(definition, bare, order)
         self.folder, self.definition, self.going_on = folder, definition, going_on
         self._whole: set[int] = set()
         self._damaged: set[int] = set()
 
     def done(self) -> set[int]:
-        """Chunks that are there. Where the sweep goes on, a damaged one is said, and counts as not done."""
+        """Chunks that exist. If the sweep continues, a damaged one is reported, and counts as missing."""
         found = (_CHUNK.fullmatch(path.name) for path in self.folder.iterdir())
         there = {int(m[1]) for m in found if m}
         if not self.going_on:
@@ -125,7 +125,7 @@ class Store(Memory):
         return Batch(arrays, verdicts)
 
     def finish(self, found) -> None:
-        """Write the whole, if it is not there yet."""
+        """Write the whole dataset, unless it exists."""
         path = self.folder / "sweep.nc"
         if not path.exists():
             _write(path, found, check=False)
@@ -135,7 +135,7 @@ class Store(Memory):
 
 
 def create(folder: Path, definition: dict, bare, order: np.ndarray) -> Store:
-    """The store of this sweep in ``folder``: a new one, or the one that is there if it is the same sweep."""
+    """The store of this sweep in ``folder``: a new one, or the existing one if it is the same sweep."""
     folder = folder.resolve()
     if (folder / "definition.json").exists():
         with _told(folder / "definition.json", _ANEW):
@@ -153,7 +153,7 @@ def create(folder: Path, definition: dict, bare, order: np.ndarray) -> Store:
 
 
 def open_sweep(folder: str | Path) -> Any:
-    """The dataset of a stored sweep, done or still growing: lanes that are not there yet say "not run yet"."""
+    """The dataset of a stored sweep, complete or still growing: samples that are not there yet are marked "not run yet"."""
     folder = Path(folder).resolve()
     definition = _definition(folder)
     with _told(folder / "lanes.nc", _ANEW):
@@ -186,7 +186,7 @@ def _digest_of(definition: dict) -> str:
 
 
 def _same(folder, there, wanted):
-    """Refuse to go on with another sweep, and say what is different."""
+    """Refuse to continue another sweep, and report the difference."""
     for name, version in wanted["versions"].items():
         if there["versions"].get(name) != version:
             raise Scan2FlexError(
@@ -210,7 +210,7 @@ def _write(path, dataset, check=True):
 
 
 def _checked(path) -> bytes:
-    """The netCDF in a file, as it was written."""
+    """The netCDF in a file, with its checksum verified."""
     data, mark, digest = path.read_bytes().rpartition(_MARK)
     if not mark or digest.decode("ascii", errors="replace") != hashlib.sha256(data).hexdigest():
         raise Scan2FlexError(f"{path}: it is damaged (its checksum differs)")
@@ -227,11 +227,11 @@ def _load(path):
 
 @contextlib.contextmanager
 def _told(path, advice):
-    """One sentence for whatever a broken file does to those who read it."""
+    """One sentence for any exception that reading a broken file raises."""
     try:
         yield
     except Scan2FlexError:
         raise
-    except Exception as error:  # the library's reader fails in its own ways, far from the cause
+    except Exception as error:  # the library's reader raises various exceptions, far from the cause
         reason = " ".join(f"{type(error).__name__} {error}".split())[:120]
         raise Scan2FlexError(f"{path}: cannot be read ({reason}): {advice}") from error

@@ -1,9 +1,9 @@
-"""What a sweep does with a lane, and the verdict that every lane gets.
+"""The task of a sweep, and the status of every sample.
 
-Two kinds of task. `Calls`: a Python function of one lane, called for one lane after the other. `Traced`: a function that JAX
-can trace, evaluated for several lanes in one compiled call: one after the other on a CPU (`jax.lax.map`), where a
-vectorised batch, which runs to its slowest lane, measured no faster; vectorised (`jax.vmap`) on other devices and on a
-mesh. Whatever happens in a lane stays there: its verdict says what it was, its values are NaN.
+There are two kinds of task. `Calls`: a Python function of one sample, called for one sample after the other. `Traced`: a
+traceable function, evaluated for several samples in one compiled call: sequentially on a CPU (`jax.lax.map`), where a
+vectorised batch, which runs as long as its slowest sample, measured no faster; vectorised (`jax.vmap`) on other devices and
+on a mesh. A failure in a sample stays there: its status names the cause, its values are NaN.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ SENTENCES = OF_EQUILIBRIA | {
     REFUSED: "the input was refused",
     FAULT: "the function failed",
 }
-VERDICT = {  # of every lane: unit and what it says
+VERDICT = {  # of every sample: unit and label
     "code": ("-", "0 solved, else what went wrong"),
     "verdict": ("-", "the code in words"),
     "stable": ("-", "whether no direction lowers the energy"),
@@ -39,7 +39,7 @@ VERDICT = {  # of every lane: unit and what it says
 
 @dataclass(frozen=True)
 class Output:
-    """One quantity that a task gives for every lane: its unit, the names of its own dimensions, and a label."""
+    """One quantity that a task returns for every sample: its unit, the names of its own dimensions, and a label."""
 
     unit: str = "-"
     dims: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a function of a `Calls` task may return instead of its bare values: the values with their verdict."""
+    """Result of a `Calls` task with a status, instead of bare values."""
 
     values: dict
     code: int = SOLVED
@@ -60,7 +60,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Batch:
-    """Lanes that came back: their places, values and verdicts, stacked."""
+    """Finished samples: their indices, values and status, stacked."""
 
     values: dict[str, np.ndarray]
     verdicts: dict[str, np.ndarray]
@@ -68,7 +68,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Calls:
-    """``function(lane)`` gives a dictionary of ``outputs``, or an `Outcome`; what it raises becomes the lane's verdict."""
+    """``function(lane)`` returns a dictionary of ``outputs``, or an `Outcome`; an exception becomes the sample's status."""
 
     function: Callable
     outputs: dict[str, Output]
@@ -76,11 +76,11 @@ class Calls:
     chunk: int = 8
 
     def parts(self) -> dict[str, object]:
-        """What makes this task another one when it changes."""
+        """The parts that define this task."""
         return self.defined_by or {"function": self.function}
 
     def batches(self, lanes: dict, count: int, at_once: int, mesh: Mesh | None) -> Iterator[Batch]:
-        """One lane after the other."""
+        """One sample after the other."""
         if mesh is not None or at_once > 1:
             raise Scan2FlexError("a Python function takes one lane at a time: leave mesh and at_once out, start more processes")
         for i in range(count):
@@ -102,12 +102,12 @@ class Calls:
 
 
 class Traced:
-    """``function(lane)`` gives ``(values, Verdict)`` under tracing; see `equilibria`, which makes one."""
+    """``function(lane)`` returns ``(values, Verdict)`` under tracing; `equilibria` makes one."""
 
     chunk = 256
 
     def __init__(self, function: Callable, outputs: dict[str, Output], defined_by: dict[str, object] | None = None):
-        """Nothing is compiled yet."""
+        """Set up without compilation."""
         self.function, self.outputs, self.defined_by = function, outputs, defined_by or {}
         self._single, self._vectorised = compiled(function), compiled(jax.vmap(function))
 
@@ -117,11 +117,11 @@ class Traced:
         self._looped = compiled(looped)
 
     def parts(self) -> dict[str, object]:
-        """What makes this task another one when it changes."""
+        """The parts that define this task."""
         return self.defined_by or {"function": self.function}
 
     def batches(self, lanes: dict, count: int, at_once: int, mesh: Mesh | None) -> Iterator[Batch]:
-        """``at_once`` lanes in one call; the last batch is filled up with its last lane, so that one compilation serves."""
+        """``at_once`` samples per call; the last batch is padded with its last sample, so that one compilation serves."""
         loop = mesh is None and jax.default_backend() == "cpu"
         together = self._looped if loop else self._vectorised
         for first in range(0, count, at_once):
@@ -149,7 +149,7 @@ def _placed(lanes, mesh):
 
 
 def _batch(rows, code, stable, steps, out_of_balance, seconds, sentence=None) -> Batch:
-    """Stacked lanes; a solved lane with a NaN among its values is none."""
+    """Stacked samples; a solved sample with a NaN among its values counts as failed."""
     code = np.array(code, np.int32)
     rows = [{name: np.asarray(x, float) for name, x in row.items()} for row in rows]
     broken = np.array([any(np.any(np.isnan(x)) for x in row.values()) for row in rows])
@@ -168,13 +168,13 @@ def _batch(rows, code, stable, steps, out_of_balance, seconds, sentence=None) ->
 
 
 def stacked(rows) -> np.ndarray:
-    """Rows of one shape, NaN where there is none."""
+    """Rows of one shape, NaN for missing ones."""
     shape = next(row.shape for row in rows if row is not None)
     return np.stack([np.full(shape, np.nan) if row is None else row for row in rows])
 
 
 def joined(batches: list[Batch]) -> Batch:
-    """Batches one after the other; a quantity that no lane of a batch has is NaN there."""
+    """Batches one after the other; a quantity missing in a batch is NaN there."""
     shapes: dict[str, tuple[int, ...]] = {}
     for batch in batches:
         for name, x in batch.values.items():

@@ -1,18 +1,21 @@
-"""Places in the code that the documents name are there, and so are the commands and options that they show."""
+"""Places in the code that the documents name are there, and so are the commands, options and links that they show."""
 
 import ast
+import functools
 import re
-from pathlib import Path
 
 import pytest
+import typer
 from typer.main import get_command
+from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
+from tests.documents import DOCS, DOCUMENTS, ROOT, anchors, blocks, commands, name_of
 
-ROOT = Path(__file__).parents[2]
-THEORY = (ROOT / "docs" / "theory.md").read_text("utf-8")
+THEORY = (DOCS / "theory.md").read_text("utf-8")
 PLACES = re.findall(r"`([a-z_]+/[a-z_]+\.py)`((?:,? `[A-Za-z_]+`)*)", " ".join(THEORY.split()))
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PROGRAM = get_command(app).commands
+each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
 
 
 @pytest.mark.parametrize(("file", "names"), PLACES, ids=[f for f, _ in PLACES])
@@ -29,17 +32,51 @@ def test_the_page_names_its_sources():
         assert re.search(rf"Eqs?\. (?:\d+ and )?{equation}\b|Eq\. {equation}\b", THEORY), f"paper's Eq. {equation}"
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=[d.name for d in DOCUMENTS])
-def test_documents_show_commands_that_there_are(document):
-    commands = get_command(app).commands
-    for line in re.findall(r"^\s*(?:\.venv/bin/)?scan2flex ([a-z].*)$", document.read_text("utf-8"), re.MULTILINE):
-        name, *rest = line.split("#")[0].split()
-        assert name in commands, line
-        known = {option for parameter in commands[name].params for option in parameter.opts}
-        assert {word for word in rest if word.startswith("-")} <= known, line
+@pytest.fixture
+def parser(tmp_path, monkeypatch):
+    """The program with commands that parse and do nothing, in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    idle = typer.Typer(pretty_exceptions_enable=False)
+    for name, command in zip(PROGRAM, app.registered_commands, strict=True):
+        idle.command(name)(functools.wraps(command.callback)(lambda **given: None))
+    return lambda words: CliRunner().invoke(idle, words)
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=[d.name for d in DOCUMENTS])
+@each_document
+def test_documents_show_commands_that_the_program_accepts(document, parser):
+    for words in commands(document.read_text("utf-8")):
+        found = parser(words)
+        assert found.exit_code == 0, (words, found.exception or found.output)
+
+
+@pytest.mark.parametrize("wrong", ["fit", "fit a b", "fit a --mass 3", "fit a --elements many", "export a --to json", "fitt a"])
+def test_the_parser_refuses_what_the_program_refuses(wrong, parser):
+    assert parser(wrong.split()).exit_code == 2
+
+
+@each_document
+def test_commands_in_the_text_are_those_of_the_program(document):
+    assert set(re.findall(r"`scan2flex ([a-z]+)", document.read_text("utf-8"))) <= set(PROGRAM)
+
+
+@pytest.mark.parametrize("page", ["first-cable", "taking-poses", "missing-effects", "answers", "export", "scanning"])
+def test_options_in_the_text_are_those_of_the_program(page):
+    known = {option for command in PROGRAM.values() for p in command.params for option in p.opts}
+    named = {words.split()[0] for words in re.findall(r"`(--[a-z][^`\n]*)`", (DOCS / f"{page}.md").read_text("utf-8"))}
+    assert named <= known | {"--help"}
+
+
+@each_document
 def test_links_lead_somewhere(document):
-    for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text("utf-8")):
-        assert (document.parent / target).exists(), target
+    for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", document.read_text("utf-8")):
+        file = document.parent / target if target else document
+        assert file.exists(), target
+        assert not anchor or anchor in anchors(file.read_text("utf-8")), f"{target}#{anchor}"
+
+
+@each_document
+def test_python_in_the_documents_imports_names_that_there_are(document):
+    for code in blocks(document.read_text("utf-8"), "python"):
+        for node in ast.walk(ast.parse(code)):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("scan2flex_jax"):
+                exec(compile(ast.Module([node], []), name_of(document), "exec"), {})

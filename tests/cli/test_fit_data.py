@@ -60,4 +60,6 @@ def test_extract_writes_the_curve_and_says_whether_it_is_sure(folder, tmp_path):
     assert run.exit_code == 0, run.output
     (one,) = json.loads((tmp_path / "c.json").read_text()).values()
     assert one["sure"] and abs(one["arc_length"] / virtual.PTFE.length - 1.0) < 0.02
-    assert load_study(tmp_path / "s").poses[0].curve is not None
+    written = load_study(tmp_path / "s").poses[0].curve
+    assert written is not None
+    assert f"-> {written.path}" in run.output and f"written: {tmp_path / 's' / 'study.toml'}" in run.output

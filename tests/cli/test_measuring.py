@@ -142,7 +142,7 @@ def test_check_reads_the_scans(tmp_path):
     np.savetxt(tmp_path / "sag.xyz", curve())
     found = run("check", tmp_path, "--json", tmp_path / "check.json")
     assert found.exit_code == 0, found.exception
-    assert "sag: a scan of " in found.output
+    assert "sag.xyz, " in found.output and " points in a box of " in found.output
     held = json.loads((tmp_path / "check.json").read_text())["poses"]["sag"]["scan"]
     np.savetxt(tmp_path / "sag.xyz", 1e3 * np.loadtxt(tmp_path / "sag.xyz"))
     found = run("check", tmp_path, "--json", tmp_path / "again.json")

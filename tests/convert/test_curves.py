@@ -63,7 +63,7 @@ def test_arc_length_is_seen_by_its_header_or_its_numbers(tmp_path, header):
         (lines(np.column_stack([T[::-1], POINTS]), ","), None, None, "say what they are"),
         ("a,b,c\n" + lines(POINTS, ","), None, None, "names no x, y, z"),
         ("x_mm,y_mm,z_m\n" + lines(POINTS, ","), None, None, "several units"),
-        ("x_mm,y_mm,z_mm\n" + lines(POINTS, ","), "m", None, "it says mm"),
+        ("x_mm,y_mm,z_mm\n" + lines(POINTS, ","), "m", None, "it states mm"),
         (lines(POINTS, ",") + "1,2\n", None, None, "point 13.*3 numbers"),
         (lines(POINTS, ",") + "1,2,inf\n", None, None, "point 13.*finite"),
         (lines(POINTS[:1], ","), None, None, "at least 2"),

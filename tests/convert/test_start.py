@@ -110,7 +110,7 @@ def test_what_does_not_fit_is_one_sentence(folder, options, words):
 
 @pytest.mark.parametrize(("units", "hint"), [(None, "looks like millimetres"), ("cm", "or correct the length")])
 def test_a_forgotten_unit_is_named(folder, units, hint):
-    with pytest.raises(Scan2FlexError, match=f"aside-45.csv: read so, the curve is .* name the unit of the files.*{hint}"):
+    with pytest.raises(Scan2FlexError, match=f"aside-45.csv: in this unit the curve is .* name the unit of the files.*{hint}"):
         new_study(folder, measured_files(folder), clamps=None, units=units, **KNOWN)
 
 

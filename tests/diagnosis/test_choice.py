@@ -11,6 +11,7 @@ from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.sensitivity import Component
+from scan2flex_jax.diagnosis.settings import USUAL
 from scan2flex_jax.fitting.noise import Noise
 
 ERRORS = {  # mm, of four poses left out in turn
@@ -35,7 +36,7 @@ def best(monkeypatch):
     """`best_of` among models whose errors in poses left out are given."""
     monkeypatch.setattr(confirm, "left_out", lambda stage, r: 1e-3 * np.array(r.errors))
     monkeypatch.setattr(confirm, "scatter", lambda stage, r, k: r.scatter)
-    stage = SimpleNamespace(base=model(nats=0.0), bench=SimpleNamespace(poses=SimpleNamespace(count=4)))
+    stage = SimpleNamespace(base=model(nats=0.0), bench=SimpleNamespace(poses=SimpleNamespace(count=4)), settings=USUAL)
 
     def choose(*models):
         return best_of(stage, models, len(models[0].kinds)).kinds

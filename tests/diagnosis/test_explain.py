@@ -149,7 +149,7 @@ def test_an_effect_of_the_cable_is_alike_in_all_poses_and_one_of_a_pose_is_not(s
     column = white.J[white.rows[0], numbers.amplitudes(0)[0]]
     size = 12.0 / np.linalg.norm(column)  # the clip of the first pose alone, twelve standard errors heavier
     moved = replace(clip.search.best, shapes=[s._replace(residual=s.residual.copy()) for s in clip.search.best.shapes])
-    shift = white.factors[0] @ (size * column).reshape(-1, 2)
+    shift = white.metrics[0].factor @ (size * column).reshape(-1, 2)
     inside = np.flatnonzero(stage.bench.real[0])
     moved.shapes[0].residual[inside, :2] += shift
     assert confirm.constancy(stage, moved) < 0.01
@@ -172,7 +172,7 @@ def test_a_coarse_mesh_is_refined_before_anything_is_looked_for():
     assert gates.too_coarse(error, 1e-7, list("abcd"))
     found = explain(study("t001"), elements=8)
     assert found.gates["elements"] > 8
-    assert found.gates["mesh_error"] < gates.OF_NOISE * found.noise.total
+    assert found.gates["mesh_error"] < found.settings.mesh_share * found.noise.total
     assert found.verdict == "no missing effect"
 
 

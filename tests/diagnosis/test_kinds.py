@@ -22,7 +22,7 @@ from tests.effects import scene
 PACKAGE = Path(scan2flex_jax.__file__).parent
 KINDS = {*kind_names(), *DESCRIPTIVE_KINDS, "memory_set"} - set(CABLE)
 NOISE = Noise(1e-3, 1e-4, 0.05)
-STATED = {"study/kinds.py"}  # where kinds are declared
+STATED = {"study/kinds.py"}  # `[tolerance]` has keys of the same name
 OF_THE_FORMAT = {"study/declared.py", "study/sense.py"}  # what a study may say of single kinds, before any catalogue is read
 NAMES = [p.relative_to(PACKAGE).as_posix() for p in sorted(PACKAGE.rglob("*.py"))]
 FILES = [name for name in NAMES if not name.startswith("effects/") and name not in STATED | OF_THE_FORMAT]
@@ -62,10 +62,16 @@ def test_no_code_decides_by_the_name_of_a_kind_or_the_words_of_a_message(name):
 @pytest.fixture
 def own_table():
     """A kind of one's own that says of itself what `support_plane` says: contact with a plane."""
-    own = replace(entry_of("support_plane"), kind="own_table")
+    own = of_ones_own("own_table", "support_plane")
     _ADDED[own.kind] = own
     yield own
     del _ADDED[own.kind]
+
+
+def of_ones_own(kind, like, **changed):
+    """An entry of another name that says of itself what one of the package says."""
+    entry = entry_of(like)
+    return replace(entry, effect=type("Own", (entry.effect,), {"kind": kind}), **changed)
 
 
 def bench():
@@ -132,7 +138,7 @@ def test_amplitudes_of_ends_that_a_site_leaves_out_do_not_move():
 
 
 def test_ones_own_piece_of_a_field_names_nothing_beside_another_piece():
-    own = replace(entry_of("point_mass"), kind="own_sleeve")
+    own = of_ones_own("own_sleeve", "point_mass")
     _ADDED[own.kind] = own
     try:
         assert search.pieces(refitted("own_sleeve", "density_taper"))
@@ -149,7 +155,7 @@ def test_ones_own_piece_of_a_field_names_nothing_beside_another_piece():
 def test_what_always_gives_the_same_shapes_is_said_by_its_field():
     """The word "always" in a condition means nothing by itself."""
     same = (SameShapes("gravity", "where it is not always level"), SameShapes("length_density", "a scale", always=True))
-    own = replace(entry_of("uniform_load"), kind="own_wind", same_shapes=same)
+    own = of_ones_own("own_wind", "uniform_load", same_shapes=same)
     _ADDED[own.kind] = own
     try:
         assert search.outside(refitted("own_wind")) == ("length_density",)

@@ -28,3 +28,18 @@ def test_an_offset_of_each_pose_is_known_of_scans_and_smooth_noise_of_curves():
     assert scanned.noise.total == pytest.approx(scenes.NOISE, rel=0.1)
     assert measured.noise.total > 1.2 * scenes.NOISE
     assert stage.test(scanned).p_value > 0.05
+
+
+def test_a_pose_seen_from_one_side_has_a_noise_of_its_own_size():
+    """Four times the noise in one pose of four: known to the fit's law of it, and no alarm; its neighbours keep theirs."""
+    rng, study = np.random.default_rng(6), scenes.study(seed=7)
+    rough = study.poses[1]
+    rough = replace(rough, curve=MeasuredCurve(rough.curve.points + 15**0.5 * scenes.NOISE * rng.standard_normal((60, 3))))
+    poses = (study.poses[0], rough, *study.poses[2:])
+    base = run._base(replace(study, poses=poses, cable=study.cable | {"radius": RADIUS}), 40, silent, 0, False, None, True)
+    others = np.delete(base.signatures.scales, 1)
+    assert base.signatures.scales[1] / np.mean(others) == pytest.approx(4.0, rel=0.2)
+    assert np.ptp(others) < 0.3 * np.mean(others)
+    own = base.stage.noise.total * np.array(base.stage.law.scales)
+    assert np.mean(np.delete(own, 1)) == pytest.approx(scenes.NOISE, rel=0.15)
+    assert stage.test(base.stage).p_value > 0.05

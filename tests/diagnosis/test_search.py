@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from scan2flex_jax.diagnosis import DiagnosisSettings
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.sensitivity import Component
@@ -27,9 +29,10 @@ def refit(log_evidence, *kinds, log_marginal=0.0):
 def test_a_set_with_an_effect_too_many_gives_way_to_the_rest():
     """A second effect of no size may gain a nat by chance: it is no part of a tie, and no rival."""
     alone, more, other, pair = refit(159.2, "a"), refit(159.9, "b", "a"), refit(150.0, "b"), refit(170.0, "c", "a")
-    assert search._needed([alone, more, other]) == [alone, other]
-    assert search._needed([other, more]) == [other, more]  # nine nats: of this part it is needed
-    assert search._needed([alone, pair]) == [alone, pair]
+    stage = SimpleNamespace(settings=DiagnosisSettings())
+    assert search._needed(stage, [alone, more, other]) == [alone, other]
+    assert search._needed(stage, [other, more]) == [other, more]  # nine nats: of this part it is needed
+    assert search._needed(stage, [alone, pair]) == [alone, pair]
 
 
 @pytest.mark.parametrize(("kind", "candidates"), [("tether", 1), ("elastic_clamp", 3)])

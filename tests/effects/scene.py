@@ -65,7 +65,7 @@ CONTEXT = Context(
     1.0, 0.02, 0.015, 0.1 * float(jnp.linalg.norm(DOWN)), np.asarray(DOWN), (1.0, 6.0), (-0.4, -0.2),
     axial_stiffness=1.0e4, centre=np.array([0.3, 0.0, -0.2]), previous=ROWS,
 )  # fmt: skip
-SITES = {entry.kind: entry.sites(CONTEXT)[0 if entry.place == "clamps" else -5:][0] for entry in catalogue()}
+SITES = {entry.kind: entry.sites(CONTEXT)[0 if entry.effect.place == "clamps" else -5:][0] for entry in catalogue()}
 NO_AMPLITUDES = {entry.kind: jnp.zeros(len(entry.amplitudes)) for entry in catalogue()}
 
 

@@ -8,14 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax.effects import effect_of, parameters_of
-from scan2flex_jax.effects._registry import _CLASSES
-from scan2flex_jax.effects.catalogue import _ADDED, catalogue, entry_of
+from scan2flex_jax.effects import add_kind, effect_of, parameters_of
+from scan2flex_jax.effects.catalogue import _ADDED, _CLASSES, catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.model import CableModel, discretise
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.study import load_study, save_study
-from scan2flex_jax.study.kinds import _KINDS, KindFormat, ParameterFormat, kind_names
+from scan2flex_jax.study.kinds import _KINDS, kind_format, kind_names
 from scan2flex_jax.study.model import EffectDeclaration
 
 from . import scene
@@ -68,8 +67,15 @@ def test_it_is_known_everywhere(helical_set, tmp_path):
     np.testing.assert_array_equal(rods[0].section.natural, rods[1].section.natural)
 
 
-def test_a_name_that_is_taken_is_refused(helical_set):
-    from scan2flex_jax.effects.catalogue import add_kind
+def test_its_format_is_that_of_its_fields(helical_set):
+    form = kind_format("helical_set")
+    assert [(p.name, p.unit, p.shape, p.domain) for p in form.parameters] == [
+        ("curvature", "1/m", (2,), "any"), ("pitch", "m", (), "positive"),
+    ]  # fmt: skip
 
+
+def test_a_name_that_is_taken_is_refused(helical_set):
+    taken = type("Bend", (helical_set,), {"kind": "kink"})
     with pytest.raises(Scan2FlexError, match="taken"):
-        add_kind(helical_set, KindFormat("kink", "energy", (ParameterFormat("pitch", "m"),), "no"))
+        add_kind(replace(entry_of("helical_set"), effect=taken))
+    assert entry_of("kink").effect is not taken

@@ -12,7 +12,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.special import fresnel
 
-from scan2flex_jax.effects._span import bell_means, box_means, field_along, series_factor
+from scan2flex_jax.effects.spans import bell_means, box_means, field_along, series_factor
 from scan2flex_jax.effects.support_plane import CONTACT, ROUNDING
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.cable import Cable

@@ -122,6 +122,7 @@ def tilted_clamps():
     return pairs
 
 
+@pytest.mark.slow
 def test_tolerances_absorb_what_clamps_are_off(tilted_clamps):
     """Errors in units of the quoted standard error: as large as quoted with the tolerance, and no bias."""
     logs = np.array([[np.log(f[1].estimates[n].value / v) for n, v in TRUE.items()] for f in tilted_clamps])
@@ -132,6 +133,7 @@ def test_tolerances_absorb_what_clamps_are_off(tilted_clamps):
     assert np.all(np.abs(np.mean(z, axis=0)) < 3.5 / np.sqrt(len(z))), z
 
 
+@pytest.mark.slow
 def test_exact_clamps_would_be_overconfident(tilted_clamps):
     """The same shapes without the tolerance: residuals far above the noise, the estimate further off."""
     off = np.array([[abs(f.estimates["bending_stiffness"].value / scenes.EI - 1) for f in pair] for pair in tilted_clamps])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting import FitSettings, fit
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.fitting.statistics import unseen_spread
 from scan2flex_jax.study import Tolerance
@@ -34,13 +34,21 @@ def test_turned_clamps_of_a_new_pose_are_no_fault_of_the_model(turned):
     assert pose.rms > 1.5 * np.sqrt(2) * NOISE
     assert pose.spread > pose.rms / 3
     assert f.valid is True
-    assert f"{1e3 * pose.spread:.2f} mm" in f.sentences[-1]
+    assert f"{1e3 * pose.spread:.2g} mm" in f.sentences[-1]
 
 
 def test_without_the_tolerance_they_are(turned):
     f = fit(replace(turned, tolerance=scenes.EXACT))
     assert f.poses["unseen"].spread < f.poses["unseen"].rms / 3
     assert f.valid is False
+
+
+def test_belief_is_a_matter_of_settings_that_are_stored(turned):
+    f = fit(turned, settings=FitSettings(predicted=1e-3))
+    assert f.valid is False
+    assert FitSettings(**f.to_json()["settings"]) == f.settings == FitSettings(predicted=1e-3)
+    with pytest.raises(ValueError, match="predicted is -1"):
+        FitSettings(predicted=-1.0)
 
 
 def test_spread_adds_variances_and_leaves_out_what_is_not_determined():

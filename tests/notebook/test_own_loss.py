@@ -24,6 +24,7 @@ def ready(study):
     return residual_function(study, elements=ELEMENTS)
 
 
+@pytest.mark.slow
 def test_least_squares_of_optimistix_finds_what_fit_finds(study, ready):
     function, start = ready
     found = optx.least_squares(lambda x, _: function(x), optx.LevenbergMarquardt(1e-10, 1e-10), start, max_steps=40)

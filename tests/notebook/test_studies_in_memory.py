@@ -44,8 +44,8 @@ def test_the_study_of_these_tests_is_in_order():
     assert not [said for said in study_warnings(made()) if "tangent" in said or "than the cable" in said]
 
 
-def test_the_readme_runs_as_it_stands():
-    text = (Path(__file__).parents[2] / "README.md").read_text()
+def test_the_page_on_arrays_runs_as_it_stands():
+    text = (Path(__file__).parents[2] / "docs" / "python.md").read_text()
     code = next(block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "from_arrays" in block)
     space = {}
     exec(code, space)

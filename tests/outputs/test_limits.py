@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.kinect_picks import read_picks
 from scan2flex_jax.convert import read_foreign_curve
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan.kinect import read_picks
 from scan2flex_jax.study import load_study
 from scan2flex_jax.study.limits import VARIABLE, curve_limit, scan_limit
 from scan2flex_jax.study.scans import load_geometry, scan_facts

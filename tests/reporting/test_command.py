@@ -14,8 +14,6 @@ from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study, save_study
 from tests.reporting.scenes import explained
 
-pytest.importorskip("plotly", reason="the report needs the extra [report]")
-
 
 def run(*words):
     return CliRunner().invoke(app, [str(word) for word in words])
@@ -28,7 +26,8 @@ def test_report_of_the_fit_alone(fitted, tmp_path, monkeypatch):
     )
     assert found.exit_code == 0, found.exception
     text = (tmp_path / "r.html").read_text("utf-8")
-    assert "predicts the poses that it never saw" in text
+    assert "yes: validate poses are predicted to within the noise" in text
+    assert f"believe it?   {fitted.answer.belief}" in " ".join(found.output.split()).replace("believe it? ", "believe it?   ")
     assert "--no-explain" in text
     assert json.loads((tmp_path / "r.json").read_text())["estimates"]["bending_stiffness"]["value"] == pytest.approx(
         0.1, rel=1e-3
@@ -71,7 +70,7 @@ def test_a_pose_that_is_not_solved_ends_with_three(fitted, tmp_path, monkeypatch
     monkeypatch.setattr(sys.modules["scan2flex_jax.fitting"], "fit", lambda study, **options: lost)
     found = run("report", example_path("simulated-cable"), "-o", tmp_path / "r.html", "--no-explain")
     assert found.exit_code == 3
-    assert "a pose could not be solved" in (tmp_path / "r.html").read_text("utf-8")
+    assert "no: twist-90 could not be solved (lost)" in (tmp_path / "r.html").read_text("utf-8")
 
 
 def test_export_writes_the_cable_of_the_named_pose(fitted, tmp_path):

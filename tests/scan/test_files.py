@@ -9,7 +9,7 @@ import trimesh
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import extract, load_cloud, shapes, tube_mesh
 from scan2flex_jax.scan.cloud import MESH_SAMPLES, normals_at
-from scan2flex_jax.scan.coarse import axis_votes
+from scan2flex_jax.scan.coarse_curve import axis_votes
 from scan2flex_jax.study.scans import scan_facts
 from tests.outputs import scenes
 from tests.scan.truth import ends, errors

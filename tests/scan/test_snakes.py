@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan import minimise, shapes, snakes, spline
+from scan2flex_jax.scan import shapes, snakes, snakes_minimisers, spline
 
 RADIUS = 0.02
 
@@ -105,13 +105,13 @@ def test_the_gradient_is_that_of_finite_differences(transform):
 @pytest.mark.slow
 def test_all_methods_go_down_and_the_good_ones_agree():
     x0, base = problem()
-    out = {method: minimise.minimise_snakes(x0, base, method, 300) for method in ("least squares", "bfgs", "cg")}
+    out = {method: snakes_minimisers.minimise_snakes(x0, base, method, 300) for method in ("least squares", "bfgs", "cg")}
     best = min(one.energy for one in out.values())
     assert out["least squares"].converged
     for method, one in out.items():  # conjugate gradients with a simple line search end early
         assert one.energy < (1.3 if method == "cg" else 1.05) * best, method
-    numerical = minimise.minimise_snakes(x0, base, "cg numerical", 40)
-    automatic = minimise.minimise_snakes(x0, base, "cg", 40)
+    numerical = snakes_minimisers.minimise_snakes(x0, base, "cg numerical", 40)
+    automatic = snakes_minimisers.minimise_snakes(x0, base, "cg", 40)
     np.testing.assert_allclose(numerical.energy, automatic.energy, rtol=1e-3)
     assert numerical.evaluations > 50 * automatic.evaluations
 
@@ -119,4 +119,4 @@ def test_all_methods_go_down_and_the_good_ones_agree():
 def test_an_unknown_method_is_refused():
     x0, base = problem()
     with pytest.raises(Scan2FlexError, match="no method"):
-        minimise.minimise_snakes(x0, base, "simplex")
+        snakes_minimisers.minimise_snakes(x0, base, "simplex")

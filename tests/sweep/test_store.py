@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.sweep import Axis, Calls, Output, failed, grid, open_sweep, sweep
+from scan2flex_jax.sweep import Axis, Calls, Output, equilibria, failed, grid, open_sweep, sweep
 from scan2flex_jax.sweep.definition import digest
 
 from . import scenes
@@ -125,6 +125,18 @@ def test_another_sweep_is_refused(tmp_path, monkeypatch):
     refused(tmp_path / "s", task, lanes, f"made with jax {jax.__version__}, and this is 0.0")
 
 
+def test_edited_code_is_another_sweep_though_its_call_reads_the_same(tmp_path):
+    """The cell of a notebook with another number in it: no key and no array of the call says so."""
+
+    def task(tilt):
+        return equilibria(lambda lane: (lane["model"], lane["boundary"], tilt))
+
+    lanes = grid(x=Axis([1.0, 2.0], "m"))
+    sweep(task(0.1), lanes, store=tmp_path / "s", longest=-1.0)  # begun: no lane is solved
+    sweep(task(0.1), lanes, store=tmp_path / "s", longest=-1.0)
+    refused(tmp_path / "s", task(0.2), lanes, "its scene differ")
+
+
 def test_folders_that_hold_no_sweep(tmp_path):
     task, lanes = scenes.squares()
     (tmp_path / "other").mkdir()
@@ -220,5 +232,5 @@ def test_fingerprints_see_what_a_function_uses(monkeypatch):
     assert digest(scaled) != before
     assert digest(lambda x: x + 1) != digest(lambda x: x + 2)
     assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
-    with pytest.raises(Scan2FlexError, match="cannot tell what a Generator holds"):
+    with pytest.raises(Scan2FlexError, match="cannot identify the content of a Generator"):
         digest(np.random.default_rng(0))

@@ -1,0 +1,78 @@
+"""The answer that an explanation opens with: the estimates after, what they rest on, the error on unseen poses, the belief."""
+
+import numpy as np
+
+from scan2flex_jax.diagnosis import verdict
+from scan2flex_jax.fitting.answer import (
+    BAD,
+    FAIR,
+    GOOD,
+    Answer,
+    distance_in_words,
+    left_out_in_words,
+    rests_on,
+    rows_of,
+    warnings_of,
+)
+
+
+def answer_of(explanation) -> Answer:
+    """The answer of an `Explanation`."""
+    study, fitted = explanation.study, explanation.fit
+    tone, belief = _belief(explanation)
+    if fitted is None:
+        return Answer((), "", "", belief, tone, warnings_of(study))
+    rows = rows_of(fitted.study, explanation.estimates)
+    lost = [row.symbol for row in rows if not row.value]
+    belief += f"; {' and '.join(lost)} cannot be told from these poses" if lost and tone != BAD else ""
+    return Answer(
+        rows, rests_on(fitted.study, explanation.influence), _unseen(explanation), belief, tone, warnings_of(fitted.study)
+    )
+
+
+def _unseen(explanation):
+    """The error after on poses that had no part in it; without them, of each fitted pose predicted from the others."""
+    length, rms = explanation.fit.problem.length, explanation.rms("validate")
+    count = sum(p.role == "validate" for p in explanation.poses.values())
+    if count and np.isfinite(rms):
+        before = explanation.rms("validate", after=False)
+        was = f", {1e3 * before:.3g} mm before" if explanation.added and np.isfinite(before) else ""
+        return f"{distance_in_words(rms, length)}{was}, in {count} pose{'s' * (count > 1)} that the fit never saw"
+    if count:
+        return "not known: a validate pose could not be solved"
+    return left_out_in_words(explanation.rms_left_out(), length, len(explanation.poses))
+
+
+def found_in_words(explanation) -> str:
+    """The effects that were found, and those that are tied with them: ``kink or natural curvature``."""
+    kinds = [r.kind.replace("_", " ") for r in explanation.chosen]
+    rivals = [k.replace("_", " ") for r in explanation.chosen for k in r.tied_with]
+    rivals = [k for k in dict.fromkeys(rivals) if k not in kinds]
+    if explanation.verdict == verdict.TIE and not rivals:  # with a smooth field, or with an error of what the study states
+        rivals = ["something outside the catalogue"]
+    return " and ".join(kinds) + "".join(f" or {k}" for k in rivals)
+
+
+def _belief(explanation) -> tuple[str, str]:
+    """Tone and sentence: no, with care, or yes, each with its reason."""
+    unsolved = [name for name, p in explanation.poses.items() if not p.stable]
+    if explanation.mistakes:
+        return BAD, f"no: the input is likely mistaken: {explanation.mistakes[0]}"
+    if explanation.fit is None or explanation.verdict == verdict.UNSOLVED:
+        return BAD, "no: not in equilibrium, so that nothing is concluded"
+    if unsolved:
+        return BAD, f"no: {', '.join(unsolved)} could not be solved"
+    return _of_verdict(explanation)
+
+
+def _of_verdict(explanation):
+    found, fitted = found_in_words(explanation), explanation.fit
+    if explanation.verdict == verdict.NONE and fitted.valid is False:
+        return FAIR, f"with care: nothing is missing in the fitted poses, but {fitted.sentences[-1]}"
+    said = {
+        verdict.NONE: (GOOD, f"yes: the plain rod explains the shapes to within the noise (p = {explanation.p_value:.2g})"),
+        verdict.EXPLAINED: (GOOD, f"yes, with {found}: what is left beside it is noise"),
+        verdict.PARTLY: (FAIR, f"with care: {found} takes most of the error away, and what is left is more than noise"),
+        verdict.TIE: (FAIR, f"with care: {found} explain the shapes alike; the intervals hold for all of them"),
+    }
+    return said.get(explanation.verdict, (BAD, "no: something is missing, and no known effect explains it"))

@@ -1,0 +1,78 @@
+"""From a study to the cable in one pose: the equilibrium, and which effect brings what."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.effects.conversion import parameters_of
+from scan2flex_jax.effects.point_mass import PointMass
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.export.cable import GIVES, HungCable, features_of
+from scan2flex_jax.fitting.parameters import model_of
+from scan2flex_jax.prediction import settled
+from scan2flex_jax.rod.effect import Section, overriding
+from scan2flex_jax.rod.model import CableModel, Configuration, Rod
+from scan2flex_jax.statics.solve import Equilibrium
+from scan2flex_jax.study.model import Study, StudyPose
+
+_OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "node_potential")
+
+
+def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
+    """The cable of a study whose parameters are all known, hanging in one pose; raises `Scan2FlexError`."""
+    chosen = study.poses[0] if pose is None else study.pose(pose)
+    model = model_of(study, chosen)
+    e = settled(study, chosen, model, elements)
+    if not bool(e.verdict.solved):
+        raise Scan2FlexError(f"pose {chosen.name!r} could not be solved ({e.verdict.sentence()}): export another pose.")
+    return described(study, chosen, model, e.rod, e.configuration, _strain(e))
+
+
+def described(
+    study: Study, pose: StudyPose, model: CableModel, rod: Rod, configuration: Configuration, strain: float
+) -> HungCable:
+    """The numbers of a rod in a configuration; ``strain`` (-) bounds its stretch and shear."""
+    section, radius = rod.section, study.cable.get("radius")
+    r, R = map(np.asarray, configuration)
+    K, natural, density = map(np.asarray, (section.stiffness, section.natural, section.density))
+    return HungCable(
+        study.title, pose.name, float(rod.length), np.asarray(model.gravity), None if radius is None else float(radius),
+        K, natural, density, np.asarray(rod.node_s), r, R, np.asarray(rod.boundary.held), _beyond(model), study.assumed_rigid,
+        tuple((float(x.position), float(x.mass)) for x in model.effects if isinstance(x, PointMass)),
+        tuple(x.kind for x in model.effects if not any(overriding((x,), hook) for hook in _OF_THE_CABLE)),
+        tuple((x.kind, parameters_of(x, study.clamped_ends)) for x in model.effects),
+        strain, _sources(model, section),
+    )  # fmt: skip
+
+
+def _beyond(model: CableModel) -> tuple[str, ...]:
+    """Types of effects that are neither in the sections, nor in the supports, nor in what the scanner sees."""
+    hooks = ("strain_energy", "node_potential", "dead_load")
+    return tuple(dict.fromkeys(effect.kind for hook in hooks for effect in overriding(model.effects, hook)))
+
+
+def _strain(e: Equilibrium) -> float:
+    """Bound of the stretch and shear of the pose (-)."""
+    _, force, _ = e.section_forces()
+    softest = np.min(np.linalg.eigvalsh(np.asarray(e.rod.section.stiffness)[:, :3, :3]), axis=1)
+    return float(np.max(np.linalg.norm(np.asarray(force), axis=1) / softest))
+
+
+def _sources(model: CableModel, section: Section) -> dict[str, tuple[str, ...]]:
+    """Effect types by the feature that each brings to the sections of a straight, uniform, isotropic rod."""
+    K = jnp.mean(section.stiffness, axis=0)
+    diagonal = jnp.diag(jnp.stack([K[0, 0], K[0, 0], K[2, 2], K[3, 3], K[3, 3], K[5, 5]]))
+    bare = eqx.tree_at(
+        lambda x: (x.stiffness, x.natural, x.density), section,
+        (jnp.broadcast_to(diagonal, section.stiffness.shape), jnp.zeros_like(section.natural),
+         jnp.full_like(section.density, jnp.mean(section.density))),
+    )  # fmt: skip
+    brought: dict[str, list[str]] = {}
+    for effect in overriding(model.effects, "cable"):
+        if effect.cable(model.cable).axial_stiffness != model.cable.axial_stiffness:
+            brought.setdefault(GIVES, []).append(effect.kind)
+    for effect in overriding(model.effects, "section"):
+        changed = effect.section(bare, model.cable.length)
+        for feature in features_of(*map(np.asarray, (changed.stiffness, changed.natural, changed.density))):
+            brought.setdefault(feature, []).append(effect.kind)
+    return {feature: tuple(kinds) for feature, kinds in brought.items()}

@@ -1,0 +1,262 @@
+"""The answer first: estimates with relative intervals, what they rest on, the error on poses never seen, whether to believe it.
+
+A `Fit` and an `Explanation` give one each; the summary and the report open with it. Every figure in it is computed: the
+sensitivities to length and mass are those of `fitting.influence`.
+"""
+
+import textwrap
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.fitting.influence import STATED, Influence
+from scan2flex_jax.study.check import NO_VALIDATE, study_warnings
+from scan2flex_jax.study.model import Study
+
+GOOD, FAIR, BAD = "good", "fair", "bad"
+SYMBOLS = {
+    "bending_stiffness": "EI", "torsional_stiffness": "GJ", "axial_stiffness": "EA", "shear_stiffness": "GA",
+    "length_density": "rho A", "length": "L",
+}  # fmt: skip
+_WORDS = {"length": "length", "length_density": "mass"}
+_MOST = 6  # entries of one estimate that the answer shows: a field along the cable has its place in the details
+_WIDTH = 116  # columns of the answer on a terminal
+_SAME = 0.05  # relative: sensitivities that are said together
+
+
+@dataclass(frozen=True)
+class Row:
+    """One estimate in words: its ``name`` in the format, ``symbol``, ``value`` with unit, 95 % ``interval`` relative to it, and
+    what has to be known of it (``note``). ``value`` and ``interval`` are empty where the poses do not determine it."""
+
+    name: str
+    symbol: str
+    value: str
+    interval: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """``rows`` of the estimates, what they ``rest`` on, the error on ``unseen`` poses, whether to believe it (``belief``, with
+    its ``tone``: good, fair or bad), the ``warnings`` of `check`, and what else has to be read first (``doubts``)."""
+
+    rows: tuple[Row, ...]
+    rest: str
+    unseen: str
+    belief: str
+    tone: str
+    warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """In plain text."""
+        wide = max((len(row.symbol) for row in self.rows), default=0)
+        values = max((len(row.value) for row in self.rows), default=0)
+        spans = max((len(row.interval) for row in self.rows), default=0)
+        out = [f"  {r.symbol:<{wide}}  {r.value:<{values}}  {r.interval:<{spans}}  {r.note}".rstrip() for r in self.rows]
+        said = [("rests on", self.rest), ("unseen poses", self.unseen), ("believe it?", self.belief)]
+        said += [("", doubt) for doubt in self.doubts]
+        said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]
+        for label, text in said:
+            out += textwrap.wrap(
+                text, _WIDTH, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16, break_on_hyphens=False
+            )
+        return out
+
+
+def rows_of(study: Study, estimates: Mapping) -> tuple[Row, ...]:
+    """One row for each number of the estimates (`fitting.result.Estimate` by name), stiffnesses first."""
+    order = sorted(estimates, key=lambda name: list(SYMBOLS).index(name) if name in SYMBOLS else len(SYMBOLS))
+    return tuple(row for name in order for row in _rows(study, name, estimates[name]))
+
+
+def _rows(study, name, e):
+    values = np.ravel(e.value)
+    if len(values) > _MOST:
+        return
+    low, high = (np.full(len(values), np.nan) if x is None else np.ravel(x) for x in (e.low, e.high))
+    unit = "" if e.unit == "-" else f" {e.unit}"
+    for i, v in enumerate(values):
+        symbol, stated = symbol_of(name, i if np.ndim(e.value) else None), study.cable.get(name)
+        notes = [change_in_words(v, float(np.max(stated)))] if name == "length" and stated is not None else []
+        notes += ["at a bound of its range: widen the range, or question the model"] if e.at_bound else []
+        if not (e.identifiable and np.isfinite(low[i]) and np.isfinite(high[i])):
+            yield Row(name, symbol, "", "", "; ".join(["not determined by these poses", *notes]))
+            continue
+        digits = digits_of(v, low[i], high[i])
+        interval = f"({percent(low[i] / v - 1)} {percent(high[i] / v - 1)})"
+        if not low[i] * high[i] > 0:  # relative to a value that may be zero nothing is said
+            interval = f"({number(low[i], 3)} to {number(high[i], 3)})"
+        yield Row(name, symbol, f"{number(v, digits)}{unit}", interval, "; ".join(notes))
+
+
+def symbol_of(name: str, entry: int | None = None) -> str:
+    """The letters of a quantity, those of one entry of several with its number: EI, EI1, EI2."""
+    symbol = SYMBOLS.get(name, name.replace("_", " "))
+    if entry is None:
+        return symbol
+    return f"{symbol}{entry + 1}" if name in SYMBOLS else f"{symbol}[{entry}]"
+
+
+def change_in_words(value: float, stated: float) -> str:
+    """A value by its change from the stated one, where the value itself says little: ``+0.12 mm from the stated 1.2 m``."""
+    return f"{number(1e3 * (value - stated), 2, sign=True)} mm from the stated {stated:g} m"
+
+
+def digits_of(value: float, low: float, high: float, least: int = 3) -> int:
+    """Significant digits that show an interval: one of its width, ``least`` to nine in all."""
+    width = abs(high - low)
+    if not (np.isfinite(width) and width > 0 and value):
+        return least
+    return int(np.clip(1 + np.ceil(np.log10(abs(value) / width)), least, 9))
+
+
+def number(value: float, digits: int, sign: bool = False) -> str:
+    """``value`` to so many significant digits, none of them left out; with its sign."""
+    text = f"{value:{'+' if sign else ''}#.{digits}g}"
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa.rstrip('.')}{e}{exponent}"
+
+
+def percent(share: float) -> str:
+    """A relative change in per cent, to two digits and with its sign."""
+    if not np.isfinite(share):
+        return "unknown"
+    shown = np.format_float_positional(100.0 * share, precision=2, unique=False, fractional=False, trim="-", sign=True)
+    return f"{shown} %"
+
+
+def rests_on(study: Study, influence: Influence | None) -> str:
+    """Length and mass with their tolerances, and by how much each per cent of them moves the estimates."""
+    parts = [part for part in (_stated(study, name) for name in STATED) if part]
+    moved = [_sensitivity(study, name, influence) for name in (STATED[1], STATED[0])] if influence is not None else []
+    said = " and ".join(parts) or "neither a stated length nor a stated mass"
+    return ": ".join([said, *filter(None, ["; ".join(filter(None, moved))])])
+
+
+def _stated(study, name):
+    value, tolerance = study.known(name), getattr(study.tolerance, name)
+    if value is None:
+        return _elsewhere(study, name)
+    value, length = float(np.max(value)), study.known("length")
+    said = f"{_WORDS[name]} {value:.4g} m"
+    if name == "length_density":
+        said = f"mass per metre {value:.4g} kg/m" if length is None else f"mass {value * float(np.max(length)):.4g} kg"
+    known = f"+- {100 * tolerance / value:.2g} %, which is in the intervals" if tolerance else "taken as exact"
+    return f"{said} ({known})"
+
+
+def _elsewhere(study, name):
+    """A stated prior of an unknown length or mass per length."""
+    unknown = next((u for u in study.unknowns if u.name == name), None)
+    if unknown is None or unknown.prior is None:
+        return ""
+    mean, std = (float(np.max(unknown.prior[k])) for k in ("mean", "std"))
+    what = "length" if name == "length" else "mass per metre"
+    return f"{what} measured as {mean:.4g} +- {100 * std / mean:.2g} % (which is in the intervals)"
+
+
+def _sensitivity(study, name, influence):
+    """``1 % of mass is 1 % of EI and GJ``."""
+    if name not in influence.stated:
+        return ""
+    found = [
+        (_label(label), float(s))
+        for label, s, log in zip(influence.labels, influence.stated[name], influence.logs, strict=True)
+        if log and np.isfinite(s) and "." not in label
+    ]
+    groups: list[tuple[list[str], float]] = []
+    for symbol, s in found:
+        near = next((names for names, own in groups if abs(own - s) < _SAME * max(abs(own), abs(s), 0.1)), None)
+        if near is None:
+            groups.append(([symbol], s))
+        else:
+            near.append(symbol)
+    if not groups:
+        return ""
+    of = " (at this mass per metre)" if name == "length" and study.known("length_density") is not None else ""
+    return f"1 % of {_WORDS[name]}{of} is " + ", ".join(f"{s:.2g} % of {' and '.join(names)}" for names, s in groups)
+
+
+def _label(label: str) -> str:
+    name, bracket, entry = label.partition("[")
+    return symbol_of(name, int(entry.rstrip("]")) if bracket else None)
+
+
+def distance_in_words(rms: float, length: float) -> str:
+    """``0.43 mm RMS (0.036 % of the length)``."""
+    return f"{1e3 * rms:.3g} mm RMS ({percent(rms / length).lstrip('+')} of the length)"
+
+
+def warnings_of(study: Study) -> tuple[str, ...]:
+    """The warnings of `check`, without the one that the belief says in other words."""
+    return tuple(w for w in study_warnings(study) if w != NO_VALIDATE)
+
+
+def moved_in_words(influence: Influence | None, pose: str) -> str:
+    """By how much leaving out a pose moves the stiffnesses: ``EI -0.3 %, GJ +1.2 %``; empty for a pose that was not fitted."""
+    if influence is None or len(influence.poses) < 2:
+        return ""
+    changes, said = influence.of_pose(pose), []
+    for (label, change), log in zip(changes.items(), influence.logs, strict=False):
+        if log and "." not in label:
+            said.append(f"{_label(label)} {percent(change) if np.isfinite(change) else 'not determined'}")
+    return ", ".join(said)
+
+
+def answer_of(fit) -> Answer:
+    """The answer of a `Fit`."""
+    tone, belief = _belief(fit)
+    rows = rows_of(fit.study, fit.estimates)
+    lost = [row.symbol for row in rows if not row.value]
+    belief += f"; {' and '.join(lost)} cannot be told from these poses" if lost and tone != BAD else ""
+    beside = tuple(d for d in fit.doubts if d not in belief) if not fit.mistakes else ()
+    warnings = tuple(w for w in warnings_of(fit.study) if w not in beside)
+    return Answer(rows, rests_on(fit.study, fit.influence), _unseen(fit), belief, tone, warnings, beside)
+
+
+def _unseen(fit):
+    """The error on poses that had no part in the fit; without them, of each fitted pose predicted from the others."""
+    length, poses = fit.problem.length, [p for p in fit.poses.values() if p.role == "validate"]
+    rms = fit.rms("validate")
+    if poses and np.isfinite(rms):
+        return f"{distance_in_words(rms, length)} in {_count(len(poses))} that the fit never saw"
+    if poses:
+        return "not known: a validate pose could not be solved"
+    return left_out_in_words(None if fit.influence is None else fit.influence.rms(_points(fit)), length, len(fit.poses))
+
+
+def left_out_in_words(rms: float | None, length: float, poses: int) -> str:
+    """The error on poses left out in turn."""
+    if poses < 2:
+        return "not known: there is one pose only"
+    if rms is None or not np.isfinite(rms):
+        return "not known: left out in turn, some pose is not predicted by the others"
+    return f"{distance_in_words(rms, length)} in poses left out in turn, to first order"
+
+
+def _points(fit):
+    return [len(p.residual) for p in fit.poses.values() if p.role == "fit"]
+
+
+def _count(poses: int) -> str:
+    return f"{poses} pose{'s' * (poses > 1)}"
+
+
+def _belief(fit) -> tuple[str, str]:
+    """Tone and sentence: no, with care, or yes, each with its reason."""
+    unsolved = [name for name, p in fit.poses.items() if not p.stable]
+    if fit.mistakes:
+        return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
+    if unsolved:
+        return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
+    if not fit.believable:
+        return BAD, f"no: {fit.doubts[0]}"
+    judged = fit.sentences[-1]
+    if fit.valid is False:
+        return BAD, f"no: {judged}; `scan2flex explain` looks for what is missing"
+    if fit.doubts:
+        return FAIR, f"with care: {fit.doubts[0]}"
+    return (FAIR, f"with care: {judged}") if fit.valid is None else (GOOD, f"yes: {judged}")

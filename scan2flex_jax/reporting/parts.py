@@ -1,0 +1,251 @@
+"""The parts of the page, in their order: header with the answer, shapes, errors, what the model lacks, forces, and the rest."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from scan2flex_jax import plot
+from scan2flex_jax.diagnosis import Explanation
+from scan2flex_jax.diagnosis.answer import found_in_words
+from scan2flex_jax.diagnosis.result import parameter_in_words
+from scan2flex_jax.fitting import Fit
+from scan2flex_jax.reporting.contents import Contents
+from scan2flex_jax.reporting.figures import svg
+from scan2flex_jax.reporting.html import Html, Part, joined, section, table, tag
+
+_TOGETHER = 4  # poses up to which the lines of their errors can be told apart in one panel
+_PANEL = (4.0, 3.5)  # inches of a panel; several stand beside each other
+_WIDE = (4.8, 3.2)
+_RANKED = 8  # effects that the table shows
+_SHEET = ((6, "three"), (12, "four"))  # poses up to which the printed sheet has so many columns of panels; more: five
+_QUANTITIES = (
+    ("tension", "tension (N)"),
+    ("shear", "shear force (N)"),
+    ("bending", "bending moment (N m)"),
+    ("torque", "torque (N m)"),
+)
+
+
+def header(c: Contents) -> Html:
+    """The answer: estimates, what they rest on, the error on unseen poses, whether to believe it, the warnings of `check`."""
+    a = c.answer
+    values = [
+        tag("div", tag("b", row.symbol), tag("strong", row.value or "-"), tag("span", row.interval), tag("small", row.note),
+            class_="value") for row in a.rows
+    ]  # fmt: skip
+    said: list[Part] = [tag("p", a.belief, class_=f"verdict {a.tone}")]
+    said += [tag("p", tag("b", label), " ", text) for label, text in (("Rests on", a.rest), ("Unseen poses", a.unseen)) if text]
+    said += [tag("p", doubt, class_="fair") for doubt in a.doubts]
+    mistaken = c.explanation.mistakes if c.explanation else c.fit.mistakes if c.fit else ()
+    said += [tag("p", f"likely mistake: {mistake}", class_="bad") for mistake in mistaken]
+    if a.warnings:
+        said += [tag("p", tag("b", "Warnings of check")), tag("ul", (tag("li", warning) for warning in a.warnings))]
+    title = tag("h1", c.study.title or "A cable without a title")
+    return tag("header", title, tag("div", values, class_="values") if values else "", said, id="answer")
+
+
+def contents_list(sections: tuple[Html, ...]) -> Html:
+    """Links to the sections."""
+    found = [re.search(r'^<section id="([\w-]+)".*?><h2>(.*?)</h2>', part) for part in sections]
+    return tag("nav", (tag("a", Html(match[2]), href=f"#{match[1]}") for match in found if match))
+
+
+def shapes(c: Contents, found: Fit | Explanation) -> Html:
+    """One panel a pose: measured, modelled, and before; and the distances of every pose."""
+    columns = next((words for most, words in _SHEET if len(c.poses) <= most), "five")
+    panels = [_shape(c, found, p.name) for p in c.poses]
+    before = c.explanation is not None and c.fit is not None
+    head = ("pose", "role", "before (mm)", "RMS (mm)", "largest (mm)", "left out, before (mm)", "left out (mm)", "without it",
+            "")  # fmt: skip
+    rows = [
+        (p.name, p.role, mm(p.rms_before) if before else "", mm(p.rms), mm(p.worst),
+         mm(p.left_out_before) if before else "", mm(p.left_out) if before else "", p.without,
+         "" if p.stable else tag("span", "not solved", class_="bad"))
+        for p in c.poses
+    ]  # fmt: skip
+    said = "Poses with the role “validate” had no part in the fit."
+    said += " “Left out”: each fitted pose predicted from the others." if any(p.left_out for p in c.poses) else ""
+    moved = any(p.without for p in c.poses)
+    said += " “Without it”: by how much the stiffnesses move when the pose is left out, to first order." if moved else ""
+    return section(
+        "poses", "Shapes, measured and modelled", tag("div", panels, class_=f"grid {columns}"),
+        table(head, rows, range(2, 7)), tag("p", said, class_="soft"),
+    )  # fmt: skip
+
+
+def _shape(c, found, name):
+    if name in found.poses:
+        return _panel(lambda ax: plot.shapes(found, name, ax), f"shape of pose {name}")
+    return _panel(lambda ax: plot.measured(c.study, name, ax), f"shape of pose {name} as it was measured")
+
+
+def _panel(draw, alt: str, size: tuple[float, float] = _PANEL) -> Html:
+    return tag("figure", svg(draw, *size, alt))
+
+
+def errors(c: Contents, found: Fit | Explanation) -> Iterator[Html]:
+    """Errors along the cable: one panel, or one a pose."""
+    names = [p.name for p in c.poses if p.stable and p.name in found.poses]
+    if not names:
+        return
+    if len(names) <= _TOGETHER and len(names) == len(found.poses):
+        drawn = _panel(lambda ax: plot.errors(found, ax=ax), "errors of all poses along the cable", _WIDE)
+        yield section("errors", "Errors along the cable", drawn, class_="sheet")
+        return
+    top = 1.05e3 * max(float(np.nanmax(np.linalg.norm(found.poses[name].residual, axis=1))) for name in names)
+
+    def one(ax, name):
+        plot.errors(found, name, ax).set_ylim(0.0, max(top, ax.get_ylim()[1]))
+
+    panels = [_panel(lambda ax, name=name: one(ax, name), f"errors of pose {name}", (4.0, 2.6)) for name in names]
+    columns = next((words for most, words in _SHEET if len(names) <= most), "five")
+    yield section("errors", "Errors along the cable", tag("div", panels, class_=f"grid {columns}"), class_="sheet")
+
+
+def missing(c: Contents) -> Iterator[Html]:
+    """What the model lacks: the finding, the kinds with their evidence, residuals, and the load that all poses share."""
+    e = c.explanation
+    if e is None:
+        return
+    found = found_in_words(e)
+    said: list[Part] = [tag("p", tag("strong", f"{e.verdict}: {found}" if found else e.verdict))]
+    said += [tag("p", sentence) for sentence in e.sentences if not e.mistakes]
+    if e.settle:
+        said += [tag("p", "To settle it:"), tag("ul", (tag("li", sentence) for sentence in e.settle))]
+    if e.noise is not None and e.concluded:
+        said += [_ranking(e), _panel(lambda ax: plot.evidence(e, ax), "evidence of the effects", _WIDE)]
+    if e.noise is not None:
+        said.append(tag("div", _residuals(c, e), class_="screen"))
+    yield section("missing", "What the model lacks", said, class_="lacks")
+
+
+def _residuals(c: Contents, e: Explanation) -> Iterator[Html]:
+    """Residuals of every pose before and after, and the load that all poses share."""
+    names = [p.name for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
+    yield tag("h3", "Residual before and after")
+    panels = (_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names)
+    yield tag("div", panels, class_="grid")
+    if e.load is not None:
+        said = "Where something acts: the equivalent load that all poses share, with its 95 % band (it describes, it does not"
+        yield tag("h3", f"{said} name)")
+        yield _panel(lambda ax: plot.load(e, ax), "equivalent load along the cable", _WIDE)
+
+
+def _ranking(e: Explanation) -> Html:
+    study = e.fit.study if e.fit is not None else e.study
+
+    def words(r):
+        tied = f", tied with {', '.join(r.tied_with)}" if r.tied_with else ""
+        return f"{e.in_words(r)}{tied}".replace("tied, tied with", "tied with")
+
+    rows = [
+        (r.kind, f"{r.log_evidence:.1f}", f"{r.p_value:.3f}", words(r),
+         "; ".join(f"{name} {parameter_in_words(study, r.kind, name, value)}" for name, value in r.parameters.items()))
+        for r in e.ranking[:_RANKED]
+    ]  # fmt: skip
+    return table(("effect", "log evidence (nats)", "p", "verdict", "parameters"), rows, (1, 2))
+
+
+def forces(c: Contents) -> Iterator[Html]:
+    """Forces and moments along the cable, and what the supports exert."""
+    if c.sections:
+        values = {name: {v.name: (v.s, getattr(v, name)) for v in c.sections} for name, _ in _QUANTITIES}
+        panels = [
+            _panel(lambda ax, name=name, label=label: plot.along(values[name], label, ax), f"{label} along the cable")
+            for name, label in _QUANTITIES
+        ]
+        rows = [
+            (v.name, end, _vector(v.reaction_force[k]), number(float(np.linalg.norm(v.reaction_force[k])), 4),
+             _vector(v.reaction_moment[k]), number(float(np.linalg.norm(v.reaction_moment[k])), 4))
+            for v in c.sections for k, end in enumerate(("start", "end"))
+        ]  # fmt: skip
+        head = ("pose", "support", "force on the cable (N), scan frame", "size (N)", "moment (N m)", "size (N m)")
+        said = "Of the calibrated cable, with clamps and length as stated in the study. Tension is positive in a stretched"
+        text = tag("p", f"{said} cable, torque about the tangent.", class_="soft")
+        parts = (text, tag("div", panels, class_="grid"), table(head, rows, range(2, 6)), _unsolved(c))
+        yield section("sections", "Forces and moments along the cable", *parts, class_="screen")
+    elif c.unsolved:
+        yield section("sections", "Forces and moments along the cable", _unsolved(c), class_="screen")
+
+
+def _unsolved(c: Contents) -> Html:
+    return joined(tag("p", f"No forces for {sentence}", class_="fair") for sentence in c.unsolved)
+
+
+def next_pose(c: Contents) -> Iterator[Html]:
+    """What to scan next."""
+    if c.plan is None:
+        if c.explanation is None:
+            said = "What the model lacks and which pose to scan next were left out (--no-explain)."
+            yield section("next", "What to scan next", tag("p", said, class_="soft"), class_="screen")
+        return
+    pairs = list(c.plan.candidates[0].lead_now) if c.plan.candidates else []
+    head = ("pose", "gain for the parameters (nats)", *(f"{a} or {b} (nats)" for a, b in pairs), "")
+    rows = [("none more", "0.00", *(f"{c.plan.candidates[0].lead_now[p]:.1f}" for p in pairs), "")] if pairs else []
+    for k in c.plan.candidates:
+        rows.append((k.words, f"{k.parameters:.2f}", *(f"{k.settles.get(p, 0.0):.1f}" for p in pairs), k.note))
+    said = "The most telling pose first. A pair of rival effects is told apart by a lead of three nats or more."
+    found = table(head, rows, range(1, 1 + 1 + len(pairs)))
+    yield section("next", "What to scan next", found, tag("p", said, class_="soft"), class_="screen")
+
+
+def details(c: Contents) -> Iterator[Html]:
+    """Every estimate in full, the noise, all sentences, and correlations last."""
+    if not c.estimates and not c.sentences:
+        return
+    rows = [
+        (e.name, number(e.before, e.digits) if c.explanation else "", number(e.value, e.digits),
+         f"{number(e.low, e.digits)} to {number(e.high, e.digits)}" if e.low is not None else "none", e.unit,
+         "; ".join(["not determined by these poses"] * (not e.identifiable) + ["at a bound of its range"] * e.at_bound))
+        for e in c.estimates
+    ]  # fmt: skip
+    parts: list[Part] = []
+    if rows:
+        parts.append(table(("parameter", "before", "value", "95 % interval", "unit", ""), rows, (1, 2, 3)))
+        wide = " “Before” is the plain rod; after it, intervals hold for all effects that are tied." if c.explanation else ""
+        parts.append(tag("p", f"An interval holds when the model is right.{wide}{_noise(c)}", class_="soft"))
+    said = [sentence for sentence in c.sentences if c.explanation is None or sentence not in c.explanation.sentences]
+    parts += [tag("ul", (tag("li", sentence) for sentence in said))] if said else []
+    if c.fit and len(c.fit.labels) > 1:
+        width = 1.6 + 0.6 * len(c.fit.labels)
+        parts.append(tag("h3", f"Correlations{' in the plain fit' if c.explanation else ''}"))
+        parts.append(_panel(lambda ax: plot.correlations(c.fit, ax), "correlations of the estimates", (width, width)))
+    yield section("details", "Every estimate in full", parts, class_="screen")
+
+
+def _noise(c: Contents) -> str:
+    n = c.explanation.noise if c.explanation else c.fit.noise if c.fit else None
+    if n is None:
+        return ""
+    return f" Noise of one normal component: white {mm(n.white)} mm, correlated {mm(n.correlated)} mm over " \
+           f"{number(1e3 * n.correlation_length, 3)} mm."  # fmt: skip
+
+
+def again(c: Contents) -> Html:
+    """How to make the page again: command, versions, files."""
+    folder = "STUDY" if c.study.folder is None else shlex.quote(Path(c.study.folder).name)
+    only = "" if isinstance(c.explanation, Explanation) else " --no-explain"
+    command = f"scan2flex report {folder} -o report.html{only} --elements {c.elements}"
+    parts: list[Part] = [tag("pre", command), table(("library", "version"), c.versions)]
+    if c.inputs:
+        files = table(("file", "SHA-256"), [(name, tag("code", digest)) for name, digest in c.inputs])
+        parts.append(tag("details", tag("summary", "Files that were read (SHA-256)"), files))
+    parts.append(tag("details", tag("summary", "study.toml"), tag("pre", c.toml)))
+    return section("again", "Reproduction", parts, class_="screen")
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """So many significant digits; a dash for what is not known."""
+    return "-" if value is None or not np.isfinite(value) else f"{value:.{digits}g}"
+
+
+def mm(metres: float | None) -> str:
+    """Millimetres; a dash for what could not be had, nothing for what there is not."""
+    return "" if metres is None else "-" if not np.isfinite(metres) else plot.in_mm(metres)
+
+
+def _vector(values: np.ndarray) -> str:
+    return " ".join(number(float(v), 3) for v in values)

@@ -1,0 +1,174 @@
+"""What is said while a study is made: the mend that is meant, what was assumed, how much was scanned, where it was written."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scan2flex_jax.cli.app import app
+from scan2flex_jax.convert import measured, other_tangent
+from scan2flex_jax.convert.frames import clamp_of_matrix
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.study import Clamp, Study, Tolerance, describe, load_study, save_study, study_warnings
+from scan2flex_jax.study.check import assumptions
+from scan2flex_jax.study.rotations import columns
+
+AXES = ("x", "y", "z", "-x", "-y", "-z")
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words], env={"SCAN2FLEX_CACHE": "off"})
+
+
+def flanges(tangent):
+    """Frames of robots whose axis ``tangent`` points along the cable, as matrices under the names of the poses' ends."""
+    rows = []
+    for pose in load_study(example_path("simulated-cable")).poses:
+        for end in ("start", "end"):
+            clamp = getattr(pose, end)
+            M = np.eye(4)
+            along = columns(clamp_of_matrix(np.eye(4), tangent=tangent).quaternion)
+            M[:3, :3] = columns(clamp.quaternion) @ along.T
+            M[:3, 3] = clamp.position
+            rows += [f"{pose.name} {end}", *(" ".join(f"{v:.12g}" for v in row) for row in M)]
+    return "\n".join(rows) + "\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    made = tmp_path / "scans"
+    made.mkdir()
+    for pose in load_study(example_path("simulated-cable")).poses:
+        np.savetxt(made / f"{pose.name}.txt", pose.curve.points, fmt="%.9f")
+    return made
+
+
+def new(folder, frames, *more):
+    (folder.parent / "frames.txt").write_text(frames)
+    given = ("--length", "1000 +- 2 mm", "--mass", "200 +- 1 g", "--clamps", folder.parent / "frames.txt")
+    return run("new", folder, "--units", "m", *given, *more)
+
+
+@pytest.mark.parametrize(("meant", "given"), [("x", "z"), ("-y", "z"), ("-z", "z"), ("z", "x"), ("y", "-x")])
+def test_the_axis_that_was_meant_is_proposed(folder, meant, given):
+    found = new(folder, flanges(meant), f"--tangent={given}")
+    assert found.exit_code == 0, found.exception
+    said = re.search(r"the tangents are off by (\d+) degrees at every clamp: did you mean --tangent (\S+)\?", found.output)
+    assert said[2] == meant
+    assert float(said[1]) == pytest.approx(180 if meant.strip("-") == given.strip("-") else 90, abs=3)
+    assert "--tangent" in "".join(study_warnings(load_study(folder)))  # `check` says it too
+    (folder / "study.toml").unlink()
+    again = new(folder, flanges(meant), f"--tangent={meant}")
+    assert "did you mean" not in again.output
+    assert not [w for w in study_warnings(load_study(folder)) if "tangent" in w]
+
+
+@pytest.mark.parametrize("tangent", AXES)
+def test_axes_of_frames(tangent):
+    """The axis that leads along the cable, as the clamps made with another tangent have it, is the one that was meant."""
+    made = columns(clamp_of_matrix(np.eye(4), tangent=tangent).quaternion)
+    for k, name in enumerate("xyz"):
+        for sign in ("", "-"):
+            d = (-1.0 if sign else 1.0) * made[:, k]
+            meant = other_tangent(sign + name, tangent)
+            np.testing.assert_allclose(d, clamp_of_matrix(np.eye(4), tangent=meant).tangent, atol=1e-12)
+
+
+def test_what_was_assumed_is_said_and_what_was_measured_is_written(folder):
+    found = new(folder, flanges("z"))
+    assert "assumed: gravity is 0, 0, -9.81 m/s^2" in found.output
+    assert "assumed: the cable leaves each frame along its z axis" in found.output
+    study = load_study(folder)
+    assert study.tolerance == Tolerance(length=0.002, length_density=0.001)
+    for said in assumptions(study):
+        assert said in found.output
+    assert any("straight when nothing bends it" in said for said in assumptions(study))
+    exact = next(said for said in assumptions(study) if "as exact" in said)
+    assert "clamp_position, clamp_rotation" in exact and "length" not in exact
+    curved = replace(study, cable={**study.cable, "natural_curvature": np.zeros(3)})
+    assert not any("straight when" in said for said in assumptions(curved))
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "value", "std"),
+    [("302 +- 1 g", "mass", 0.302, 0.001), ("302 g+-2", "mass", 0.302, 0.002), ("0.9 \u00b1 0.001", "length", 0.9, 0.001),
+     ("900 mm +- 0.1 cm", "length", 0.9, 0.001), ("336 g/m", "length density", 0.336, 0.0)],
+)  # fmt: skip
+def test_quantities_with_their_uncertainty(text, what, value, std):
+    assert measured(text, what) == (pytest.approx(value), pytest.approx(std))
+
+
+@pytest.mark.parametrize("text", ["0.9 +- much", "+- 1 mm", "0.9 +- 1 g", "0.9 +- -1"])
+def test_an_uncertainty_that_is_none_is_refused(text):
+    with pytest.raises(Scan2FlexError, match="is no length"):
+        measured(text, "length")
+
+
+def test_points_of_scans_are_counted(folder):
+    for pose in load_study(example_path("simulated-cable")).poses:
+        (folder / f"{pose.name}.txt").unlink()
+        np.savetxt(folder / f"{pose.name}.xyz", pose.curve.points)
+    found = new(folder, flanges("z"), "--radius", "4 mm")
+    assert found.exit_code == 0, found.exception
+    counts = [len(pose.curve.points) for pose in load_study(example_path("simulated-cable")).poses]
+    for said in (found.output, run("check", folder).output):
+        assert sorted(map(int, re.findall(r"scan +\S+, (\d+) points in a box of", said))) == sorted(counts)
+
+
+def test_every_warning_of_a_pose_says_what_to_do(tmp_path):
+    study = load_study(example_path("simulated-cable"))
+    pose = study.pose("plane")
+    off = Clamp(pose.start.position, columns_rolled(pose.start.quaternion))
+    cut = replace(pose, start=off, curve=replace(pose.curve, points=pose.curve.points[5:]))
+    said = " ".join(study_warnings(replace(study, poses=(cut, *study.poses[1:]), cable={**study.cable, "length": 1.05})))
+    assert "scan up to the clamp" in said
+    written = float(re.search(r"write clamp_rotation = (\S+) under \[tolerance\]", said)[1])
+    angle = float(re.search(r"tangent is off by (\S+) deg", said)[1])
+    assert written == pytest.approx(np.radians(angle), rel=0.05)
+    assert re.search(r"shorter than the cable's length: measure the length again \(the curve gives 0.9\d+ m\)", said)
+
+
+def columns_rolled(quaternion, degrees=12.0):
+    """The quaternion of a clamp turned about its d1."""
+    from scan2flex_jax.study.rotations import product
+
+    half = np.radians(degrees) / 2
+    return product(quaternion, np.array([np.cos(half), np.sin(half), 0.0, 0.0]))
+
+
+def test_a_clamp_from_a_matrix():
+    clamp = load_study(example_path("simulated-cable")).poses[1].end
+    M = np.eye(4)
+    M[:3, :3], M[:3, 3] = columns(clamp.quaternion), clamp.position
+    np.testing.assert_allclose(columns(Clamp.from_matrix(M).quaternion), columns(clamp.quaternion), atol=1e-9)
+    np.testing.assert_array_equal(Clamp.from_matrix(M).position, clamp.position)
+
+
+@pytest.mark.parametrize("to", ["mujoco", "pyelastica"])
+def test_export_says_that_there_is_no_radius(tmp_path, to):
+    study = load_study(example_path("simulated-cable"))
+    known = {**study.cable, "bending_stiffness": 0.1, "torsional_stiffness": 0.25}
+    for cable, said in ((known, True), ({**known, "radius": 0.004}, False)):
+        save_study(replace(study, cable=cable, unknowns=()), tmp_path / str(said))
+        found = run("export", tmp_path / str(said), "--to", to, "-o", tmp_path / f"cable-{said}")
+        assert found.exit_code == 0, found.exception
+        assert ("the study has no radius" in found.stderr) == said
+        text = (tmp_path / f"cable-{said}").read_text("utf-8")
+        assert ("study has no radius" in text) == said
+
+
+def test_fit_says_what_it_does(monkeypatch):
+    def stopped(study, *_, progress, **__):
+        raise Scan2FlexError("enough")
+
+    monkeypatch.setattr("scan2flex_jax.fitting.fit", stopped)
+    found = run("fit", example_path("simulated-cable"))
+    assert "bending_stiffness, torsional_stiffness from 3 poses (1 more never fitted), 40 elements" in found.stderr
+
+
+def test_description_without_scans_needs_no_file():
+    study = load_study(example_path("simulated-cable"))
+    assert isinstance(study, Study) and "Assumed" in describe(study)

@@ -1,0 +1,101 @@
+"""What an explanation opens with, and what its estimates rest on: to first order as the plain fit's, and beside an effect."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.diagnosis import Explanation, confirm, verdict
+from scan2flex_jax.diagnosis.answer import answer_of, found_in_words
+from scan2flex_jax.diagnosis.influence import influence_of_refit
+from scan2flex_jax.diagnosis.refit import refit
+from scan2flex_jax.diagnosis.residual import Law
+from scan2flex_jax.diagnosis.result import parameter_in_words
+from scan2flex_jax.diagnosis.sensitivity import Bench, Component
+from scan2flex_jax.diagnosis.stage import Stage
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD
+from scan2flex_jax.fitting.noise import Noise
+from tests.fitting import scenes
+from tests.reporting.scenes import explained
+
+NOISE = 2e-4
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    made = scenes.study_of(poses=("plane", "twist-90", "aside-45", "unseen"))
+    made = replace(made, poses=tuple(replace(p, role="fit") for p in made.poses))  # each known number shows in several poses
+    curves = scenes.exact_curves(made, {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ})
+    return fit(scenes.measured(made, curves, NOISE, seed=3, stated=NOISE), elements=scenes.ELEMENTS)
+
+
+def staged(fitted, *components, amplitudes=()):
+    """A stage that has its bench alone, and a refit with these components."""
+    bench = Bench(fitted.problem, fitted.minimum)
+    found = refit(bench, components, Law(Noise(NOISE, 1e-3 * NOISE, 0.05)), fitted.minimum.shared, amplitudes)
+    stage = object.__new__(Stage)
+    object.__setattr__(stage, "bench", bench)
+    return stage, found
+
+
+def test_without_an_effect_it_is_the_plain_fits(fitted):
+    """White noise of the size that the study states: both weigh every point alike. A refit settles to a hundredth of a unit of
+    its cost, a fifth of a standard error."""
+    stage, base = staged(fitted)
+    own, plain = influence_of_refit(stage, base), fitted.influence
+    assert (own.labels, own.poses) == (plain.labels, plain.poses)
+    spread = [fitted.estimates[label].std / fitted.estimates[label].value for label in plain.labels]
+    np.testing.assert_allclose(own.moved, plain.moved, atol=0.2 * max(spread))
+    for name in ("length", "length_density"):
+        np.testing.assert_allclose(own.stated[name], plain.stated[name], rtol=0.02, atol=0.01)
+    np.testing.assert_allclose(own.left_out, confirm.left_out(stage, base), rtol=0.02)
+
+
+def test_beside_a_length_that_is_found_the_stated_one_does_not_count(fitted):
+    """The mass counts as before; the stated length has no part in it any more."""
+    stage, found = staged(fitted, Component("length_error", {}), amplitudes=(np.zeros(1),))
+    moved = influence_of_refit(stage, found).stated
+    np.testing.assert_allclose(moved["length_density"], 1.0, atol=0.02)
+    assert np.all(np.abs(moved["length"]) < 0.2 * np.abs(fitted.influence.stated["length"]))
+
+
+def judged(fitted, said, **more):
+    """The answer of an explanation with this verdict."""
+    answer = answer_of(replace(explained(fitted, said), search=None, **more))
+    return answer.tone, answer.belief
+
+
+def test_whether_to_believe_it(fitted):
+    kink = explained(fitted).chosen[0]
+    assert judged(fitted, verdict.TIE)[0] == FAIR and "kink or natural curvature" in judged(fitted, verdict.TIE)[1]
+    assert judged(fitted, verdict.EXPLAINED, chosen=(replace(kink, tied_with=()),)) == (
+        GOOD, "yes, with kink: what is left beside it is noise",
+    )  # fmt: skip
+    assert judged(fitted, verdict.PARTLY, chosen=(replace(kink, tied_with=()),))[0] == FAIR
+    assert judged(fitted, verdict.NONE, chosen=())[0] == GOOD
+    assert judged(fitted, verdict.UNEXPLAINED, chosen=()) == (
+        BAD, "no: something is missing, and no known effect explains it",
+    )  # fmt: skip
+    assert judged(fitted, verdict.UNSOLVED, chosen=())[0] == BAD
+    assert answer_of(Explanation(study=fitted.study, verdict=verdict.UNSOLVED)).tone == BAD
+    false = replace(fitted, valid=False, sentences=("the model does not predict p4",))
+    nothing = replace(explained(false, verdict.NONE), chosen=())
+    assert answer_of(nothing).tone == FAIR and "does not predict p4" in answer_of(nothing).belief
+
+
+def test_the_summary_opens_with_the_answer(fitted):
+    found = explained(fitted)
+    title, blank, ei, gj, rests, *_ = found.summary().splitlines()
+    assert title.endswith(": tied") and blank == ""
+    assert ei.split()[0] == "EI" and gj.split()[0] == "GJ" and rests.startswith("  rests on")
+    assert found_in_words(found) == "kink or natural curvature"
+
+
+def test_a_parameter_is_shown_by_its_change(fitted):
+    study = fitted.study
+    assert parameter_in_words(study, "length_error", "length", 1.00012, 2e-5) == "+0.12 mm from the stated 1 m (+- 0.02 mm)"
+    assert parameter_in_words(study, "scan_scale", "factor", 1.0031, 1e-4) == "+0.31 % +- 0.01 %"
+    assert parameter_in_words(study, "point_mass", "mass", 0.05, 0.002) == "0.05 +- 0.002 kg"
+    vague = parameter_in_words(study, "tether", "anchor", np.array([0.1, 0.0, -0.4]), np.array([1e22, 1e17, 1e22]))
+    assert vague == "(0.1, 0, -0.4) m"  # an error of kilometres says that nothing is known, and no more

@@ -1,0 +1,55 @@
+"""Settings of the diagnosis: they reach the verdict, they are stored, and bad ones are refused by name."""
+
+import json
+from importlib import import_module
+
+import pytest
+
+from scan2flex_jax.diagnosis import DiagnosisSettings, explain, verdict
+from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.study import load_study
+
+from . import scenes
+
+
+def test_the_lead_that_names_is_a_setting():
+    two = [verdict.Candidate(("a",), 20.0), verdict.Candidate(("b",), 16.0)]
+    assert verdict.leading(two) == "favoured"
+    assert verdict.leading(two, settings=DiagnosisSettings(lead_named=3.5)) == "named"
+    assert verdict.leading(two, settings=DiagnosisSettings(lead_named=9.0, lead_favoured=8.0)) == "tied"
+    assert verdict.ties(two, DiagnosisSettings(lead_named=9.0, lead_favoured=8.0)) == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"level": 0.0}, "level is 0.0; it must be positive"),
+        ({"level": 1.5}, "probabilities, below 1"),
+        ({"most_left": float("nan")}, "most_left is nan"),
+        ({"lead_favoured": 6.0}, "lead_favoured exceeds lead_named"),
+    ],
+)
+def test_bad_settings_are_refused_by_name(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        DiagnosisSettings(**wrong)
+
+
+def test_they_are_kept_where_nothing_is_concluded(monkeypatch):
+    def unsettled(*_):
+        raise NotSettledError("no pose settles", "try others", {})
+
+    monkeypatch.setattr(import_module("scan2flex_jax.diagnosis.run"), "_base", unsettled)
+    found = explain(load_study(example_path("simulated-cable")), settings=DiagnosisSettings(level=0.01))
+    assert (found.verdict, found.settings.level) == ("not in equilibrium", 0.01)
+
+
+@pytest.mark.slow
+def test_they_stand_in_the_result_and_decide_it():
+    """At a level of nearly one, anything is an alarm."""
+    usual, strict = (explain(scenes.study(), settings=DiagnosisSettings(level=level)) for level in (0.05, 0.9999))
+    assert not usual.significant
+    assert strict.significant
+    assert strict.verdict != "no missing effect"
+    told = json.loads(json.dumps(strict.to_json()))["settings"]
+    assert DiagnosisSettings(**told) == strict.settings == DiagnosisSettings(level=0.9999)

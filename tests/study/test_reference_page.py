@@ -1,0 +1,88 @@
+"""docs/study.md: every key that the reader accepts has its row, with its unit, and the examples are accepted."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.effects import effect_class
+from scan2flex_jax.fitting.parameters import DEFAULT_RANGE
+from scan2flex_jax.study import CABLE, TOLERANCE, kind_format, kind_names, load_study, read
+from tests.documents import DOCS, PAGES, blocks, name_of, rows, section
+
+PAGE = (DOCS / "study.md").read_text("utf-8")
+KEYS = {
+    "Top level": read._TOP,
+    "cable": tuple(CABLE),
+    "tolerance": tuple(TOLERANCE),
+    "pose": (*read._POSE, "position", "quaternion"),
+}
+
+
+def keys_of(title):
+    """The keys in the first column of a section's first level of tables, without backquotes."""
+    return [row[0].strip("`") for row in rows(section(PAGE, title))]
+
+
+@pytest.mark.parametrize("title", KEYS)
+def test_every_key_has_its_row(title):
+    assert sorted(keys_of(title)) == sorted(KEYS[title])
+
+
+def test_every_key_of_an_unknown_and_of_an_effect_has_its_row():
+    assert keys_of("unknown")[:5] == ["guess", "range", "prior", "prior.mean", "prior.std"]
+    assert keys_of("effect")[:2] == ["kind", "poses"]
+
+
+@pytest.mark.parametrize(("title", "formats"), [("cable", CABLE), ("tolerance", TOLERANCE)])
+def test_units_are_those_that_the_reader_takes(title, formats):
+    assert {row[0].strip("`"): row[1] for row in rows(section(PAGE, title))} == {n: form.unit for n, form in formats.items()}
+
+
+def test_every_row_has_a_default_and_an_example_that_toml_takes():
+    for title in (*KEYS, "unknown"):
+        for key, _, default, example, _ in (row for row in rows(section(PAGE, title)) if len(row) == 5):
+            assert default
+            text, name = example.strip("`"), key.strip("`")
+            header = text.strip("[]").split(".")[0] == name  # of a table
+            assert tomllib.loads(text if header else f"{name} = {text}")
+
+
+def test_every_effect_has_a_row_for_each_parameter_with_its_unit():
+    told, kind, place = {}, "", ""
+    for first, acts, parameter, unit, _ in rows(section(PAGE, "Effects")):
+        kind, place = first.strip("`") or kind, acts or place
+        told.setdefault(kind, (place, {}))[1][parameter.strip("`")] = unit
+    own = [kind for kind in kind_names() if effect_class(kind).__module__.startswith("scan2flex_jax.")]
+    package = {kind: kind_format(kind) for kind in own}  # without those that other tests add
+    assert told == {kind: (form.place, {p.name: p.unit for p in form.parameters}) for kind, form in package.items()}
+
+
+def test_ranges_are_those_of_the_fit():
+    told = {}
+    for name, unit, words in rows(section(PAGE, "Default ranges")):
+        low, high = map(float, words.split(" to "))
+        told[name.strip("`")] = (low, high)
+        assert unit == CABLE[name.strip("`")].unit
+    assert told == DEFAULT_RANGE
+
+
+def test_the_example_is_a_study(tmp_path):
+    (tmp_path / "study.toml").write_text(blocks(section(PAGE, "An example"), "toml")[0], "utf-8")
+    t = np.linspace(0.0, 1.0, 30)
+    sag = np.column_stack([0.6 * t, 0.0 * t, -0.25 * np.sin(np.pi * t) ** 2])
+    for name in ("sag", "twisted"):
+        np.savetxt(tmp_path / f"{name}.csv", sag, delimiter=",", header="x,y,z", comments="")
+    study = load_study(tmp_path)
+    assert study.unknown_names == ("bending_stiffness", "torsional_stiffness")
+    assert [pose.name for pose in study.poses] == ["sag", "twisted"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_blocks_of_toml_and_json_can_be_read(page):
+    text = page.read_text("utf-8")
+    for block in blocks(text, "toml"):
+        tomllib.loads(block)
+    for block in blocks(text, "json"):
+        json.loads(block)
