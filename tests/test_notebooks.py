@@ -60,7 +60,24 @@ CLAIMS = {
         assert along.max() / along.min() < 1.2  # nearly flat: ten times stiffer, about the same shape
         assert 15 <= int(close(alone).sum()) < 25 and float(found.cost.max()) < 1.01 * float(alone.cost.min())
     """,
+    "your-own-scans": """
+        assert all(curve.sure for curve in curves.values()) and rough.sure
+        for name, (curve, _) in sensors.items():
+            error = np.sqrt(np.mean(away(curve)[10:-10] ** 2))  # beside the clamps, where nothing was scanned
+            assert error < (0.3 * 0.5e-3 if name == "structured light" else 0.5 * 3.5e-3)  # of a single point's noise
+            assert error < 4.0 * np.median(curve.std)
+        assert not study_warnings(study)
+        for name, true in (("bending_stiffness", EI), ("torsional_stiffness", GJ)):
+            estimate = result.estimates[name]
+            np.testing.assert_allclose(estimate.value, true, rtol=0.01)
+            assert estimate.low < true < estimate.high
+        assert result.valid and result.poses["unseen"].rms < 1.5 * result.poses["sag"].rms
+        assert xml.startswith("<mujoco")
+    """,
 }
+
+
+LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)\s]*)?\)")
 
 
 def outputs(notebook):
@@ -88,6 +105,12 @@ def test_shows_no_path_of_a_machine(path):
     notebook = nbformat.read(path, as_version=4)
     shown = [output.get("text", "") + str(output.get("data", {}).get("text/plain", "")) for output in outputs(notebook)]
     assert not A_PATH.search("\n".join([cell.source for cell in notebook.cells] + shown))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_links_lead_somewhere(path):
+    text = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "markdown")
+    assert [target for target in LINK.findall(text) if not (path.parent / target).exists()] == []
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
