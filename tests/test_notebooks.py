@@ -63,7 +63,7 @@ CLAIMS = {
     "your-own-scans": """
         assert all(curve.sure for curve in curves.values()) and rough.sure
         for name, (curve, _) in sensors.items():
-            error = np.sqrt(np.mean(away(curve)[10:-10] ** 2))  # beside the clamps, where nothing was scanned
+            error = np.sqrt(np.mean(away(curve)[10:-10] ** 2))  # without the ends, which the scan does not reach
             assert error < (0.3 * 0.5e-3 if name == "structured light" else 0.5 * 3.5e-3)  # of a single point's noise
             assert error < 4.0 * np.median(curve.std)
         assert not study_warnings(study)
