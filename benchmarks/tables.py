@@ -9,7 +9,7 @@ import math
 import re
 from pathlib import Path
 
-from benchmarks import mistakes_tables, robustness_tables, scanning_tables, sweep_tables, tip_weights_tables
+from benchmarks import exports_tables, mistakes_tables, robustness_tables, scanning_tables, sweep_tables, tip_weights_tables
 from benchmarks.markdown import load, made_on, table
 from benchmarks.peers import tables as peers_tables
 
@@ -272,7 +272,9 @@ PAGES = {
     DOCS / "compared.md": {"fit": fit},
 }
 """The tables made here, by page, in the order of the page."""
-_OTHERS = (scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables)
+_OTHERS = (
+    scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables, exports_tables,
+)  # fmt: skip
 
 
 def pages() -> dict:

@@ -54,7 +54,7 @@ _LOADED = re.compile(r'<(?:script|img|iframe)\b[^>]*\bsrc="(?:https?:)?//|<link\
 
 def on_files(files: Files, config) -> Files:
     """Add the generated pages and pictures to those of the folder."""
-    made = {page: _of_site((ROOT / name).read_text("utf-8"), name) for name, page in PAGES.items()}
+    made = {page: _of_site((ROOT / name).read_text("utf-8"), name, page) for name, page in PAGES.items()}
     made |= _notebooks() | _api()
     for uri, content in made.items():
         files.append(File.generated(config, uri, content=content))
@@ -67,7 +67,8 @@ def on_page_markdown(markdown: str, page, **_) -> str:
 
     def link(found):
         target = posixpath.normpath(posixpath.join("docs", here, found[2]))
-        return found[1] + posixpath.relpath(PAGES[target], here or ".") + found[3] if target in PAGES else found[0]
+        page = None if target.startswith("docs/") else _page_of(target)
+        return found[0] if page is None else found[1] + posixpath.relpath(page, here or ".") + found[3]
 
     return _LINK.sub(link, markdown)
 
@@ -95,19 +96,28 @@ def _mathml(found: re.Match) -> str:
     return f'<span class="long">{formula}</span>' if len(latex) > LONG else formula
 
 
-def _of_site(text: str, name: str) -> str:
-    """Text of a file of the repository, with its links as seen from the page that it becomes."""
+def _of_site(text: str, name: str, page: str) -> str:
+    """Text of a file of the repository, with its links as seen from the ``page`` that it becomes."""
 
     def link(found):
         if ":" in found[2]:
             return found[0]
         target = posixpath.normpath(posixpath.join(posixpath.dirname(name), found[2]))
-        inside = target.removeprefix("docs/") if target.startswith("docs/") else PAGES.get(target)
+        inside = _page_of(target)
         if inside is None:
             raise PluginError(f"{name} links to {found[2]}, which is no page of the site")
-        return found[1] + inside + found[3]
+        return found[1] + posixpath.relpath(inside, posixpath.dirname(page) or ".") + found[3]
 
     return _LINK.sub(link, text)
+
+
+def _page_of(target: str) -> str | None:
+    """The page that a file of the repository becomes, if any."""
+    if target.startswith("docs/"):
+        return target.removeprefix("docs/")
+    if target.startswith("notebooks/") and target.endswith(".ipynb"):
+        return target.removesuffix(".ipynb") + ".md"
+    return PAGES.get(target)
 
 
 def _notebooks() -> dict[str, str | bytes]:
@@ -115,16 +125,17 @@ def _notebooks() -> dict[str, str | bytes]:
     made: dict[str, str | bytes] = {}
     gallery = ["# Notebooks", "", "Executed notebooks, with the outputs of their last run; tests run them.", ""]
     for path in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        name, page = f"notebooks/{path.name}", f"notebooks/{path.stem}.md"
         cells = json.loads(path.read_text("utf-8"))["cells"]
         parts: list[str] = []
         for cell in cells:
             source = "".join(cell["source"]).strip()
             if cell["cell_type"] == "markdown":
-                parts.append(source)
+                parts.append(_of_site(source, name, page))
             elif source:
                 parts.append(f"```python\n{source}\n```")
                 parts += _outputs(cell.get("outputs", []), path.stem, made)
-        made[f"notebooks/{path.stem}.md"] = "\n\n".join(parts) + "\n"
+        made[page] = "\n\n".join(parts) + "\n"
         title, _, rest = parts[0].partition("\n")
         first = rest.strip().split("\n\n")[0].replace("\n", " ")
         gallery.append(f"* [{title.lstrip('# ')}]({path.stem}.md). {first}")

@@ -4,6 +4,7 @@ import ast
 import importlib.util
 import re
 import tomllib
+from types import SimpleNamespace
 
 import pytest
 
@@ -48,10 +49,24 @@ def test_every_public_name_has_its_place_in_the_reference(hooks):
 
 
 def test_links_of_the_readme_are_links_of_the_site(hooks):
-    text = hooks._of_site("[a](docs/study.md#pose) [b](CONTRIBUTING.md) [c](#here) [d](https://example.org/x)", "README.md")
+    given = "[a](docs/study.md#pose) [b](CONTRIBUTING.md) [c](#here) [d](https://example.org/x)"
+    text = hooks._of_site(given, "README.md", "index.md")
     assert text == "[a](study.md#pose) [b](contributing.md) [c](#here) [d](https://example.org/x)"
     with pytest.raises(Exception, match=r"README.md links to pyproject.toml"):
-        hooks._of_site("[a](pyproject.toml)", "README.md")
+        hooks._of_site("[a](pyproject.toml)", "README.md", "index.md")
+
+
+def test_links_of_a_notebook_are_links_of_the_site(hooks):
+    given = "[a](../docs/study.md#pose) [b](python-only.ipynb) [c](../README.md)"
+    text = hooks._of_site(given, "notebooks/x.ipynb", "notebooks/x.md")
+    assert text == "[a](../study.md#pose) [b](python-only.md) [c](../index.md)"
+
+
+def test_a_page_links_to_files_of_the_repository_that_are_pages(hooks):
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="real/red-wire.md"))
+    given = "[a](../../notebooks/python-only.ipynb) [b](../../CONTRIBUTING.md#test) [c](black-wire.md)"
+    text = hooks.on_page_markdown(given, page)
+    assert text == "[a](../notebooks/python-only.md) [b](../contributing.md#test) [c](black-wire.md)"
 
 
 def test_formulae_become_mathml(hooks):
