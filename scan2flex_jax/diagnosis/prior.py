@@ -25,7 +25,7 @@ class Prior:
         self.high[: bench.layout.unknowns] = [v for s in bench.layout.slots for v in s.high]
         self.frozen = np.zeros(n.count, bool)
         self.weak, self.centre = np.zeros(n.count), np.zeros(n.count)
-        logs = [slot.log for slot in bench.layout.slots for _ in range(slot.size)]
+        logs = [slot.scales for slot in bench.layout.slots for _ in range(slot.size)]
         self.weak[: bench.layout.unknowns] = np.where(logs, 1.0 / _WEAK**2, 0.0)
         self.centre[: bench.layout.shared] = bench.minimum.shared
         for k, c in enumerate(components):

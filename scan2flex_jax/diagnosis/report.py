@@ -11,7 +11,6 @@ from scan2flex_jax.diagnosis.result import PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
-from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.result import Estimate, unit_of
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_names
@@ -60,10 +59,12 @@ def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dic
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
         shift = [np.log(f.get(slot.name, 1.0)) if slot.log else 0.0 for f in rescale]
-        centre = best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
-        moves = [r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
-        spread = np.sqrt(sum(w * (np.diag(r.covariance)[here] + m**2) for w, r, m in zip(weights, tied, moves, strict=True)))
-        out[slot.name] = _estimate(slot, centre, spread, layout)
+        S = slot.sums
+        centre = S @ best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
+        moves = [S @ r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
+        variances = [np.diag(S @ r.covariance[here, here] @ S.T) for r in tied]
+        spread = np.sqrt(sum(w * (v + m**2) for w, v, m in zip(weights, variances, moves, strict=True)))
+        out[slot.name] = _estimate(slot, centre, spread)
     return out
 
 
@@ -74,8 +75,8 @@ def _rescaled(bench, found):
     return factors
 
 
-def _estimate(slot, centre, spread, layout):
-    values = values_of(replace(layout, slots=(replace(slot, at=0),)), centre)[slot.name]
+def _estimate(slot, centre, spread):
+    values = np.reshape(np.exp(centre) if slot.log else centre, slot.shape)
     low, high, std = centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
     bound = bool(np.any((centre <= np.array(slot.low) + 1e-9) | (centre >= np.array(slot.high) - 1e-9)))
     known = bool(np.all(np.isfinite(spread)) and not (slot.log and np.any(spread > _VAGUE)))

@@ -133,9 +133,9 @@ class Problem:
         return bool(minimum.converged and inside and rms < _CREDIBLE * self.length)
 
     def logs(self) -> np.ndarray:
-        """Which of the shared numbers are logarithms."""
+        """Which of the shared numbers are logarithms of quantities."""
         known = [False] * (self.layout.shared - self.layout.unknowns)
-        return np.array([s.log for s in self.layout.slots for _ in range(s.size)] + known, bool)
+        return np.array([s.scales for s in self.layout.slots for _ in range(s.size)] + known, bool)
 
     def _descend(self, goal, x, evaluation):
         """Levenberg-Marquardt from ``x``, or from a stiffer or softer one when some pose cannot be solved there."""

@@ -31,8 +31,8 @@ DISTANCES = ("closest", "integrated")
 class ResidualFunction(eqx.Module):
     """Residuals of a study's poses as a function of a vector ``x``; made by `residual_function`.
 
-    ``x`` holds the unknowns, positive ones by their logarithm, and where a noise is given the nearly known numbers in units of
-    their tolerance: of the length, of gravity, then of each pose's clamps.
+    ``x`` holds the unknowns, positive ones by their logarithm, laws by its steps from point to point, and where a noise is
+    given the nearly known numbers in units of their tolerance: of the length, of gravity, then of each pose's clamps.
     """
 
     layout: Layout = eqx.field(static=True)
@@ -45,8 +45,8 @@ class ResidualFunction(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """A name for each entry of ``x``."""
-        logs = [slot.log for slot in self.layout.slots for _ in range(slot.size)]
-        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, logs, strict=True)]
+        said = ["step of log " if slot.walk else "log " if slot.log else "" for slot in self.layout.slots]
+        named = [words + label for words, slot in zip(said, self.layout.slots, strict=True) for label in slot.labels]
         shared = [f"prior[{i}]" for i in range(self.layout.shared - self.layout.unknowns)]
         own = [f"prior[pose {p}, {i}]" for p in range(self.poses.count) for i in range(self.layout.local)]
         return (*named, *shared, *own)

@@ -8,6 +8,7 @@ import numpy as np
 from scan2flex_jax.fitting.answer import Answer, answer_of, moved_in_words
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.influence import Influence, influence
+from scan2flex_jax.fitting.law import Law
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
@@ -70,7 +71,8 @@ class Fit:
     the study says, in words (`fitting.branches`). ``noise`` is the sensor's, ``discrepancy`` what differs from pose to pose.
     ``misfits``: fitted poses whose residual is no noise, in words. ``mistakes``: likely mistakes of the input, each of which
     explains the residual at a stroke (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted
-    squares of residuals and priors. ``settings``: the thresholds of belief in it.
+    squares of residuals and priors. ``settings``: the thresholds of belief in it. ``laws``: those of bending and torsion that
+    the study declares, with their bands.
     """
 
     study: Study = field(repr=False)
@@ -95,6 +97,7 @@ class Fit:
     misfits: tuple[str, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
     settings: FitSettings = USUAL
+    laws: tuple[Law, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN when there are none."""
@@ -165,6 +168,7 @@ class Fit:
             "discrepancy": self.discrepancy.to_json(),
             "converged": self.converged,
             **({} if self.valid is None else {"valid": self.valid}),
+            **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             "mistakes": [m.to_json() for m in self.mistakes],
             "messages": list(self.sentences),
             "equilibria": self.equilibria,

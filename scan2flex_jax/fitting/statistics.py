@@ -70,14 +70,14 @@ def uncertainty(
     e = minimum.evaluation
     scaled = e.jacobian / sigma[:, None, None, None]
     JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
-    B = _middle(e, poses, layout, sigma, noise, len(JJ), discrepancy)
+    B = spread_of_gradient(e, poses, layout, sigma, noise, len(JJ), discrepancy)
     inverse, open_part, hidden = _decomposed(JJ)
     unseen, open_part = hidden[: layout.unknowns], open_part[: layout.unknowns]
     covariance = (inverse @ B @ inverse)[: layout.unknowns, : layout.unknowns]
     lost = _involved(open_part) | unseen
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
-    logs = np.concatenate([[slot.log] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
+    logs = np.concatenate([[slot.scales] * slot.size for slot in layout.slots]) if layout.slots else np.zeros(0, bool)
     vague = logs & (np.sqrt(np.diag(covariance)) > VAGUE)
     sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, vague & ~lost)
     return Uncertainty(covariance, ~(lost | vague), ~lost, tuple(sentences))
@@ -108,8 +108,9 @@ def closed_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inverse, _involved(directions) | hidden
 
 
-def _middle(e, poses, layout, sigma, noise, size, discrepancy):
-    """``J' C J / s^4`` with the priors' unit variances; C: the sensor's, and that of the pose's discrepancy."""
+def spread_of_gradient(e, poses, layout: Layout, sigma: np.ndarray, noise: Noise, size: int, discrepancy) -> np.ndarray:
+    """Covariance (size, size) of the gradient: ``J' C J / s^4`` with the priors' unit variances; C: the sensor's, and that of
+    the pose's discrepancy."""
     n, k = layout.shared, layout.local
     B = np.zeros((size, size))
     for i in range(poses.count):
