@@ -1,5 +1,6 @@
 """From measured centre curves to material parameters, with their uncertainty and a verdict on their validity."""
 
+from scan2flex_jax.fitting.law import Law, Reading
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, residual_function
@@ -12,7 +13,9 @@ __all__ = [
     "Estimate",
     "Fit",
     "FitSettings",
+    "Law",
     "PoseFit",
+    "Reading",
     "ResidualFunction",
     "boundary_of",
     "fit",
