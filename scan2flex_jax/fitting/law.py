@@ -10,12 +10,13 @@ gain is ``g' S^-1 g``, with the gradient ``g`` by the steps and ``S`` its precis
 Under noise of covariance as estimated this is a sum of squares, weighted by the eigenvalues of ``S^-1 cov(g)``; a scaled
 chi-squared distribution of the same mean and variance gives its probability (Satterthwaite).
 
-Read off a law that is not linear, over the strains reached, which end at ``q_top``:
+Read off a law that is not linear, over the strains reached, which end at ``q_top``, with ``f_end`` the mean of ``f`` over the
+upper half of them:
 
-*softening*, *hardening*  ``f(q_top)``, where its interval lies below 1, or above;
-*knee*  the smallest ``q`` at which ``log f`` has gone half its way from zero to ``log f(q_top)``;
+*softening*, *hardening*  ``f_end``, where its interval lies below 1, or above;
+*knee*  the smallest ``q`` at which ``log f`` has gone half its way from zero to ``log f_end``;
 *break-point moment*  ``m`` at the knee;
-*slip plateau*  where the interval of ``f(q_top)`` lies below `PLATEAU`: the mean of ``m`` from the smallest ``q`` on at which
+*slip plateau*  where the interval of ``f_end`` lies below `PLATEAU`: the mean of ``m`` from the smallest ``q`` on at which
 ``f`` is below `PLATEAU`.
 """
 
@@ -99,7 +100,7 @@ class Law:
         p = f"p = {self.p_value:.2g}" if self.p_value >= _LEAST else f"p < {_LEAST}"
         if self.linear:
             return (f"{self.kind}: linear {top} ({p})",)
-        said = ", ".join(map(str, self.readings)) or "neither softer nor stiffer at its end than at its beginning"
+        said = ", ".join(map(str, self.readings)) or "neither softer nor stiffer at the end"
         out = f"{self.kind}: not linear {top} ({p}): {said}"
         return (out,) if self.absolute else (out, f"{self.kind}: its form is known, its size is not: moments are relative")
 
@@ -250,12 +251,12 @@ def _weights(goal, linear, noise, discrepancy, own):
 
 def _readings(q, m, f):
     """What is read off draws of a law (n, k) over the strains reached (k,), of which the first is the estimate."""
-    end, logs = f[:, -1], np.log(f)
+    end, logs = np.mean(f[:, q >= 0.5 * q[-1]], axis=1), np.log(f)
     low, high = np.percentile(end, _BAND)
     if low <= 1.0 <= high:
         return ()
     rows = np.arange(len(f))
-    half = np.argmax(np.sign(end - 1.0)[:, None] * logs >= 0.5 * np.abs(logs[:, -1:]), axis=1)
+    half = np.argmax(np.sign(end - 1.0)[:, None] * logs >= 0.5 * np.abs(np.log(end))[:, None], axis=1)
     out = [_reading("softening" if high < 1.0 else "hardening", end, "-"), _reading("knee", q[half], "1/m")]
     out.append(_reading("break-point moment", m[rows, half], "N m"))
     if high < PLATEAU:

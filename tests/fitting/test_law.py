@@ -64,8 +64,9 @@ def test_what_is_read_off_has_the_truth_in_its_interval(found):
         return
     q = np.linspace(0.0, law.at[law.reached][-1], 4000)
     slope = LAWS[name] + (1 - LAWS[name]) * (1 + (q / SLIP) ** 2) ** -1.5
-    knee = q[np.argmax(np.log(slope) <= 0.5 * np.log(slope[-1]))]
-    truth = {"softening": slope[-1], "knee": knee, "break-point moment": true_moment(name, knee)}
+    end = np.mean(slope[q >= 0.5 * q[-1]])
+    knee = q[np.argmax(np.log(slope) <= 0.5 * np.log(end))]
+    truth = {"softening": end, "knee": knee, "break-point moment": true_moment(name, knee)}
     if name == "slipping":
         flat = q[slope < 0.2]
         truth["slip plateau"] = np.mean(true_moment(name, flat))
