@@ -137,7 +137,8 @@ def scored(study, EI, law):
     return {
         "coverage": float(np.mean(held[inside])),
         "error": float(np.abs(found.moment - truth)[inside].max() / truth[inside].max()),
-        "width": float(np.mean(((found.high - found.low) / truth)[inside])), "linear": found.linear, "p_value": found.p_value,
+        "width": float(np.mean((found.high - found.low)[inside] / truth[inside])),
+        "linear": found.linear, "p_value": found.p_value,
         "readings": [r.name for r in found.readings], "believable": result.believable,
         "seconds": round(time.perf_counter() - began, 1),
     }  # fmt: skip
