@@ -255,6 +255,23 @@ def newcomer() -> str:
     return table(["you have", "commands", "first time"], rows) + made_on(entry)
 
 
+def laws() -> str:
+    """Each law of the independent solver: band, error of the moment, and what is said of it."""
+    entry = load("laws")
+    rows = []
+    for law in dict.fromkeys(r["law"] for r in entry["results"]["cases"]):
+        own = [r for r in entry["results"]["cases"] if r["law"] == law]
+        told = [r for r in own if "failed" not in r]
+        if not told:
+            rows.append([law, f"0 of {len(own)}", "-", "-", "-"])
+            continue
+        held = f"{100 * sum(r['coverage'] for r in told) / len(told):.0f} %"
+        said = f"{sum(r['linear'] for r in told)} of {len(told)}"
+        rows.append([law, f"{len(told)} of {len(own)}", held, f"{100 * max(r['error'] for r in told):.1f} %", said])
+    head = ["law of the shapes", "cables fitted", "curvatures whose band holds it", "largest error", "said linear"]
+    return table(head, rows) + made_on(entry)
+
+
 PAGES = {
     README: {"answer": answer},
     DOCS / "first-cable.md": {"newcomer": newcomer},
@@ -270,6 +287,7 @@ PAGES = {
         "firstuse": firstuse,
     },
     DOCS / "compared.md": {"fit": fit},
+    DOCS / "adding-an-effect.md": {"laws": laws},
 }
 """The tables made here, by page, in the order of the page."""
 _OTHERS = (

@@ -1,7 +1,7 @@
 """Plots of a fit, an explanation or a sweep, on matplotlib axes that each function takes and returns.
 
 Arguments are the object, the part of it to show, then the axes (created by default): `shapes`, `errors`, `residual`,
-`evidence`, `load`, `basins`. `overview` and `explained` are whole figures of these plots; `save` writes one. The page of
+`evidence`, `load`, `law`, `basins`. `overview` and `explained` are whole figures of these plots; `save` writes one. The page of
 `report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand above the axes.
 """
 
@@ -246,6 +246,29 @@ def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10)
     ax.axvline(0.0, color="k", lw=0.8)
     low, high = ax.get_xlim()
     ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the baseline model (nats)")  # room for the words
+    return ax
+
+
+def law(fit: "Fit", kind: str | None = None, ax: Axes | None = None) -> Axes:
+    """Moment (N m) of a law over its strain (1/m) with its 95 % band, full where poses reached the strain and pale where they
+    did not; beside it the linear law of the stiffness at zero strain. Without a ``kind``, the first law of the fit."""
+    ax = plt.subplots()[1] if ax is None else ax
+    found = next((x for x in fit.laws if kind in (None, x.kind)), None)
+    if found is None:
+        what = f"no {kind}" if fit.laws else "no bending_law and no torsion_law"
+        raise Scan2FlexError(f"the study declares {what}: there is no law to draw")
+    q, told = found.at, np.where(found.reached, found.moment, np.nan)
+    for reached, alpha, label in ((True, 0.3, "95 % band"), (False, 0.1, "not reached by a pose")):
+        inside = found.reached == reached
+        if np.any(inside):
+            wide = inside | np.r_[inside[1:], False] | np.r_[False, inside[:-1]]  # so that the two parts meet
+            ax.fill_between(q, found.low, found.high, where=wide, color=_MODELLED, alpha=alpha, lw=0, label=label)
+    ax.plot(q, found.moment, "--", color=_MODELLED, lw=1.0)
+    ax.plot(q, told, color=_MODELLED, lw=1.5, label="law")
+    top = ax.get_ylim()[1]
+    ax.plot(q, found.stiffness * q, color="#999999", lw=0.8, label="linear")
+    ax.set(xlabel=f"{found.strain} (1/m)", ylabel="moment (N m)", xlim=(0.0, q[-1]), ylim=(0.0, top))
+    _legend(ax)
     return ax
 
 

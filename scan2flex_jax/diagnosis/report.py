@@ -57,10 +57,12 @@ def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dic
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
         shift = [np.log(f.get(slot.name, 1.0)) if slot.log else 0.0 for f in rescale]
-        centre = best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
-        moves = [r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
-        spread = np.sqrt(sum(w * (np.diag(r.covariance)[here] + m**2) for w, r, m in zip(weights, tied, moves, strict=True)))
-        out[slot.name] = estimate_of(slot, centre, spread)
+        S = slot.sums
+        centre = S @ best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
+        moves = [S @ r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
+        variances = [np.diag(S @ r.covariance[here, here] @ S.T) for r in tied]
+        spread = np.sqrt(sum(w * (v + m**2) for w, v, m in zip(weights, variances, moves, strict=True)))
+        out[slot.name] = estimate_of(slot, centre, spread, own=best.vector[here])
     return out
 
 

@@ -5,12 +5,13 @@ that the format defines. A new effect type is one file: its class with the units
 catalogue entry. A user's own file ends in `add_kind` (docs/adding-an-effect.md); one of the package has its line in
 `catalogue.EFFECTS`.
 
-Modules: `catalogue` the list; `entry` the fields of an entry; `builders` and `spans` code shared by several effects; `format`
-parameter fields of a class; `conversion` from a study and back.
+Modules: `catalogue` the list; `entry` the fields of an entry; `builders`, `spans` and `moment_law` code shared by several
+effects; `format` parameter fields of a class; `conversion` from a study and back.
 """
 
 from scan2flex_jax.effects.anisotropic_bending import AnisotropicBending as AnisotropicBending
 from scan2flex_jax.effects.bend_twist_coupling import BendTwistCoupling as BendTwistCoupling
+from scan2flex_jax.effects.bending_law import BendingLaw as BendingLaw
 from scan2flex_jax.effects.catalogue import EFFECTS, add_kind, effect_class, kinds, register_effect
 from scan2flex_jax.effects.clamp_offset import ClampOffset as ClampOffset
 from scan2flex_jax.effects.clamp_rotation import ClampRotation as ClampRotation
@@ -39,6 +40,7 @@ from scan2flex_jax.effects.support_plane import SupportPlane as SupportPlane
 from scan2flex_jax.effects.tension_stiffening import TensionStiffening as TensionStiffening
 from scan2flex_jax.effects.tension_twist_coupling import TensionTwistCoupling as TensionTwistCoupling
 from scan2flex_jax.effects.tether import Tether as Tether
+from scan2flex_jax.effects.torsion_law import TorsionLaw as TorsionLaw
 from scan2flex_jax.effects.uniform_load import UniformLoad as UniformLoad
 
 __all__ = ["CatalogueEntry", "add_kind", "effect_class", "effect_of", "kinds", "ordered", "parameter", "parameters_of"]

@@ -7,6 +7,7 @@ updates the table of the study reader); a user's own is registered by `add_kind`
 from scan2flex_jax.effects import (
     anisotropic_bending,
     bend_twist_coupling,
+    bending_law,
     clamp_offset,
     clamp_rotation,
     curvature_profile,
@@ -31,6 +32,7 @@ from scan2flex_jax.effects import (
     tension_stiffening,
     tension_twist_coupling,
     tether,
+    torsion_law,
     uniform_load,
 )
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, SameShapes, along_cable, positions
@@ -70,6 +72,8 @@ EFFECTS: tuple[CatalogueEntry, ...] = tuple(
         scan_offset,
         distributed_load,
         curvature_profile,
+        bending_law,
+        torsion_law,
     )
 )
 _CLASSES: dict[str, type[AbstractEffect]] = {entry.kind: entry.effect for entry in EFFECTS}
@@ -115,8 +119,8 @@ def catalogue() -> tuple[CatalogueEntry, ...]:
 
 
 def fields() -> tuple[CatalogueEntry, ...]:
-    """The effect types with an arbitrary form along the cable."""
-    return tuple(entry for entry in _entries() if entry.field)
+    """The effect types with an arbitrary form along the cable that compete where nothing is complete."""
+    return tuple(entry for entry in _entries() if entry.field and entry.searched)
 
 
 def _entries() -> tuple[CatalogueEntry, ...]:

@@ -132,8 +132,9 @@ class CatalogueEntry:
 
     For verdicts: ``same_shapes`` lists alternatives with the same shapes; ``varies`` is the property of the cable that varies
     along s: several effects of one property are pieces of a field, which is descriptive and identifies no cause.
-    A ``field`` has an arbitrary form along the cable: it is not scanned for, and reported only where it predicts held-out
-    poses. ``signature``: a description of its residual. ``settle``: the measurement that would resolve a tie.
+    A ``field`` has an arbitrary form, along the cable or as a law over its strain: it is not scanned for, and reported only
+    where it predicts held-out poses; one that is not ``searched`` has to be declared. ``signature``: a description of its
+    residual. ``settle``: the measurement that would resolve a tie.
     """
 
     effect: type[AbstractEffect]
@@ -154,6 +155,7 @@ class CatalogueEntry:
     same_shapes: tuple[SameShapes, ...] = ()
     varies: Varied | None = None
     field: bool = False
+    searched: bool = True
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = _not_rescaled
     other_starts: Callable[[Any, Site, Context, Any], list] = _no_other_starts
 

@@ -28,6 +28,7 @@ def parameter(
     per_end: bool = False,
     per_point: bool = False,
     estimable: bool = True,
+    walk: float = 0.0,
 ) -> Any:
     """A field that a study may declare: its ``unit``, the shape of one value, and the rest as in `ParameterFormat`.
 
@@ -38,6 +39,7 @@ def parameter(
     _check("domain of a parameter", domain, get_args(Domain))
     said = {
         "unit": unit, "shape": shape, "domain": domain, "per_end": per_end, "per_point": per_point, "estimable": estimable,
+        "walk": walk,
     }  # fmt: skip
     convert = _of_rows(shape) if per_point else _of_shape((2, *shape) if per_end else shape)
     return eqx.field(converter=convert, default=default, kw_only=default is None, metadata={_FORMAT: said})

@@ -8,6 +8,7 @@ Output: `result`, `answer`.
 """
 
 from scan2flex_jax.fitting.estimate import Estimate
+from scan2flex_jax.fitting.law import Law, Reading
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, residual_function
@@ -21,7 +22,9 @@ __all__ = [
     "Estimate",
     "Fit",
     "FitSettings",
+    "Law",
     "PoseFit",
+    "Reading",
     "ResidualFunction",
     "TracedMinimum",
     "TracedProblem",

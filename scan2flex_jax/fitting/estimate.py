@@ -42,16 +42,20 @@ def estimate_of(
     centre: Float[np.ndarray, " n"],
     spread: Float[np.ndarray, " n"],
     *,
+    own: Float[np.ndarray, " n"] | None = None,
     determined: bool = True,
     felt: bool = True,
     vaguest: float = VAGUE,
 ) -> Estimate:
-    """The estimate of a slot whose numbers are ``centre`` with standard errors ``spread``, infinite where there is none.
+    """The estimate of a slot whose quantities, or their logarithms, are ``centre`` with standard errors ``spread``, infinite
+    where there is none.
 
+    ``own``: the numbers in ``x``, which have the slot's range, where they differ from ``centre`` (the increments of a law).
     ``determined``: whether the data determine it, apart from its vagueness; ``felt``: whether they feel it at all, else its
     place says nothing of its range. An interval is given up to a standard error of ``vaguest``, of a logarithm.
     """
-    bound = (centre <= np.array(slot.low) + _TOUCHING) | (centre >= np.array(slot.high) - _TOUCHING)
+    own = centre if own is None else own
+    bound = (own <= np.array(slot.low) + _TOUCHING) | (own >= np.array(slot.high) - _TOUCHING)
     value, low, high, std = centre, centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
     if slot.log:
         value = np.exp(centre)

@@ -18,7 +18,7 @@ from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fitting.poses import Poses
-from scan2flex_jax.rod.model import CableModel, Configuration
+from scan2flex_jax.rod.model import CableModel, Configuration, Rod
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
 
@@ -86,6 +86,11 @@ class Evaluator:
         state, tangents = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
         found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
+
+    def rod(self, i: int, shared, local, configuration) -> tuple[Rod, Configuration]:
+        """The rod of pose ``i`` at these numbers, with its energy laws, and its configuration."""
+        given = self.poses.template(i), one(self.poses.boundary, i), np.concatenate([shared, local[i]]), self.slots
+        return _state(self.layout, *given, self.elements, 0)[0].rod, one(configuration, i)
 
     def scatter(self, shared, local, start) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its discrepancy (`fitting.discrepancy`) at equilibria, in m per 1/m."""

@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.linalg import block_diag
 
 from scan2flex_jax.effects import effect_of, ordered
 from scan2flex_jax.errors import StudyError
@@ -42,7 +43,10 @@ CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the 
 @dataclass(frozen=True)
 class Slot:
     """One unknown: its place ``at`` in ``x``, its shape, whether ``x`` holds its logarithm, its range in the unit of ``x``, and
-    the end (0 start, 1 end) of a parameter with a value per end in a study that clamps only one."""
+    the end (0 start, 1 end) of a parameter with a value per end in a study that clamps only one.
+
+    ``walk``: ``x`` holds the increments of the logarithm from point to point of a law, from 0 before the first; a random walk.
+    """
 
     name: str
     shape: tuple[int, ...]
@@ -53,11 +57,34 @@ class Slot:
     unit: str
     end: int = 0
     prior: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # mean and standard deviation in ``x``
+    walk: bool = False
 
     @property
     def size(self) -> int:
         """Number of entries."""
         return int(np.prod(self.shape, dtype=int))
+
+    @property
+    def scales(self) -> bool:
+        """Whether each number is by itself the logarithm of a quantity."""
+        return self.log and not self.walk
+
+    @property
+    def sums(self) -> np.ndarray:
+        """Matrix from its numbers in ``x`` to quantities or their logarithms: the identity, or the sums of a walk's steps."""
+        return np.tril(np.ones((self.size, self.size))) if self.walk else np.eye(self.size)
+
+    def value(self, x):
+        """The quantity, of numpy or traced numbers ``x`` of the slot."""
+        logs = x.cumsum() if self.walk else x
+        if not self.log:
+            return logs.reshape(self.shape)
+        return (np.exp(logs) if isinstance(x, np.ndarray) else jnp.exp(logs)).reshape(self.shape)
+
+    def numbers(self, value: np.ndarray) -> np.ndarray:
+        """The numbers in ``x`` of a quantity."""
+        logs = np.log(np.ravel(value)) if self.log else np.ravel(value)
+        return np.diff(logs, prepend=0.0) if self.walk else logs
 
     @property
     def labels(self) -> list[str]:
@@ -137,6 +164,11 @@ class Layout:
         return bool(len(self.prior.at)) or self.local > 0
 
     @property
+    def sums(self) -> np.ndarray:
+        """Matrix (b, b) from the unknown numbers of ``x`` to quantities or their logarithms."""
+        return block_diag(*[slot.sums for slot in self.slots]) if self.slots else np.zeros((0, 0))
+
+    @property
     def labels(self) -> list[str]:
         """A name for each entry of the unknowns."""
         return [label for slot in self.slots for label in slot.labels]
@@ -144,7 +176,7 @@ class Layout:
     @property
     def logs(self) -> np.ndarray:
         """Which of the unknown numbers are logarithms."""
-        return np.array([slot.log for slot in self.slots for _ in range(slot.size)], bool)
+        return np.array([slot.scales for slot in self.slots for _ in range(slot.size)], bool)
 
     @property
     def ranges(self) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +213,11 @@ def _slot(study, unknown, at):
         low, high = np.log(low), np.log(high)
     end = ENDS.index(study.clamped_ends[0]) if study.clamped_ends else 0
     prior = None if unknown.prior is None else _prior_in_x(unknown.prior, shape, log)
-    return Slot(unknown.name, shape, log, tuple(low.ravel()), tuple(high.ravel()), at, form.unit, end, prior)
+    if form.walk:
+        steps = int(np.prod(shape))
+        prior = (0.0,) * steps, (form.walk / np.sqrt(steps),) * steps
+    ends = tuple(low.ravel()), tuple(high.ravel())
+    return Slot(unknown.name, shape, log, *ends, at, form.unit, end, prior, form.walk > 0)
 
 
 def _whole_shape(study, name, form):
@@ -230,8 +266,7 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
 def model_at(layout: Layout, model: CableModel, x) -> CableModel:
     """The template with the shared entries ``x`` inserted; differentiable in ``x``."""
     for slot in layout.slots:
-        value = x[slot.at : slot.at + slot.size].reshape(slot.shape)
-        model = _put(model, slot.name, jnp.exp(value) if slot.log else value, slot.end)
+        model = _put(model, slot.name, slot.value(x[slot.at : slot.at + slot.size]), slot.end)
     at = layout.unknowns
     if layout.length_tolerance > 0:
         length = model.cable.length + layout.length_tolerance * x[at]
@@ -322,19 +357,16 @@ def start_vector(study, layout: Layout, own: Mapping[str, float | np.ndarray]) -
     for slot in layout.slots:
         value = study.start_value(slot.name)
         if value is None:
-            middle = np.exp(np.add(slot.low, slot.high) / 2) if slot.log else np.zeros(slot.size)
+            middle = np.exp(np.add(slot.low, slot.high) / 2) if slot.scales else np.full(slot.size, float(slot.walk))
             value = own.get(slot.name, np.reshape(middle, slot.shape))
         value = np.broadcast_to(np.asarray(value, float), slot.shape).ravel()
         if slot.log and np.any(value <= 0):
             raise StudyError(study.folder or "study", f"unknown.{slot.name}", "a positive quantity needs a positive start.")
-        parts.append(np.clip(np.log(value) if slot.log else value, slot.low, slot.high))
+        parts.append(np.clip(slot.numbers(value), slot.low, slot.high))
     return np.concatenate(parts) if parts else np.zeros(0)
 
 
 def values_of(layout: Layout, x: np.ndarray) -> dict[str, np.ndarray]:
     """The unknowns in their own units, by name."""
-    out = {}
-    for slot in layout.slots:
-        value = np.asarray(x[slot.at : slot.at + slot.size]).reshape(slot.shape)
-        out[slot.name] = np.asarray(np.exp(value) if slot.log else value)
-    return out
+    x = np.asarray(x)
+    return {slot.name: np.asarray(slot.value(x[slot.at : slot.at + slot.size])) for slot in layout.slots}

@@ -32,8 +32,8 @@ DISTANCES = ("closest", "integrated")
 class ResidualFunction(eqx.Module):
     """Residuals of a study's poses as a function of a vector ``x``; made by `residual_function`.
 
-    ``x`` holds the unknowns, positive ones by their logarithm, and, if a noise is given, the nuisance parameters in units of
-    their tolerance: of the length, of gravity, then of each pose's clamps.
+    ``x`` holds the unknowns, positive ones by their logarithm, laws by its increments from point to point, and, if a noise is
+    given, the nuisance parameters in units of their tolerance: of the length, of gravity, then of each pose's clamps.
     """
 
     layout: Layout = eqx.field(static=True)
@@ -46,7 +46,8 @@ class ResidualFunction(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """A name for each entry of ``x``."""
-        named = [f"log {n}" if log else n for n, log in zip(self.layout.labels, self.layout.logs, strict=True)]
+        said = ["increment of log " if slot.walk else "log " if slot.log else "" for slot in self.layout.slots]
+        named = [words + label for words, slot in zip(said, self.layout.slots, strict=True) for label in slot.labels]
         shared = [f"prior[{i}]" for i in range(self.layout.shared - self.layout.unknowns)]
         own = [f"prior[pose {p}, {i}]" for p in range(self.poses.count) for i in range(self.layout.local)]
         return (*named, *shared, *own)

@@ -9,6 +9,7 @@ from scan2flex_jax.fitting.answer import Answer, answer_of, moved_in_words
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence, influence
+from scan2flex_jax.fitting.law import Law
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
@@ -51,7 +52,7 @@ class Fit:
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
     (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
-    ``settings``: the thresholds of the validation.
+    ``settings``: the thresholds of the validation. ``laws``: the declared laws of bending and torsion, with their bands.
     """
 
     study: Study = field(repr=False)
@@ -76,6 +77,7 @@ class Fit:
     misfits: tuple[str, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
     settings: FitSettings = USUAL
+    laws: tuple[Law, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
@@ -146,6 +148,7 @@ class Fit:
             "discrepancy": self.discrepancy.to_json(),
             "converged": self.converged,
             **({} if self.valid is None else {"valid": self.valid}),
+            **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             "mistakes": [m.to_json() for m in self.mistakes],
             "messages": list(self.sentences),
             "equilibria": self.equilibria,

@@ -14,6 +14,7 @@ from scan2flex_jax.fitting import belief, branches, mistakes
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import estimate_of
+from scan2flex_jax.fitting.law import laws_of
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
@@ -95,6 +96,7 @@ def fit(
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, verdict = belief.validity(poses, noise, stated, problem.length, discrepancy.rms, bool(misfits), settings)
     estimates = _estimates(problem.layout, minimum.shared, known, settings)
+    laws = laws_of(problem, minimum, known.covariance, sensor, discrepancy)
     verdict = (*belief.of_discrepancy(discrepancy), *verdict)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [UNSETTLED]))
@@ -107,11 +109,11 @@ def fit(
         data="curve" if scans is None else "cloud",
         estimates=estimates,
         labels=problem.layout.labels,
-        correlation=_correlation(known.covariance),
+        correlation=_correlation(_in_logs(problem.layout, known.covariance)),
         poses=poses,
         noise=sensor,
         discrepancy=discrepancy,
-        sentences=(*map(str, likely), *misfits, *said, *turned, *known.sentences, *_bound_sentences(estimates), *verdict),
+        sentences=(*map(str, likely), *misfits, *said, *turned, *_known(known, laws, estimates), *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
@@ -121,7 +123,13 @@ def fit(
         misfits=misfits,
         mistakes=likely,
         settings=settings,
+        laws=laws,
     )
+
+
+def _known(known, laws, estimates):
+    """What the poses do not determine, what their laws say, and what lies at a bound."""
+    return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
 
 
 def _minimum(problem, method, progress):
@@ -160,6 +168,16 @@ def _from_curves(problem, minimum, stated, progress):
         sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated)
     known = uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), sensor, discrepancy)
     return minimum, noise, sensor, discrepancy, known
+
+
+def _in_logs(layout, covariance):
+    """The covariance of quantities or their logarithms, from that of ``x``: the steps of a law add up."""
+    if not any(slot.walk for slot in layout.slots):
+        return covariance
+    open_, S = np.isinf(np.diag(covariance)), layout.sums
+    out = S @ np.where(open_[:, None] | open_, 0.0, covariance) @ S.T
+    out[open_, open_] = np.inf
+    return out
 
 
 _ACROSS = ("normal", "closest")  # distances whose residuals are across the cable, as those of a discrepancy
@@ -218,11 +236,12 @@ def _pose_fits(problem, minimum, covariance):
 
 
 def _estimates(layout, x, known, settings):
-    spread, out = np.sqrt(np.diag(known.covariance)), {}
+    logs, spread, out = layout.sums @ x[: layout.unknowns], np.sqrt(np.diag(_in_logs(layout, known.covariance))), {}
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
         seen = {"determined": bool(np.all(known.determined[here])), "felt": bool(np.all(known.felt[here]))}
-        out[slot.name] = estimate_of(slot, x[here], spread[here], **seen, vaguest=settings.vaguest_interval)
+        vaguest = settings.vaguest_interval
+        out[slot.name] = estimate_of(slot, logs[here], spread[here], own=x[here], **seen, vaguest=vaguest)
     return out
 
 

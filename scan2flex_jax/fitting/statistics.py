@@ -71,7 +71,7 @@ def uncertainty(
     e = minimum.evaluation
     scaled = e.jacobian / sigma[:, None, None, None]
     JJ, _ = normal_equations(layout, e.residual / sigma[:, None, None], scaled, minimum.shared, minimum.local)
-    B = _middle(e, poses, layout, sigma, noise, len(JJ), discrepancy)
+    B = spread_of_gradient(e, poses, layout, sigma, noise, len(JJ), discrepancy)
     inverse, open_part, hidden = _decomposed(JJ)
     unseen, open_part = hidden[: layout.unknowns], open_part[: layout.unknowns]
     covariance = (inverse @ B @ inverse)[: layout.unknowns, : layout.unknowns]
@@ -108,8 +108,9 @@ def closed_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return inverse, _involved(directions) | hidden
 
 
-def _middle(e, poses, layout, sigma, noise, size, discrepancy):
-    """``J' C J / s^4`` plus the priors' precisions; ``C`` is the covariance of sensor and discrepancy."""
+def spread_of_gradient(e, poses, layout: Layout, sigma: np.ndarray, noise: Noise, size: int, discrepancy) -> np.ndarray:
+    """Covariance (size, size) of the gradient: ``J' C J / s^4`` plus the priors' precisions; ``C`` is the covariance of sensor
+    and discrepancy."""
     n, k = layout.shared, layout.local
     B = np.zeros((size, size))
     for i in range(poses.count):

@@ -149,6 +149,20 @@ def _ranking(e: Explanation) -> Html:
     return table(("effect", "log evidence (nats)", "p", "verdict", "parameters"), rows, (1, 2))
 
 
+def laws(c: Contents) -> Iterator[Html]:
+    """Moment over curvature or twist, with its band and what is read off it."""
+    if c.fit is None or not c.fit.laws:
+        return
+    panels, rows = [], []
+    for law in c.fit.laws:
+        panels.append(_panel(lambda ax, kind=law.kind: plot.law(c.fit, kind, ax), f"moment of the {law.kind}", _WIDE))
+        found = [(r.name, number(r.value, 3), f"{number(r.low, 3)} to {number(r.high, 3)}", r.unit) for r in law.readings]
+        rows += [(law.kind, *row) for row in found]
+    said = [tag("p", sentence) for law in c.fit.laws for sentence in law.sentences()]
+    read = [table(("law", "read off it", "value", "95 % interval", "unit"), rows, (2, 3))] if rows else []
+    yield section("laws", "Moment over strain", said, tag("div", panels, class_="grid"), *read)
+
+
 def forces(c: Contents) -> Iterator[Html]:
     """Forces and moments along the cable, and reactions of the supports."""
     if c.sections:

@@ -43,6 +43,20 @@ def arc_lengths(value: Any, count: int, where: Where) -> Annotated[np.ndarray, "
     return s
 
 
+def growing(value: Any, count: int, where: Where, unit: str) -> Annotated[np.ndarray, " n"]:
+    """`count` finite numbers, strictly increasing."""
+    grid = _table(value, where, f"one number in {unit} for each point: an array of shape ({count},)")
+    if grid.shape != (count,):
+        raise where.fail(f"got an array of shape {grid.shape}: give a plain list of {count} numbers.")
+    if not np.all(np.abs(grid) <= LARGEST):
+        raise where.fail(f"a number is not finite: give numbers in {unit}.")
+    back = np.flatnonzero(np.diff(grid) <= 0)
+    if len(back):
+        i = int(back[0])
+        raise where.fail(f"it does not grow from entry {i + 1} ({grid[i]:g}) to entry {i + 2} ({grid[i + 1]:g}): sort it.")
+    return grid
+
+
 def _table(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
     """An array of real numbers in float64."""
     try:

@@ -48,13 +48,17 @@ def check_effects(study: Study, where: Where) -> None:
 
 
 def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
-    """Number of points of a field; its places increase along the cable."""
-    if not any(parameter.per_point for parameter in form.parameters) or "s" not in effect.parameters:
+    """Number of points of a field; they increase."""
+    if form.grid is None or form.grid.name not in effect.parameters:
         return 0
-    count = int(np.size(effect.parameters["s"]))
+    grid, here = effect.parameters[form.grid.name], where.at(form.grid.name)
+    count = int(np.size(grid))
     if count < FEWEST_PLACES:
-        raise where.at("s").fail(f"got {count} place{'s' * (count != 1)}: give at least {FEWEST_PLACES}.")
-    return len(arrays.arc_lengths(effect.parameters["s"], count, where.at("s")))
+        what = "place" if form.grid.domain == "along_cable" else "point"
+        raise here.fail(f"got {count} {what}{'s' * (count != 1)}: give at least {FEWEST_PLACES}.")
+    if form.grid.domain == "along_cable":
+        return len(arrays.arc_lengths(grid, count, here))
+    return len(arrays.growing(grid, count, here, form.grid.unit))
 
 
 def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
@@ -129,8 +133,17 @@ def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest:
         if np.any(np.asarray(low) >= np.asarray(high)):
             said = f"got low {_plain(low)} and high {_plain(high)}"
             raise key.fail(f"{said}: give range = [low, high] with low below high.")
+    if form.walk:
+        _check_walk(unknown, where)
     _check_prior(unknown, shapes, form, longest, where.at("prior"))
     _check_start(unknown, study, where)
+
+
+def _check_walk(unknown: Unknown, where: Where) -> None:
+    """A field with a smoothness prior takes no other statement of its points."""
+    for key, stated in (("range", unknown.low is not None or unknown.high is not None), ("prior", unknown.prior is not None)):
+        if stated:
+            raise where.at(key).fail("the points of a law follow one another by a smoothness prior of their own: leave it out.")
 
 
 def _check_prior(

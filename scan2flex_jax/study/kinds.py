@@ -27,8 +27,9 @@ class ParameterFormat:
     """One quantity: `unit` as text ("-" for none), `shape` of one value, `domain` of its entries.
 
     `pair`: two entries, about d1 and d2, may replace a scalar. `per_end`: one value of `shape` for each clamped end, in the
-    order start, end. `per_point`: one value of `shape` for each point of a field along the cable.
-    `estimable`: it may be listed under `[unknown]`.
+    order start, end. `per_point`: one value of `shape` for each point of a field, along the cable or over a strain.
+    `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
+    of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
     """
 
     name: str
@@ -39,6 +40,7 @@ class ParameterFormat:
     per_end: bool = False
     per_point: bool = False
     estimable: bool = True
+    walk: float = 0.0
 
     def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
         """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""
@@ -74,6 +76,11 @@ class KindFormat:
     def names(self) -> tuple[str, ...]:
         """The names of its parameters."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def grid(self) -> ParameterFormat | None:
+        """Of a field, the parameter that holds its points: places along the cable, or strains; None for other effect types."""
+        return next((p for p in self.parameters if p.per_point and not p.estimable), None)
 
 
 def _by_name(*formats: ParameterFormat) -> dict[str, ParameterFormat]:
@@ -137,5 +144,5 @@ def _read(kind: str, said: dict) -> KindFormat:
 for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
     register_kind(_read(_kind, _said))
 
-DESCRIPTIVE_KINDS = tuple(kind for kind, form in _KINDS.items() if any(p.per_point for p in form.parameters))
+DESCRIPTIVE_KINDS = tuple(k for k, form in _KINDS.items() if form.grid is not None and form.grid.domain == "along_cable")
 """Fields along the cable: possible answers when no other effect type explains the shapes. They can be declared like any."""

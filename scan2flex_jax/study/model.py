@@ -157,8 +157,11 @@ class Study(Compared):
         return tuple(end for end in ENDS if any(c is not None and c.quaternion is not None for c in held[end]))
 
     def places_of(self, name: str) -> int:
-        """Number of places along the cable of the field "kind.parameter"; 0 for other parameters."""
-        return int(np.size(places)) if (places := self.given(f"{name.partition('.')[0]}.s")) is not None else 0
+        """Number of points of the field "kind.parameter"; 0 for other parameters."""
+        kind, dot, _ = name.partition(".")
+        grid = kind_format(kind).grid if dot else None
+        places = None if grid is None else self.given(f"{kind}.{grid.name}")
+        return 0 if places is None else int(np.size(places))
 
     def acting(self, pose: StudyPose | None = None) -> tuple[EffectDeclaration, ...]:
         """The effects that act in a pose; without one, those that act in every pose."""

@@ -89,8 +89,7 @@ def _shapes(arrays):
 
 def _values(problem, found):
     slots = problem.function.layout.slots
-    out = {s.name: found.x[s.at : s.at + s.size].reshape(s.shape) for s in slots}
-    out |= {s.name: jnp.exp(out[s.name]) for s in slots if s.log}
+    out = {s.name: s.value(found.x[s.at : s.at + s.size]) for s in slots}
     return out | {"rms": found.rms, "cost": found.cost, "iterations": found.iterations}
 
 

@@ -27,6 +27,7 @@ CABLE = Cable(1.0, 0.1, 0.02, 0.015, axial_stiffness=1.0e4, shear_stiffness=1.0e
 NORMAL, ANCHOR = [0.1, 0.2, 1.0], [0.3, 0.25, 0.05]
 ROWS = np.array([[0.4, -0.3, 0.2], [-0.2, 0.5, 0.1], [0.3, 0.2, -0.4]])
 PLACES = np.array([0.1, 0.45, 0.9])
+KNOTS = np.array([1.0, 2.5, 5.0])
 PAIR = np.array([[0.06, -0.04, 0.05], [0.03, 0.05, -0.02]])
 
 # kind -> (null, active): the parameters that differ stand in `active`
@@ -58,6 +59,8 @@ VALUES = {
     "memory_set": ({"memory": 0.0, "previous": ROWS}, {"memory": 0.5}),
     "distributed_load": ({"s": PLACES, "force": 0.0 * ROWS}, {"force": 0.3 * ROWS}),
     "curvature_profile": ({"s": PLACES, "curvature": 0.0 * ROWS}, {"curvature": ROWS}),
+    "bending_law": ({"curvature": KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.8, 0.4, 0.5])}),
+    "torsion_law": ({"twist": 0.5 * KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.6, 0.7, 1.5])}),
 }
 KINDS = tuple(VALUES)
 BASE_VALUES = {kind: null for kind, (null, _) in VALUES.items()}

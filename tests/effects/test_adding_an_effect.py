@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -22,18 +23,32 @@ from . import scene
 ROOT = Path(__file__).parents[2]
 
 
+BLOCKS = re.findall(r"```python\n(.*?)```", (ROOT / "docs/adding-an-effect.md").read_text(), re.S)
+
+
+def of_block(k):
+    """A test of one block of the page."""
+    return pytest.mark.parametrize("page", [k], indirect=True, ids=[""])
+
+
 @pytest.fixture
-def helical_set():
-    """The page's code, and everything as it was afterwards."""
+def page(request):
+    """The names of one block of the page's code, and everything as it was afterwards."""
     before = [dict(table) for table in (_ADDED, _CLASSES, _KINDS)]
     names = {}
-    exec(re.search(r"```python\n(.*?)```", (ROOT / "docs/adding-an-effect.md").read_text(), re.S).group(1), names)
-    yield names["HelicalSet"]
+    exec(BLOCKS[request.param], names)
+    yield names
     for table, old in zip((_ADDED, _CLASSES, _KINDS), before, strict=True):
         table.clear()
         table.update(old)
 
 
+@pytest.fixture
+def helical_set(page):
+    return page["HelicalSet"]
+
+
+@of_block(0)
 def test_a_free_cable_takes_its_natural_shape(helical_set):
     """With the frame turning back as the curvature turns on, the cable is the helix of constant curvature and torsion: its
     axis distance per turn follows from k and 2 pi/pitch (helix of curvature k and torsion -2 pi/pitch in a fixed frame)."""
@@ -53,6 +68,7 @@ def test_a_free_cable_takes_its_natural_shape(helical_set):
     np.testing.assert_allclose(np.linalg.norm(r - r[0], axis=1), chord, atol=2e-4)
 
 
+@of_block(0)
 def test_it_is_known_everywhere(helical_set, tmp_path):
     assert "helical_set" in kind_names()
     assert entry_of("helical_set") in catalogue()
@@ -67,6 +83,7 @@ def test_it_is_known_everywhere(helical_set, tmp_path):
     np.testing.assert_array_equal(rods[0].section.natural, rods[1].section.natural)
 
 
+@of_block(0)
 def test_its_format_is_that_of_its_fields(helical_set):
     form = kind_format("helical_set")
     assert [(p.name, p.unit, p.shape, p.domain) for p in form.parameters] == [
@@ -74,8 +91,30 @@ def test_its_format_is_that_of_its_fields(helical_set):
     ]  # fmt: skip
 
 
+@of_block(0)
 def test_a_name_that_is_taken_is_refused(helical_set):
     taken = type("Bend", (helical_set,), {"kind": "kink"})
     with pytest.raises(Scan2FlexError, match="taken"):
         add_kind(replace(entry_of("helical_set"), effect=taken))
     assert entry_of("kink").effect is not taken
+
+
+@of_block(1)
+def test_a_law_bends_as_it_says(page):
+    """Pure bending: the moment is the derivative of the energy, smooth at zero, and the plain rod where the scale is far."""
+    EI, k, K = 0.02, 3.0, jnp.diag(jnp.array([1e5, 1e5, 1e4, 0.02, 0.02, 0.015]))
+    effect = effect_of("cubic_bending", {"scale": 2.0})
+    extra = jax.grad(effect.strain_energy)(jnp.zeros(6).at[4].set(k), K)
+    np.testing.assert_allclose(EI * k + extra[4], EI * k * (1 + (k / 2.0) ** 2))
+    np.testing.assert_array_equal(jax.hessian(effect.strain_energy)(jnp.zeros(6), K), np.zeros((6, 6)))
+    assert kind_format("cubic_bending").parameter("scale").unit == "1/m"
+
+
+@of_block(2)
+def test_a_law_of_any_form_is_fitted(page):
+    """The simulated cable is linear, and its law is that of the paper's stiffness within its band."""
+    found = page["found"]
+    inside = found.reached & (found.at > 0)
+    truth = 0.1 * found.at
+    assert np.max(np.abs(found.moment - truth)[inside]) < 0.02 * np.max(truth[inside])
+    assert page["result"].estimates["bending_stiffness"].value == pytest.approx(0.1, rel=0.05)

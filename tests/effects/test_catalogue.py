@@ -18,6 +18,7 @@ from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, kind_format
 from . import scene
 
 ENTRIES = {entry.kind: entry for entry in catalogue()}
+LAWS = ("bending_law", "torsion_law")  # declared only
 # kind -> amplitudes and a site whose parameters in the format the scene's table holds
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 
@@ -133,7 +134,7 @@ def test_entries_are_complete():
         assert entry.settle
         assert entry.kind in fx.kinds() or entry.kind == "memory_set"
     ours = {kind for kind in fx.kinds() if fx.effect_class(kind).__module__.startswith("scan2flex_jax.")}
-    assert ours <= set(ENTRIES) | set(DESCRIPTIVE_KINDS)
+    assert ours <= set(ENTRIES) | set(DESCRIPTIVE_KINDS) | set(LAWS)
 
 
 def test_only_clamped_ends_can_yield():
@@ -147,7 +148,23 @@ def test_only_clamped_ends_can_yield():
 
 def test_fields_have_entries_and_are_not_scanned_for():
     assert {entry.kind for entry in fields()} == set(DESCRIPTIVE_KINDS)
-    assert not {entry.kind for entry in catalogue()} & set(DESCRIPTIVE_KINDS)
+    assert not {entry.kind for entry in catalogue()} & {*DESCRIPTIVE_KINDS, *LAWS}
+
+
+@pytest.mark.parametrize("kind", LAWS)
+def test_a_law_goes_to_amplitudes_and_back(kind):
+    """The steps of its random walk: none for the linear law, and the built effect has the factors that are reported."""
+    entry, (site,) = entry_of(kind), entry_of(kind).sites(scene.CONTEXT)
+    steps = np.linspace(-0.4, 0.2, len(entry.amplitudes))
+    told = entry.to_parameters(steps, site, scene.CONTEXT)
+    np.testing.assert_allclose(np.log(told["factor"]), np.cumsum(steps))
+    back, place = entry.from_parameters(told, scene.CONTEXT)
+    np.testing.assert_allclose(back, steps, atol=1e-12)
+    assert place == pytest.approx(site)
+    (built,) = entry.build(jnp.asarray(steps), site, scene.CONTEXT)
+    np.testing.assert_allclose(built.factor, told["factor"])
+    (linear,) = entry.build(jnp.zeros(len(steps)), site, scene.CONTEXT)
+    np.testing.assert_array_equal(linear.factor, 1.0)
 
 
 def resting_curves(normal, offset, rng):

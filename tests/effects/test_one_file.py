@@ -78,8 +78,8 @@ def test_class_entry_and_format_agree(kind):
         effect = fx.effect_of(kind, written, ends)
         for parameter in form.parameters:
             expected = parameter.shapes(len(ends))[0]
-            if entry.field:  # which has as many places as it is given
-                expected = (len(written["s"]), *expected[1:])
+            if entry.field:  # which has as many points as it is given
+                expected = (len(written[form.grid.name]), *expected[1:])
             assert np.shape(written[parameter.name]) == expected
             whole = expected if entry.field else (2, *parameter.shape) if parameter.per_end else parameter.shape
             assert getattr(effect, parameter.name).shape == whole

@@ -56,8 +56,7 @@ def study_of(unknowns=BOTH, poses=("plane", "twist-90", "aside-45"), effects=(),
 
 def vector(layout, truth):
     """The numbers of the fit for values of the unknowns."""
-    parts = [np.broadcast_to(truth[s.name], s.shape).ravel() for s in layout.slots]
-    parts = [np.log(v) if s.log else v for s, v in zip(layout.slots, parts, strict=True)]
+    parts = [s.numbers(np.broadcast_to(truth[s.name], s.shape)) for s in layout.slots]
     return np.concatenate([*parts, np.zeros(layout.shared - layout.unknowns)])
 
 

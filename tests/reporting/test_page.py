@@ -11,10 +11,11 @@ import pytest
 
 from scan2flex_jax.diagnosis import Explanation
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import Law, Reading
 from scan2flex_jax.fitting.answer import moved_in_words
 from scan2flex_jax.reporting import page, report, save_report
 from scan2flex_jax.reporting.contents import contents_of
-from scan2flex_jax.reporting.parts import errors
+from scan2flex_jax.reporting.parts import errors, laws
 from scan2flex_jax.study.mistakes import Mistake
 from tests.reporting.scenes import EVIL, explained
 
@@ -253,3 +254,18 @@ def test_a_missing_library_is_one_sentence(monkeypatch):
     monkeypatch.setattr(page, "import_module", gone)
     with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[report\]"):
         page.require_libraries()
+
+
+def test_a_law_has_its_panel_and_what_is_read_off_it(fitted):
+    """Declared laws stand before what the model lacks; a fit without one has no such section."""
+    at = np.linspace(0.0, 5.0, 11)
+    knee = Reading("knee", 2.0, 1.8, 2.2, "1/m")
+    law = Law("bending_law", at, 0.1 * at, 0.09 * at, 0.11 * at, at < 3.0, 0.1, 0.001, True, (knee,))
+    contents = contents_of(replace(fitted, laws=(law,)), next_pose=False)
+    (section,) = laws(contents)
+    shown = Page(section)
+    assert "not linear up to 2.5 1/m" in shown.words()
+    assert "1.8 to 2.2" in shown.words()
+    assert [a["aria-label"] for tag, a in shown.tags if tag == "svg"] == ["moment of the bending_law"]
+    assert "not reached by a pose" in shown.words()
+    assert list(laws(replace(contents, fit=fitted))) == []

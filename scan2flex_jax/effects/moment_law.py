@@ -1,0 +1,88 @@
+"""A moment law of any form: the tangent stiffness at points of a strain, the moment and the energy that follow from it.
+
+``q`` (1/m) is the strain that the law acts on (curvature or twist), ``B`` (N m^2) the stiffness at zero strain. The law is the
+tangent stiffness ``dm/dq = B factor(q)``: ``factor`` is 1 at zero, has a positive value at each point of a grid, is linear
+in ``q^2`` between them (a law is odd, so its slope is even) and constant beyond the last. Moment and energy are its integrals,
+
+    m(q) = B int_0^q factor dx,    U(q) = int_0^q m dx = q m(q) - B int_0^q x factor dx,
+
+polynomials between the points. So ``m`` grows with ``q`` and ``U`` is convex, whatever the positive values; ``U`` is twice
+continuously differentiable, at zero too, where it is a polynomial in ``u = q^2``. All factors 1: the linear law.
+
+A fit estimates the logarithms of ``factor``. Their prior is a random walk along the grid from 0 at zero strain: its mean is the
+linear law, and beyond the strains of the poses it goes on with the tangent stiffness where they end. ``B`` is the slope at zero
+strain, which the walk leaves alone, so that the two are told apart. Reference: Flaschel, Kumar, De Lorenzis, "Unsupervised
+discovery of interpretable hyperelastic constitutive laws" (2021).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from scan2flex_jax.effects.entry import Context
+from scan2flex_jax.rod.effect import AbstractEffect
+
+WALK = 1.5  # standard deviation of log factor at the last point: slipping wires keep a fifth of their stiffness or less
+_POINTS = 8  # of the grid of an effect that is searched for
+
+
+def excess_energy(u: Float[Array, ""], at: Float[Array, " m"], factor: Float[Array, " m"]) -> Float[Array, ""]:
+    """Energy over ``B`` (1/m^2) in addition to the quadratic ``u/2``, at ``u = q^2`` (1/m^2)."""
+    first = u <= at[0] ** 2
+    q = jnp.sqrt(jnp.where(first, at[0] ** 2, u))  # no square root at zero, where its derivatives have no limit
+    beyond = q * excess_moment(q, at, factor) - _integral(q, at, factor, 1)
+    return jnp.where(first, (factor[0] - 1.0) / at[0] ** 2 * u**2 / 12.0, beyond)
+
+
+def excess_moment(q: Float[Array, "..."], at: Float[Array, " m"], factor: Float[Array, " m"]) -> Float[Array, "..."]:
+    """Moment over ``B`` (1/m) in addition to the linear ``q``, for ``q`` (1/m) of zero or more."""
+    return _integral(q, at, factor, 0)
+
+
+def tangent(q: Float[Array, "..."], at: Float[Array, " m"], factor: Float[Array, " m"]) -> Float[Array, "..."]:
+    """Tangent stiffness over ``B`` (-)."""
+    return jnp.interp(q**2, jnp.append(0.0, at) ** 2, jnp.append(1.0, factor))
+
+
+def _integral(q, at, factor, power):
+    """``int_0^q x^power (factor - 1) dx``, piece by piece; on each, ``factor - 1 = a + b x^2``."""
+    low, high = jnp.append(0.0, at[:-1]), at
+    excess = jnp.append(0.0, factor - 1.0)
+    b = jnp.diff(excess) / (high**2 - low**2)
+    a = excess[:-1] - b * low**2
+    k = power + 1
+
+    def primitive(x):
+        return a * x**k / k + b * x ** (k + 2) / (k + 2)
+
+    pieces = primitive(jnp.clip(q[..., None], low, high)) - primitive(low)
+    past = jnp.maximum(q, at[-1]) ** k - at[-1] ** k
+    return jnp.sum(pieces, axis=-1) + excess[-1] * past / k
+
+
+def law(cls: Callable[..., AbstractEffect], grid: str, most: Callable[[Context], float]) -> dict[str, Any]:
+    """Fields of the catalogue entry of a law: a grid from zero to the strain ``most(context)`` (1/m), on it the steps of the
+    random walk as amplitudes."""
+
+    def points(site):
+        return site["most"] * np.arange(1, _POINTS + 1) / _POINTS
+
+    def back(p, c):
+        at, end = np.asarray(p[grid], float), float(np.max(p[grid]))
+        steps = np.interp(points({"most": end}) ** 2, np.append(0.0, at) ** 2, np.append(0.0, np.log(p["factor"])))
+        return np.diff(steps, prepend=0.0), {"most": end}
+
+    return {
+        "field": True,
+        "searched": False,  # room for its energy in the states of every search would slow all of them
+        "amplitudes": tuple(f"step {k + 1}" for k in range(_POINTS)),
+        "size": lambda c: np.full(_POINTS, WALK / np.sqrt(_POINTS)),  # as in a fit
+        "build": lambda a, site, c: (cls(**{grid: points(site), "factor": jnp.exp(jnp.cumsum(a))}),),
+        "to_parameters": lambda a, site, c: {grid: points(site), "factor": np.exp(np.cumsum(a))},
+        "from_parameters": back,
+        "sites": lambda c: ({"most": most(c)},),
+    }
