@@ -66,8 +66,8 @@ class Reading:
 class Law:
     """One law with its band: ``moment``, ``low`` and ``high`` (k,) in N m at strains ``at`` (k,) in 1/m, and whether the poses
     ``reached`` each (k,); ``stiffness`` (N m^2) at zero strain. ``p_value``: probability of such a gain over the linear law if
-    the law is linear; None for a law that is given. ``absolute``: whether the poses determine the stiffness at zero strain;
-    else the band is that of the law's form alone."""
+    the law is linear; None for a law that is given, or of a fit that has not settled. ``absolute``: whether the poses
+    determine the stiffness at zero strain; else the band is that of the law's form alone."""
 
     kind: str
     at: np.ndarray
@@ -208,12 +208,13 @@ def _spans(kind, problem, minimum):
 
 
 def _p_value(name, problem, minimum, left, secant):
-    """Probability of a gain as large as that over the linear law if it is linear; None where the law is not estimated.
+    """Probability of a gain as large as that over the linear law if it is linear; None where the law is not estimated, or
+    the fit has not settled.
 
     ``left``: noise and discrepancy; ``secant``: stiffness (N m^2) of the linear law to begin from, and its parameter's name.
     """
     slot = _slot(problem.layout, name)
-    if slot is None:
+    if slot is None or not minimum.converged:
         return None
     noise, discrepancy = left
     goal, own = problem.goal(problem.scale(noise)), np.arange(slot.at, slot.at + slot.size)

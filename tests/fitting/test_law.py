@@ -1,10 +1,13 @@
 """The law of a fit: shapes of a cable whose law is known give it back with its band, and say what kind of law it is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.fitting.law import laws_of
 from scan2flex_jax.fitting.run import fit
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study, save_study
 
@@ -99,6 +102,15 @@ def test_the_result_holds_the_law(found):
     assert len(told["curvature"]) == len(told["low"]) == len(told["high"]) == len(told["reached"])
     factor = result.estimates["bending_law.factor"]
     assert np.all((factor.low < factor.value) & (factor.value < factor.high))
+
+
+def test_a_fit_that_has_not_settled_says_nothing_of_its_law(found):
+    _, result = found
+    unsettled = replace(result.minimum, converged=False)
+    given = np.eye(result.problem.layout.unknowns), result.noise, result.discrepancy
+    (law,) = laws_of(result.problem, unsettled, *given)
+    assert law.p_value is None
+    assert law.sentences() == law.readings == ()
 
 
 def test_a_fitted_law_is_saved_and_read_back(found, tmp_path):
