@@ -24,4 +24,17 @@ def order() -> str:
     return table(["order of the lanes", "steps run over steps needed"], rows) + made_on(entry)
 
 
-TABLES = {"batches": batches, "order": order}
+def minima() -> str:
+    """Milliseconds of the minimum from one guess, in a loop and as one compiled program."""
+    entry = load("minima")
+    results = entry["results"]
+    rows = []
+    for words, key, name in (("both starts", "minimise: ms", "both"), ("the guess alone", "guess alone: ms", "guess")):
+        loop, batch = results["loop"], results[f"batched, from {name}"]
+        said = f"{batch['converged']} of {batch['guesses']}", str(batch["converged elsewhere"]), f"{batch['compilation_s']:.0f}"
+        rows.append([words, f"{loop[key]:.0f}", f"{batch['ms']:.0f}", f"{batch['ms'] / loop[key]:.2f}", *said])
+    head = ["from", "loop, ms", "one program, ms", "ratio", "converged", "elsewhere", "compilation, s"]
+    return table(head, rows) + made_on(entry)
+
+
+TABLES = {"batches": batches, "order": order, "minima": minima}
