@@ -36,6 +36,7 @@ def staged(fitted, *components, amplitudes=()):
     found = refit(bench, components, Law(Noise(NOISE, 1e-3 * NOISE, 0.05)), fitted.minimum.shared, amplitudes)
     stage = object.__new__(Stage)
     object.__setattr__(stage, "bench", bench)
+    object.__setattr__(stage, "unseen", {})
     return stage, found
 
 

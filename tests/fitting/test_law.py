@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -127,6 +128,7 @@ def test_the_law_is_drawn_with_its_band(found):
     assert "95 % band" in ax.get_legend_handles_labels()[1]
     with pytest.raises(Scan2FlexError, match="declares no torsion_law"):
         plot.law(result, "torsion_law")
+    plt.close(ax.figure)
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ DRAWN = {
 
 @pytest.fixture(autouse=True)
 def closed():
+    plt.close("all")  # of other tests, where they left any
     yield
     plt.close("all")
 
