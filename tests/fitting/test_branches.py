@@ -101,6 +101,7 @@ def test_turns_of_simulated_studies_are_found_where_other_stiffnesses_imitate_th
     assert np.max(np.abs(errors(f, truth["EI"], truth["GJ"]))) < 2.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "turned", "plain"),
     [("d28", {"p1"}, (0.0010020547, 0.00147397422)), ("d27", {"p3", "p5"}, (0.119947439, 0.101332972))],

@@ -32,6 +32,7 @@ def test_intervals_cover(fits, name):
     assert abs(np.mean(z)) < 3.3 / np.sqrt(DRAWS), z
 
 
+@pytest.mark.slow
 def test_noise_is_found(fits):
     """Total per normal 0.3 mm, most of it white; the RMS distance is that of two normals."""
     np.testing.assert_allclose(np.mean([f.noise.total for f in fits]), NOISE, rtol=0.03)
@@ -39,6 +40,7 @@ def test_noise_is_found(fits):
     np.testing.assert_allclose(np.mean([f.rms() for f in fits]), np.sqrt(2) * NOISE, rtol=0.03)
 
 
+@pytest.mark.slow
 def test_correlation_is_that_of_the_draws(fits):
     """The correlation of EI and GJ that a fit quotes, against the scatter of the draws (Fisher's z, 3.5 sigma)."""
     values = np.array([[f.estimates[n].value for n in TRUE] for f in fits])
