@@ -28,8 +28,8 @@ _LEAST_GAIN = 0.05  # relative: errors that differ by less are alike
 def left_out(stage, found: Refit) -> np.ndarray:
     """Per pose the RMS distance (m) between its measured points and its prediction by the others: by refits where these were
     made, else to first order."""
-    if id(found) in stage.unseen:
-        return stage.unseen[id(found)][1]
+    if found in stage.unseen:
+        return stage.unseen[found]
     white, covariance = _white(stage, found), np.nan_to_num(found.covariance)
     out = []
     for i, rows in enumerate(white.rows):
@@ -41,10 +41,10 @@ def left_out(stage, found: Refit) -> np.ndarray:
 
 def predicted(stage, found: Refit) -> np.ndarray:
     """`left_out` by refits, which are made once; to first order where a refit cannot be solved."""
-    if id(found) not in stage.unseen:
+    if found not in stage.unseen:
         first, exact = left_out(stage, found), refitted(stage.bench, found)
-        stage.unseen[id(found)] = found, np.where(np.isfinite(exact), exact, first)
-    return stage.unseen[id(found)][1]
+        stage.unseen[found] = np.where(np.isfinite(exact), exact, first)
+    return stage.unseen[found]
 
 
 def unseen(stage, found: Refit) -> float | None:

@@ -128,7 +128,7 @@ def _judged(found: Found) -> Found:
     found.tied, found.lead, found.verdict = [best], verdict.TOO_LITTLE, verdict.UNEXPLAINED
     if not best.components:
         return found
-    found.unseen, found.constancy = confirm.unseen(stage, best), None
+    found.unseen = found.constancy = None  # at the sensor's noise
     found.after = test_after(stage, best)
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
     said = confirm.compared(stage, best, found.baseline)

@@ -33,7 +33,7 @@ class Stage:
 
     ``known``: refits with another estimate of the noise, by their kinds; a refit of the same kinds begins where they ended.
     ``least``: the lowest cost of a refit so far; those that cannot come near it are given up on the way.
-    ``unseen``: refits (by identity) with the errors (m) of their poses left out in turn, where these were computed.
+    ``unseen``: errors (m) of the poses left out in turn, of refits for which these were computed.
     """
 
     bench: Bench
@@ -50,7 +50,7 @@ class Stage:
     known: dict[frozenset[str], Refit]
     of: "Signatures"
     least: float = np.inf
-    unseen: dict[int, tuple[Refit, np.ndarray]] = field(default_factory=dict)
+    unseen: dict[Refit, np.ndarray] = field(default_factory=dict)
 
     @property
     def noise(self) -> Noise:
