@@ -13,21 +13,23 @@ from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
+from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.statics.solve import equilibrium
 
 
 def mesh_error(problem, minimum) -> np.ndarray:
     """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
-    out = []
-    for i in range(problem.poses.count):
+
+    def of_pose(i):
         model = model_at(problem.layout, problem.poses.template(i), jnp.asarray(minimum.shared))
         said = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
         boundary = boundary_at(problem.layout, said, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)
         e = equilibrium(model, boundary, start=_doubled(c), elements=2 * problem.elements)
         error = np.max(np.linalg.norm(np.asarray(e.points)[::2] - c.r, axis=1))
-        out.append(error if bool(e.verdict.solved) else np.nan)
-    return np.array(out)
+        return error if bool(e.verdict.solved) else np.nan
+
+    return np.array(each_pose(of_pose, problem.poses.count))
 
 
 def _doubled(c):

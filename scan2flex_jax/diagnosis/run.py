@@ -21,7 +21,7 @@ from scan2flex_jax.fitting import Fit
 from scan2flex_jax.fitting import fit as plain_fit
 from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
-from scan2flex_jax.fitting.threads import on_one_blas_thread
+from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
@@ -29,7 +29,7 @@ from scan2flex_jax.study.sense import check_study
 _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 
 
-@on_one_blas_thread
+@threaded
 def explain(
     study: Study,
     *,

@@ -25,6 +25,7 @@ from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
+from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.effect import overriding
 
 
@@ -100,12 +101,13 @@ class Bench:
 
     def shapes(self, components, vector, start=None, derivative=True):
         """All poses solved at the numbers: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""
-        numbers, out = Numbers(self, components), []
-        start = self.start if start is None else start
-        for i in range(self.poses.count):
+        numbers, start = Numbers(self, components), self.start if start is None else start
+
+        def solved(i):
             state, tangents = self._state(components, vector[numbers.of_pose(i)], i)
-            out.append(self._solve(state, tangents if derivative else None, i, one(start, i)))
-        return out
+            return self._solve(state, tangents if derivative else None, i, one(start, i))
+
+        return self._each(solved)
 
     def catalogue_columns(self, vector, components, start):
         """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.
@@ -114,13 +116,13 @@ class Bench:
         is a slot of the state with another value in it at every site, and is solved once for each.
         """
         kinds, laws = self._of_catalogue(components)
-        out = []
-        for i in range(self.poses.count):
+
+        def columns(i):
             parts = self.catalogue_tangents(vector, components, start, i)
-            columns = [self._solve(state, tangents, i, one(start, i)).columns for state, tangents in parts]
-            out.append(np.concatenate(columns, axis=-1))
+            return np.concatenate([self._solve(state, t, i, one(start, i)).columns for state, t in parts], axis=-1)
+
         owner = [k for same in kinds.values() for k in same] + laws
-        return out, np.array([k for k in owner for _ in components[k].entry.amplitudes])
+        return self._each(columns), np.array([k for k in owner for _ in components[k].entry.amplitudes])
 
     def catalogue_tangents(self, vector, components, start, i):
         """States of pose ``i`` and the directions in which the components move them at zero amplitude: most kinds one state,
@@ -154,25 +156,32 @@ class Bench:
 
     def field_columns(self, vector, make, shape, start):
         """Columns of a field that is no kind of the catalogue: ``make(values)`` gives its effect."""
-        numbers, out = Numbers(self, ()), []
-        for i in range(self.poses.count):
+        numbers = Numbers(self, ())
+
+        def columns(i):
             x = vector[numbers.of_pose(i)]
             state, _ = self._state((), x, i)
             given = (self.layout, self.elements, make, shape, self.poses.template(i), one(self.poses.boundary, i))
             tangents = _field(*given, jnp.asarray(x), self.nulls)
-            out.append(self._solve(state, jax.tree.map(np.asarray, tangents), i, one(start, i)).columns)
-        return out
+            return self._solve(state, jax.tree.map(np.asarray, tangents), i, one(start, i)).columns
+
+        return self._each(columns)
 
     def scatter(self, components, vector, start) -> tuple[np.ndarray, ...]:
         """Per pose the columns (m, 3, k) of its discrepancy at an equilibrium (`fitting.discrepancy`), in m per 1/m."""
-        numbers, out = Numbers(self, components), []
-        for i in range(self.poses.count):
+        numbers = Numbers(self, components)
+
+        def columns(i):
             state, _ = self._state(components, vector[numbers.of_pose(i)], i)
-            out.append(self._solve(state, discrepancy.directions(state), i, one(start, i)).columns)
-        return tuple(out)
+            return self._solve(state, discrepancy.directions(state), i, one(start, i)).columns
+
+        return tuple(self._each(columns))
+
+    def _each(self, work):
+        self.solves += self.poses.count
+        return each_pose(work, self.poses.count)
 
     def _solve(self, state, tangents, i, start):
-        self.solves += 1
         tangents = states.no_tangents(state) if tangents is None else tangents
         return states.evaluate(state, tangents, start, target_of(self.poses, i))
 

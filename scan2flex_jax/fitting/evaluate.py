@@ -18,6 +18,7 @@ from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
@@ -75,7 +76,8 @@ class Evaluator:
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         start = p.start if start is None else start
-        found = [self._pose(i, np.concatenate([shared, local[i]]), one(start, i), derivative) for i in range(p.count)]
+        numbers = [np.concatenate([shared, own]) for own in local]
+        found = each_pose(lambda i: self._pose(i, numbers[i], one(start, i), derivative), p.count)
         r, jacobian, s, configuration, verdict, _ = jax.tree.map(lambda *x: np.stack(x), *found)
         return Evaluation(r, jacobian, s, configuration, verdict)
 
@@ -94,15 +96,16 @@ class Evaluator:
 
     def scatter(self, shared, local, start) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its discrepancy (`fitting.discrepancy`) at equilibria, in m per 1/m."""
-        out = []
-        for i in range(self.poses.count):
+
+        def columns(i):
             x = np.concatenate([shared, local[i]])
             rows = -(-len(x) // self.width) * self.width
             boundary = one(self.poses.boundary, i)
             state, _ = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
             given = discrepancy.directions(state), one(start, i), target_of(self.poses, i), self.distance, self.width
-            out.append(np.asarray(states.evaluate(state, *given).columns))
-        return out
+            return np.asarray(states.evaluate(state, *given).columns)
+
+        return each_pose(columns, self.poses.count)
 
 
 def target_of(poses: Poses, i: int) -> states.Target:

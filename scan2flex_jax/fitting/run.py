@@ -22,7 +22,7 @@ from scan2flex_jax.fitting.result import UNSETTLED, Fit, PoseFit
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
-from scan2flex_jax.fitting.threads import on_one_blas_thread
+from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.check import study_warnings, unit_warnings
@@ -34,7 +34,7 @@ METHODS = ("least-squares", "bfgs", "nelder-mead")
 DATA = ("auto", "curve", "cloud")
 
 
-@on_one_blas_thread
+@threaded
 def fit(
     study: Study,
     method: str = "least-squares",

@@ -1,0 +1,77 @@
+"""Poses on several threads: the same numbers as on one, the caller's settings of JAX, and no thread left behind."""
+
+import threading
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scan2flex_jax import fit
+from scan2flex_jax.fitting import threads
+from scan2flex_jax.fitting.threads import each_pose, threaded
+from tests.fitting.scenes import example
+
+
+@pytest.fixture(params=[1, 4], ids=["one core", "four cores"])
+def cores(request, monkeypatch):
+    monkeypatch.setattr(threads, "_cores", lambda: request.param)
+    return request.param
+
+
+def waiting():
+    """Work of a pose that names its thread; the first two wait for each other."""
+    both = threading.Barrier(2, timeout=10)
+
+    def work(i):
+        if i < 2:
+            both.wait()
+        return threading.current_thread().name
+
+    return work
+
+
+def test_poses_of_a_threaded_call_run_side_by_side(monkeypatch):
+    monkeypatch.setattr(threads, "_cores", lambda: 4)
+    found = threaded(lambda: each_pose(waiting(), 8))()
+    assert found[0] != found[1]
+    assert all(n.startswith("pose") for n in found)
+    assert not [t for t in threading.enumerate() if t.name.startswith("pose")]
+
+
+def test_order_and_exceptions_are_those_of_a_loop(cores):
+    def work(i):
+        if i in (5, 7):
+            raise ValueError(f"pose {i}")
+        return i
+
+    assert threaded(lambda: each_pose(work, 5))() == each_pose(work, 5) == [0, 1, 2, 3, 4]
+    with pytest.raises(ValueError, match="pose 5"):
+        threaded(lambda: each_pose(work, 9))()
+
+
+def test_calls_within_a_call_share_its_threads(monkeypatch):
+    monkeypatch.setattr(threads, "_cores", lambda: 4)
+    inner = threaded(threads._POOL.get)
+    outer = threaded(lambda: (threads._POOL.get(), inner(), threads._POOL.get()))
+    mine, shared, after = outer()
+    assert mine is shared is after
+    assert threads._POOL.get() is None
+
+
+@pytest.mark.parametrize("precise", [True, False])
+def test_threads_have_the_precision_that_the_caller_chose_for_his_own(monkeypatch, precise):
+    monkeypatch.setattr(threads, "_cores", lambda: 4)
+    with jax.enable_x64(precise):
+        found = threaded(lambda: each_pose(lambda i: jnp.zeros(1).dtype, 4))()
+    assert set(found) == {jnp.dtype(jnp.float64 if precise else jnp.float32)}
+
+
+def test_a_fit_is_the_same_on_one_core_and_on_four(monkeypatch):
+    answers = []
+    for count in (1, 4):
+        monkeypatch.setattr(threads, "_cores", lambda count=count: count)
+        found = fit(example())
+        answers.append((found.estimates, found.minimum.evaluation.residual))
+    assert answers[0][0] == answers[1][0]
+    np.testing.assert_array_equal(answers[0][1], answers[1][1])
