@@ -24,7 +24,7 @@ from benchmarks.record import record
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
-_PER_PROCESS = 50
+_WARM = 20  # cases, after which a process has compiled what most studies need
 BEYOND_THE_TABLE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_taper"}  # in the catalogue, not in the table
 
 
@@ -38,7 +38,7 @@ def diagnose(folder: Path, options: dict | None = None) -> dict:
     from scan2flex_jax.diagnosis import explain  # noqa: PLC0415 - the environment must be set first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
-    began = time.perf_counter()
+    began, used = time.perf_counter(), time.process_time()
     try:
         study = load_study(folder)
         if any(pose.curve is None for pose in study.poses):
@@ -47,11 +47,28 @@ def diagnose(folder: Path, options: dict | None = None) -> dict:
     except Exception as fault:  # a benchmark counts failures
         return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
     out = found.to_json()
+    out |= {"processor_seconds": time.process_time() - used, "process": os.getpid(), "resident_mib": _resident()}
     out["poses_fitted"] = len(study.fit_poses)
     out["plain_estimates"] = {} if found.fit is None else found.fit.to_json()["estimates"]
     out["floor"] = 2**0.5 * found.noise.total if found.noise else None
     out["ranking"] = out.get("ranking", [])[:6]
     return out
+
+
+def _resident() -> float:
+    """Memory (MiB) that this process occupies now."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def memory(results: dict) -> dict:
+    """Memory (MiB) of the process that diagnosed most of these cases, after 20 of them, at most later and at the end."""
+    known = [r for r in results.values() if "resident_mib" in r]
+    processes = [[r["resident_mib"] for r in known if r["process"] == p] for p in {r["process"] for r in known}]
+    longest = max(processes, key=len, default=[])
+    if len(longest) < 2 * _WARM:
+        return {}
+    after = longest[_WARM - 1 :]
+    return {"studies": len(longest), "after_20": after[0], "most": max(after), "last": after[-1]}
 
 
 def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
@@ -67,7 +84,7 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
     out = {
         "truth": sorted(truth), "off": answer.get("off_catalogue", "none"), "strength": answer.get("plain_over_noise", 0.0),
         "poses": result.get("poses_fitted"), "verdict": result.get("verdict"), "p": result.get("test", {}).get("p_value"),
-        "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"),
+        "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"), "processor_seconds": result.get("processor_seconds"),
         "tolerances": tolerances, "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
     }  # fmt: skip
     named = result.get("verdict") in NAMED
@@ -117,6 +134,7 @@ def table(rows: list[dict]) -> dict:
     strong = [r for r in one if r["strength"] > 1.5]
     right = [r for r in one if r["top_1"]]
     chosen = [r for r in one + two if r["chosen"]]
+    timed = [r for r in rows if r.get("processor_seconds")]
     mean = lambda rows, f: sum(map(f, rows)) / len(rows) if rows else None  # noqa: E731
     return {
         "cases": len(rows), "faults": sum(bool(r.get("fault")) for r in rows),
@@ -144,6 +162,8 @@ def table(rows: list[dict]) -> dict:
         **(background_score.table(rows) if any("background" in r for r in rows) else {}),
         "seconds_mean": mean([r for r in rows if r.get("seconds")], lambda r: r["seconds"]),
         "seconds_most": max((r["seconds"] for r in rows if r.get("seconds")), default=None),
+        "processor_seconds_mean": mean(timed, lambda r: r["processor_seconds"]),
+        "processor_seconds_most": max((r["processor_seconds"] for r in timed), default=None),
     }  # fmt: skip
 
 
@@ -154,14 +174,15 @@ def main() -> None:
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--only", default="")
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--per-process", type=int, default=50, help="cases after which a process is replaced")
     parser.add_argument("--record", help="name of the record in benchmarks/results")
     args = parser.parse_args()
     wanted = set(filter(None, args.only.split(",")))
     folders = [f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)]
     results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
     todo, context = [f for f in folders if f.name not in results], multiprocessing.get_context("spawn")
-    # fresh processes now and then: they once crashed at the limit of memory mappings, which `compilation.make_room` now minds
-    for batch in (todo[i : i + _PER_PROCESS * args.jobs] for i in range(0, len(todo), _PER_PROCESS * args.jobs)):
+    together = args.per_process * args.jobs
+    for batch in (todo[i : i + together] for i in range(0, len(todo), together)):
         with ProcessPoolExecutor(args.jobs, context, prepare) as pool:
             running = {pool.submit(diagnose, f): f.name for f in batch}
             for finished in as_completed(running):
@@ -174,10 +195,11 @@ def main() -> None:
     answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in done}
     loose = {n: "tolerance" in tomllib.loads((args.cases / n / "study.toml").read_text()) for n in done}
     rows = {n: score(done[n], answers[n], loose[n]) for n in done}
-    args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows, "results": results}, indent=1) + "\n")
+    figures = table(list(rows.values())) | {"memory": memory(done)}
+    args.json.write_text(json.dumps({"table": figures, "rows": rows, "results": results}, indent=1) + "\n")
     if args.record:
-        record(args.record, {"table": table(list(rows.values())), "rows": rows})
-    sys.stdout.write(json.dumps(table(list(rows.values())), indent=1) + "\n")
+        record(args.record, {"table": figures, "rows": rows})
+    sys.stdout.write(json.dumps(figures, indent=1) + "\n")
 
 
 if __name__ == "__main__":

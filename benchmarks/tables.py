@@ -128,7 +128,8 @@ def _lines(t, keys) -> list[list[str]]:
 def background() -> str:
     """The loop on blind cases with a random deviation of each pose: the record `background` of `benchmarks.blind_score`."""
     entry = load("background")
-    return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _BACKGROUND)) + made_on(entry)
+    t = entry["results"]["table"]
+    return table(["", "measured", "asked for"], _lines(t, _BACKGROUND) + _cost(t)) + made_on(entry)
 
 
 def scans() -> str:
@@ -143,9 +144,22 @@ def blind() -> str:
     t = entry["results"]["table"]
     rows = _lines(t, _BLIND)
     rows.insert(1, _calibrated())
-    rows.append(["seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"])
+    rows += _cost(t)
     rows.append(["cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", "-"])
     return table(["", "measured", "asked for"], rows) + made_on(entry)
+
+
+def _cost(t) -> list[list[str]]:
+    """Rows of the time of a case, and of the memory of a process of many."""
+    rows = [["seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"]]
+    if t.get("processor_seconds_mean"):
+        figures = f"{t['processor_seconds_mean']:.0f}, {t['processor_seconds_most']:.0f}"
+        rows.append(["the same in seconds of processor time, compilation included", figures, "-"])
+    if t.get("memory"):
+        m = t["memory"]
+        words = f"memory of one process with {m['studies']} cases: after 20, at most afterwards, at the end"
+        rows.append([words, f"{m['after_20']:,.0f}, {m['most']:,.0f}, {m['last']:,.0f} MiB", "flat"])
+    return rows
 
 
 def _calibrated() -> list[str]:
