@@ -154,6 +154,8 @@ def _rivals(found) -> list[Refit]:
         if r is best or len(r.components) != len(best.components) or any(entry_of(k).field for k in r.kinds):
             continue
         near = settings.lead_named if len(r.kinds) == 1 and alike(*r.kinds, *best.kinds) else settings.lead_favoured
+        if r.log_evidence <= best.log_evidence - near:
+            continue  # before its refits without each pose are made
         said = confirm.compared(found.stage, r, best)
         wider = contains(r, best) and not said.better  # the simpler one of two that are nested stands where it is as likely
         least = best.log_evidence + (settings.lead_favoured if wider else -near)

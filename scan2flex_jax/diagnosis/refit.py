@@ -28,6 +28,7 @@ from scan2flex_jax.fitting.noise import Noise
 _MOST = 14  # iterations: a refit begins at the one-step estimate
 _MOST_FREED = 25  # iterations of one whose sizes are freed: it may go far
 _ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
+_PROMISES = 1e-3  # drop of the cost that an undamped step must promise to be worth its solves
 _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
 _DAMPING = 1e-4  # to begin with
@@ -87,14 +88,14 @@ def refit(bench: Bench, components, law: Law, guess, amplitudes=(), *, most: int
     ends = [found]
     for other, begin, base in _other_starts(bench, found):
         least = min(least, found.cost)
-        ends.append(_refit(bench, other, law, base, begin, configurations(found.shapes), 2 * most, least))
+        ends.append(_refit(bench, other, law, base, begin, found.shapes, 2 * most, least))
     return max(ends, key=lambda f: f.log_marginal)
 
 
 def again(bench: Bench, before: Refit, law: Law, least: float = np.inf, most: int = _MOST) -> Refit:
     """A refit anew under another law of the residual, from where it ended before."""
     n, prior = Numbers(bench, before.components), Prior(bench, before.components, before.wider)
-    return _descend(bench, before.components, n, prior, law, before.vector, configurations(before.shapes), most, least)
+    return _descend(bench, before.components, n, prior, law, before.vector, before.shapes, most, least, solved=True)
 
 
 def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
@@ -109,8 +110,7 @@ def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
     if not any(t > 1.0 for t in wider) or not np.isfinite(found.cost):
         return found
     n, prior = Numbers(bench, found.components), Prior(bench, found.components, wider)
-    start = configurations(found.shapes)
-    end = _descend(bench, found.components, n, prior, found.law, found.vector, start, most, np.inf)
+    end = _descend(bench, found.components, n, prior, found.law, found.vector, found.shapes, most, np.inf, solved=True)
     if not np.isfinite(end.cost):
         return found
     return replace(end, log_marginal=found.log_marginal, log_evidence=found.log_evidence, wider=wider)
@@ -134,7 +134,7 @@ def _other_starts(bench, found):
             yield (*found.components[:k], other, *found.components[k + 1 :]), [*amplitudes[:k], a, *amplitudes[k + 1 :]], base
 
 
-def _refit(bench, components, law, guess, amplitudes, start, most, least):
+def _refit(bench, components, law, guess, amplitudes, shapes, most, least):
     n, prior = Numbers(bench, components), Prior(bench, components)
     vector = np.zeros(n.count)
     vector[: n.base] = guess[: n.base]
@@ -147,11 +147,11 @@ def _refit(bench, components, law, guess, amplitudes, start, most, least):
         for k, c in enumerate(components):
             if c.entry.continuation:
                 vector[n.amplitudes(k)] = c.entry.continued(step, bench.context)
-        vector = np.clip(vector, prior.low, prior.high)
+        vector, solved = np.clip(vector, prior.low, prior.high), False
         for each in (*_far(bench, law), *_tempered(law)):
             near = least if each is law and step == steps - 1 else np.inf  # costs of another law do not compare
-            found = _descend(bench, components, n, prior, each, vector, start, most, near)
-            vector, start = found.vector, configurations(found.shapes)
+            found = _descend(bench, components, n, prior, each, vector, shapes, most, near, solved)
+            vector, shapes, solved = found.vector, found.shapes, True
     return found
 
 
@@ -193,7 +193,10 @@ class _RefitModel(Model):
         self.own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
 
     def at(self, x, start=None) -> Point:
-        shapes = self.bench.shapes(self.components, x, self.bench.poses.start if start is None else start)
+        return self.of(x, self.bench.shapes(self.components, x, self.bench.poses.start if start is None else start))
+
+    def of(self, x, shapes) -> Point:
+        """The evaluation at ``x`` whose poses are solved."""
         if any(int(s.verdict.code) != 0 or not np.all(np.isfinite(s.residual)) for s in shapes):
             return Point(x, np.inf, None, (shapes, None))
         white, prior = whiten(shapes, self.bench.real, self.n, x, self.law), self.prior
@@ -226,12 +229,13 @@ class _RefitModel(Model):
         return point, damping
 
 
-def _descend(bench, components, n, prior, law, vector, start, most, least):
-    model, start = _RefitModel(bench, components, n, prior, law), bench.start if start is None else start
-    point, damping = model.within_reach(model.at(vector, start), start)
+def _descend(bench, components, n, prior, law, vector, shapes, most, least, solved=False):
+    """From the configurations of ``shapes`` (None: those of the bench); ``solved``: they are the solution at ``vector``."""
+    model, start = _RefitModel(bench, components, n, prior, law), bench.start if shapes is None else configurations(shapes)
+    point, damping = model.within_reach(model.of(vector, shapes) if solved else model.at(vector, start), start)
     rules = Rules(
-        most=lambda cost: most, settled=lambda cost: _ENOUGH, damping=_DAMPING, least=1e-9, refused=1e-3, give_up=_GIVE_UP,
-        stuck_converges=False, closer=(lambda cost: _ENOUGH) if components else None, bend=True,
+        most=lambda cost: most, settled=lambda cost: _ENOUGH, promises=_PROMISES, damping=_DAMPING, least=1e-9, refused=1e-3,
+        give_up=_GIVE_UP, stuck_converges=False, closer=(lambda cost: _ENOUGH) if components else None, bend=True,
         hopeless=least + _HOPELESS,
     )  # fmt: skip
     found = descend(model, point, rules, damping)
