@@ -84,8 +84,10 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
     out = {
         "truth": sorted(truth), "off": answer.get("off_catalogue", "none"), "strength": answer.get("plain_over_noise", 0.0),
         "poses": result.get("poses_fitted"), "verdict": result.get("verdict"), "p": result.get("test", {}).get("p_value"),
-        "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"), "processor_seconds": result.get("processor_seconds"),
-        "tolerances": tolerances, "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
+        "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"),
+        "processor_seconds": result.get("processor_seconds"),
+        "tolerances": tolerances,
+        "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
     }  # fmt: skip
     named = result.get("verdict") in NAMED
     out["detected"] = bool(result.get("test", {}).get("significant"))
