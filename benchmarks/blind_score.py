@@ -85,8 +85,7 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
         "truth": sorted(truth), "off": answer.get("off_catalogue", "none"), "strength": answer.get("plain_over_noise", 0.0),
         "poses": result.get("poses_fitted"), "verdict": result.get("verdict"), "p": result.get("test", {}).get("p_value"),
         "chosen": chosen, "ties": sorted(ties), "seconds": result.get("seconds"), "fault": result.get("fault"),
-        "processor_seconds": result.get("processor_seconds"),
-        "tolerances": tolerances,
+        "processor_seconds": result.get("processor_seconds"), "tolerances": tolerances,
         "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
     }  # fmt: skip
     named = result.get("verdict") in NAMED
