@@ -32,7 +32,7 @@ def _module(name):
 def white_noise() -> None:
     """Residuals are taken to be independent from point to point."""
     residual, Noise = _module("diagnosis.residual"), _module("fitting.noise").Noise
-    small = 1e-4  # of the white part: what is left of the correlated one
+    small = 1e-4  # of the white part: the remaining correlated part
 
     def only_white(negative, size, length):
         from scipy import optimize  # noqa: PLC0415

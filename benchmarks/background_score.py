@@ -11,7 +11,7 @@ from statistics import median
 import numpy as np
 
 NAMED = ("explained", "partly explained")
-SIZE, VALIDATE = 0.15, 1.3  # what is asked for: the size to within, and validate poses within this of what is attained
+SIZE, VALIDATE = 0.15, 1.3  # targets: the size to within, and validate poses within this of what is attained
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 
 

@@ -3,7 +3,7 @@
 An independent solver of the rod equations (`benchmarks.blind.rod`) makes the shapes: a cable drawn as for the blind studies in
 4 to 6 poses, with one of five laws of the bending moment, and white noise of a thousandth of the length. The study declares
 `bending_law` on a grid of 24 curvatures up to 1.2 times the largest, all factors unknown, EI and GJ too. The rod has 80
-elements, since cables that slip bend sharply beside their clamps: with 8 curvatures and 40 elements the error stays below 5 %,
+elements, since cables that slip bend sharply near their clamps: with 8 curvatures and 40 elements the error stays below 5 %,
 and the band holds less than half of a law with a knee.
 
 Recorded for each: the share of the curvatures reached at which the 95 % band holds the true moment, the largest error of the

@@ -332,7 +332,7 @@ def traceless(study, found, clean) -> bool:
 
 
 def alike(off, residual, clean) -> bool:
-    """Whether shapes and residuals differ by little, beside the residual of the study without the mistake."""
+    """Whether shapes and residuals differ by little, compared with the residual of the study without the mistake."""
     apart = float(np.sqrt(np.mean([np.sum(np.square(d), axis=-1) for d in off])))
     return apart < TRACE * clean and abs(residual / clean - 1.0) < TRACE
 

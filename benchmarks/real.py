@@ -96,16 +96,16 @@ def page(name, entry, picture) -> str:
         lines += [f"- {s}" for s in r["sentences"]]
         if "ranking" not in r:
             continue
-        lines += ["", "| pose | role | plain rod, mm | after, mm |", "| --- | --- | --- | --- |"]
+        lines += ["", "| pose | role | baseline, mm | after, mm |", "| --- | --- | --- | --- |"]
         for pose, p in r["poses"].items():
             figures = [f"{1e3 * p[k]:.2f}" if k in p else "not solved" for k in ("rms_before", "rms")]
             lines.append(f"| {pose} | {p['role']} | {' | '.join(figures)} |")
-        lines += ["", "| kind | log evidence, nats | verdict | left on fitted poses, mm | on validate poses, mm |"]
+        lines += ["", "| kind | log evidence, nats | verdict | error on fitted poses, mm | on validate poses, mm |"]
         lines += ["| --- | --- | --- | --- | --- |"]
         for k in r["ranking"]:
             left = f"{_millimetres(k['rms_fit'])} | {_millimetres(k['rms_validate'])}"
             lines.append(f"| {k['kind']} | {k['log_evidence']:.0f} | {k['verdict']} | {left} |")
-        lines += ["", f"Noise estimated beside all signatures: {1e3 * r['noise']['total']:.2f} mm per normal. Estimates:", ""]
+        lines += ["", f"Noise given all signatures: {1e3 * r['noise']['total']:.2f} mm per normal. Estimates:", ""]
         for n, x in r["after"].items():
             open_end = "" if x["identifiable"] else " (not determined)"
             lines.append(f"- {n}: {r['before'][n]:.3g} before, {x['value']:.3g} after{open_end}")
@@ -115,8 +115,8 @@ def page(name, entry, picture) -> str:
         said = ", ".join(f"{k}: {f'none up to {MOST_TWIST}' if v is None else f'{v:.0f}'}" for k, v in b["predicted"].items())
         lines += ["## The twist at which the loop buckles", ""]
         lines += [f"Measured five times: {', '.join(map(str, b['measured']))} degrees. Predicted with EI = "
-                  f"{b['bending_stiffness']:.3g} N m^2 (straight wire, plain fit) by the ratio GJ/EI, which no plane shape "
-                  f"tells: {said} degrees.", ""]  # fmt: skip
+                  f"{b['bending_stiffness']:.3g} N m^2 (straight wire, baseline fit) by the ratio GJ/EI, which plane shapes "
+                  f"do not determine: {said} degrees.", ""]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

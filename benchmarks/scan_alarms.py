@@ -24,8 +24,8 @@ from benchmarks.blind.scene import observation_matrix
 from benchmarks.blind.shapes import Lens
 from benchmarks.record import record
 
-SENSED = 5e-4  # m, of one coordinate of the curves that stand beside
-STRENGTH = (4.0, 10.0)  # beside it, log-uniform, as `blind.cases` measures it
+SENSED = 5e-4  # m, of one coordinate of the curves for comparison
+STRENGTH = (4.0, 10.0)  # over it, log-uniform, as `blind.cases` measures it
 POINTS, FINE = 120, 401  # of a curve, and of the shape that the scanner sees
 RADIUS = (0.004, 0.012)  # m
 MOST_POSES = 5  # that are fitted: each takes seconds to extract

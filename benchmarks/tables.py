@@ -66,12 +66,12 @@ def fit() -> str:
     return table(head, rows) + made_on(entry)
 
 
-_BLIND = (  # key, what it says, what is asked for
-    ("false_alarms", "nothing missing, and an alarm at the 5 % level", "3-8 %"),
+_BLIND = (  # key, words, target
+    ("false_alarms", "nothing missing: alarms at the 5 % level", "3-8 %"),
     ("detected_above_0.7", "one or two effects of strength above 0.7: detected", "95 %"),
     ("truth_in_tie_set_6_poses", "one effect, six poses or more: in the tie set", "90 %"),
     ("truth_in_tie_set", "one effect, all cases: in the tie set", "-"),
-    ("mean_tie_set", "kinds in a tie set, mean", "2 at most"),
+    ("mean_tie_set", "effect types in a tie set, mean", "2 at most"),
     ("top_1", "one effect: ranked first", "85 %"),
     ("top_1_above_1.5", "the same, strength above 1.5", "95 %"),
     ("named_and_wrong", "named alone, and wrong", "2 % at most"),
@@ -79,14 +79,14 @@ _BLIND = (  # key, what it says, what is asked for
     ("both_tied", "two effects: both in the tied sets", "-"),
     ("one_of_a_pair", "two effects: at least one in the tie set", "-"),
     ("off_catalogue_flagged", 'an effect that no catalogue has: answered "unexplained"', "75 %"),
-    ("off_catalogue_field", "the same, or a field that describes it tied with the kinds named", "-"),
+    ("off_catalogue_field", "the same, or a field that describes it tied with the effects named", "-"),
     ("fit_within_5_percent", "ranked first and right: RMS after within 5 % of the noise", "all"),
     ("validate_better", "poses never fitted: predicted better than before", "90 %"),
     ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
     ("validate_within_1.15_no_tolerance", "the same in studies without tolerances (a new pose's clamps deviate too)", "all"),
-    ("place_within_2_percent", "right kind with a place along the cable: within 2 % of the length", "all"),
+    ("place_within_2_percent", "right effect type with a position along the cable: within 2 % of the length", "all"),
     ("place_within_2_percent_if_seen", "the same, where its standard error is below 1 % of the length", "-"),
-    ("place_covered", "95 % intervals of places that hold the truth", "-"),
+    ("place_covered", "95 % intervals of positions that hold the truth", "-"),
     ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"),
 )
 _BACKGROUND = (
@@ -94,12 +94,12 @@ _BACKGROUND = (
     ("background_in_tie_set", "one effect above it: in the tie set", "85 %"),
     ("background_named_and_wrong", "named, and wrong", "-"),
     ("background_size_within_15_percent", "one effect: in the tie set, and its size within 15 %", "80 %"),
-    ("background_validate_within_1.3", "one effect: poses never fitted within 1.3 of what the true model leaves", "80 %"),
-    ("background_discrepancy_over_true_median", "scatter said over the true one, median", "-"),
+    ("background_validate_within_1.3", "one effect: poses never fitted within 1.3 of the error of the true model", "80 %"),
+    ("background_discrepancy_over_true_median", "reported over true scatter, median", "-"),
     ("background_coverage_95_alone", "95 % intervals of EI and GJ that hold the truth: background alone", "92-97 %"),
     ("background_coverage_95_with_effect", "the same with an effect, after it is searched", "92-97 %"),
-    ("background_coverage_95_plain_fit_alone", "the same of the plain fit, background alone", "92-97 %"),
-    ("background_coverage_95_plain_fit_with_effect", "the same of the plain fit, before an effect is known", "92-97 %"),
+    ("background_coverage_95_plain_fit_alone", "the same of the baseline fit, background alone", "92-97 %"),
+    ("background_coverage_95_plain_fit_with_effect", "the same of the baseline fit, before an effect is known", "92-97 %"),
 )
 
 _SCANS = (
@@ -129,13 +129,13 @@ def background() -> str:
     """The loop on blind cases with a random deviation of each pose: the record `background` of `benchmarks.blind_score`."""
     entry = load("background")
     t = entry["results"]["table"]
-    return table(["", "measured", "asked for"], _lines(t, _BACKGROUND) + _cost(t)) + made_on(entry)
+    return table(["", "measured", "target"], _lines(t, _BACKGROUND) + _cost(t)) + made_on(entry)
 
 
 def scans() -> str:
-    """The loop on scans beside curves of the same poses: the record `scan_alarms`."""
+    """The loop on scans and on curves of the same poses: the record `scan_alarms`."""
     entry = load("scan_alarms")
-    return table(["", "measured", "asked for"], _lines(entry["results"]["table"], _SCANS)) + made_on(entry)
+    return table(["", "measured", "target"], _lines(entry["results"]["table"], _SCANS)) + made_on(entry)
 
 
 def blind() -> str:
@@ -146,7 +146,7 @@ def blind() -> str:
     rows.insert(1, _calibrated())
     rows += _cost(t)
     rows.append(["cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", "-"])
-    return table(["", "measured", "asked for"], rows) + made_on(entry)
+    return table(["", "measured", "target"], rows) + made_on(entry)
 
 
 def _cost(t) -> list[list[str]]:

@@ -146,7 +146,7 @@ def predicted(study, EI: float) -> dict:
 
 
 def complete(answers: dict, without: Series, weighed: Series, noise) -> None:
-    """How each answer of `explain` predicts the poses that were never seen, beside what it says of them all."""
+    """Each answer of `explain` with its predictions of the poses never fitted."""
     from scan2flex_jax.study import EffectDeclaration  # noqa: PLC0415
 
     carried: tuple = ()
@@ -303,7 +303,7 @@ def main() -> None:
 
 
 def stated_of(without: Series, weighed: Series) -> dict:
-    """What the authors state, to stand beside what is found."""
+    """Values stated by the authors, for comparison."""
     bent = {s.name: s.rest_curvature for s in (without, weighed)}
     masses = {s.name: s.end_mass for s in (without, weighed)}
     return {"length": without.length, "mass": without.mass, "end_mass": masses, "rest_curvature": bent}

@@ -7,7 +7,7 @@ of each pose is seated a little askew:
 
 `l` (over L) is the correlation length and `b` (1/m) is set for each pose so that the curvature moves its curve by a given
 RMS distance. Both `l` and that distance are drawn once per case; no study states either. The strength of the effect is the
-RMS distance of what the plain rod cannot follow (to first order, EI and GJ free) over that RMS distance of the background.
+RMS distance that the baseline model cannot follow (to first order, EI and GJ free) over that RMS distance of the background.
 A kind counts as a rival of the truth when it explains the shapes as well with the background marginalised.
 """
 
@@ -25,14 +25,14 @@ from .shapes import Lens, Model, Tolerance
 MOVES = (0.003, 0.015)  # of L: by how much the curvature moves each curve, log-uniform
 REACH = (0.1, 0.5)  # of L: the correlation length, uniform
 SEAT = np.radians(0.3)  # standard deviation of a seat, about each axis of each clamp
-STRENGTH = (3.0, 30.0)  # of the effect beside the background, log-uniform
+STRENGTH = (3.0, 30.0)  # of the effect given the background, log-uniform
 MOST_MOVED = 0.4  # of L: by how much such an effect may move a point
 LARGER = dict.fromkeys(("natural_curvature", "kink", "point_mass", "point_load", "uniform_load", "tether"), 2.0)
 """By what factor the amplitude of a kind may exceed what `draws` finds sensible: kinds that no law of the rod bounds."""
 SHORT = 0.95  # a kind that cannot be as strong as drawn may fall short, down to this share of the least strength
 FEWEST_FIT = 4
 COSINES = 13  # the last has half a per cent of the variance of the first at the shortest correlation length
-ALIKE, TRIES = 0.03, 8  # the distance asked for is met to this, in so many steps
+ALIKE, TRIES = 0.03, 8  # the target distance is met to this, in so many steps
 REDRAWS = 8  # of a curvature that makes a pose jump before it has moved so far
 FINE = 4000  # samples of a curve to which distances are measured
 
@@ -109,8 +109,8 @@ def _meet(base, poses, series, moves):
 
 
 def draw_effect(rng, base, lens, moves, kinds):
-    """The truth (one effect or none) with its strengths beside a background that moves curves by `moves` (m)."""
-    unit = moves / (np.sqrt(2) * lens.noise.sigma)  # of a strength in `cases`, which is per coordinate and beside the noise
+    """The truth (one effect or none) with its strengths given a background that moves curves by `moves` (m)."""
+    unit = moves / (np.sqrt(2) * lens.noise.sigma)  # of a strength in `cases`, which is per coordinate and over the noise
     strength, truth, strengths = strength_on(base, lens, MOST_MOVED), [], []
     for kind in kinds:
         goal = unit * np.exp(rng.uniform(*np.log(STRENGTH)))

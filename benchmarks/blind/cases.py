@@ -154,7 +154,7 @@ def rounded(effect):
 
 
 def choose_effects(rng, posed, measured, kinds, off):
-    """The truth at its strengths, and what the answer says of it: `(effects, answer, tables)`."""
+    """The truth at its strengths, and the answer about it: `(effects, answer, tables)`."""
     (scene, y, fit), (s, length, noise, tolerance) = posed, measured
     base = compared(scene, y, kinds)
     if base is None:
@@ -176,7 +176,7 @@ def choose_effects(rng, posed, measured, kinds, off):
 
 
 def compared(scene, y, kinds):
-    """The plain rod on the mesh on which shapes are compared; `None` where it is not solved."""
+    """The baseline model on the mesh on which shapes are compared; `None` where it is not solved."""
     L = scene.cable.length
     sigma = mesh(INTERVALS if "support_plane" not in kinds else 2 * INTERVALS, L)
     base = Model(scene, [], sigma, interpolate(mesh(design.FINE, L), y, sigma))
@@ -184,7 +184,7 @@ def compared(scene, y, kinds):
 
 
 def strength_on(base, lens, most=MOST_MOVED):
-    """The strength of a truth beside the noise of `lens`, as a function; `None` where a point moves by more than `most` L."""
+    """The strength of a truth over the noise of `lens`, as a function; `None` where a point moves by more than `most` L."""
     targets = [base.shape(lens, p) for p in range(len(lens.matrices))]
     J = base.columns(lens, base.stiffness_changes(), correlated=False)
 
@@ -223,7 +223,7 @@ def scaled(rng, kind, base, strength, bounds, *, larger=1.0):
 
 
 def find_rivals(base, lens, tolerance, truth, own):
-    """The accept list of the whole, and for two effects also that of each beside the other."""
+    """The accept list of the whole, and for two effects also that of each given the other."""
     scene, sigma, fit = base.scene, base.F.sigma, len(lens.matrices)
     if not truth:
         cable = scene.cable

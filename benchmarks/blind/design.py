@@ -1,4 +1,4 @@
-"""Random cables and random poses, each a stable equilibrium of the plain rod.
+"""Random cables and random poses, each a stable equilibrium of the baseline model.
 
 All is drawn with gravity along -z and turned at random into the scan frame afterwards. A pose starts from a shape that
 is known and stable: a circular arc without gravity (or a straight cantilever), an exact equilibrium. Then gravity

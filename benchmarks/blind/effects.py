@@ -1,4 +1,4 @@
-"""Physics beyond the plain rod: each kind of effect as a function that changes `Parts`.
+"""Physics beyond the baseline model: each kind of effect as a function that changes `Parts`.
 
 An effect is a dictionary as in a study's `[[effect]]` table: `kind` and its parameters, in SI units. The first group is
 the catalogue of the study format; the second, `HIDDEN`, lies outside of it; `SCATTER` differs from pose to pose and lies

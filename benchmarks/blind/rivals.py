@@ -3,7 +3,7 @@
 Two stages, both with the true covariance of the noise, with EI and GJ free, and with the stated tolerances (and the
 background, where there is one) as priors:
 
-1. to first order about the plain rod's best fit, every kind at every place is a handful of columns; all places come
+1. to first order about the baseline fit, every kind at every place is a handful of columns; all places come
    from one basis (a bump of curvature, stiffness, mass or force in each mesh interval) by linear algebra: `screen`;
 2. the kinds that leave little are refitted in full (`refits`).
 

@@ -1,4 +1,4 @@
-"""Which physics the model lacks: the residual of a fit, the effect that explains it, and the error before and after."""
+"""Missing physics: test of the residual of a fit, search for the effect that explains it, and the error before and after."""
 
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.planning import Candidate, Plan, plan

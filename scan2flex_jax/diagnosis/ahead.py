@@ -1,9 +1,9 @@
-"""Compiling ahead: what a diagnosis will run beyond its plain fit, compiled in a thread beside that fit.
+"""Compilation ahead of time: the functions of the search, compiled in a thread during the baseline fit.
 
-XLA compiles outside of Python's lock, so on two cores most of the loop's compilation costs the user no time. A thread is a side
-effect that a library call must not have: whoever wants it makes an `AheadCompiler` and hands it to `explain`, as the command
-line does. The work is done on one pose of the study at values of no meaning. The evaluation of a pose itself is compiled by
-the fit (`slots.empty_slots_of`), and serves the search as it is.
+XLA releases Python's lock while it compiles, so on two cores most of this compilation costs no time. A library call must not
+start threads unasked: the caller makes an `AheadCompiler` and passes it to `explain`, as the command line does. The functions
+run once, on one pose of the study with placeholder values. The baseline fit itself compiles the evaluation of a pose
+(`slots.empty_slots_of`), which the search reuses.
 """
 
 import threading
@@ -23,17 +23,17 @@ from scan2flex_jax.study.model import Study
 
 
 class AheadCompiler:
-    """Compiles in threads what `explain` needs; once for all studies that share what is compiled.
+    """Compiles the functions of `explain` in threads, once for all studies that share them.
 
     A thread in XLA cannot be stopped, and the interpreter waits for it at exit.
     """
 
     def __init__(self) -> None:
-        """Nothing is compiled yet."""
+        """No compilation is started yet."""
         self._begun: dict[tuple, Future[None]] = {}
 
     def start(self, study: Study, elements: int = FIT_ELEMENTS, *, mesh: bool = True) -> None:
-        """Begin compiling for studies like this one, unless that was begun before; returns at once."""
+        """Start compiling for studies like this one, unless already started; returns at once."""
         key = _compiled_by(study, elements, mesh)
         if key in self._begun:
             return
@@ -42,15 +42,15 @@ class AheadCompiler:
         threading.Thread(target=_run, args=(work, one, elements, mesh)).start()  # a daemon in XLA aborts the exit
 
     def wait(self, study: Study, elements: int = FIT_ELEMENTS, *, mesh: bool = True) -> None:
-        """Wait for what was begun for studies like this one, before the same functions are run: one that is compiled twice at
-        once is compiled twice. Raises what the work raised; whatever it left uncompiled is compiled when it is first run."""
+        """Wait for the compilation for studies like this one. Call it before running the same functions, which would otherwise
+        be compiled a second time. Re-raises an exception of the thread; a function left out compiles at its first run."""
         work = self._begun.get(_compiled_by(study, elements, mesh))
         if work is not None:
             work.result()
 
 
 def _compiled_by(study: Study, elements: int, mesh: bool) -> tuple:
-    """What the compiled functions depend on."""
+    """Key of the compiled functions."""
     acting = study.acting(study.fit_poses[0] if study.fit_poses else None)
     return layout_of(study), tuple(effect.kind for effect in acting), study.clamped_ends, elements, mesh
 
@@ -65,7 +65,7 @@ def _run(work: Future, study: Study, elements: int, mesh: bool) -> None:
 
 
 def _run_through(study: Study, elements: int, mesh: bool) -> None:
-    """The functions of a diagnosis, once each."""
+    """Run each function of a diagnosis once."""
     problem = Problem(study, elements)
     minimum = _anywhere(problem)
     bench, vector = Bench(problem, minimum), np.r_[minimum.shared, minimum.local.ravel()]
@@ -75,10 +75,10 @@ def _run_through(study: Study, elements: int, mesh: bool) -> None:
 
 
 def _anywhere(problem: Problem) -> Minimum:
-    """The measured curves themselves in place of a fit."""
+    """A placeholder for the fit: the measured curves."""
     poses, layout = problem.poses, problem.layout
     shared = np.r_[problem.starts()[-1], np.zeros(layout.shared - layout.unknowns)]
     nothing = np.zeros((poses.count, poses.mask.shape[1], 3))
-    unknown: Any = None  # no verdict
+    unknown: Any = None  # no status
     evaluation = Evaluation(nothing, None, np.asarray(poses.expected), poses.start, unknown)
     return Minimum(shared, np.zeros((poses.count, layout.local)), evaluation, np.inf, 0, False)

@@ -1,4 +1,4 @@
-"""The answer that an explanation opens with: the estimates after, what they rest on, the error on unseen poses, the belief."""
+"""Opening lines of an explanation: final estimates, their sensitivities, error on unseen poses, and belief."""
 
 import numpy as np
 
@@ -24,14 +24,14 @@ def answer_of(explanation) -> Answer:
         return Answer((), "", "", belief, tone, warnings_of(study))
     rows = rows_of(fitted.study, explanation.estimates)
     lost = [row.symbol for row in rows if not row.value]
-    belief += f"; {' and '.join(lost)} cannot be told from these poses" if lost and tone != BAD else ""
+    belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
     return Answer(
         rows, rests_on(fitted.study, explanation.influence), _unseen(explanation), belief, tone, warnings_of(fitted.study)
     )
 
 
 def _unseen(explanation):
-    """The error after on poses that had no part in it; without them, of each fitted pose predicted from the others."""
+    """The final error on validate poses; without them, on fitted poses left out in turn."""
     length, rms = explanation.fit.problem.length, explanation.rms("validate")
     count = sum(p.role == "validate" for p in explanation.poses.values())
     if count and np.isfinite(rms):
@@ -44,11 +44,11 @@ def _unseen(explanation):
 
 
 def found_in_words(explanation) -> str:
-    """The effects that were found, and those that are tied with them: ``kink or natural curvature``."""
+    """The effects found and those tied with them: ``kink or natural curvature``."""
     kinds = [r.kind.replace("_", " ") for r in explanation.chosen]
     rivals = [k.replace("_", " ") for r in explanation.chosen for k in r.tied_with]
     rivals = [k for k in dict.fromkeys(rivals) if k not in kinds]
-    if explanation.verdict == verdict.TIE and not rivals:  # with a smooth field, or with an error of what the study states
+    if explanation.verdict == verdict.TIE and not rivals:  # tied with a smooth field, or with an error in the study
         rivals = ["something outside the catalogue"]
     return " and ".join(kinds) + "".join(f" or {k}" for k in rivals)
 
@@ -59,7 +59,7 @@ def _belief(explanation) -> tuple[str, str]:
     if explanation.mistakes:
         return BAD, f"no: the input is likely mistaken: {explanation.mistakes[0]}"
     if explanation.fit is None or explanation.verdict == verdict.UNSOLVED:
-        return BAD, "no: not in equilibrium, so that nothing is concluded"
+        return BAD, "no: not in equilibrium, nothing is concluded"
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved"
     return _of_verdict(explanation)
@@ -68,11 +68,11 @@ def _belief(explanation) -> tuple[str, str]:
 def _of_verdict(explanation):
     found, fitted = found_in_words(explanation), explanation.fit
     if explanation.verdict == verdict.NONE and fitted.valid is False:
-        return FAIR, f"with care: nothing is missing in the fitted poses, but {fitted.sentences[-1]}"
-    said = {
-        verdict.NONE: (GOOD, f"yes: the plain rod explains the shapes to within the noise (p = {explanation.p_value:.2g})"),
-        verdict.EXPLAINED: (GOOD, f"yes, with {found}: what is left beside it is noise"),
-        verdict.PARTLY: (FAIR, f"with care: {found} takes most of the error away, and what is left is more than noise"),
+        return FAIR, f"with care: the fitted poses show no missing effect, but {fitted.sentences[-1]}"
+    belief = {
+        verdict.NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {explanation.p_value:.2g})"),
+        verdict.EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),
+        verdict.PARTLY: (FAIR, f"with care: {found} removes most of the error, but more than noise remains"),
         verdict.TIE: (FAIR, f"with care: {found} explain the shapes alike; the intervals hold for all of them"),
     }
-    return said.get(explanation.verdict, (BAD, "no: something is missing, and no known effect explains it"))
+    return belief.get(explanation.verdict, (BAD, "no: something is missing, and no known effect explains it"))

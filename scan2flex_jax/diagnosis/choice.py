@@ -1,7 +1,7 @@
-"""Which of several refits stands: likelihood, poses left out, and simplicity.
+"""Choice between refits: likelihood, leave-one-pose-out error, and simplicity.
 
-The likelihood rests on the assumed law of the discrepancy. Between an effect and a wider one that contains it, poses left out
-therefore decide, whatever the likelihoods: the simpler one stands unless the wider one predicts them better.
+The likelihood depends on the assumed covariance of the discrepancy. Between an effect and a wider one that contains it, the
+leave-one-pose-out error therefore decides: the simpler one is kept unless the wider one has a smaller error.
 """
 
 from collections.abc import Iterable
@@ -13,13 +13,13 @@ from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.search import alike, pieces
 from scan2flex_jax.diagnosis.sensitivity import Component
 
-_TELLING = 3  # poses from which on those left out say which of two effects to keep
+_TELLING = 3  # poses: from this number on, the leave-one-pose-out error decides between nested effects
 
 
 def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
-    """The likeliest refit of ``count`` effects, or one as likely that predicts poses left out better, or a simpler one.
+    """The likeliest refit of ``count`` effects, or one about as likely that predicts poses left out better or is simpler.
 
-    Of those whose sizes are the same in all poses, where there are any; without any refit the baseline model.
+    Refits with sizes homogeneous across poses come first. Without any refit, the baseline model.
     """
     own = [r for r in refits if len(r.components) == count and np.isfinite(r.log_evidence)]
     own = [r for r in own if of_one_size(stage, r) and not pieces(r)] or own
@@ -28,9 +28,9 @@ def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
     order = sorted(own, key=lambda r: -r.log_evidence)
     best, most = order[0], order[0].log_evidence
     for other in (r for r in order[1:] if r.log_evidence > most - stage.settings.lead_named):
-        said = confirm.compared(stage, other, best)
+        against = confirm.compared(stage, other, best)
         simpler = size(other) < size(best) and other.log_evidence > best.log_evidence - stage.settings.lead_favoured
-        if (said.better and not contains(other, best)) or (simpler and not said.worse):
+        if (against.better and not contains(other, best)) or (simpler and not against.worse):
             best = other
     if stage.bench.poses.count < _TELLING:
         return best
@@ -41,7 +41,7 @@ def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
 
 
 def contains(wider: Refit, simpler: Refit) -> bool:
-    """Whether one effect of a set is a wider one that gives the shapes of an effect of another set, all others alike."""
+    """Whether two sets differ in one effect, that of ``wider`` with more parameters and the shapes of that of ``simpler``."""
     more, less = set(wider.kinds) - set(simpler.kinds), set(simpler.kinds) - set(wider.kinds)
     if len(more) != 1 or len(less) != 1 or size(wider) <= size(simpler):
         return False
@@ -49,16 +49,16 @@ def contains(wider: Refit, simpler: Refit) -> bool:
 
 
 def size(r: Refit) -> int:
-    """How many numbers the effects of a refit have; a field counts as more than any kind."""
+    """Number of effect parameters of a refit; a field has more than any other effect type."""
     return sum(numbers_of(c) for c in r.components)
 
 
 def numbers_of(component: Component) -> int:
-    """How many numbers of an effect a refit moves."""
+    """Number of parameters of an effect that a refit estimates."""
     return len(component.entry.amplitudes) + len(component.moving)
 
 
 def of_one_size(stage, r: Refit) -> bool:
-    """Whether each effect of a refit has one size in all poses, as far as sizes are estimated."""
+    """Whether each estimated size of a refit is homogeneous across poses."""
     sizes = (confirm.scatter(stage, r, k) for k in range(len(r.components)))
     return all(s is None or s <= stage.settings.most_scatter for s in sizes)

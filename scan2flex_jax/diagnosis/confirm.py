@@ -1,13 +1,13 @@
-"""Confirmation: would the effect have predicted a pose that it had not seen, and is it the same in every pose?
+"""Confirmation: leave-one-pose-out prediction error, and homogeneity of an effect's size across poses.
 
-Leaving out a whole pose (points of one pose share their noise) needs no new fit where the model is close to linear: with the
-whitened residual ``r``, columns ``J`` and the precision ``A`` of all numbers at a minimum, the residual of pose ``i`` predicted
-by the others is, to first order,
+A whole pose is left out, since its points share their noise. A model that is close to linear needs no new fit: with the
+whitened residual ``r``, columns ``J`` and the precision ``A`` of all parameters at a minimum, the residual of pose ``i``
+predicted from the others is, to first order,
 
     (I - J_i A^-1 J_i')^-1 r_i.
 
-Where models are compared, each is refitted to the other poses in turn (`diagnosis.left_out`): a pose that alone reaches a
-support, or pulls a tether taut, leaves the others far from linear.
+For a comparison of models, each is refitted to the other poses in turn (`diagnosis.left_out`), since without the one pose that
+reaches a support, or pulls a tether taut, the model is far from linear.
 Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), eq. 2.2.24; a test holds it against refits.
 """
 
@@ -22,12 +22,12 @@ from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 
-_LEAST_GAIN = 0.05  # relative: errors that differ by less are alike
+_LEAST_GAIN = 0.05  # relative: errors that differ by less count as equal
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
-    """Per pose the RMS distance (m) between its measured points and its prediction by the others: by refits where these were
-    made, else to first order."""
+    """Per pose the RMS distance (m) between its measured points and its prediction from the others: by refits where these
+    exist, otherwise to first order."""
     if found in stage.unseen:
         return stage.unseen[found]
     white, covariance = _white(stage, found), np.nan_to_num(found.covariance)
@@ -40,7 +40,7 @@ def left_out(stage, found: Refit) -> np.ndarray:
 
 
 def predicted(stage, found: Refit) -> np.ndarray:
-    """`left_out` by refits, which are made once; to first order where a refit cannot be solved."""
+    """`left_out` by refits, computed once; to first order where a refit is not solved."""
     if found not in stage.unseen:
         first, exact = left_out(stage, found), refitted(stage.bench, found)
         stage.unseen[found] = np.where(np.isfinite(exact), exact, first)
@@ -48,9 +48,9 @@ def predicted(stage, found: Refit) -> np.ndarray:
 
 
 def unseen(stage, found: Refit) -> float | None:
-    """Error in a pose left out over that of the base, geometric mean over the poses: what an effect foretells.
+    """Leave-one-pose-out error over that of the base model, geometric mean over the poses.
 
-    Not the error of all poses together: a pose that alone shows an effect is predicted by none of the others.
+    The mean is geometric because the others cannot predict a pose that alone shows the effect.
     """
     if not found.components or stage.bench.poses.count < 2:
         return None
@@ -59,11 +59,11 @@ def unseen(stage, found: Refit) -> float | None:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One model against another in poses left out in turn: ``gain``, the mean logarithm of the ratio of their errors (positive
-    where the first is better), its standard error ``std`` over the poses, and ``ratio`` of the RMS over all of them.
+    """Leave-one-pose-out errors of two models: ``gain``, the mean log ratio of their errors (positive if the first model is
+    better), its standard error ``std`` over the poses, and ``ratio``, that of the RMS errors over all poses.
 
-    One model is better where both say so: the mean by more than its uncertainty, so that no single pose decides, and the ratio,
-    so that no gain in poses of small error counts that is lost again in those of large error.
+    A model is better if both measures agree: the gain exceeds its standard error, so that no single pose decides, and the ratio
+    is below one, so that poses of small error do not outweigh those of large error.
     """
 
     gain: float
@@ -72,17 +72,17 @@ class Comparison:
 
     @property
     def better(self) -> bool:
-        """Whether the first predicts better, by more than the uncertainty of the comparison."""
+        """Whether the first model predicts better, by more than the uncertainty of the comparison."""
         return self.gain > max(self.std, _LEAST_GAIN) and self.ratio < 1.0 - _LEAST_GAIN
 
     @property
     def worse(self) -> bool:
-        """Whether it predicts worse, likewise."""
+        """Whether the first model predicts worse, by more than the uncertainty of the comparison."""
         return -self.gain > max(self.std, _LEAST_GAIN) and self.ratio > 1.0 + _LEAST_GAIN
 
 
 def compared(stage, found: Refit, other: Refit) -> Comparison:
-    """A refit against another, paired over the poses; from a single pose nothing is known."""
+    """Comparison of two refits, paired over the poses; a single pose decides nothing."""
     if found is other or stage.bench.poses.count < 2:
         return Comparison(0.0, np.inf, 1.0)
     a, b = predicted(stage, found), predicted(stage, other)
@@ -94,10 +94,10 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
 
 
 def scatter(stage, found: Refit, k: int) -> float | None:
-    """Relative scatter between poses of the size of component ``k``: the standard deviation of the size that fits each pose by
-    itself, over the size; poses that hardly feel it weigh little. None where the size is not estimated, or from one pose.
+    """Relative scatter between poses of the size of component ``k``: weighted deviation of the size that fits each pose by
+    itself, over the size; the weights are sensitivities. None where the size is not estimated, or from one pose.
 
-    A first-order step along the size, with all other numbers where they are.
+    To first order in the size, with all other parameters fixed.
     """
     numbers, frozen = Numbers(stage.bench, found.components), Prior(stage.bench, found.components).frozen
     at = numbers.amplitudes(k)
@@ -107,15 +107,15 @@ def scatter(stage, found: Refit, k: int) -> float | None:
     white = _white(stage, found)
     column = white.J[:, at] @ size  # per relative change of the size
     weight = np.array([column[rows] @ column[rows] for rows in white.rows])
-    asked = np.array([-column[rows] @ white.r[rows] for rows in white.rows]) / np.maximum(weight, 1e-300)
-    mean = np.sum(weight * asked) / np.sum(weight)
-    return float(np.sqrt(np.sum(weight * (asked - mean) ** 2) / np.sum(weight)))
+    change = np.array([-column[rows] @ white.r[rows] for rows in white.rows]) / np.maximum(weight, 1e-300)
+    mean = np.sum(weight * change) / np.sum(weight)
+    return float(np.sqrt(np.sum(weight * (change - mean) ** 2) / np.sum(weight)))
 
 
 def constancy(stage, found: Refit) -> float | None:
-    """p-value of the effect's size being the same in all poses (score test of a size of its own in each pose).
+    """p-value of homogeneity: one size of the effects in all poses (score test against one size per pose).
 
-    None where there is nothing to compare: one pose, or an effect whose size was not estimated (how hard a plane is).
+    None for a single pose, and for effects without an estimated size (a support plane's stiffness is not estimated).
     """
     numbers, frozen = Numbers(stage.bench, found.components), Prior(stage.bench, found.components).frozen
     at = [i for k in range(len(found.components)) for i in numbers.amplitudes(k) if not frozen[i]]

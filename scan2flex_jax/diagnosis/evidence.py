@@ -1,25 +1,25 @@
-"""Evidence: how much more likely the data are with a kind than without it, its size being physically plausible.
+"""Evidence of an effect type: log Bayes factor over the base model, with priors of physically plausible sizes.
 
-Amplitudes in units of their size have a normal prior of standard deviation ``t``; with ``A = X'X``, ``b = X'y`` (whitened,
-base taken out)
+Amplitudes in units of their physical size have a normal prior of standard deviation ``t``; with ``A = X'X``, ``b = X'y``
+(whitened, projected off the base columns)
 
     log B_t = 1/2 b' (I/t^2 + A)^-1 b - 1/2 log |I + t^2 A|.
 
-A size is known to an order of magnitude, and missing effects are strong ones rather than weak ones: ``B`` is the mean over
-``t`` of `SCALES`, so that an effect type is not ranked behind others for its strength alone. A one-sided amplitude has half
-the prior: times ``2 Phi(mean/sd)``. A kind with several sites has the mean of ``B`` over them. Reference: MacKay, "Bayesian
-interpolation" (1992). BIC, ``T/2 - k/2 log n``, is the second opinion.
+Sizes are known to an order of magnitude, and missing effects tend to be strong: ``B`` is the mean over ``t`` in `SCALES`, so
+that strength alone does not lower the rank of an effect type. A one-sided amplitude has a half-normal prior: a factor of
+``2 Phi(mean/sd)``. ``B`` of an effect type is the mean over its candidate sites. Reference: MacKay, "Bayesian interpolation"
+(1992). BIC, ``T/2 - k/2 log n``, is a second criterion.
 """
 
 import numpy as np
 from scipy import special
 
-SCALES = (1.0 / 3.0, 1.0, 3.0, 10.0, 30.0)  # of a physical size, each as likely as the others
+SCALES = (1.0 / 3.0, 1.0, 3.0, 10.0, 30.0)  # of a physical size, equally likely
 
 
 def log_evidence(A: np.ndarray, b: np.ndarray, one_sided=()) -> float:
     """Log Bayes factor of a group over the base."""
-    sizes, axes = np.linalg.eigh(0.5 * (A + A.T))  # none is negative but by rounding, which may be far above the prior
+    sizes, axes = np.linalg.eigh(0.5 * (A + A.T))  # negative by rounding only, which may far exceed the prior
     return averaged([_at_scale(t, np.maximum(sizes, 0.0), axes, b, one_sided) for t in SCALES])
 
 
@@ -34,7 +34,7 @@ def _at_scale(scale, sizes, axes, b, one_sided):
 
 
 def one_step(A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Expected amplitudes in units of their size, shrunk by the prior."""
+    """Posterior mean of the amplitudes, in units of their size."""
     return np.linalg.solve(np.eye(len(b)) + A, b)
 
 
@@ -45,5 +45,5 @@ def averaged(values) -> float:
 
 
 def bic(T: float, rank: int, n: int) -> float:
-    """Half of the drop of the Bayesian information criterion."""
+    """Half the decrease of the Bayesian information criterion."""
     return 0.5 * T - 0.5 * rank * np.log(n)

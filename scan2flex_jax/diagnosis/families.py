@@ -1,11 +1,11 @@
-"""When nothing fits: which family of physics the residual behaves like, described by a field with a band.
+"""Discrepancy fields: nonparametric descriptions of a residual that no effect type explains, one per family of physics.
 
-A ghost field has smooth random values along the cable (or per pose), one amplitude ``a`` and no place of its own. With
-``Z`` its whitened columns beyond the base, ``Z = U diag(d) V'``, the log marginal likelihood over the base alone is
+A discrepancy field is a Gaussian process along the cable (or per pose) with one amplitude ``a`` and no candidate site. With
+``Z = U diag(d) V'`` its whitened columns, projected off the base columns, its log marginal likelihood over the base model is
 
     max_a  sum_i 1/2 (u_i' y)^2 a^2 d_i^2/(1 + a^2 d_i^2) - 1/2 log(1 + a^2 d_i^2).
 
-Such a field describes; it does not name, and one that differs from pose to pose cannot predict another pose.
+Such a field describes the residual without naming its cause, and one that differs between poses predicts no other pose.
 Reference: Girolami et al., "The statistical finite element method" (2021).
 """
 
@@ -20,7 +20,7 @@ from scan2flex_jax.effects.entry import Varied
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
 
 _AMPLITUDES = np.geomspace(0.05, 300.0, 28)  # of a times the largest d
-POSE_LOADS = "pose loads"  # can stand for contact and for much else: it describes, and takes no effect's place
+POSE_LOADS = "pose loads"  # may imitate contact and much else: it describes, and never replaces an effect
 WORDS = {
     "curvature": "a natural curvature that varies along the cable",
     "load": "a load that varies along the cable, the same in every pose",
@@ -32,8 +32,8 @@ WORDS = {
 
 @dataclass(frozen=True)
 class Described:
-    """A ghost field that may describe what no effect explains: as the ``parameter`` (``unit``) of an effect at `POINTS`
-    places, three components each."""
+    """A discrepancy field reported where no effect explains the residual: the ``parameter`` (``unit``) of an effect at `POINTS`
+    positions, three components each."""
 
     effect: type[CurvatureProfile] | type[DistributedLoad]
     parameter: str
@@ -48,19 +48,19 @@ DESCRIBED = {
 
 @dataclass(frozen=True)
 class Family:
-    """One ghost field: ``U`` (n, k) and ``d`` (k,) of its columns beyond the base."""
+    """One discrepancy field: ``U`` (n, k) and ``d`` (k,) of its projected columns."""
 
     name: str
     U: np.ndarray
     d: np.ndarray
 
     def gain(self, Y: np.ndarray) -> np.ndarray:
-        """Log evidence over the base for each column of ``Y``, at the best amplitude."""
+        """Log evidence over the base model for each column of ``Y``, at the most likely amplitude."""
         return np.maximum(best_amplitude(self.U, self.d, Y)[1], 0.0)
 
 
 def best_amplitude(U: np.ndarray, d: np.ndarray, Y: np.ndarray):
-    """The amplitude of a field that makes ``Y`` (n,) or each column of (n, B) likeliest, and its log evidence over none."""
+    """The most likely amplitude of a field for ``Y`` (n,) or each column of (n, B), and its log evidence over no field."""
     grid = _AMPLITUDES / max(d[0], 1e-300)
     t = (grid[:, None] * d) ** 2
     values = (0.5 * (t / (1 + t)) @ (U.T @ Y) ** 2).T - 0.5 * np.sum(np.log1p(t), axis=1)
@@ -76,13 +76,13 @@ def family_of(name: str, columns: np.ndarray, base: np.ndarray, mix: np.ndarray 
     return Family(name, U[:, keep], d[keep])
 
 
-def ghost_columns(bench, vector, start) -> dict:
-    """Columns (m, 3, K) per pose of the fields of curvature and of load."""
+def discrepancy_columns(bench, vector, start) -> dict:
+    """Columns (m, 3, K) per pose of the curvature and load fields."""
     return {name: bench.field_columns(vector, d.effect, (POINTS, 3), start) for name, d in DESCRIBED.items()}
 
 
 def families(white, fields, columns, owner, components, base) -> list[Family]:
-    """All ghost fields, from their columns and those of the catalogue's narrowest spans (sites that have a width)."""
+    """All discrepancy fields, from their columns and those of the catalogue's narrowest spans (sites with a width)."""
     root = smooth_root(POINTS, 3)
     curvature, load = white.stack(fields["curvature"]), white.stack(fields["load"])
     per_pose = np.concatenate([load * _only(rows, len(load)) for rows in white.rows], axis=1)

@@ -1,9 +1,9 @@
-"""Each model against its own floor: the noise and the discrepancy of the poses that are likeliest beside that model.
+"""The floor of a model: the noise and discrepancy of poses that are most likely given that model.
 
-Where no effect type brings the residual down to the sensor's noise, models are compared by their marginal likelihoods, each
-with the law of the residual that is likeliest for it: a rod that lacks much has a large discrepancy, and an effect counts by
-how much of that it takes away. Before any refit, the evidence of a signature is its largest on a *ladder* of laws, from that of
-the baseline model down to the sensor's noise alone, so that an effect has credit for the discrepancy that it replaces.
+If no effect type reduces the residual to the sensor's noise, models are compared by their marginal likelihoods, each under its
+own most likely law of the residual: the baseline model has a large discrepancy, and an effect is credited with its reduction.
+Before any refit, the evidence of a signature is its maximum over a *ladder* of laws, from that of the baseline model down to
+the sensor's noise alone, so that an effect is credited with the discrepancy that it replaces.
 """
 
 from dataclasses import dataclass, replace
@@ -19,27 +19,26 @@ from scan2flex_jax.effects.catalogue import fields
 from scan2flex_jax.fitting.discrepancy import SPREAD, usual_size
 from scan2flex_jax.fitting.noise import Noise
 
-_ROUNDS, _STEPS = 3, 6  # of a refit and of its law in turn, and of each refit
-_RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # discrepancy and noise over those of a model
-_FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # more, of a noise that was not stated
-_SETTLED, _FOLLOWED = 1.0, 2.0  # nats of a last round; squares over their number beyond which a refit could not follow
-_PLAIN_STEPS = 16  # of a refit in the metric of plain distances
-_SMALLEST = 1e-5  # of the length: no noise of a rung is smaller
+_ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each refit
+_RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # factors on the discrepancy and noise of a model
+_FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # further ones if the noise is not stated
+_SETTLED, _FOLLOWED = 1.0, 2.0  # nats gained in the last round; mean square above which a refit lost track
+_PLAIN_STEPS = 16  # iterations of a refit with unweighted distances
+_SMALLEST = 1e-5  # of the length: least noise of a rung
 
 
 def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -> Refit:
-    """A refit under the law that is likeliest beside it, begun at ``noise``; ``plain``: it ended in the metric of plain
-    distances.
+    """A refit under its most likely law, starting from ``noise``; ``plain``: the refit already minimises unweighted distances.
 
-    The likelihood of a law takes the numbers to be free to first order. Where the refit is too far from linear to follow, such
-    a law is too narrow for what is left, and that of the residual as it stands is tried.
+    The likelihood of a law treats the parameters as free to first order. If the refit is too nonlinear for that, such a law is
+    too narrow for the residual, and the law of the residual with fixed parameters is tried.
     """
     found, ends, law = found if plain else _nearest(of, found), [], None
     as_it_stands = False
     for _ in range(_ROUNDS):
         if not np.isfinite(found.cost):
             break
-        law = law_beside(of, found, noise, as_it_stands, None if as_it_stands else law)
+        law = likeliest_law(of, found, noise, as_it_stands, None if as_it_stands else law)
         found = again(of.bench, found, law, most=_STEPS)
         ends.append(found)
         if len(ends) > 1 and abs(found.log_marginal - ends[-2].log_marginal) < _SETTLED:
@@ -49,7 +48,7 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -
 
 
 def _nearest(of, found):
-    """The refit carried on in the metric of plain distances, where that brings it nearer to the curves."""
+    """The refit continued with unweighted distances, if that reduces its distance to the curves."""
     if not np.isfinite(found.cost):
         return found
     size = max(np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(found.shapes, of.bench.real, strict=True)])), 1e-12)
@@ -62,22 +61,22 @@ def _squares(of, found):
 
 
 def _lost(of, found):
-    """Whether a refit leaves far more than its law foretells."""
+    """Whether the residual of a refit far exceeds its law."""
     white = whiten(found.shapes, of.bench.real, Numbers(of.bench, found.components), found.vector, found.law)
     return bool(white.r @ white.r > _FOLLOWED * len(white.r))
 
 
-def law_beside(of: Signatures, found: Refit, noise: Noise, as_it_stands: bool = False, near: Law | None = None) -> Law:
-    """The noise and the discrepancy that are likeliest beside a refit, begun at ``noise``, or at a law that is ``near``.
+def likeliest_law(of: Signatures, found: Refit, noise: Noise, as_it_stands: bool = False, near: Law | None = None) -> Law:
+    """The most likely noise and discrepancy given a refit, starting from ``noise`` or from a law that is ``near``.
 
-    ``as_it_stands``: of its residual, as though no number could follow.
+    ``as_it_stands``: with all parameters fixed.
     """
     complement, scatter = _complement(of, found, as_it_stands)
     return complement.law(noise, usual_size(of.bench.start), scatter, near)
 
 
 def gain_of_discrepancy(of: Signatures, found: Refit, noise: Noise) -> float:
-    """Nats by which a discrepancy of each pose makes the residual beside a refit more likely than noise alone."""
+    """Log evidence (nats) of a discrepancy of each pose over noise alone, given a refit."""
     return _complement(of, found)[0].gain(noise, usual_size(of.bench.start))
 
 
@@ -91,15 +90,15 @@ def _complement(of, found, as_it_stands=False):
 
 @dataclass(frozen=True)
 class Scores:
-    """Every component of the catalogue beside a model, by one step: log evidence (nats) over that model at its own floor, and
-    amplitudes at the law at which the evidence is largest."""
+    """One-step scores of the catalogue given a model: per component the log evidence (nats) over that model at its own floor,
+    and the amplitudes at the law of largest evidence."""
 
     components: list[Component]
     values: np.ndarray
     amplitudes: list[np.ndarray]
 
     def table(self, skip=()) -> dict[str, tuple[float, int]]:
-        """Per kind the mean evidence over its places, and the best of its components."""
+        """Per effect type the mean evidence over its sites, and its best component."""
         kinds = [c.kind for c in self.components]
         out = {}
         for kind in dict.fromkeys(kinds):
@@ -110,7 +109,7 @@ class Scores:
 
 
 def with_fields(of: Signatures) -> Signatures:
-    """The signatures with those of the fields along the cable beside them."""
+    """The signatures together with those of the fields along the cable."""
     bench, more = of.bench, [Component(entry.kind, {}) for entry in fields()]
     columns, owner = bench.catalogue_columns(of.vector, more, bench.start)
     both = [np.concatenate(pair, axis=-1) for pair in zip(of.columns, columns, strict=True)]
@@ -119,7 +118,7 @@ def with_fields(of: Signatures) -> Signatures:
 
 
 def scores(of: Signatures, found: Refit) -> Scores:
-    """Scores of the catalogue beside a refit, on the ladder of laws below its own."""
+    """Scores of the catalogue given a refit, on the ladder of laws from its own downwards."""
     laws = _ladder(of, found.law)
     totals, amplitudes, base = [], [], []
     for law in laws:
@@ -147,7 +146,7 @@ def _ladder(of, law):
 
 
 def _at(of, found, law):
-    """``(log evidence of each component, its amplitudes, log likelihood without any)`` under one law."""
+    """``(log evidence per component, its amplitudes, log likelihood of the model alone)`` under one law."""
     bench, numbers = of.bench, Numbers(of.bench, found.components)
     white = whiten(found.shapes, bench.real, numbers, found.vector, law)
     Q = orthonormal(white.J)

@@ -1,9 +1,9 @@
-"""Gates: what looks like missing physics and is none.
+"""Gates: numerical errors that would pass for missing physics.
 
-A mesh that is too coarse would be reported as physics, so it is refined before anything is looked for: the plain fit's shapes
-are solved with twice the elements, and while that moves a node by a fifth of the noise the number of elements is doubled.
-Poses on a saddle or off balance never enter (`fit` and every refit require a stable equilibrium from the measured curve), and
-that every effect vanishes at zero amplitude is a property of the catalogue that its tests hold.
+A mesh error would be reported as physics, so the mesh is refined before the search: the shapes of the baseline fit are solved
+with twice the elements, and while that moves a node by a fifth of the noise the number of elements is doubled. Poses on a
+saddle or off balance never enter (`fit` and every refit require a stable equilibrium from the measured curve). Tests of the
+catalogue check that every effect vanishes at zero amplitude.
 """
 
 import jax
@@ -18,12 +18,12 @@ from scan2flex_jax.statics.solve import equilibrium
 
 
 def mesh_error(problem, minimum) -> np.ndarray:
-    """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
+    """Largest displacement (m) of a node of each pose with twice the elements; NaN without an equilibrium."""
 
     def of_pose(i):
         model = model_at(problem.layout, problem.poses.template(i), jnp.asarray(minimum.shared))
-        said = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
-        boundary = boundary_at(problem.layout, said, jnp.asarray(minimum.local[i]))
+        stated = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
+        boundary = boundary_at(problem.layout, stated, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)
         e = equilibrium(model, boundary, start=_doubled(c), elements=2 * problem.elements)
         error = np.max(np.linalg.norm(np.asarray(e.points)[::2] - c.r, axis=1))
@@ -33,7 +33,7 @@ def mesh_error(problem, minimum) -> np.ndarray:
 
 
 def _doubled(c):
-    """The configuration with a node in the middle of each element."""
+    """The configuration with a node added at the middle of each element."""
     a, b = Rotation.from_matrix(c.R[:-1]), Rotation.from_matrix(c.R[1:])
     r, R = (np.repeat(x, 2, axis=0)[:-1] for x in (c.r, c.R))
     r[1::2], R[1::2] = 0.5 * (c.r[:-1] + c.r[1:]), (a * (a.inv() * b) ** 0.5).as_matrix()
@@ -41,5 +41,5 @@ def _doubled(c):
 
 
 def too_coarse(error: np.ndarray, most: float, names) -> list[str]:
-    """The poses whose mesh error exceeds ``most`` (m) and may be taken for physics, with that error in words."""
+    """The poses whose mesh error exceeds ``most`` (m), with that error in words."""
     return [f"{n} ({1e3 * m:.2f} mm)" for n, m in zip(names, error, strict=True) if not m <= most]

@@ -1,4 +1,4 @@
-"""What the estimates rest on beside the effects of a refit, to first order, as `fitting.influence` has it for a plain fit."""
+"""Sensitivities of the estimates given the effects of a refit, to first order, as in `fitting.influence`."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from scan2flex_jax.fitting.influence import Influence, Linear, changed_studies, 
 
 
 def influence_of_refit(stage: Stage, found: Refit) -> Influence:
-    """The influence on the unknowns at a refit, with its effects and its law of the residual; solves all poses twice more."""
+    """The influence at a refit, with its effects and its law of the residual; solves all poses twice more."""
     bench, problem = stage.bench, stage.bench.problem
     numbers, prior = Numbers(bench, found.components), Prior(bench, found.components, found.wider)
     white = whiten(found.shapes, bench.real, numbers, found.vector, found.law)
     precision = prior.precision + prior.width
-    precision[numbers.nearly_known] = 0.0  # they are rows
+    precision[numbers.nuisance] = 0.0  # their priors are rows of J
     held = prior.frozen | (found.vector <= prior.low) | (found.vector >= prior.high)
     J = np.where(held, 0.0, white.J)
     linear = Linear(white.r, J, tuple(white.rows), np.where(held, 1.0, precision))

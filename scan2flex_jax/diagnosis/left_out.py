@@ -1,8 +1,8 @@
-"""Poses left out in turn: each predicted by the model refitted to the others.
+"""Leave-one-pose-out error: each pose predicted by the model refitted to the others.
 
-To first order (`confirm.left_out`) this needs no refit; but a pose that alone tells of a contact, or four poses beside two
-effects, leave the others far from linear. Decisions between models therefore rest on refits, under the law of the residual
-that is likeliest beside each model for all poses.
+The first-order formula (`confirm.left_out`) needs no refit, but it fails if a single pose shows a contact, or if few poses
+determine several effects. Decisions between models therefore use refits, under the law of the residual that is most likely
+given each model and all poses.
 """
 
 from dataclasses import replace
@@ -13,12 +13,12 @@ from scan2flex_jax.diagnosis.refit import Refit, again, configurations
 from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
 from scan2flex_jax.statics.verdict import SOLVED
 
-_STEPS = 10  # of a refit without one pose: it begins at that of all
+_STEPS = 10  # iterations of a refit without one pose, which starts from that of all poses
 
 
 def refitted(bench: Bench, found: Refit) -> np.ndarray:
     """Per pose the RMS distance (m) between its measured points and the prediction of a refit to the others; NaN where that
-    refit or the pose cannot be solved."""
+    refit or the pose is not solved."""
     return np.array([_error(bench, found, i) for i in range(bench.poses.count)])
 
 
@@ -32,7 +32,7 @@ def _error(bench, found, i):
     if not np.isfinite(end.cost):
         return np.nan
     shared, effects = end.vector[: n.shared], end.vector[n.base - n.local :]
-    vector = np.concatenate([shared, np.zeros(n.local), effects])  # what is nearly known of an unseen pose: as declared
+    vector = np.concatenate([shared, np.zeros(n.local), effects])  # nuisance parameters of an unseen pose: as declared
     alone = bench.only([i])
     shape = alone.shapes(found.components, vector, configurations(found.shapes[i : i + 1]), derivative=False)[0]
     if int(shape.verdict.code) != SOLVED or not np.all(np.isfinite(shape.residual)):

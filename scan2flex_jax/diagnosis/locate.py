@@ -1,9 +1,9 @@
-"""Where the residual is: per pose, and as the field of forces that would make it.
+"""Location of missing physics: the equivalent load, a field of forces that would cause the residual.
 
-The equivalent load is a smooth random field ``f(s)`` (N/m, in the scan frame) with the prior of `families`; what the shapes
-say of it is its posterior mean and standard deviation, through the sensitivity of the equilibrium. Balance holds by
-construction and no scan is differentiated. It describes where something acts; along directions in which the cable is stiff
-it is known badly, and the band says so. The same for a field of natural curvature (1/m).
+The equivalent load is a Gaussian process ``f(s)`` (N/m, in the scan frame) with the prior of `families`; the sensitivity of the
+equilibrium gives its posterior mean and standard deviation. Balance holds by construction, and no scan is differentiated. The
+field shows where an effect acts, not which; its band is wide along directions in which the cable is stiff. A field of natural
+curvature (1/m) is computed likewise.
 """
 
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ LOAD = "load"
 
 
 def common_field(stage, name: str) -> Field:
-    """The field of `families.DESCRIBED` that is the same in all poses: loads in the scan frame, curvatures in material axes."""
+    """A field of `families.DESCRIBED`, the same in all poses: loads in the scan frame, curvatures in material axes."""
     return _field(stage, name, slice(None))
 
 
 def pose_loads(stage) -> list[Field]:
-    """The load (N/m) of each pose by itself."""
+    """The equivalent load (N/m) of each pose by itself."""
     return [_field(stage, LOAD, rows) for rows in stage.white.rows]
 
 

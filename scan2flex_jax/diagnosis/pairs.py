@@ -1,8 +1,8 @@
-"""Two effects at once: evidence of all pairs of groups from one Gram matrix.
+"""Pairs of effects: evidence of all pairs of groups from one Gram matrix.
 
-With the scaled columns of all groups ``X`` (base taken out), ``G = X'X`` and ``c = X'y``, the log Bayes factor of a set of
-columns S is ``1/2 c_S' (I + G_SS)^-1 c_S - 1/2 log |I + G_SS|``; no residual is touched again. The first of a greedy search
-is often a hybrid of two effects, which only a search over pairs repairs.
+With the scaled columns of all groups ``X`` (projected off the base columns), ``G = X'X`` and ``c = X'y``, the log Bayes factor
+of a set of columns S is ``1/2 c_S' (I + G_SS)^-1 c_S - 1/2 log |I + G_SS|``, without the residuals. The first effect of a
+greedy search is often a compromise between two effects, which a search over pairs avoids.
 """
 
 from itertools import combinations
@@ -13,9 +13,9 @@ from scan2flex_jax.diagnosis.evidence import log_evidence
 
 
 def best_pairs(groups, y: np.ndarray, singles: np.ndarray, kinds, count: int = 4, atoms: int = 70):
-    """``[(log evidence, i, j)]`` of the best pairs of different kinds, each pair of kinds once.
+    """``[(log evidence, i, j)]`` of the best pairs of different effect types, each pair of types once.
 
-    ``singles`` are the groups' own log evidences: the ``atoms`` of most evidence enter, and of each kind the best.
+    ``singles``: log evidence of each group. The ``atoms`` groups of most evidence enter, and the best of each type.
     """
     order = list(np.argsort(singles)[::-1][:atoms])
     for kind in dict.fromkeys(kinds):

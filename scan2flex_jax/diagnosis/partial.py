@@ -1,9 +1,9 @@
-"""The search where no effect brings the residual down to the sensor's noise: found, though not complete.
+"""Partial explanations: the search where no effect reduces the residual to the sensor's noise.
 
-Each model is compared with its own floor (`floors`), and a simpler one stands unless a wider one predicts poses left out
-better (`choice`). A set of effects is *found* when it removes much of the error in poses left out in turn, by more than the
-uncertainty of that comparison, and has one size in all of them. A field along the cable (`effects.catalogue.fields`) competes
-with the other effect types: where it predicts poses that had no part in it, it is physics.
+Models are compared at their own floors (`floors`), and a simpler one is kept unless a wider one predicts poses left out better
+(`choice`). A set of effects is *found* if it reduces the leave-one-pose-out error by much, and by more than the uncertainty of
+that comparison, with sizes homogeneous across poses. Fields along the cable (`effects.catalogue.fields`) compete with the other
+effect types: a field that predicts poses left out is physics.
 """
 
 from dataclasses import replace
@@ -19,14 +19,14 @@ from scan2flex_jax.diagnosis.stage import test_after
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.fitting.least_squares import Progress
 
-SINGLES, WIDER, BESIDE = 5, 3, 3  # refits of single kinds and of sets that are taken over, and of each round
-_WORTH = 25.0  # nats of one step behind the best kind beyond which a refit cannot catch up
-_STEPS = 20  # of a refit
-_CERTAIN = 2.0  # standard errors of a gain in poses left out that does not need a lead in likelihood
+SINGLES, WIDER, PER_ROUND = 5, 3, 3  # refits of single types and of sets that are kept, and refits per round
+_WORTH = 25.0  # nats of one-step evidence behind the best type: a refit does not catch up
+_STEPS = 20  # iterations of a refit
+_CERTAIN = 2.0  # standard errors: a larger leave-one-pose-out gain needs no lead in likelihood
 
 
 def search(before: Found, progress: Progress) -> Found:
-    """The search on from one at the sensor's noise that left structure; its test of the baseline model stands."""
+    """Continue a search at the sensor's noise that left structure in the residual; its test of the baseline model is kept."""
     stage = before.stage
     base = floors.own_floor(stage.of, stage.base, stage.noise)
     found = replace(before, floor=base, best=stage.base, refits={}, tied=[stage.base])
@@ -58,8 +58,8 @@ def search(before: Found, progress: Progress) -> Found:
 
 
 def _add_parts(found, progress) -> None:
-    """Refits of each effect of a set that is likelier than all single ones, from where the set ended: one step of a strong
-    effect may rank it far too low."""
+    """Refit each effect of a set that is likelier than all single ones, starting from the set: one-step evidence may rank a
+    strong effect far too low."""
     bench, most = found.stage.bench, max((r.log_evidence for r in found.singles), default=0.0)
     sets = (r for r in list(found.refits.values()) if len(r.kinds) > 1)
     for wider in (r for r in sets if r.log_evidence > most + found.stage.settings.lead_named):
@@ -71,13 +71,13 @@ def _add_parts(found, progress) -> None:
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:
-    """One component more beside a refit, from one step."""
+    """A refit with one more component, starting from its one-step estimate."""
     held = [near.amplitudes(found.stage.bench, k) for k in range(len(near.components))]
     return _from(found, [*near.components, scores.components[g]], near, [*held, scores.amplitudes[g]])
 
 
 def _from(found, components, near: Refit, begin) -> Refit:
-    """A refit from the base numbers of another: in the metric of plain distances, then at its own floor."""
+    """A refit from the base parameters of another: with unweighted distances, then at its own floor."""
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
     plain = plain_law(stage.bench, stage.bench.off)
     end = refit(stage.bench, components, plain, near.vector[: numbers.base], begin, most=_STEPS)
@@ -85,7 +85,7 @@ def _from(found, components, near: Refit, begin) -> Refit:
 
 
 def _simplified(found, of, progress) -> Refit:
-    """The best set after each of its effects was exchanged for simpler ones that give the same shapes under some condition."""
+    """The best set after exchanging each of its effects for simpler ones that give the same shapes under some condition."""
     best = None
     while best is not found.best and len(found.best.components) > 1:
         best = found.best
@@ -105,35 +105,35 @@ def _simplified(found, of, progress) -> Refit:
 
 
 def _wider(found, of, progress) -> Refit | None:
-    """The best set with one effect more, where it leads and predicts poses left out better; None where there is none."""
+    """The best set with one more effect, if it leads and predicts poses left out better; otherwise None."""
     stage, best = found.stage, found.best
     scores = floors.scores(of, best)
     table = scores.table(skip=best.kinds)
-    order = sorted(table, key=lambda k: -table[k][0])[:BESIDE]
+    order = sorted(table, key=lambda k: -table[k][0])[:PER_ROUND]
     for kind in (k for k in order if table[k][0] > stage.settings.lead_favoured):
         progress(f"refit with {' and '.join(best.kinds)} and {kind}")
         found.add([_refitted(found, best, scores, table[kind][1])])
     wider = best_of(stage, found.refits.values(), len(best.components) + 1)
     if wider is stage.base:
         return None
-    said = confirm.compared(stage, wider, best)
+    against = confirm.compared(stage, wider, best)
     likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
-    certain = said.gain > _CERTAIN * said.std and wider.log_evidence > best.log_evidence
-    return wider if said.better and said.ratio < stage.settings.most_left and (likelier or certain) else None
+    certain = against.gain > _CERTAIN * against.std and wider.log_evidence > best.log_evidence
+    return wider if against.better and against.ratio < stage.settings.most_left and (likelier or certain) else None
 
 
 def _judged(found: Found) -> Found:
-    """Ties, the two questions (found? complete?) and the verdict."""
+    """Ties and the verdict: is an effect found, and is the explanation complete?"""
     stage, best, settings = found.stage, found.best, found.stage.settings
     found.tied, found.lead, found.verdict = [best], verdict.TOO_LITTLE, verdict.UNEXPLAINED
     if not best.components:
         return found
-    found.unseen = found.constancy = None  # at the sensor's noise
+    found.unseen = found.constancy = None  # those of the search at the sensor's noise
     found.after = test_after(stage, best)
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
-    said = confirm.compared(stage, best, found.baseline)
+    against = confirm.compared(stage, best, found.baseline)
     names = of_one_size(stage, best) and not pieces(best)
-    if best.log_evidence < settings.lead_named or not said.better or said.ratio > settings.most_left or not names:
+    if best.log_evidence < settings.lead_named or not against.better or against.ratio > settings.most_left or not names:
         return found
     found.tied = [best, *_rivals(found)]
     other = [r for r in found.refits.values() if not (set(r.kinds) <= set(best.kinds) or set(best.kinds) <= set(r.kinds))]
@@ -148,7 +148,7 @@ def _judged(found: Found) -> Found:
 
 
 def _rivals(found) -> list[Refit]:
-    """The sets of as many effects that are as likely, or give the same shapes, and do not predict poses left out worse."""
+    """Sets of as many effects that are as likely, or give the same shapes, and predict poses left out no worse."""
     best, settings, out = found.best, found.stage.settings, []
     for r in found.refits.values():
         if r is best or len(r.components) != len(best.components) or any(entry_of(k).field for k in r.kinds):
@@ -156,9 +156,9 @@ def _rivals(found) -> list[Refit]:
         near = settings.lead_named if len(r.kinds) == 1 and alike(*r.kinds, *best.kinds) else settings.lead_favoured
         if r.log_evidence <= best.log_evidence - near:
             continue  # before its refits without each pose are made
-        said = confirm.compared(found.stage, r, best)
-        wider = contains(r, best) and not said.better  # the simpler one of two that are nested stands where it is as likely
+        against = confirm.compared(found.stage, r, best)
+        wider = contains(r, best) and not against.better  # of two nested effects that are as likely, the simpler one is kept
         least = best.log_evidence + (settings.lead_favoured if wider else -near)
-        if r.log_evidence > least and not said.worse:
+        if r.log_evidence > least and not against.worse:
             out.append(r)
     return sorted(out, key=lambda r: -r.log_evidence)

@@ -1,9 +1,9 @@
-"""Which pose next: what a pose that could still be scanned would tell, before it is scanned.
+"""Design of the next pose: its expected information on parameters and rival effects, before it is scanned.
 
-For the parameters the gain is D-optimal, half the drop of the log determinant of their covariance. Between two rival effects it
-is T-optimal: with the signatures of both and the numbers of the base in one linear model, the part of effect ``a`` at its
-refitted size that effect ``b`` and the base cannot imitate, squared, is the expected lead of ``a`` over ``b`` in twice the log
-likelihood. All is to first order at the plain fit, with the noise that was estimated there.
+The gain for the parameters is D-optimal, half the decrease of the log determinant of their covariance. The gain for two rival
+effects is T-optimal: in a linear model of both signatures and the base parameters, the squared part of effect ``a`` at its
+refitted size that effect ``b`` and the base cannot imitate is twice the expected lead of ``a`` over ``b`` in log likelihood.
+All gains are to first order at the baseline fit, with its estimated noise.
 Reference: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models" (1975).
 """
 
@@ -24,16 +24,16 @@ from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
-POINTS = 48  # of the curve that a scan of a candidate is taken to give
+POINTS = 48  # of the simulated curve of a candidate
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One pose that could be scanned.
+    """A candidate pose.
 
-    ``parameters`` (nats): gain for the unknowns; ``settles``: per pair of rival effects the expected lead (nats) of the first
-    over the second with this pose, the smaller of both directions; ``lead_now``: the same without it. ``note``: why a pose
-    gives nothing, when it cannot be solved.
+    ``parameters`` (nats): gain for the unknowns; ``settles``: per pair of rival effects the expected lead (nats) of either over
+    the other with this pose, the smaller of both directions; ``lead_now``: the same without it. ``note``: the reason why a pose
+    is not solved and has no gain.
     """
 
     name: str
@@ -46,13 +46,13 @@ class Candidate:
 
     @property
     def worth(self) -> float:
-        """What the ranking goes by: the worst pair's lead where rivals are tied, else the gain for the parameters."""
+        """Sort key of the ranking: the least lead over all pairs of rivals, or without rivals the gain for the parameters."""
         return min(self.settles.values()) if self.settles else self.parameters
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Candidates, the most telling first, and the rivals that they are to tell apart."""
+    """Candidates, the most informative first, and the rivals to distinguish."""
 
     candidates: tuple[Candidate, ...]
     rivals: tuple[str, ...]
@@ -60,9 +60,9 @@ class Plan:
     def summary(self) -> str:
         """In plain text."""
         pairs = list(self.candidates[0].lead_now) if self.candidates else []
-        lines = ["what to scan next, the most telling first", ""]
+        lines = ["next poses to scan, the most informative first", ""]
         if pairs:
-            lines += [f"  to tell apart: {', '.join(self.rivals)}", ""]
+            lines += [f"  rivals to distinguish: {', '.join(self.rivals)}", ""]
         head = "".join(f"{f'{a} / {b}'[:34]:>36}" for a, b in pairs)
         lines += [f"  {'pose':<52}{'parameters':>12}{head}   (nats)"]
         if pairs:
@@ -86,15 +86,15 @@ class Plan:
 
 
 def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None) -> Plan:
-    """Rank poses that could still be scanned by what they would settle.
+    """Rank candidate poses by the information that they would add.
 
     Args:
-        explanation: What `explain` found. Rivals are the effects of its tie, or the best two.
-        candidates: Study poses (their curves, if any, play no part); left out, variations of the fitted ones: end clamp
-            twisted, both clamps rolled, clamps nearer to each other, end clamp aside.
+        explanation: The result of `explain`. Rivals are the effects of its tie, or the best two.
+        candidates: Study poses (their curves, if any, are ignored). Default: variations of the fitted ones, with the end clamp
+            twisted, both clamps rolled, the clamps nearer to each other, or the end clamp moved aside.
 
     Returns:
-        The candidates, ranked, with what each would settle.
+        The candidates, ranked, with their gains.
 
     Raises:
         Scan2FlexError: The explanation has no baseline fit.
@@ -104,7 +104,7 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     """
     found = explanation.search
     if found is None:
-        raise Scan2FlexError("There is no plan without a solved plain fit: the explanation says what went wrong.")
+        raise Scan2FlexError("There is no plan without a solved baseline fit: the explanation has the reason.")
     stage = found.stage
     given = [(p.name, p) for p in candidates] if candidates is not None else variations(stage.bench.problem.study)
     rivals = _rivals(found)
@@ -117,7 +117,7 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
 
 
 def variations(study: Study) -> list[tuple[str, StudyPose]]:
-    """``(words, pose)``: what can be done with the clamps at hand, from each of the first fitted poses."""
+    """``(words, pose)``: variations of the first fitted poses that need no other clamps."""
     out = []
     for pose in study.fit_poses[:3]:
         if pose.end is None:
@@ -145,7 +145,7 @@ def _held_poses(pose, changes):
 
 
 def _rolled(clamp, degrees):
-    """The clamp turned about its own tangent d3; a ball joint stays as it is."""
+    """The clamp rotated about its tangent d3; a ball joint is unchanged."""
     if clamp.quaternion is None:
         return clamp
     h = np.deg2rad(degrees) / 2
@@ -169,7 +169,7 @@ def _columns(bench, stage, component: Component):
 
 
 def _own(bench, stage):
-    """The base's numbers for the poses of ``bench``: shared ones as fitted, local ones at zero."""
+    """Base parameters for the poses of ``bench``: shared ones as fitted, local ones zero."""
     if bench is stage.bench:
         return stage.base.vector
     shared = Numbers(stage.bench, ()).shared
@@ -189,7 +189,7 @@ def _judge(stage, words, pose, rivals, columns, leads, now):
 
 
 def _scanned(stage, pose):
-    """A bench of the one pose, measured where the model says that it would be."""
+    """A `Bench` of the one pose, with its predicted equilibrium as the measurement."""
     bench = stage.bench
     model = model_at(bench.layout, template(bench.problem.study, pose), stage.base.vector[: bench.layout.shared])
     e = equilibrium(model, boundary_of(pose), turns=int(pose.turns), elements=bench.elements)
@@ -208,10 +208,10 @@ def _scanned(stage, pose):
 
 
 def _together(old: Whitened, new: Whitened, bench):
-    """``(J, rows)`` of all numbers with the new pose's rows below; its local numbers are columns of their own."""
+    """``(J, rows)`` of all parameters, with the rows of the new pose below and its local parameters as further columns."""
     shared = bench.layout.shared
-    nearly = len(bench.layout.prior.at)  # priors of shared numbers stand in the old rows already
-    rows = [i for i in range(len(new.r)) if not len(new.r) - new.priors <= i < len(new.r) - new.priors + nearly]
+    nuisance = len(bench.layout.prior.at)  # the priors of shared parameters are among the old rows
+    rows = [i for i in range(len(new.r)) if not len(new.r) - new.priors <= i < len(new.r) - new.priors + nuisance]
     local = new.J.shape[1] - shared
     J = np.zeros((len(old.r) + len(rows), old.J.shape[1] + local))
     J[: len(old.r), : old.J.shape[1]] = old.J
@@ -221,7 +221,7 @@ def _together(old: Whitened, new: Whitened, bench):
 
 
 def _leads(rivals, columns, J):
-    """Per pair the smaller expected lead (nats) of one over the other."""
+    """Per pair the smaller of both expected leads (nats)."""
     Q = orthonormal(J)
     out = {}
     for (a, x), (b, z) in combinations(rivals, 2):
@@ -237,7 +237,7 @@ def _lead(true, size, other, Q):
 
 
 def _log_volume(J, unknowns):
-    """Half the log determinant of the covariance of the unknown numbers."""
+    """Half the log determinant of the covariance of the unknowns."""
     A = J.T @ J
     scale = np.sqrt(np.diag(A)) + 1e-150
     inverse = np.linalg.pinv(A / np.outer(scale, scale), rcond=1e-12, hermitian=True)

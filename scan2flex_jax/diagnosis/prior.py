@@ -1,26 +1,26 @@
-"""What a refit knows of its numbers before it sees the shapes: priors, ranges, and which numbers do not move.
+"""Priors and ranges of the parameters of a refit, and the frozen ones.
 
-Amplitudes and nearly known numbers are normal in units of their size and tolerance; continuous parts of a site are flat over
-the range that their catalogue entry states. Logarithms of the base numbers have a weak normal prior about the plain fit, in
-every model alike, so that a number that no pose feels stays where it was.
+Amplitudes and nuisance parameters have normal priors in units of their size and tolerance; continuous parts of a site are
+uniform over the range of their catalogue entry. In every model, log-transformed base parameters have a weak normal prior about
+the baseline fit, so that an unidentifiable one keeps its value.
 """
 
 import numpy as np
 
 from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
 
-_WEAK = 3.0  # standard deviation of the logarithm of a base number about the plain fit's: a factor of 20
+_WEAK = 3.0  # standard deviation of the log of a base parameter about the baseline fit: a factor of 20
 
 
 class Prior:
-    """Precision (0 = flat) of every number, its bounds, and the weak precision of base numbers about their ``centre``."""
+    """Precision (0 = flat) and bounds of every parameter, and the weak precision of base parameters about their ``centre``."""
 
     def __init__(self, bench: Bench, components, wider: tuple[float, ...] = ()):
-        """From tolerances, sizes and ranges; ``wider``: per component the factor on the usual sizes of its amplitudes."""
+        """From tolerances, sizes and ranges; ``wider``: factor on the usual sizes of each component's amplitudes."""
         n = Numbers(bench, components)
         self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
-        self.width = np.zeros(n.count)  # precision that stands for a flat range, in the evidence only
-        self.precision[n.nearly_known] = n.prior_std**-2
+        self.width = np.zeros(n.count)  # precision that replaces a flat range, in the evidence only
+        self.precision[n.nuisance] = n.prior_std**-2
         unknowns = slice(bench.layout.unknowns)
         self.low[unknowns], self.high[unknowns] = bench.layout.ranges
         self.frozen = np.zeros(n.count, bool)

@@ -1,15 +1,15 @@
-"""Nonlinear refits: the base numbers, the amplitudes and the places of one or more kinds, all free.
+"""Nonlinear refits of the base parameters with the amplitudes and sites of one or more effects.
 
-Levenberg-Marquardt (`fitting.descent`) on the whitened residual with priors: nearly known numbers and amplitudes are standard
-normal in units of their tolerance and size, continuous parts of a site are flat over the range that was scanned. Evidence is
-Laplace's,
+Levenberg-Marquardt (`fitting.descent`) on the whitened residual, with the priors of `prior`: nuisance parameters and amplitudes
+are standard normal in units of their tolerance and size, continuous parts of a site are uniform over the scanned range. The
+evidence is Laplace's,
 
     log Z = -cost/2 - 1/2 log |J'J + P| + 1/2 log |P|   (amplitudes and sites),
 
-and what is compared is its excess over the base model's, the log evidence in nats. A flat range R counts as a normal of
-standard deviation ``R/sqrt(12)``. Each effect's size is known to an order of magnitude (`evidence.SCALES`): its evidence is the
-mean over those. Priors are in `prior`: a base number that no pose feels stays where it was, and adds nothing to the evidence.
-Symbols as in `sensitivity` and `residual`.
+and models are compared by its excess over that of the base model, in nats. A uniform range R counts as a normal prior of
+standard deviation ``R/sqrt(12)``. Sizes are known to an order of magnitude (`evidence.SCALES`): the evidence is the mean over
+those. An unidentifiable base parameter keeps its value and adds nothing to the evidence. Symbols as in `sensitivity` and
+`residual`.
 """
 
 from dataclasses import dataclass, replace
@@ -25,26 +25,26 @@ from scan2flex_jax.effects.entry import Context
 from scan2flex_jax.fitting.descent import Model, Point, Quadratic, Rules, descend
 from scan2flex_jax.fitting.noise import Noise
 
-_MOST = 14  # iterations: a refit begins at the one-step estimate
-_MOST_FREED = 25  # iterations of one whose sizes are freed: it may go far
-_ENOUGH = 1e-2  # drop of the cost below which a refit has settled: verdicts turn on units
-_PROMISES = 1e-3  # drop of the cost that an undamped step must promise to be worth its solves
+_MOST = 14  # iterations: a refit starts from the one-step estimate
+_MOST_FREED = 25  # iterations with wide priors of the sizes: the minimum may be far
+_ENOUGH = 1e-2  # decrease of the cost below which a refit has settled: verdicts depend on nats
+_PROMISES = 1e-3  # decrease of the cost that an undamped step must promise to be worth its solves
 _GIVE_UP = 1e7  # damping
-_HOPELESS = 80.0  # cost above the least one of another refit: forty nats behind
-_DAMPING = 1e-4  # to begin with
-_STRONG, _SHARE = 5.0, 0.3  # times the noise: a residual far above it; its share that is the noise of plain distances
-_FREE = 100.0  # times the usual size of an effect: standard deviation of the prior of one that exceeds that size
-_WHITE = 0.5  # white part over the correlated one below which a whiter noise leads the way
+_HOPELESS = 80.0  # excess over the least cost of other refits at which one is given up: 40 nats
+_DAMPING = 1e-4  # initial
+_STRONG, _SHARE = 5.0, 0.3  # residual over noise that calls for unweighted distances; their noise over the residual
+_FREE = 100.0  # prior standard deviation of an effect that exceeds its usual size, over that size
+_WHITE = 0.5  # white over correlated noise below which a refit starts with whiter noise
 
 
 @dataclass(eq=False, kw_only=True)
 class Refit:
-    """Where a refit ended: components at their final sites, all numbers, shapes, cost, evidence and covariance.
+    """Result of a refit: components at their final sites, parameters, shapes, cost, evidence and covariance.
 
-    ``log_evidence`` (nats): over the base model, the plain rod with the same noise; 0 for the base itself, NaN until a refit
-    was compared with its base (`over`). ``log_marginal``: the logarithm of the marginal likelihood under the
-    ``law`` of the residual and of the prior of that law's sizes, up to a constant that all models share. ``wider``: factors on
-    the usual sizes of the effects in their prior (`freed`); none for that of the evidence.
+    ``log_evidence`` (nats): over the baseline model with the same noise; 0 for that model itself, NaN until `over` compares a
+    refit with its base. ``log_marginal``: log marginal likelihood under the ``law`` of the residual, with the prior
+    of that law's sizes, up to a constant shared by all models. ``wider``: factors on the usual sizes of the effects in their
+    prior (`freed`); empty for the prior of the evidence.
     """
 
     components: tuple[Component, ...]
@@ -61,12 +61,12 @@ class Refit:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of its components."""
+        """Effect types of its components."""
         return tuple(c.kind for c in self.components)
 
     def over(self, base: "Refit", context: Context) -> "Refit":
-        """The same with its log evidence over the ``base``. A place or a law that was one of several candidates has paid for
-        the choice between them; parts that a refit moves are paid for by their ranges."""
+        """The refit with its log evidence over the ``base``. A choice between n discrete sites costs log n; continuous parts
+        of a site are penalised by their ranges."""
         evidence = self.log_marginal - base.log_marginal
         for c in self.components:
             discrete = {str({k: v for k, v in s.items() if k not in c.moving}) for s in c.entry.sites(context)}
@@ -79,10 +79,10 @@ class Refit:
 
 
 def refit(bench: Bench, components, law: Law, guess, amplitudes=(), *, most: int = _MOST, least: float = np.inf) -> Refit:
-    """From base numbers ``guess`` and one amplitude vector per component, to the nearest minimum.
+    """Refit from base parameters ``guess`` and one amplitude vector per component to the nearest minimum.
 
-    Entries may then propose other starts; the likeliest end is returned. A descent that cannot come near the cost ``least``
-    is given up before its end.
+    Catalogue entries may then propose other starts; the likeliest result is returned. A descent far above the cost ``least`` is
+    given up early.
     """
     found = _refit(bench, tuple(components), law, guess, amplitudes, None, most, least)
     ends = [found]
@@ -93,17 +93,17 @@ def refit(bench: Bench, components, law: Law, guess, amplitudes=(), *, most: int
 
 
 def again(bench: Bench, before: Refit, law: Law, least: float = np.inf, most: int = _MOST) -> Refit:
-    """A refit anew under another law of the residual, from where it ended before."""
+    """Repeat a refit under another law of the residual, from its result."""
     n, prior = Numbers(bench, before.components), Prior(bench, before.components, before.wider)
     return _descend(bench, before.components, n, prior, law, before.vector, before.shapes, most, least, solved=True)
 
 
 def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
-    """The refit with a wide prior of the effects that exceed their usual size: the numbers that the data give.
+    """The refit with wide priors of the effects that exceed their usual size, so that the data determine the estimates.
 
-    Loads and stiffnesses that change by one factor give the same shapes, but for the known weight of the cable. Under the law
-    of a discrepancy that weight decides little, and the prior of a strong load would draw the stiffnesses with it. The
-    evidence stays that of the usual sizes.
+    Loads and stiffnesses scaled by one factor give the same shapes, except for the known weight of the cable. Under the law of
+    a discrepancy that weight is weak information, and the prior of a strong load would bias the stiffnesses. The evidence
+    remains that of the usual sizes.
     """
     size = [found.amplitudes(bench, k) / c.entry.size(bench.context) for k, c in enumerate(found.components)]
     wider = tuple(_FREE if np.sqrt(np.mean(a**2)) > 1.0 else 1.0 for a in size)
@@ -117,7 +117,7 @@ def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
 
 
 def _other_starts(bench, found):
-    """Components, amplitudes and base numbers of the starts that the entries propose after a first refit."""
+    """Components, amplitudes and base parameters of the starts that the catalogue proposes after a first refit."""
     n = Numbers(bench, found.components)
     amplitudes = [found.vector[n.amplitudes(k)] for k in range(len(found.components))]
     if not np.isfinite(found.cost):
@@ -149,27 +149,27 @@ def _refit(bench, components, law, guess, amplitudes, shapes, most, least):
                 vector[n.amplitudes(k)] = c.entry.continued(step, bench.context)
         vector, solved = np.clip(vector, prior.low, prior.high), False
         for each in (*_far(bench, law), *_tempered(law)):
-            near = least if each is law and step == steps - 1 else np.inf  # costs of another law do not compare
+            near = least if each is law and step == steps - 1 else np.inf  # costs under different laws do not compare
             found = _descend(bench, components, n, prior, each, vector, shapes, most, near, solved)
             vector, shapes, solved = found.vector, found.shapes, True
     return found
 
 
 def _far(bench, law: Law) -> tuple[Law, ...]:
-    """The law of plain distances, where the baseline model is far off: the metric of a noise far below the residual is that of
-    a narrow, bent valley, in which a strong effect is lost."""
+    """The law of unweighted distances, if the baseline model is far off: with noise far below the residual the cost is a
+    narrow, curved valley, in which a descent to a strong effect stalls."""
     if bench.off < _STRONG * law.noise.total:
         return ()
     return (plain_law(bench, bench.off),)
 
 
 def plain_law(bench: Bench, size: float) -> Law:
-    """The law of plain distances, for residuals of this size (m): white noise of a share of it."""
+    """The law of unweighted distances, for residuals of this size (m): white noise of a fraction of it."""
     return Law(Noise(_SHARE * size, 1e-3 * size, 0.05 * bench.context.length))
 
 
 def _tempered(law: Law) -> tuple[Law, ...]:
-    """The law, after a whiter one where its noise is smooth: such a metric makes a valley too narrow for a start from afar."""
+    """The law, preceded by a whiter one if its noise is smooth: its valley is too narrow for a distant start."""
     white, correlated = law.noise.white, law.noise.correlated
     if law.curvature or white > _WHITE * correlated:
         return (law,)
@@ -177,20 +177,20 @@ def _tempered(law: Law) -> tuple[Law, ...]:
 
 
 def configurations(shapes):
-    """The configurations of solved poses, with a leading axis of poses."""
+    """Configurations of solved poses, with a leading axis of poses."""
     c = shapes[0].configuration
     return type(c)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
 
 
 class _RefitModel(Model):
-    """A model of the cable with components, under a law of the residual and priors."""
+    """The cable with components, under a law of the residual and priors."""
 
     def __init__(self, bench: Bench, components, n: Numbers, prior: Prior, law: Law):
-        """Nothing is solved yet."""
+        """No pose is solved yet."""
         self.bench, self.components, self.n, self.prior, self.law = bench, components, n, prior, law
         self.low, self.high = prior.low, prior.high
         self.own = prior.precision.copy()
-        self.own[n.nearly_known] = 0.0  # they are rows of the whitened residual already
+        self.own[n.nuisance] = 0.0  # their priors are rows of the whitened residual
 
     def at(self, x, start=None) -> Point:
         return self.of(x, self.bench.shapes(self.components, x, self.bench.poses.start if start is None else start))
@@ -211,7 +211,7 @@ class _RefitModel(Model):
         return Quadratic(x, A, g, np.diag(A) + prior.width, free)
 
     def bounded(self, move, about):
-        """A quarter of a site's range, and a factor of e of a base number."""
+        """The move limited to a quarter of a site's range and a factor of e of a base parameter."""
         prior = self.prior
         reach = np.where(prior.width > 0, 0.25 * (prior.high - prior.low), np.inf)
         shrink = np.min(np.where(np.abs(move) > reach, reach / np.maximum(np.abs(move), 1e-300), 1.0), initial=1.0)
@@ -219,7 +219,7 @@ class _RefitModel(Model):
         return move * min(shrink, 1.0 / max(logs, 1.0))
 
     def within_reach(self, point: Point, start) -> tuple[Point, float]:
-        """The point, of amplitudes small enough for its poses to be solved, and the damping to begin with."""
+        """The point with amplitudes reduced until its poses are solved, and the initial damping."""
         amplitudes = [self.n.amplitudes(k) for k in range(len(self.components))]
         at, damping = np.concatenate(amplitudes) if amplitudes else np.zeros(0, int), _DAMPING
         while not np.isfinite(point.cost) and len(at) and np.any(np.abs(point.x[at]) > 0) and damping < 1e-1:
@@ -251,7 +251,7 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
         final.append(Component(c.kind, site))
     if white is not None:
         own = prior.precision + prior.width
-        own[n.nearly_known] = 0.0
+        own[n.nuisance] = 0.0
         free = ~prior.frozen
         inside = np.ix_(free, free)
         A = white.J.T @ white.J + np.diag(own)
@@ -262,7 +262,7 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         evidence += law.log_prior - white.log_det
         evidence += np.log(2.0) * sum(o for o, f in zip(one, free[n.base :], strict=True) if f)
-        correlation, scale = _scaled(A[inside])  # intervals are the data's, not the weak prior's
+        correlation, scale = _scaled(A[inside])  # intervals without the weak prior
         covariance[inside] = np.linalg.inv(correlation) / np.outer(scale, scale)
         chi2 = float(white.r @ white.r)
     return Refit(
@@ -272,8 +272,8 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
 
 
 def _over_scales(n, prior, A, vector, free, components, converged):
-    """``-1/2 log |A|`` with the prior of each effect's amplitudes at all its scales: the change of the cost, to second order,
-    and of the determinants go into the mean. Short of a minimum the numbers stay: a step there would not be the prior's."""
+    """``-1/2 log |A|``, averaged over the scales of each effect's prior, with the changes of the cost (to second order) and of
+    the determinants. The parameters are kept if the refit has not converged: a step would not be due to the prior."""
     values = []
     for scales in product(SCALES, repeat=len(components)):
         change = np.zeros(n.count)
@@ -290,6 +290,6 @@ def _over_scales(n, prior, A, vector, free, components, converged):
 
 
 def _scaled(A):
-    """A precision matrix as correlations, with the scales that were divided out."""
+    """A precision matrix scaled to unit diagonal, and the scales."""
     scale = np.sqrt(np.diag(A)) + 1e-150
     return A / np.outer(scale, scale) + 1e-12 * np.eye(len(A)), scale

@@ -1,4 +1,4 @@
-"""From refits to what a user reads: estimates with intervals, poses before and after, kinds in the format's parameters."""
+"""Reported quantities of refits: estimates with intervals, poses before and after, effects in the format's parameters."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_names
 from scan2flex_jax.study.model import EffectDeclaration
 
-_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # from a model without effects to one with them
+_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
 
 
 def parameters_of(bench, found: Refit, k: int) -> dict:
@@ -48,7 +48,7 @@ def spreads_of(bench, found: Refit, k: int) -> dict:
 
 
 def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dict[str, Estimate]:
-    """Values at the best refit; intervals widened over those tied with it, weighted by their evidence, or all ``alike``."""
+    """Values at the best refit; intervals include those tied with it, weighted by evidence or, if ``alike``, equally."""
     layout, out = bench.layout, {}
     weights = np.exp([0.0 if alike else min(r.log_evidence - best.log_evidence, 0.0) for r in tied])
     weights /= weights.sum()
@@ -74,12 +74,12 @@ def _rescaled(bench, found):
 
 
 def residuals(bench, shapes):
-    """Per pose ``(residual (m, 3), s, solved)`` of real points."""
+    """Per pose ``(residual (m, 3), s, solved)`` of its real points."""
     return [(s.residual[k], s.s[k], int(s.verdict.code) == 0) for s, k in zip(shapes, bench.real, strict=True)]
 
 
 def rms(bench, shapes) -> float:
-    """Root mean square distance (m); NaN when a pose was not solved."""
+    """Root mean square distance (m); NaN if a pose is not solved."""
     rows = residuals(bench, shapes)
     if not all(ok for *_, ok in rows):
         return float("nan")
@@ -87,7 +87,7 @@ def rms(bench, shapes) -> float:
 
 
 def predicted(bench, found: Refit, near: Refit | None = None):
-    """Shapes of other poses (``bench`` of those) at a refit's shared numbers and effects.
+    """Shapes of the poses of ``bench`` at a refit's shared parameters and effects.
 
     Poses that are not solved from their measured curves are continued from the shapes of the model ``near``, without effects.
     """
@@ -114,7 +114,7 @@ def _solved(shape):
 
 
 def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, PoseChange]:
-    """Poses of one bench before and after; ``unseen`` (poses, 2) their RMS (m) when left out, before and after."""
+    """Poses of one bench before and after; ``unseen`` (poses, 2): their leave-one-pose-out RMS (m), before and after."""
     out = {}
     for i, pose in enumerate(study_poses):
         (r0, _, ok0), (r1, s, ok1) = residuals(bench, before)[i], residuals(bench, after)[i]
@@ -131,7 +131,7 @@ def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, Po
 
 
 def ranked(bench, found: Refit, k: int, **known) -> Ranked:
-    """A refitted kind."""
+    """A refitted effect type."""
     return Ranked(found.components[k].kind, parameters_of(bench, found, k), std=spreads_of(bench, found, k), **known)
 
 
@@ -144,7 +144,7 @@ def declared(study, estimates_after, chosen):
 
 
 def description(found) -> Ranked:
-    """The field that describes what no effect explains: curvature or load, whichever is likelier. Not physics."""
+    """The discrepancy field that describes an unexplained residual: curvature or load, whichever is likelier. Not physics."""
     fields = {name: locate.common_field(found.stage, name) for name in DESCRIBED}
     likeliest = max(fields, key=lambda name: fields[name].gain)
     f, d = fields[likeliest], DESCRIBED[likeliest]
@@ -154,12 +154,12 @@ def description(found) -> Ranked:
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:
-    """The measurements that would tell these kinds apart, in the order of their names."""
+    """The measurements that would distinguish these effect types, in the order of their names."""
     return tuple(f"{kind}: {entry_of(kind).settle}" for kind in sorted(set(kinds)))
 
 
 def discrepancy(bench, found: Refit) -> Discrepancy:
-    """What differs from pose to pose beside a refit."""
+    """The discrepancy of the poses given a refit."""
     law, length = found.law, bench.context.length
     if not law.curvature:
         return Discrepancy(length=length)
@@ -170,7 +170,7 @@ def discrepancy(bench, found: Refit) -> Discrepancy:
 
 
 def scatter(found, refitted: Refit) -> dict[str, float]:
-    """The relative scatter between poses of every size that was estimated, by the name of its parameter."""
+    """Relative scatter between poses of every estimated size, by parameter name."""
     out: dict[str, float] = {}
     bench = found.stage.bench
     for k, c in enumerate(refitted.components):

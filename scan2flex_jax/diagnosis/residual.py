@@ -1,12 +1,12 @@
-"""The whitened residual: what the fit leaves, in units of the noise, with what the base model can absorb taken out.
+"""The whitened residual: the residual in units of the noise, projected off the columns of the base parameters.
 
 Per pose the two normal components (m) at arc lengths ``s`` (m), and the tangential one of markers, have covariance ``C(s)``
-(`fitting.noise`); with ``C = L L'`` the whitened residual is ``L^-1 r`` and so are the columns. Poses are stacked; below them
-stand the priors of what is known only nearly (pseudo-rows of unit variance). ``M = I - Q Q'``, ``Q`` an orthonormal basis of
-the base model's columns, takes out what refitting the base numbers would.
+(`fitting.noise`); with ``C = L L'`` the residual and the columns are whitened by ``L^-1``. Poses are stacked; the priors of the
+nuisance parameters follow as pseudo-rows of unit variance. ``M = I - Q Q'``, ``Q`` an orthonormal basis of the base columns,
+removes the part of a residual that a refit of the base parameters would remove.
 
 Noise is estimated by restricted likelihood in the complement of base columns *and* of a low-rank basis of all signatures,
-so that an effect in the data does not make the noise look larger.
+so that an effect in the data does not inflate the noise.
 """
 
 from dataclasses import dataclass, replace
@@ -29,23 +29,23 @@ from scan2flex_jax.fitting.likelihood import (
 from scan2flex_jax.fitting.noise import Noise, logarithms, most_likely, most_likely_with_discrepancy, nearest
 
 _MOST, _FEWER = 64, 40  # points of a pose that enter the likelihood of the noise, and of noise with discrepancy
-_RANK = 24  # directions of all signatures together that are kept out of the noise
-_KNOTS = 25  # of the residual that repeated scans of a pose share
-_SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is not
-_SPREAD, _LONGEST = 0.6, 0.3  # of a correlation length: its prior, and the longest over the length of the cable
-_PRIOR_ROWS = 10.0  # rows of unit variance that draw the noise of a pose to that of all
-_OPEN = 1e-7  # of a unit column: a base number that no pose feels
+_RANK = 24  # directions of the signature basis
+_KNOTS = 25  # of the residual shared by repeated scans of a pose
+_SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is dropped
+_SPREAD, _LONGEST = 0.6, 0.3  # correlation length: log spread of its prior, and its maximum over the length of the cable
+_PRIOR_ROWS = 10.0  # rows of unit variance that shrink the noise of a pose to that of all
+_OPEN = 1e-7  # of a unit column: an unidentifiable base parameter
 
 
 @dataclass(frozen=True)
 class Law:
     """The distribution of the residual of each pose: the sensor's ``noise``, and a discrepancy of the pose's own.
 
-    ``curvature`` (1/m) is the size of that discrepancy, and ``scatter`` per pose the columns (m, 3, k) that it moves the
-    residual along (`fitting.discrepancy`); without them there is none. ``log_prior`` (nats): the prior density of the sizes.
-    ``planes``: 1 where the poses were measured in one plane, and a residual across it is zero by construction.
-    ``most``: points of a pose that count, evenly along it, as many as the sizes were estimated from; 0 for all.
-    ``scales``: standard deviation of the sensor's noise in each pose over that of ``noise``; none where all poses are alike.
+    ``curvature`` (1/m) is the size of that discrepancy, and ``scatter`` per pose its columns (m, 3, k) in the residual
+    (`fitting.discrepancy`); empty without a discrepancy. ``log_prior`` (nats): log prior density of the sizes.
+    ``planes``: 1 for poses measured in one plane, where the residual across it is zero by construction.
+    ``most``: points of a pose that are used, evenly along it, as many as in the estimate of the sizes; 0 for all.
+    ``scales``: standard deviation of the sensor's noise in each pose over that of ``noise``; empty if all poses are alike.
     """
 
     noise: Noise
@@ -57,12 +57,12 @@ class Law:
     scales: tuple[float, ...] = ()
 
     def only(self, which) -> "Law":
-        """The law of some of the poses, in this order."""
+        """The law of the poses ``which``, in this order."""
         scatter, scales = (tuple(values[i] for i in which) if values else () for values in (self.scatter, self.scales))
         return replace(self, scatter=scatter, scales=scales)
 
     def of_pose(self, i: int, shape, keep) -> "Metric":
-        """The metric of pose ``i``, of whose points ``keep`` are real."""
+        """The metric of pose ``i``; ``keep`` marks its real points."""
         pick = thinned(shape.s[keep], self.most) if self.most else np.arange(int(np.sum(keep)))
         keep = np.flatnonzero(keep)[pick]
         marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
@@ -85,12 +85,11 @@ class Law:
 
 @dataclass(frozen=True)
 class Metric:
-    """What makes the residual of one pose white: rows of its normals at all points, then of the tangents at markers.
+    """Whitening of the residual of one pose: rows of its normals at all points, then of the tangents at markers.
 
-    ``pick`` (m,): the points that count, of all. ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's
-    covariance, of points and of the ``marks`` among them; ``plane`` (2,) is the one normal that counts of a pose that was
-    measured in a plane. In rows that those have made white, the discrepancy adds ``spread**2`` of variance along each column
-    of ``U``.
+    ``pick`` (m,): the points used. ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's covariance, of
+    points and of the ``marks`` among them; ``plane`` (2,) is the in-plane normal of a pose measured in one plane. In rows
+    whitened by these, the discrepancy adds the variance ``spread**2`` along each column of ``U``.
     """
 
     pick: np.ndarray
@@ -103,12 +102,12 @@ class Metric:
 
     @property
     def normals(self) -> int:
-        """Rows of the normals."""
+        """Number of rows of the normals."""
         return len(self.factor) * (NORMALS if self.plane is None else 1)
 
     @property
     def rows(self) -> int:
-        """How many in all."""
+        """Number of rows."""
         return self.normals + len(self.marks)
 
     @property
@@ -118,7 +117,7 @@ class Metric:
         return float(total + (0.0 if self.spread is None else 0.5 * np.sum(np.log1p(self.spread**2))))
 
     def white(self, columns: np.ndarray) -> np.ndarray:
-        """White rows of columns (points, 3, K)."""
+        """Whitened rows of columns (points, 3, K)."""
         columns = columns[self.pick]
         normal = columns[:, :NORMALS] if self.plane is None else projected(columns, self.plane)[:, :1]
         rows = _whiten(self.factor, normal)
@@ -128,8 +127,8 @@ class Metric:
         return self._scaled(rows, -0.5)
 
     def back(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normal components (m, 2, K) and those along the tangents of markers (k, K), in m, of white rows (n, K),
-        at the points that count."""
+        """Inverse of `white` at the points used: normal components (m, 2, K) and those along the tangents of markers (k, K),
+        in m, of whitened rows (n, K)."""
         normal, tangent = np.split(self._scaled(rows, 0.5), [self.normals])
         m = len(self.factor)
         normal = (self.factor @ normal.reshape(m, -1)).reshape(m, -1, rows.shape[1])
@@ -143,8 +142,8 @@ class Metric:
 
 @dataclass(frozen=True)
 class Whitened:
-    """Residual ``r`` (n,), columns ``J`` (n, b) of all base numbers, and per pose its metric, its rows, and which of its
-    points are real."""
+    """Residual ``r`` (n,), columns ``J`` (n, b) of all parameters, and per pose its metric, its rows, and the mask of its
+    real points."""
 
     r: np.ndarray
     J: np.ndarray
@@ -155,7 +154,7 @@ class Whitened:
 
     @property
     def normals(self) -> tuple[np.ndarray, ...]:
-        """Per pose the rows of both normals."""
+        """Per pose the rows of its normals."""
         return tuple(rows[: m.normals] for rows, m in zip(self.rows, self.metrics, strict=True))
 
     @property
@@ -164,7 +163,7 @@ class Whitened:
         return sum(m.log_det for m in self.metrics)
 
     def squares(self, i: int, values: np.ndarray) -> float:
-        """Sum of the squared lengths (m^2) of all residuals of pose ``i``, from its whitened rows."""
+        """Sum of squared residuals (m^2) of pose ``i``, from its whitened rows."""
         return float(sum(np.sum(part**2) for part in self.metrics[i].back(values[:, None])))
 
     def stack(self, columns) -> np.ndarray:
@@ -181,11 +180,11 @@ class Whitened:
 
 
 def whiten(shapes, real, numbers, vector, law: Law) -> Whitened:
-    """From solved shapes (columns of the base numbers first) at ``vector``."""
+    """Whiten the residuals and columns of solved shapes at ``vector``, and append the priors of the nuisance parameters."""
     metrics = tuple(law.of_pose(i, shape, keep) for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)))
     ends = np.cumsum([m.rows for m in metrics])
     rows = tuple(np.arange(end - m.rows, end) for m, end in zip(metrics, ends, strict=True))
-    at, known = int(ends[-1]), np.r_[numbers.nearly_known]
+    at, known = int(ends[-1]), np.r_[numbers.nuisance]
     r, J = np.zeros(at + len(known)), np.zeros((at + len(known), numbers.count))
     for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
         own = numbers.of_pose(i)
@@ -198,18 +197,18 @@ def whiten(shapes, real, numbers, vector, law: Law) -> Whitened:
 
 
 def _whiten(factor, columns):
-    """Both normals, one after the other."""
+    """Whitened rows of both normals, interleaved."""
     m, c, k = columns.shape
     return linalg.solve_triangular(factor, columns.reshape(m, -1), lower=True).reshape(m * c, k)
 
 
 def _three(normals):
-    """Columns (m, 2, k) along the normals with none along the tangent."""
+    """Columns (m, 2, k) along the normals, extended by a zero tangential component."""
     return np.concatenate([normals, np.zeros_like(normals[:, :1])], axis=1)
 
 
 def orthonormal(X: np.ndarray, small: float = 1e-10) -> np.ndarray:
-    """Orthonormal basis of the columns, each taken at unit length first."""
+    """Orthonormal basis of the columns, after normalising each."""
     size = np.linalg.norm(X, axis=0)
     if not np.any(size > 0):
         return np.zeros((len(X), 0))
@@ -218,7 +217,7 @@ def orthonormal(X: np.ndarray, small: float = 1e-10) -> np.ndarray:
 
 
 def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) -> np.ndarray:
-    """Orthonormal directions that carry the signatures, each signature at unit length beyond the base."""
+    """Principal directions of the signatures, each projected off the base and normalised."""
     X = columns - base @ (base.T @ columns)
     size, full = np.linalg.norm(X, axis=0), np.linalg.norm(columns, axis=0)
     X = X[:, size > 1e-6 * full.max(initial=1e-300)]
@@ -231,11 +230,10 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
 
 
 def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
-    """Standard deviation of the noise in each pose over that of all, from white residuals with the model's numbers and the
-    directions ``signatures`` (per pose (m, 2, K)) of all effects taken out; drawn to one as by `_PRIOR_ROWS` rows of unit
-    variance.
+    """Standard deviation of the noise in each pose over that of all, from whitened residuals projected off the model's
+    columns and the ``signatures`` (per pose (m, 2, K)) of all effects; shrunk to one by `_PRIOR_ROWS` rows of unit variance.
 
-    A scan that sees a cable from one side only errs several times as much as one from three sides.
+    A scan of a cable from one side has several times the error of one from three sides.
     """
     Z = np.zeros((len(white.r), signatures[0].shape[-1]))
     for rows, metric, own in zip(white.rows, white.metrics, signatures, strict=True):
@@ -248,18 +246,18 @@ def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
 
 
 class Complement:
-    """Restricted likelihood of the noise in the complement of the model's numbers (under their priors) and signatures.
+    """Restricted likelihood of the noise in the complement of the model's columns (under their priors) and of signatures.
 
-    ``signatures`` (per pose (m, 2, K)) are directions that carry them; none for the noise beside one model alone. Poses that
-    were scanned again (``repeats``, groups of indices) share a residual of any shape, of which only their differences are
-    noise. ``scatter``: per pose the columns of its discrepancy; ``scales``: those of a `Law`. Long curves are thinned first.
+    ``signatures``: their basis, per pose (m, 2, K); empty for the noise given one model. Poses scanned again (``repeats``,
+    groups of indices) share a residual of any shape, so that only their differences are noise. ``scatter``: per pose the
+    columns of its discrepancy; ``scales``: those of a `Law`. Long curves are thinned first.
     """
 
     def __init__(
         self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True,
         alike=0.0, scales=(),
     ):
-        """Thinned curves and columns, each with where its columns stand; the model's own only where it is ``free``."""
+        """Thin curves and columns and index the columns; those of the model are zero unless its parameters are ``free``."""
         self.length, self.stated, self.planes, self.alike, self.scales, poses = length, stated, planes, alike, scales, []
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
@@ -279,7 +277,7 @@ class Complement:
             pose = pose.over(scales[i]) if len(scales) else pose
             poses.append(pose.in_plane() if planes == 1 else pose)
         precision, pull = np.zeros(columns), np.zeros(columns)
-        known = numbers.nearly_known
+        known = numbers.nuisance
         precision[known] = numbers.prior_std**-2
         pull[known] = precision[known] * (vector[known] - numbers.prior_mean)
         size = np.sqrt(np.mean([np.mean(p.r[:, :-1] ** 2) for p in poses]))
@@ -288,7 +286,7 @@ class Complement:
         self.likelihood = RestrictedLikelihood(poses, prior, precision, pull)
 
     def law(self, noise: Noise, usual: float, scatter, near: Law | None = None) -> Law:
-        """The most likely noise and discrepancy, begun at a noise, or at a law that is ``near``; ``usual`` (1/m) as in
+        """The most likely noise and discrepancy, starting from a noise or from a law that is ``near``; ``usual`` (1/m) as in
         `fitting.discrepancy`."""
         found, curvature, _ = self._likeliest(noise, usual, near)
         prior = self.likelihood.prior(found, logarithms(found), discrepancy=True)
@@ -296,7 +294,7 @@ class Complement:
         return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
 
     def gain(self, noise: Noise, usual: float) -> float:
-        """Nats that a discrepancy gains beside the most likely noise."""
+        """Log likelihood (nats) gained by a discrepancy over the most likely noise alone."""
         alone = nearest(self.likelihood.with_discrepancy, noise, self.length)
         return float(self.likelihood.with_discrepancy(alone, logarithms(alone)) - self._likeliest(noise, usual)[2])
 
@@ -311,7 +309,7 @@ class Complement:
         return most_likely(self.likelihood, self.stated or self.size, self.length, self.alike)
 
     def draws(self, noise: Noise, count: int, rng) -> list[Noise]:
-        """Noises as likely as the estimated one: a normal law in their logarithms with the likelihood's curvature."""
+        """Samples of the noise about the estimate: normal in the logarithms, with the curvature of the likelihood."""
         u, h, E = logarithms(noise), 0.08, np.eye(3)
         H = np.zeros((3, 3))
 
@@ -329,7 +327,7 @@ class Complement:
 
 
 def noise_like(white: Whitened, shapes, laws, count: int, rng) -> np.ndarray:
-    """``count`` draws (n, count) of pure noise of the given laws, whitened as the residual was; priors' rows too."""
+    """``count`` draws (n, count) of pure noise of the given laws, whitened like the residual, with the rows of the priors."""
     out = rng.standard_normal((len(white.r), count))
     share = np.array_split(np.arange(count), len(laws))
     for law, mine in zip(laws, share, strict=True):

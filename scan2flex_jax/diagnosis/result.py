@@ -1,4 +1,4 @@
-"""What `explain` returns: the verdict in words, the format's JSON, and the study with the effect declared."""
+"""Results of `explain`: the verdict in words, the format's JSON, and the study with the effect declared."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,10 +25,10 @@ from scan2flex_jax.study.model import Study
 
 @dataclass(frozen=True)
 class Ranked:
-    """One kind: what it would be, its evidence and its verdict; RMS in m where it was refitted.
+    """One effect type: its parameters, evidence and verdict; RMS in m if it was refitted.
 
-    ``log_evidence`` (nats): by how much the logarithm of the marginal likelihood with this kind exceeds that of the plain rod
-    with the same noise, zero for nothing gained; of an effect chosen with others, that of all of them together.
+    ``log_evidence`` (nats): log marginal likelihood with this effect minus that of the baseline model with the same noise; for
+    an effect chosen with others, that of all of them together.
     """
 
     kind: str
@@ -42,11 +42,11 @@ class Ranked:
     std: dict[str, float | np.ndarray] = field(default_factory=dict)
 
     def in_short(self) -> dict:
-        """The effect alone: kind, parameters and, where they are known, their standard errors."""
+        """The effect alone: kind, parameters and, where known, their standard errors."""
         return {"kind": self.kind, "parameters": _plain(self.parameters)} | ({"std": _plain(self.std)} if self.std else {})
 
     def to_json(self) -> dict:
-        """As in the study format; ``log_evidence`` is over the plain rod, in nats."""
+        """As in the study format; ``log_evidence`` is over the baseline model, in nats."""
         out = {"kind": self.kind, "parameters": _plain(self.parameters), "log_evidence": float(self.log_evidence)}
         out |= {"p_value": float(self.p_value)}
         out |= {k: float(v) for k in ("rms_fit", "rms_validate") if (v := getattr(self, k)) is not None and np.isfinite(v)}
@@ -57,9 +57,9 @@ class Ranked:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseChange:
-    """One pose before and after: RMS distance (m), the largest after, and the residual along s for a picture.
+    """One pose before and after: RMS distance (m), the largest distance after, and the residual along s for a picture.
 
-    ``left_out``: RMS distance (m) when the pose is predicted from the other fitted poses (None for validate poses).
+    ``left_out``: RMS distance (m) of the prediction from the other fitted poses (None for validate poses).
     """
 
     role: str
@@ -85,19 +85,19 @@ class PoseChange:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """What physics the model lacks, with the evidence, the refitted model, and the error before and after.
+    """Missing physics: verdict, evidence, refitted model, and the error before and after.
 
-    ``ranking`` holds every kind, the most likely first; ``chosen`` the effects that were found (none, one or several),
-    ``added`` those of the refitted model, which need not be established; ``estimates`` are those after; ``discrepancy`` is what
-    differs from pose to pose beside that model, ``scatter`` the relative scatter between poses of each size; ``families`` log
-    evidence of each family of ghost fields; ``sentences`` say in words what was found, ``settle`` what would decide a tie.
-    ``load`` is the equivalent load field (N/m) that all poses share, ``pose_loads`` that of each fitted pose: where something
-    acts, not what. ``description`` stands in for an effect where none explains the shapes: a field that is not physics.
-    ``study`` has the effects declared, ``search`` is all that the search did, from which `plan` goes on. ``mistakes``: likely
-    mistakes of the input, before which no physics is looked for; ``fit`` is None then too.
+    ``ranking`` holds every effect type, the most likely first; ``chosen`` the effects found (none, one or several), ``added``
+    those of the refitted model, which need not be established; ``estimates`` are the final ones; ``discrepancy`` is that of the
+    poses given the refitted model, ``scatter`` the relative scatter between poses of each size; ``families`` the log evidence
+    of each family of discrepancy fields; ``sentences`` are the findings in words, ``settle`` the measurements to decide a tie.
+    ``load`` is the equivalent load field (N/m) shared by all poses, ``pose_loads`` that of each fitted pose: where an effect
+    acts, not which. ``description`` replaces an effect if none explains the shapes: a field that is not physics. ``study`` has
+    the effects declared; ``search`` is the search result, from which `plan` continues. ``mistakes``: likely mistakes of the
+    input, which prevent a search; ``fit`` is then None.
 
-    Every log evidence is in nats over the plain rod with the same noise, that of families too. ``fit``, ``noise`` and what
-    rests on them are None or empty where the poses could not be solved (verdict "not in equilibrium").
+    Every log evidence is in nats over the baseline model with the same noise, that of families too. ``fit``, ``noise`` and
+    dependent fields are None or empty if poses are not solved (verdict "not in equilibrium").
     """
 
     study: Study = field(repr=False)
@@ -127,11 +127,11 @@ class Explanation:
 
     @property
     def significant(self) -> bool:
-        """Whether the plain rod leaves more than noise, at the level of the settings."""
+        """Whether the residual of the baseline model exceeds noise, at the level of the settings."""
         return bool(self.p_value <= self.settings.level)
 
     def rms(self, role: str = "fit", after: bool = True) -> float:
-        """Root mean square distance (m) over all points of the poses of a role; NaN where there are none."""
+        """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
         own = [p.residual if after else p.residual_before for p in self.poses.values() if p.role == role]
         points = sum(len(r) for r in own)
         return float(np.sqrt(sum(np.sum(r**2) for r in own) / points)) if points else float("nan")
@@ -145,7 +145,7 @@ class Explanation:
         return float(np.sqrt(sum(v**2 * n for v, n in known) / sum(n for _, n in known)))
 
     def shifts(self) -> dict[str, Any]:
-        """By how many standard errors (those after) each estimate moved; without those whose error is not known."""
+        """Change of each estimate over its final standard error; estimates with unknown errors are omitted."""
         if self.fit is None or not self.added:
             return {}
         known = {n: e for n, e in self.estimates.items() if e.std is not None and np.all(np.asarray(e.std) > 0)}
@@ -153,9 +153,9 @@ class Explanation:
 
     @cached_property
     def influence(self) -> Influence | None:
-        """What the estimates rest on beside the added effects, to first order; None where nothing was solved.
+        """Sensitivities of the estimates given the added effects, to first order; None if the poses are not solved.
 
-        Solves the poses twice more, when it is first asked for.
+        The first access solves the poses twice more.
         """
         if self.search is None:
             return None
@@ -163,11 +163,11 @@ class Explanation:
 
     @property
     def answer(self) -> Answer:
-        """What the summary opens with: estimates, what they rest on, the error on unseen poses, whether to believe it."""
+        """Opening lines of the summary: estimates, their sensitivities, the error on unseen poses, and belief."""
         return answer_of(self)
 
     def to_json(self) -> dict:
-        """The format's result object; its log evidences are over the plain rod, in nats."""
+        """The format's result object; its log evidences are over the baseline model, in nats."""
         out: dict[str, Any] = {"format": "scan2flex-result/1", "verdict": self.verdict}
         out |= {"mistakes": [m.to_json() for m in self.mistakes]} if self.mistakes else {}
         if self.noise is None or self.fit is None or self.load is None:
@@ -209,17 +209,17 @@ class Explanation:
 
     @property
     def concluded(self) -> bool:
-        """Whether the kinds' evidence may be read: not where the plain rod could not be solved well enough."""
+        """Whether the evidence is meaningful, i.e. the baseline model is solved accurately enough."""
         return self.verdict != UNSOLVED
 
     def in_words(self, r: Ranked) -> str:
-        """The verdict of a kind in words that stand alone."""
+        """The verdict of an effect type in words that stand alone."""
         if r.verdict == TOO_LITTLE:
             return "explains too little" if self.verdict == UNEXPLAINED else "less likely"
         return r.verdict
 
     def summary(self) -> str:
-        """The explanation in plain text, about one page: the answer, what was found, and every estimate and pose."""
+        """The explanation in plain text, about one page: answer, findings, and every estimate and pose."""
         lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences if self.mistakes)]
         lines += [*self.answer.lines(), ""]
         lines += [f"  {s}" for s in self.sentences if not self.mistakes]
@@ -245,17 +245,17 @@ class Explanation:
 
     def _pose_lines(self):
         moved = {name: moved_in_words(self.influence, name) for name in self.poses}
-        beside = "   without it" if any(moved.values()) else ""
-        yield f"  pose                 role       before mm   after mm   left out: before, after mm{beside}"
+        without = "   without it" if any(moved.values()) else ""
+        yield f"  pose                 role       before mm   after mm   left out: before, after mm{without}"
         yield from (f"{_pose_line(n, p)}   {moved[n]}".rstrip() for n, p in self.poses.items())
 
 
-_TELLING = 10.0  # times the parameter: a standard error beyond it says that nothing is known, and no more
+_TELLING = 10.0  # times the parameter: a larger standard error is not printed
 
 
 def parameter_in_words(study: Study, kind: str, name: str, value, std=None) -> str:
-    """A parameter with its standard error and unit; by its change where the value says nothing: of a length the one that the
-    ``study`` states, of a factor 1."""
+    """A parameter with its standard error and unit. A length is given by its change from that stated in the ``study``, a factor
+    by its change from 1."""
     if isinstance(value, str):
         return value
     known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))

@@ -1,4 +1,4 @@
-"""`explain`: fit, test, search, judge, and the error before and after. Each step has its module."""
+"""`explain`: baseline fit, test, search, verdict, and the error before and after. Each step has its module."""
 
 import time
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.slots import empty_slots_of
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting import Fit
-from scan2flex_jax.fitting import fit as plain_fit
+from scan2flex_jax.fitting import fit as baseline_fit
 from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import threaded
@@ -26,7 +26,7 @@ from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
-_SHARPENED = 2  # times that the noise is estimated anew beside what was found
+_SHARPENED = 2  # searches repeated with the noise re-estimated given the effects found
 
 
 @threaded
@@ -40,24 +40,24 @@ def explain(
     ahead: AheadCompiler | None = None,
     settings: DiagnosisSettings = USUAL,
 ) -> Explanation:
-    """Physics that the baseline rod lacks for the ``fit`` poses of ``study``; its ``validate`` poses have no part in it.
+    """Search for physics that the baseline model lacks, in the ``fit`` poses of ``study``; ``validate`` poses are not used.
 
     Args:
-        study: One cable; six poses or more, some of them not plane, tell effects apart.
-        elements: Elements of the rod to begin with.
-        progress: Called with a line of text now and then.
-        seed: Draws the noise of the test.
-        mesh: False leaves out the gate that refines the mesh.
-        ahead: Compiles the search in a thread beside the baseline fit; without it no thread is started.
+        study: One cable. Distinguishing effects takes six poses or more, some of them not plane.
+        elements: Initial number of elements of the rod.
+        progress: Called with a line of text at each step.
+        seed: Seed of the noise drawn for the test.
+        mesh: False skips the gate that refines the mesh.
+        ahead: Compiles the search in a thread during the baseline fit; without it no thread is started.
         settings: Thresholds of the verdict, of intervals and of the mesh.
 
     Returns:
-        Verdict, ranking, estimates before and after, and the study with the effects declared. Poses that cannot be solved
-        give the verdict "not in equilibrium", never an exception; a study whose input is likely mistaken (``Fit.mistakes``)
-        is "unexplained", and no physics is looked for.
+        Verdict, ranking, estimates before and after, and the study with the effects declared. Poses that are not solved give
+        the verdict "not in equilibrium", never an exception; a study with likely input mistakes (``Fit.mistakes``) is
+        "unexplained", without a search.
 
     Raises:
-        Scan2FlexError: The study cannot be fitted at all.
+        Scan2FlexError: The study cannot be fitted.
 
     Examples:
         >>> explain(load_study("my-cable")).verdict  # doctest: +SKIP
@@ -79,15 +79,15 @@ def explain(
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=said, seconds=seconds, settings=settings)
     found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
-        left = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
-        done = found.verdict == verdict.NONE or found.scattered or left
+        differ = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
+        done = found.verdict == verdict.NONE or found.scattered or differ
         sharper = None if done else stage.sharpened(base.signatures, found)
         if sharper is None:
             break
         say("again with less noise")
         found = search.search(sharper, say)
     if found.verdict in (verdict.EXPLAINED, verdict.TIE) and _poses_differ(base.signatures, found):
-        found.verdict = verdict.UNEXPLAINED  # `partial` decides
+        found.verdict = verdict.UNEXPLAINED  # left to `partial`
     if found.verdict == verdict.UNEXPLAINED and not base.coarse and found.stage.bench.poses.count > 1:
         found = partial.search(found, say)
     elif found.verdict == verdict.UNEXPLAINED:
@@ -108,8 +108,8 @@ def explain(
 
 @dataclass(frozen=True)
 class _Base:
-    """The plain fit and all that the search rests on; ``gates``: what was checked of it, ``coarse``: poses (with their mesh
-    errors, in words) whose mesh is too coarse still."""
+    """The baseline fit and the inputs of the search; ``gates``: elements and mesh error; ``coarse``: poses whose mesh remains
+    too coarse, with their mesh errors, in words."""
 
     fit: Fit
     signatures: stage.Signatures
@@ -122,26 +122,26 @@ def _base(
     study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
     settings: DiagnosisSettings = USUAL,
 ) -> _Base | Fit:
-    """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
+    """The baseline fit on a fine enough mesh, or the finest allowed; the fit alone if the input is likely mistaken.
 
     Raises `NotSettledError`.
     """
     names = [pose.name for pose in study.fit_poses]
     while True:
-        say("plain fit")
+        say("baseline fit")
         if ahead is not None:
             ahead.start(study, elements, mesh=mesh)
-        fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
+        fitted = baseline_fit(study, elements=elements, slots=empty_slots_of(study))
         if ahead is not None:
             _wait(ahead, study, elements, mesh, say)
         if fitted.mistakes:
             return fitted
-        study = fitted.problem.study  # with the turns that the shapes tell
+        study = fitted.problem.study  # with the turns inferred from the shapes
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
         alike = settings.scan_alike * bench.context.radius_or_guess if scanned else 0.0
-        signatures, beside = stage.signatures(bench, fitted.minimum, _stated(study), seed, alike, settings)
-        first = stage.stage_of(signatures, beside)
+        signatures, likelihood = stage.signatures(bench, fitted.minimum, _stated(study), seed, alike, settings)
+        first = stage.stage_of(signatures, likelihood)
         if not mesh:
             return _Base(fitted, signatures, first, {"elements": elements}, [])
         error = gates.mesh_error(fitted.problem, fitted.minimum)
@@ -153,7 +153,7 @@ def _base(
 
 
 def _free(found: search.Found, say: Progress) -> None:
-    """The models on which the answer rests are freed of the usual sizes of their effects, where those are exceeded."""
+    """Refit the models of the answer with wide priors of the effects that exceed their usual sizes (`refit.freed`)."""
     models = {id(r): r for r in (found.best, *found.tied, *_likely(found)) if r.components}
     if not models or found.verdict == verdict.UNSOLVED:
         return
@@ -165,16 +165,16 @@ def _free(found: search.Found, say: Progress) -> None:
 
 
 def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
-    """Whether each pose differs in its own way, beyond the sensor's noise, beside the best that was found.
+    """Whether each pose has a discrepancy of its own beyond the sensor's noise, given the best model found.
 
-    What one pose has of its own is the effect that is sought.
+    In a single pose, discrepancy and effect are the same.
     """
     return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
 
 
 def _mistaken(fitted: Fit, began: float, settings: DiagnosisSettings) -> Explanation:
-    """What is said of a study whose input is likely mistaken: no physics is looked for."""
-    said = (*map(str, fitted.mistakes), "no physics is looked for before that is mended")
+    """The explanation of a study with likely input mistakes: no search."""
+    said = (*map(str, fitted.mistakes), "correct the input first: missing physics is not searched for until then")
     seconds = time.perf_counter() - began
     return Explanation(
         study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes,
@@ -183,7 +183,7 @@ def _mistaken(fitted: Fit, began: float, settings: DiagnosisSettings) -> Explana
 
 
 def _wait(ahead: AheadCompiler, study: Study, elements: int, mesh: bool, say: Progress) -> None:
-    """Wait for what is compiled ahead. A fault of it is told, and goes no further: the search meets it where it counts."""
+    """Wait for the compilation ahead. Its exception is reported as progress only: the search raises it where it matters."""
     say("compiling the search")
     try:
         ahead.wait(study, elements, mesh=mesh)
@@ -192,15 +192,14 @@ def _wait(ahead: AheadCompiler, study: Study, elements: int, mesh: bool, say: Pr
 
 
 def _on_axes(study, elements, say):
-    """A study of scans with the cable's axis for centre curves, as the points show it beside the fit to themselves.
+    """A study of scans with centre curves from the direct fit to the points, at stations along the cable.
 
-    Extracted curves are pulled towards the sensor by some tenths of a radius; a direct fit knows that, and its stations along
-    the cable see each a few points of their own.
+    Extracted curves are biased towards the sensor by some tenths of a radius; the direct fit models that bias.
     """
     if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
         return study
     say("fit to the points of the scans")
-    fitted = plain_fit(study, elements=elements, progress=say)
+    fitted = baseline_fit(study, elements=elements, progress=say)
     if fitted.data != "cloud":
         return fitted.study
     poses = tuple(replace(p, curve=MeasuredCurve(fitted.poses[p.name].measured)) for p in fitted.study.poses)
@@ -208,7 +207,7 @@ def _on_axes(study, elements, say):
 
 
 def _stated(study) -> float | None:
-    """The noise (m, one coordinate) that the study states, pooled."""
+    """The stated noise (m, one coordinate), pooled over the poses."""
     stated = [p.noise for p in study.fit_poses if p.noise is not None]
     return float(np.sqrt(np.mean(np.square(stated)))) if stated else None
 
@@ -259,8 +258,8 @@ def _explanation(base, found, warnings, began):
 
 
 def _refitted(found):
-    """The model of "after": the best one, also where it is not established, unless it is no likelier than the plain rod or
-    predicts poses left out no better."""
+    """The model of "after": the best one, even if not established, unless it is no likelier than the baseline model or predicts
+    poses left out no better."""
     if found.verdict in verdict.FOUND:
         return found.best
     if found.verdict != verdict.UNEXPLAINED or not found.best.components:
@@ -272,7 +271,7 @@ def _refitted(found):
 
 
 def _likely(found):
-    """The models over which intervals are taken: those that are tied, or where nothing was found all that are likely."""
+    """The models that intervals include: those tied, or all likely ones if no effect was found."""
     if found.verdict in verdict.FOUND:
         return found.tied
     if found.verdict != verdict.UNEXPLAINED:
@@ -286,13 +285,13 @@ def _likely(found):
 
 
 def _alike(found):
-    """Whether models count alike in the intervals: no pose left out has judged them, and what they leave is no noise, so that
-    likelihoods at the sensor's noise say nothing."""
+    """Whether models have equal weights in the intervals: they were not compared on poses left out, and their residuals are not
+    noise, so that likelihoods at the sensor's noise are meaningless."""
     return found.verdict == verdict.UNEXPLAINED and found.floor is None and bool(found.best.components)
 
 
 def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
-    """The effects of the refitted model as they were ranked; several with the parameters and the evidence of all together."""
+    """The effects of the refitted model as ranked; several effects have the parameters and evidence of their joint refit."""
     chosen = tuple(next(r for r in ranking if r.kind == kind) for kind in refitted.kinds)
     if len(chosen) < 2:
         return chosen
@@ -303,7 +302,7 @@ def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
 
 
 def _poses(study, found, other, refitted) -> dict[str, PoseChange]:
-    """Every pose before and after, in the order of the study; ``other``: the bench of the ``validate`` poses, or None."""
+    """Every pose before and after, in the order of the study; ``other``: the `Bench` of the ``validate`` poses, or None."""
     stage, unseen = found.stage, None
     if stage.bench.poses.count > 1:
         errors = confirm.left_out if found.floor is None else confirm.predicted
@@ -317,7 +316,7 @@ def _poses(study, found, other, refitted) -> dict[str, PoseChange]:
 
 
 def _ranking(found, other):
-    """Every kind: the refitted ones first by evidence, the others by their one-step evidence."""
+    """Every effect type, refitted or from one step: those of the best model, then the others by evidence."""
     stage, bench, out = found.stage, found.stage.bench, {}
     tie_kinds = [k for r in found.tied for k in r.kinds] if found.best.components else []
     best = found.best.kinds
@@ -342,13 +341,13 @@ def _ranking(found, other):
 
 
 def _judged(kind, best, tie_kinds, found, value):
-    """``(verdict, tied with)`` of a kind."""
+    """``(verdict, tied with)`` of an effect type."""
     if found.verdict in verdict.FOUND and kind in tie_kinds:
         if found.lead == verdict.TIED:
-            beyond = (*search.outside(found.best), *search.field_beside(found)) if kind in best else ()
+            beyond = (*search.outside(found.best), *search.rival_field(found)) if kind in best else ()
             return verdict.TIED, (*(k for k in dict.fromkeys(tie_kinds) if k != kind), *beyond)
         return found.lead, ()
-    if kind not in found.table:  # a field, of which some part can be seen in any poses
+    if kind not in found.table:  # a field: some part of it is visible in any poses
         return verdict.of_kind(value, np.inf, found.stage.settings), ()
     group = found.stage.groups[found.table[kind][1]]
     return verdict.of_kind(value, float(np.linalg.norm(group.X, axis=0).max()), found.stage.settings), ()

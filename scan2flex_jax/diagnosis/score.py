@@ -1,9 +1,9 @@
-"""The test that something is missing: efficient scores of all groups, and their largest, calibrated by drawing noise.
+"""Global test for missing physics: the largest efficient score of all groups, calibrated by a parametric bootstrap.
 
-With ``y = M r`` (whitened residual beyond the base) and ``X = M S`` for one group of columns (a kind at one site), the score
-statistic is ``T = |P_X y|^2``, chi-squared with ``k`` degrees of freedom when nothing is missing. The largest
-``-log p(T_g)`` over all groups is compared with its own distribution under noise alone (max-T with a parametric bootstrap):
-that accounts for the look-elsewhere over kinds and sites. Ghost fields, one per family, take part in the same way.
+With ``y = M r`` (whitened residual, projected off the base columns) and ``X = M S`` for one group of columns (an effect type at
+one site), the score statistic is ``T = |P_X y|^2``, chi-squared with ``k`` degrees of freedom under the null. The largest
+``-log p(T_g)`` over all groups is compared with its bootstrap distribution under noise alone (max-T), which accounts for the
+look-elsewhere effect over types and sites. Discrepancy fields, one per family, are tested likewise.
 References: Rao, "Large sample tests" (1948); Westfall and Young, "Resampling-based multiple testing" (1993).
 """
 
@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-_BLIND = 1e-3  # whitened length, beyond the base, of one physical size: below it these poses cannot see the group
-_FLAT = 1e-3  # singular value of a group's unit columns, over the largest, that counts as no direction
+_BLIND = 1e-3  # whitened, projected length of one physical size below which these poses are insensitive to a group
+_FLAT = 1e-3  # singular value of a group's columns, over the largest, below which a direction is dropped
 
 
 @dataclass(frozen=True)
 class Group:
-    """A kind at one site beyond the base: scaled columns ``X`` (n, k), basis ``Q``, which are one-sided, and its owner."""
+    """An effect type at one site: projected, scaled columns ``X`` (n, k), basis ``Q``, which are one-sided, and its owner."""
 
     owner: int
     X: np.ndarray
@@ -27,12 +27,12 @@ class Group:
 
     @property
     def rank(self) -> int:
-        """Directions that the poses see."""
+        """Number of identifiable directions."""
         return self.Q.shape[1]
 
 
 def group_of(owner: int, columns: np.ndarray, size: np.ndarray, base: np.ndarray, one_sided) -> Group:
-    """Columns in units of their physical size, with the base taken out."""
+    """Columns in units of their physical size, projected off the base."""
     X = columns * size
     X = X - base @ (base.T @ X)
     U, d, _ = np.linalg.svd(X, full_matrices=False)
@@ -41,7 +41,7 @@ def group_of(owner: int, columns: np.ndarray, size: np.ndarray, base: np.ndarray
 
 
 def statistics(groups, Y: np.ndarray) -> np.ndarray:
-    """``T`` of every group for every column of ``Y`` (n, draws): (groups, draws); a wrong-signed one-sided one counts 0."""
+    """``T`` of every group for every column of ``Y`` (n, draws): (groups, draws); 0 for a one-sided group of the wrong sign."""
     out = np.zeros((len(groups), Y.shape[1]))
     for g, group in enumerate(groups):
         if not group.rank:
@@ -62,7 +62,7 @@ def log_p(T: np.ndarray, rank: np.ndarray, one_sided=None) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Test:
-    """Global p-value, the p-value of each group (adjusted for having looked everywhere), and the statistics."""
+    """Global p-value, the p-value of each group (adjusted for multiple testing), and the statistics."""
 
     p_value: float
     adjusted: np.ndarray
@@ -72,13 +72,13 @@ class Test:
 
 
 def global_test(groups, families, y: np.ndarray, draws: np.ndarray, freedom: int) -> Test:
-    """Max-T over groups and ghost fields; ``draws`` (n, B) is noise, whitened and projected as ``y`` was.
+    """Max-T over groups and discrepancy fields; ``draws`` (n, B) is noise, whitened and projected like ``y``.
 
     ``families`` maps a name to a function of (n, B) giving log evidence gains (B,).
     """
     rank = np.array([g.rank for g in groups])
     both = np.column_stack([y, draws])
-    scale = np.maximum(np.sum(both**2, axis=0) / freedom, 1.0)  # less than the noise foretells is no reason for an alarm
+    scale = np.maximum(np.sum(both**2, axis=0) / freedom, 1.0)  # a residual below the noise is not significant
     both = both / np.sqrt(scale)
     T = statistics(groups, both)
     strength = np.where(rank[:, None] > 0, log_p(T, rank), 0.0)
@@ -94,6 +94,6 @@ def global_test(groups, families, y: np.ndarray, draws: np.ndarray, freedom: int
 
 
 def _exceedance(s):
-    """For each entry the share of all entries that are as large."""
+    """For each entry the fraction of entries that are as large."""
     order = np.sort(s)
     return 1.0 - np.searchsorted(order, s, side="left") / len(s)

@@ -1,10 +1,10 @@
-"""The search: from the scores to refits, from one effect to several, and what is tied with the best.
+"""The search: from scores to refits, from one effect to several, and the ties with the best.
 
-Each round refits what the scores find most likely: single kinds first, then pairs (found together from one Gram matrix, or one
-beside the best), then a third beside the best pair. A wider set must be asked for by the test on what is left, win by three
-nats, and lose as much when any of its effects is dropped (backward check). In the place of each effect of a pair the likeliest
-others beside the rest are tried, and the same one elsewhere along the cable (exchange): scores taken at the plain fit, from
-which a pair is proposed, mistake places and kinds where two strong effects are added.
+Each round refits the candidates of highest score: single effect types first, then pairs (from one Gram matrix, or given the
+best single effect), then a third effect given the best pair. A wider set is accepted if the test of the residual is
+significant, it leads by three nats, and it loses as much without any of its effects (backward check). Each effect of a pair is
+exchanged for the likeliest others given the rest, and for the same one elsewhere along the cable: the scores at the baseline
+fit, which propose a pair, may have wrong sites and types where two strong effects combine.
 """
 
 from dataclasses import dataclass, field
@@ -22,19 +22,19 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
-_EXCHANGED = 2  # effects of the sets in which each is exchanged for others
-_ELSEWHERE = 0.05  # of the length: nearer places are the refit's to find
-_WORTH = 12.0  # nats behind the best one-step evidence beyond which a refit cannot catch up
-_STRONG = 500.0  # nats of one-step evidence from which on one step says little: then the order of kinds is open
+_EXCHANGED = 2  # effects of a set whose effects are exchanged
+_ELSEWHERE = 0.05  # of the length: a refit reaches nearer positions by itself
+_WORTH = 12.0  # nats behind the best one-step evidence: a refit does not catch up
+_STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is the order of effect types
 
 
 @dataclass
 class Found:
-    """What a search found: the test, one-step evidence per kind (``table``: value and best group), refits by their kinds,
-    the ``best`` one (the base when nothing is missing), its ``constancy`` over the poses, the error in poses left out in turn
-    over that of the base (``unseen``), the likeliest ``field`` in its place with its evidence, those ``tied`` with it, the
-    ``scatter`` of its sizes between poses, whether poses are ``scattered`` beyond what two effects explain, the base at its own
-    ``floor`` where models are compared with theirs, the verdict and that of the best alone."""
+    """Result of a search: the test, one-step evidence per effect type (``table``: value and best group), refits by their types,
+    the ``best`` one (the base if nothing is missing), the p-value of its homogeneity across poses (``constancy``), its
+    leave-one-pose-out error over that of the base (``unseen``), the likeliest discrepancy ``field`` with its evidence, those
+    ``tied`` with it, the ``scatter`` of its sizes between poses, whether poses are ``scattered`` more than two effects explain,
+    the base at its own ``floor`` if models are compared at theirs, the verdict, and the verdict on the best (``lead``)."""
 
     stage: Stage
     test: Test
@@ -56,16 +56,16 @@ class Found:
 
     @property
     def singles(self) -> list[Refit]:
-        """Refits of one kind, best first."""
+        """Refits of one effect, best first."""
         return sorted((r for r in self.refits.values() if len(r.kinds) == 1), key=lambda r: -r.log_evidence)
 
     @property
     def baseline(self) -> Refit:
-        """The plain rod as the refits are compared with it: at its own floor where they are at theirs."""
+        """The baseline model for comparisons: at its own floor if the refits are at theirs."""
         return self.floor or self.stage.base
 
     def add(self, refits) -> None:
-        """Of each set of kinds the best refit stays."""
+        """Keep the best refit of each set of effect types."""
         for r in refits:
             key = frozenset(r.kinds)
             if key not in self.refits or r.log_evidence > self.refits[key].log_evidence:
@@ -78,7 +78,7 @@ class Found:
 
 
 def search(stage: Stage, progress=lambda message: None) -> Found:
-    """Everything from the test to the verdict at one estimate of the noise."""
+    """Test, search and verdict at one estimate of the noise."""
     progress("test")
     values, amplitudes, table = one_step(stage)
     found = Found(stage, test(stage), values, amplitudes, table, stage.base, tied=[stage.base])
@@ -94,18 +94,18 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
     while found.after.p_value <= stage.settings.level and len(found.best.kinds) < most:
         count = len(found.best.kinds) + 1
-        if count == 2 and found.widest(2) is None:  # once: the scores that propose pairs do not change
+        if count == 2 and found.widest(2) is None:  # once: the scores of pairs do not change
             found.add(refit_pairs(stage, found.values, progress))
         settled = {kinds for kinds, r in found.refits.items() if r.converged}
-        found.add(refit_beside(stage, found.best, GREEDY_REFITS, progress, settled=settled))
+        found.add(refit_with_one_more(stage, found.best, GREEDY_REFITS, progress, settled=settled))
         wider = found.widest(count)
-        if count == 2 and wider is not None:  # beyond it no set of effects brings the poses down to the sensor's noise
+        if count == 2 and wider is not None:  # above it no set of effects reaches the sensor's noise
             found.scattered = floors.gain_of_discrepancy(stage.of, wider, stage.noise) > stage.settings.scattered
-        if found.scattered:  # `partial` goes on
+        if found.scattered:  # continued by `partial`
             break
         if wider is None or wider.log_evidence <= found.best.log_evidence + stage.settings.lead_favoured:
             break
-        needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # what is left of it where it is not needed
+        needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # the set without the spare effect
         if needed is None or needed is found.best:
             break
         found.best, found.after = needed, test_after(stage, needed)
@@ -123,13 +123,13 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     fields = {f.name: float(f.gain(stage.y[:, None])[0]) for f in stage.families if f.name != POSE_LOADS}
     found.field = max(fields.items(), key=lambda item: item[1])
     found.lead = verdict.leading(candidates, found.field[1], stage.settings)
-    left = found.constancy, found.field[1], found.unseen
-    found.verdict = verdict.whole(found.test, found.after, candidates, *left, settings=stage.settings)
+    rest = found.constancy, found.field[1], found.unseen
+    found.verdict = verdict.whole(found.test, found.after, candidates, *rest, settings=stage.settings)
     return found
 
 
 def _of_one_size(stage, found) -> list[Refit]:
-    """The refits without those near the best whose size would have to differ between the poses, when others need not."""
+    """The refits, without likely ones whose size varies between poses if another likely one is homogeneous."""
     rivals = list(found.refits.values())
     best = max(r.log_evidence for r in rivals)
     near = [r for r in rivals if r.log_evidence > best - stage.settings.lead_named]
@@ -138,7 +138,7 @@ def _of_one_size(stage, found) -> list[Refit]:
 
 
 def _needed(stage, rivals: list[Refit]) -> list[Refit]:
-    """The refits without sets of which a part is as likely: the rest of such a set is not needed."""
+    """The refits, without sets of which a subset is as likely."""
 
     def spare(r, part):
         return set(part.kinds) < set(r.kinds) and part.log_evidence > r.log_evidence - stage.settings.lead_favoured
@@ -147,7 +147,7 @@ def _needed(stage, rivals: list[Refit]) -> list[Refit]:
 
 
 def _settled(stage, found, wider, progress) -> Refit | None:
-    """The best set of as many effects after the backward check and the exchanges; None where an effect is not needed."""
+    """The best set of as many effects after backward check and exchanges; None if an effect is not needed."""
     tried: set[frozenset] = set()
     while True:
         for dropped in range(len(wider.kinds)):
@@ -156,7 +156,7 @@ def _settled(stage, found, wider, progress) -> Refit | None:
                 return None
             if len(wider.kinds) == _EXCHANGED and frozenset(rest.kinds) not in tried:
                 tried.add(frozenset(rest.kinds))
-                found.add(refit_beside(stage, rest, EXCHANGES, progress, wider))
+                found.add(refit_with_one_more(stage, rest, EXCHANGES, progress, wider))
         best = found.widest(len(wider.kinds))
         if best is wider:
             return wider
@@ -164,10 +164,10 @@ def _settled(stage, found, wider, progress) -> Refit | None:
 
 
 def _without(stage, found, wider, dropped, progress) -> Refit:
-    """The refit of a set without one of its effects; it is kept for the ties."""
+    """The refit of a set without one of its effects, kept for the ties."""
     rest = [k for k in range(len(wider.kinds)) if k != dropped]
     key = frozenset(wider.kinds[k] for k in rest)
-    if key not in found.refits or not found.refits[key].converged:  # one that was given up afar may do well from here
+    if key not in found.refits or not found.refits[key].converged:  # one given up far away may succeed from here
         progress(f"refit without {wider.kinds[dropped]}")
         components = [wider.components[k] for k in rest]
         found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
@@ -175,7 +175,7 @@ def _without(stage, found, wider, dropped, progress) -> Refit:
 
 
 def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
-    """Refits of the best kinds by evidence, and of the best by BIC; evidence relative to the base."""
+    """Refits of the best effect types by evidence and by BIC; evidence relative to the base."""
     n, table, statistics = len(stage.y), found.table, found.test.T
     order = sorted(table, key=lambda k: -table[k][0])
     top = table[order[0]][0]
@@ -188,12 +188,12 @@ def refit_singles(stage: Stage, found: Found, progress) -> list[Refit]:
 
 
 def alike(a: str, b: str) -> bool:
-    """Whether one of two kinds is declared to give the shapes of the other under some condition."""
+    """Whether, by the catalogue, one of two effect types gives the shapes of the other under some condition."""
     return any(same.other == other for kind, other in ((a, b), (b, a)) for same in entry_of(kind).same_shapes)
 
 
 def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
-    """Refits of further kinds, where the best ones leave structure and effects are so strong that one step misleads."""
+    """Refits of further effect types, if structure remains and effects are too strong for one-step evidence."""
     order = sorted(found.table, key=lambda k: -found.table[k][0])
     if found.table[order[0]][0] <= _STRONG:
         return []
@@ -208,7 +208,7 @@ def _single(stage, found, kind, progress):
 
 
 def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
-    """Refits of the best pairs of kinds."""
+    """Refits of the best pairs of effect types."""
     kinds = [c.kind for c in stage.components]
     out = []
     for _, i, j in pairs.best_pairs(stage.groups, stage.y, values, kinds, PAIR_REFITS):
@@ -221,13 +221,13 @@ def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
     return out
 
 
-def refit_beside(
+def refit_with_one_more(
     stage: Stage, first: Refit, count: int, progress, known: Refit | None = None, settled: frozenset | set = frozenset()
 ) -> list[Refit]:
-    """Refits of one kind more beside a refit, ranked at that one: right where it is far from linear.
+    """Refits of one more effect given a refit, ranked by scores at that refit, since effects are far from linear.
 
-    Kinds of ``known``, a set of which ``first`` is a part, are refitted only elsewhere along the cable; sets that are
-    ``settled`` are not refitted again.
+    Types in ``known``, a set that contains ``first``, are refitted only elsewhere along the cable; ``settled`` sets are not
+    refitted again.
     """
     numbers = Numbers(stage.bench, first.components)
     white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.law)
@@ -250,45 +250,45 @@ def refit_beside(
 
 
 def _is_new(stage, component, known) -> bool:
-    """Whether a component is not one of a known set already, where it is."""
+    """Whether a component is absent from a known set, or is elsewhere along the cable."""
     same = [c for c in known.components if c.kind == component.kind] if known else []
     apart = _ELSEWHERE * stage.bench.context.length
     return not same or bool(abs(component.site.get("position", 0.0) - same[0].site.get("position", 0.0)) > apart)
 
 
 def same_shapes(found: Refit) -> tuple[str, ...]:
-    """Kinds that shapes alone cannot tell from a refit's, under the conditions that the catalogue states."""
+    """Effect types indistinguishable by shapes from those of a refit, under the conditions of the catalogue."""
     return tuple(same.other for c in found.components for same in c.entry.same_shapes)
 
 
 def pieces(found: Refit) -> bool:
-    """Whether the effects of a refit all make one property vary along the cable."""
+    """Whether all effects of a refit vary the same property along the cable."""
     varied = {c.entry.varies for c in found.components}
     return len(found.components) > 1 and len(varied) == 1 and None not in varied
 
 
-def field_beside(found: Found) -> tuple[str, ...]:
-    """The field that is nearly as likely as the best kinds, in words; it may be what they are only part of."""
+def rival_field(found: Found) -> tuple[str, ...]:
+    """The discrepancy field that is nearly as likely as the best effects, in words; they may be part of it."""
     name, evidence_ = found.field
     return (f"field of {name}",) if evidence_ > found.best.log_evidence - found.stage.settings.lead_favoured else ()
 
 
 def outside(found: Refit) -> tuple[str, ...]:
-    """What is no kind and always gives the shapes of a single effect: an input of the study that may be in error."""
+    """Errors of the study's input that always give the shapes of the single effect of a refit."""
     if len(found.components) != 1:
         return ()
     return tuple(same.other for same in errors_of_the_study(found.components[0].entry))
 
 
 def errors_of_the_study(entry: CatalogueEntry) -> list[SameShapes]:
-    """What is no kind and always gives the shapes of an entry."""
+    """Errors of the study's input that always give the shapes of an entry."""
     kinds = {e.kind for e in catalogue()}
     return [same for same in entry.same_shapes if same.always and same.other not in kinds]
 
 
 def _relative(stage, components, amplitudes, near=None):
-    """A refit with its evidence over the base's: from where one with another noise ended, from the base numbers of ``near``,
-    or from the base."""
+    """A refit with its evidence over the base, starting from the same model under another noise, from the base parameters of
+    ``near``, or from the base."""
     before = stage.known.get(frozenset(c.kind for c in components))
     if before is not None and np.isfinite(before.cost) and near is None:
         found = again(stage.bench, before, stage.law, stage.least)

@@ -1,10 +1,10 @@
-"""Signatures: what every entry of the catalogue would do to the residual, at the plain fit and without a refit.
+"""Signatures: sensitivities of the residual to every entry of the catalogue at the baseline fit, without refits.
 
-A `Component` is one kind at one site. `Bench` holds a study made ready: it turns numbers (shared, local, amplitudes,
-continuous parts of the sites) into states (`fitting.states`), solves all poses, and differentiates. At zero amplitude the
-columns of the whole catalogue share the base model's factors, so each costs one back-substitution.
+A `Component` is one effect type at one candidate site (position, width or threshold). `Bench` maps parameters (shared, local,
+amplitudes, continuous parts of the sites) to states (`fitting.states`), solves all poses, and differentiates. At zero amplitude
+the columns of the whole catalogue share the factorisation of the base model, so each costs one back-substitution.
 
-Units: residuals in m; columns in m per unit of their number; amplitudes as the catalogue has them.
+Units: residuals in m; columns in m per unit of their parameter; amplitudes as in the catalogue.
 """
 
 from copy import copy
@@ -31,7 +31,7 @@ from scan2flex_jax.rod.effect import overriding
 
 @dataclass(frozen=True)
 class Component:
-    """One kind of the catalogue at one site."""
+    """One effect type of the catalogue at one site."""
 
     kind: str
     site: Site
@@ -48,39 +48,39 @@ class Component:
 
 
 class Numbers:
-    """Where the numbers of a model stand in one vector: shared, local of all poses, then per component amplitudes, site."""
+    """Index of the parameters of a model in one vector: shared, local of all poses, then per component amplitudes, site."""
 
     def __init__(self, bench, components):
-        """Counts."""
+        """Count the parameters of each group."""
         self.shared, self.local, self.poses = bench.layout.shared, bench.layout.local, bench.poses.count
         self.sizes = [(len(c.entry.amplitudes), len(c.moving)) for c in components]
         self.base = self.shared + self.local * self.poses
         local, known = self.local * self.poses, bench.layout.prior
-        self.nearly_known = np.r_[known.at, np.arange(self.shared, self.base)]
+        self.nuisance = np.r_[known.at, np.arange(self.shared, self.base)]
         self.prior_mean, self.prior_std = np.r_[known.mean, np.zeros(local)], np.r_[known.std, np.ones(local)]
         self.count = self.base + sum(a + s for a, s in self.sizes)
 
     def of_pose(self, i: int) -> np.ndarray:
-        """Which of them pose ``i`` feels."""
+        """Indices of the parameters of pose ``i``."""
         local = self.shared + i * self.local + np.arange(self.local)
         return np.r_[np.arange(self.shared), local, np.arange(self.base, self.count)].astype(int)
 
     def amplitudes(self, k: int) -> np.ndarray:
-        """Those that are amplitudes of component ``k``."""
+        """Indices of the amplitudes of component ``k``."""
         at = self.base + sum(a + s for a, s in self.sizes[:k])
         return np.arange(at, at + self.sizes[k][0])
 
     def site(self, k: int) -> np.ndarray:
-        """Those that are continuous parts of the site of component ``k``."""
+        """Indices of the continuous parts of the site of component ``k``."""
         at = self.base + sum(a + s for a, s in self.sizes[:k]) + self.sizes[k][0]
         return np.arange(at, at + self.sizes[k][1])
 
 
 class Bench:
-    """A fitted study made ready for its catalogue."""
+    """A fitted study with the sensitivities of its residual to parameters and effects."""
 
     def __init__(self, problem, minimum, poses=None):
-        """From a fit's problem and minimum; ``poses`` other than the fitted ones (for prediction)."""
+        """From a fit's problem and minimum; ``poses``: others than the fitted ones (for prediction)."""
         self.problem, self.minimum, self.layout = problem, minimum, problem.layout
         self.elements, self.poses = problem.elements, problem.poses if poses is None else poses
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
@@ -92,7 +92,7 @@ class Bench:
         self.solves = 0
 
     def only(self, which) -> "Bench":
-        """The same fitted study with some of its poses, in this order."""
+        """The same fitted study with the poses ``which``, in this order."""
         some = copy(self)
         some.poses = self.poses.only(which)
         some.start = jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
@@ -100,7 +100,7 @@ class Bench:
         return some
 
     def shapes(self, components, vector, start=None, derivative=True):
-        """All poses solved at the numbers: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""
+        """All poses solved at the parameters: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""
         numbers, start = Numbers(self, components), self.start if start is None else start
 
         def solved(i):
@@ -112,8 +112,8 @@ class Bench:
     def catalogue_columns(self, vector, components, start):
         """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.
 
-        ``start`` must be the equilibrium of ``vector``. Most kinds share its factors. A section law whose knee is scanned
-        is a slot of the state with another value in it at every site, and is solved once for each.
+        ``start`` must be the equilibrium of ``vector``. Most effect types share its factorisation. A section law with a scanned
+        knee changes the state at every site, and is solved once for each.
         """
         kinds, laws = self._of_catalogue(components)
 
@@ -125,8 +125,8 @@ class Bench:
         return self._each(columns), np.array([k for k in owner for _ in components[k].entry.amplitudes])
 
     def catalogue_tangents(self, vector, components, start, i):
-        """States of pose ``i`` and the directions in which the components move them at zero amplitude: most kinds one state,
-        each scanned law its own."""
+        """States of pose ``i`` and their derivatives with respect to the components at zero amplitude: one state for most
+        effect types, and one for each scanned law."""
         kinds, laws = self._of_catalogue(components)
         x, here = vector[Numbers(self, ()).of_pose(i)], one(start, i)
         of_laws = [self._law(components[k], x, i) for k in laws]
@@ -136,7 +136,7 @@ class Bench:
         return [(self._state((), x, i)[0], jax.tree.map(lambda *t: np.concatenate(t), *parts)), *of_laws]
 
     def _of_catalogue(self, components):
-        """Which components are of each kind, and which are scanned laws."""
+        """Components by effect type, and the scanned laws."""
         laws = [k for k, c in enumerate(components) if self._is_scanned_law(c)]
         kinds: dict[str, list[int]] = {}
         for k, c in enumerate(components):
@@ -155,7 +155,7 @@ class Bench:
         return state, jax.tree.map(lambda t: t[len(x) : len(x) + count], tangents)
 
     def field_columns(self, vector, make, shape, start):
-        """Columns of a field that is no kind of the catalogue: ``make(values)`` gives its effect."""
+        """Columns of a field outside the catalogue: ``make(values)`` gives its effect."""
         numbers = Numbers(self, ())
 
         def columns(i):
@@ -203,12 +203,12 @@ class Bench:
 
 
 def all_components(context: Context, skip=()) -> list[Component]:
-    """The whole catalogue: every kind at every site."""
+    """The whole catalogue: every effect type at every site."""
     return [Component(e.kind, s) for e in catalogue() if e.kind not in skip for s in e.sites(context)]
 
 
 def context_of(problem, minimum) -> Context:
-    """Scales of the cable and of its shapes, from the plain fit."""
+    """Scales of the cable and of its shapes, from the baseline fit."""
     model = model_at(problem.layout, problem.template, jnp.asarray(minimum.shared))
     cable, c = model.cable, minimum.evaluation.configuration
     gravity = np.asarray(problem.study.gravity, float)
@@ -229,7 +229,7 @@ def context_of(problem, minimum) -> Context:
 
 
 def _root_mean_square(residual, mask) -> float:
-    """RMS (m) of the coordinates of residuals at all points that count."""
+    """RMS (m) of the coordinates of residuals at all real points."""
     weight = np.asarray(mask)[:, :, None]
     return float(np.sqrt(np.sum(weight * np.asarray(residual) ** 2) / (3.0 * np.sum(weight))))
 
@@ -242,8 +242,8 @@ def _curvature(R, length):
 
 
 def _previous(problem, minimum, poses):
-    """Per pose the curvature (21, 3) of the fitted pose that was measured last before it; zeros where there is none, and in
-    poses that are not of the study."""
+    """Per pose the curvature (21, 3) of the last fitted pose measured before it; zeros without one, and for poses outside the
+    study."""
     study, R = problem.study, np.asarray(minimum.evaluation.configuration.R)
     keep, length = np.round(np.linspace(0, problem.elements - 1, 21)).astype(int), float(study.start_value("length") or 1.0)
     found = {p.name: _curvature(r, length)[keep] for p, r in zip(study.fit_poses, R, strict=True)}
@@ -261,7 +261,7 @@ def _numeric(site):
 
 
 def _model(layout, template, x, kinds, amplitudes, sites, scene, nulls):
-    """Model and slots with components added to the template at the shared numbers."""
+    """Model and slots with components added to the template at the shared parameters."""
     model = model_at(layout, template, x[: layout.shared])
     scene = SimpleNamespace(**scene)
     built = {k: entry_of(k).build(a, s, scene) for k, a, s in zip(kinds, amplitudes, sites, strict=True)}
@@ -273,13 +273,13 @@ def _model(layout, template, x, kinds, amplitudes, sites, scene, nulls):
 
 
 def replace_effects(model, added):
-    """The model with effects added, in the order that the format means."""
+    """The model with effects added, in the order of the format."""
     return type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
 
 
 @lightly_compiled
 def _state(layout, elements, kinds, moving, template, boundary, x, sites, scene, nulls):
-    """State of one pose and its derivatives with respect to ``x`` = shared, local, then amplitudes and sites."""
+    """State of one pose and its derivatives with respect to ``x``: shared, local, then amplitudes and sites."""
     base = layout.shared + layout.local
 
     def state(x):
@@ -297,10 +297,10 @@ def _state(layout, elements, kinds, moving, template, boundary, x, sites, scene,
 
 @lightly_compiled
 def _scan(layout, elements, kind, count, template, boundary, x, sites, scene, nulls, start):
-    """Derivatives of the state with respect to the amplitudes of one kind at zero, at all its sites: (sites * amplitudes).
+    """Derivatives of the state with respect to the zero amplitudes of one effect type, at all sites: (sites * amplitudes).
 
-    An outer field acts at first order as the dead load that it would be at the equilibrium ``start``: as such it may stand at
-    any site of one and the same state.
+    To first order an outer field is the dead load that it exerts at the equilibrium ``start``, so that one state serves all
+    its sites.
     """
     null = jnp.zeros(len(entry_of(kind).amplitudes))
 

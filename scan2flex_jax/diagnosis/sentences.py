@@ -1,4 +1,4 @@
-"""What `explain` says in sentences: the finding, the error before and after, and what to doubt."""
+"""Sentences of `explain`: the finding, the error before and after, and doubts."""
 
 import numpy as np
 
@@ -6,32 +6,32 @@ from scan2flex_jax.diagnosis import confirm, report, search, verdict
 from scan2flex_jax.diagnosis.families import WORDS
 from scan2flex_jax.effects.catalogue import entry_of
 
-_SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, that few scanners have
-_FINE = 0.1  # of the radius: what errs less may be the axis of a scan
+_SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, of few scanners
+_FINE = 0.1  # of the radius: a smaller residual may be an error of the scan's axis
 
 
 def of_search(found, chosen, description):
-    """The verdict, and why a kind does not explain what is missing."""
+    """The verdict, and the reasons against the likeliest effects."""
     p = found.test.p_value
     if found.verdict == verdict.NONE:
-        return (f"the plain rod explains these shapes to within the noise (p = {p:.3f})", *_if_noise(found))
+        return (f"the baseline model explains these shapes within the noise (p = {p:.3f})", *_if_noise(found))
     if found.verdict == verdict.UNSOLVED:
         return ("nothing is concluded",)
     if found.verdict == verdict.UNEXPLAINED:
         text = f"something is missing (p = {p:.3f}) and no known effect explains it"
         family, gain = max(found.test.family_gain.items(), key=lambda item: item[1])
-        tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), which describes and does not name" if gain > 0 else ""
-        field = f"{description.kind} describes it along the cable: a field with a band, not physics"
+        tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), a description, not a cause" if gain > 0 else ""
+        field = f"{description.kind} describes it along the cable: a field with a band, not a cause"
         return (text + tail, *_not_enough(found), field)
-    said = f"{' and '.join(r.kind for r in chosen)} {'explains' if len(chosen) == 1 else 'explain'}"
+    names = f"{' and '.join(r.kind for r in chosen)} {'explains' if len(chosen) == 1 else 'explain'}"
     if found.best.law.curvature:
-        return (f"something is missing (p = {p:.3f}); {said} most of it; what is left is more than noise",
-                *_never_told(chosen))  # fmt: skip
-    return (f"something is missing (p = {p:.3f}); {said} it; what is left is noise", *_never_told(chosen))
+        return (f"something is missing (p = {p:.3f}); {names} most of it; the remaining error exceeds the noise",
+                *_indistinguishable(chosen))  # fmt: skip
+    return (f"something is missing (p = {p:.3f}); {names} it; the remaining error is noise", *_indistinguishable(chosen))
 
 
 def before_and_after(poses, added, found):
-    """By how much the error falls with the model that was added, and its standing."""
+    """The error before and after with the added effects, and whether they are established."""
     fitted = [p for p in poses.values() if p.role == "fit"]
     count = np.array([len(p.residual) for p in fitted])
 
@@ -45,12 +45,12 @@ def before_and_after(poses, added, found):
     unseen = [(p.left_out_before, p.left_out) for p in fitted]
     if len(fitted) > 1 and all(b is not None and np.isfinite(b) and np.isfinite(a) for b, a in unseen):
         text += f", in poses left out from {over([b for b, _ in unseen]):.2f} to {over([a for _, a in unseen]):.2f} mm"
-    standing = "" if found.verdict in verdict.FOUND else "; it is not established, and no more than the best model so far"
+    standing = "" if found.verdict in verdict.FOUND else "; this best model is not established"
     return (text + standing,)
 
 
 def of_discrepancy(found, discrepancy):
-    """What differs from pose to pose beside the model, in words."""
+    """The discrepancy of the poses, in words."""
     if not discrepancy.curvature or found.verdict not in (*verdict.FOUND, verdict.UNEXPLAINED):
         return ()
     size = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
@@ -58,7 +58,7 @@ def of_discrepancy(found, discrepancy):
 
 
 def _if_noise(found):
-    """What has to be believed of the scan where smooth errors as large as shapes pass for noise."""
+    """The condition under which smooth errors as large as shapes are noise of the scan."""
     n, stage = found.stage.noise, found.stage
     stated = all(pose.noise is not None for pose in stage.bench.problem.study.fit_poses)
     if stated or found.best.law.curvature or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
@@ -68,36 +68,36 @@ def _if_noise(found):
 
 
 def if_fine(found):
-    """What has to be believed of scans where an effect shows in less than they may err."""
+    """The doubt about an effect whose displacements are below the possible error of scans."""
     bench = found.stage.bench
     rms, radius = report.rms(bench, found.stage.base.shapes), bench.context.radius_or_guess
     if rms > _FINE * radius:
         return ()
-    left = f"the plain rod leaves {1e3 * rms:.2f} mm, {100 * rms / radius:.0f} % of the radius"
-    return (f"{left}: so little may be the scans', which err alike along a pose that was seen from one side",)
+    error = f"the error of the baseline model is {1e3 * rms:.2f} mm, {100 * rms / radius:.0f} % of the radius"
+    return (f"{error}: it may be that of the scans, which is alike along a pose seen from one side",)
 
 
 def _not_enough(found):
-    """Why the likeliest kinds do not explain the shapes."""
-    names, settings, said = " and ".join(found.best.kinds), found.stage.settings, []
+    """The reasons why the likeliest effects do not explain the shapes."""
+    names, settings, reasons = " and ".join(found.best.kinds), found.stage.settings, []
     if not names:
         return ()
     if found.best.log_evidence < settings.lead_named:
-        said.append(f"leads by {found.best.log_evidence:.1f} nats, too little")
+        reasons.append(f"leads by only {found.best.log_evidence:.1f} nats")
     against = confirm.compared(found.stage, found.best, found.baseline)
     if found.stage.bench.poses.count < 2:
-        said.append("cannot be tried on a pose left out, as there is one only")
+        reasons.append("cannot be tested on a pose left out, as there is only one")
     elif against.ratio >= 1.0:
-        said.append("predicts poses left out no better than the plain rod")
+        reasons.append("predicts poses left out no better than the baseline model")
     elif against.ratio > settings.most_left or not against.better:
-        said.append(f"leaves {100 * against.ratio:.0f} % of the error in poses left out")
+        reasons.append(f"reduces the error in poses left out to {100 * against.ratio:.0f} % only")
     differ = {k: v for k, v in found.scatter.items() if v is not None and v > settings.most_scatter}
-    said += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in differ.items()]
-    return (f"the likeliest, {names}, {' and '.join(said)}",) if said else ()
+    reasons += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in differ.items()]
+    return (f"the likeliest, {names}, {' and '.join(reasons)}",) if reasons else ()
 
 
 def left_out(poses, chosen):
-    """What poses that had no part in it say of the effect."""
+    """The number of poses left out that are predicted better with the effect."""
     own = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
     if not chosen or not own:
         return ()
@@ -105,9 +105,9 @@ def left_out(poses, chosen):
     return (f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without",)
 
 
-def _never_told(chosen):
-    """What is no kind of the catalogue and gives the same shapes all the same."""
+def _indistinguishable(chosen):
+    """Errors of the input that give the same shapes as an effect."""
     same = [(r.kind, same) for r in chosen for same in search.errors_of_the_study(entry_of(r.kind))]
     return tuple(
-        f"shapes alone never tell {kind} from an error of the {s.other.replace('_', ' ')}: {s.words}" for kind, s in same
+        f"shapes alone cannot tell {kind} from an error of the {s.other.replace('_', ' ')}: {s.words}" for kind, s in same
     )

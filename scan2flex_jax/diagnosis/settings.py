@@ -1,4 +1,4 @@
-"""The choices on which the answer of `explain` rests, in one object that is passed, and stored with the result."""
+"""The thresholds of `explain`, in one object that is passed and stored with the result."""
 
 from dataclasses import dataclass
 
@@ -8,27 +8,27 @@ from scan2flex_jax.fitting.settings import Settings
 
 @dataclass(frozen=True)
 class DiagnosisSettings(Settings):
-    """What counts as missing, as found and as one size; evidence is in nats over the model before.
+    """Thresholds of the test, of naming and of homogeneity; evidence is in nats over the model before.
 
-    The test: ``level`` of the tests of the plain rod and of what is left beside an effect, with ``draws`` of noise;
-    ``same_size_level``, that of a single effect having one size in all poses.
+    The test: ``level`` of the tests of the baseline model and of the residual given an effect, with ``draws`` of noise;
+    ``same_size_level``, the level of the homogeneity test of a single effect.
 
-    Naming: ``lead_named`` and ``lead_favoured``, the leads over the next kind from which on a kind is named and favoured, less
-    is a tie (13 of 14 wrong first places of the method's prototype led by less than three); ``field_lead``, by how much a field
-    along the cable must be likelier than the best kinds to stand in for them; ``most_effects`` of a set.
+    Naming: ``lead_named`` and ``lead_favoured``, the least leads over the next effect type to be named and favoured; a smaller
+    lead is a tie (13 of 14 wrong first places of the method's prototype led by less than three nats); ``field_lead``, the least
+    lead of a discrepancy field over the best effects to replace them; ``most_effects`` of a set.
 
-    Poses left out in turn: ``most_left``, the share of their error above which an effect takes too little away to be found;
-    ``worse``, times the plain rod's error, beyond which an effect explains nothing; ``most_scatter``, the relative scatter of a
-    size between poses beyond which it is no size.
+    Poses left out in turn: ``most_left``, the largest ratio of their error to the baseline model's for an effect to be found;
+    ``worse``, the ratio above which an effect explains nothing; ``most_scatter``, the largest relative scatter between poses
+    of a size.
 
-    Poses that differ: nats that a discrepancy of each pose gains beside effects that leave no structure, ``differing``, and
-    beside the best pair of effects, ``scattered``, from which on models are compared at their own floors.
+    Poses that differ: log evidence (nats) of a discrepancy of each pose above which models are compared at their own floors,
+    ``differing`` given effects without remaining structure, and ``scattered`` given the best pair of effects.
 
-    Intervals: where nothing was found they are taken over all models within ``likely`` nats of the likeliest, and from a single
-    pose over all whose squares are within ``near`` times those of the best.
+    Intervals: if no effect is found, they include all models within ``likely`` nats of the likeliest, and for a single pose
+    all whose squares are within ``near`` times those of the best.
 
     Data: ``scan_alike``, the standard deviation of the error of a scan's axis that is alike along a pose, over the radius
-    (`benchmarks.scan_alarms`); ``mesh_share``, the mesh error over the noise beyond which the mesh is refined, up to
+    (`benchmarks.scan_alarms`); ``mesh_share``, the mesh error over the noise above which the mesh is refined, up to
     ``most_elements``.
     """
 
@@ -51,7 +51,7 @@ class DiagnosisSettings(Settings):
     most_elements: int = 160
 
     def __post_init__(self):
-        """Probabilities and leads have an order beside being positive."""
+        """Check levels and the order of the leads, after the signs."""
         super().__post_init__()
         if not self.level < 1 or not self.same_size_level < 1:
             raise SettingsError("DiagnosisSettings: level and same_size_level are probabilities, below 1")

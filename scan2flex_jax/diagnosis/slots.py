@@ -1,4 +1,4 @@
-"""The slots of a state (`fitting.states`) for the whole catalogue, empty: what is compiled with them serves every kind."""
+"""Empty slots of a state (`fitting.states`) for the whole catalogue, so that one compiled function serves every effect type."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from scan2flex_jax.rod.model import Configuration
 
 
 def empty_slots(context: Context) -> dict[str, tuple[AbstractEffect, ...]]:
-    """Per kind of the catalogue that needs slots: its effects at zero amplitude, in the order that trees give a dictionary."""
+    """Effects at zero amplitude of each effect type that needs slots, in the order of a dictionary's pytree leaves."""
     found = {}
     for entry in catalogue():
         slots = slots_of(entry.build(jnp.zeros(len(entry.amplitudes)), entry.sites(context)[0], context))
@@ -24,7 +24,7 @@ def empty_slots(context: Context) -> dict[str, tuple[AbstractEffect, ...]]:
 
 
 def empty_slots_of(study) -> tuple[AbstractEffect, ...]:
-    """The same for a study that is not fitted yet, in the order of a state: what the scales of the cable are plays no part."""
+    """The same for a study before its fit, in the order of a state; the scales of the cable are irrelevant."""
     nothing = Context(1.0, 1.0, 1.0, 1.0, np.asarray(study.gravity, float), (1.0, 2.0), clamped_ends=study.clamped_ends)
     return tuple(slot for slots in empty_slots(nothing).values() for slot in slots)
 

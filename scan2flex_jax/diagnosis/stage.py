@@ -1,4 +1,4 @@
-"""What every score rests on: signatures, the noise beside them, the base in the metric of that noise, and the global test."""
+"""Inputs of the scores: signatures, the noise given them, the base refitted under that noise, and the global test."""
 
 from dataclasses import dataclass, field, replace
 
@@ -23,17 +23,17 @@ from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeats
 
-NOISE_LAWS = 8  # noises drawn beside the estimated one, for what the test does not know of the noise
-_SHARPER = 0.9  # of the noise: a lower estimate beside an effect replaces the first one
+NOISE_LAWS = 8  # samples of the noise parameters, which propagate their uncertainty into the bootstrap
+_SHARPER = 0.9  # of the noise: a lower estimate given an effect replaces the first one
 
 
 @dataclass
 class Stage:
-    """All that the scores rest on: whitened residual, groups (one per component), families, noise draws.
+    """Inputs of the scores: whitened residual, groups (one per component), families, noise draws.
 
-    ``known``: refits with another estimate of the noise, by their kinds; a refit of the same kinds begins where they ended.
-    ``least``: the lowest cost of a refit so far; those that cannot come near it are given up on the way.
-    ``unseen``: errors (m) of the poses left out in turn, of refits for which these were computed.
+    ``known``: refits under another estimate of the noise, by their effect types, from which refits of the same types start.
+    ``least``: the lowest cost of a refit so far; those far above it are given up early.
+    ``unseen``: leave-one-pose-out errors (m) of the refits for which these were computed.
     """
 
     bench: Bench
@@ -54,18 +54,18 @@ class Stage:
 
     @property
     def noise(self) -> Noise:
-        """The sensor's."""
+        """The sensor's noise."""
         return self.law.noise
 
     @property
     def settings(self) -> DiagnosisSettings:
-        """What counts as missing and as found."""
+        """The thresholds of the diagnosis."""
         return self.of.settings
 
 
 @dataclass
 class Signatures:
-    """What the whole catalogue and two fields would do to the residual of the plain fit, and the noise beside them."""
+    """Signatures of the whole catalogue and of two fields at the baseline fit, and the inputs of the noise estimate."""
 
     bench: Bench
     vector: np.ndarray
@@ -83,7 +83,7 @@ class Signatures:
     settings: DiagnosisSettings = USUAL
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
-        """The likelihood of the noise in the residual of some model, beside its own columns and all signatures."""
+        """The likelihood of the noise in the residual of a model, given its own columns and all signatures."""
         bench = self.bench
         rest = (self.parts, bench.context.length, self.stated, self.repeats)
         return Complement(found_shapes, bench.real, numbers, vector, *rest, alike=self.alike, scales=self.scales)
@@ -93,14 +93,14 @@ def signatures(
     bench: Bench, minimum, stated: float | None, seed: int = 0, alike: float = 0.0,
     settings: DiagnosisSettings = USUAL,
 ) -> tuple[Signatures, Complement]:
-    """Signatures at the plain fit, and the likelihood of the noise there; ``stated`` and ``alike`` (m) are parts of it that
-    are known (`fitting.noise`). With an ``alike`` part, that of scans, poses have noises of their own size."""
+    """Signatures at the baseline fit, and the likelihood of the noise there, of which ``stated`` and ``alike`` (m) are known
+    parts (`fitting.noise`). With an ``alike`` part, that of scans, the size of the noise differs between poses."""
     vector = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
     components = all_components(bench.context)
     start = minimum.evaluation.configuration
     shapes = bench.shapes((), vector)
     columns, owner = bench.catalogue_columns(vector, components, start)
-    fields = families.ghost_columns(bench, vector, start)
+    fields = families.discrepancy_columns(bench, vector, start)
     numbers = Numbers(bench, ())
     size = np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(shapes, bench.real, strict=True)]))
     plain = Noise(max(size, 1e-9), 1e-3 * max(size, 1e-9), 0.05 * bench.context.length)
@@ -112,10 +112,10 @@ def signatures(
     planes = planes_of(bench.context.points, bench.context.gravity)
     given = bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike
     found = Signatures(*given, settings=settings)
-    beside = found.complement(shapes, numbers, vector)
+    likelihood = found.complement(shapes, numbers, vector)
     if not alike:
-        return found, beside
-    white = whiten(shapes, bench.real, numbers, vector, Law(beside.estimate))
+        return found, likelihood
+    white = whiten(shapes, bench.real, numbers, vector, Law(likelihood.estimate))
     found = replace(found, scales=scales_of_poses(white, parts))
     return found, found.complement(shapes, numbers, vector)
 
@@ -128,7 +128,7 @@ def repeated(study: Study) -> tuple[list[int], ...]:
 
 
 def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
-    """The base refitted in the metric of the noise, and the groups beyond it; ``known`` refits are begun from."""
+    """The base refitted under the most likely noise, and the groups given it; ``known``: refits to start from."""
     noise = complement.estimate
     law = Law(noise, scales=of.scales)
     base = refit(of.bench, (), law, of.vector, most=6)
@@ -148,9 +148,9 @@ def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
 
 
 def sharpened(of: Signatures, found) -> Stage | None:
-    """The stage with the noise estimated beside the best refit, when that is clearly less; None when it is not.
+    """The stage with the noise estimated given the best refit, if that is clearly lower; otherwise None.
 
-    A strong effect acts nonlinearly, and what its signature to first order leaves in the residual looks like noise.
+    A strong effect is nonlinear, and the part of it beyond its first-order signature would pass for noise.
     """
     best = found.best
     complement = of.complement(best.shapes, Numbers(of.bench, best.components), best.vector)
@@ -159,20 +159,20 @@ def sharpened(of: Signatures, found) -> Stage | None:
 
 
 def test(stage: Stage, extra=None, r=None) -> score.Test:
-    """The global test, of the base or (with ``extra`` columns taken out and residual ``r``) after an effect."""
+    """The global test, of the base or (with residual ``r``, projected off the ``extra`` columns) given an effect."""
     y, draws, Q = stage.y, stage.draws, stage.Q
-    groups, ghosts = stage.groups, {f.name: f.gain for f in stage.families}
+    groups, gains = stage.groups, {f.name: f.gain for f in stage.families}
     if extra is not None:
         Q = orthonormal(np.column_stack([stage.Q, extra]))
         y, draws = r - Q @ (Q.T @ r), draws - Q @ (Q.T @ draws)
         ones = [np.ones(g.X.shape[1]) for g in stage.groups]
         groups = [score.group_of(g.owner, g.X, o, Q, g.one_sided) for g, o in zip(stage.groups, ones, strict=True)]
-        ghosts = {f.name: families.family_of(f.name, f.U * f.d, Q).gain for f in stage.families}
-    return score.global_test(groups, ghosts, y, draws, len(y) - Q.shape[1])
+        gains = {f.name: families.family_of(f.name, f.U * f.d, Q).gain for f in stage.families}
+    return score.global_test(groups, gains, y, draws, len(y) - Q.shape[1])
 
 
 def one_step(stage: Stage):
-    """Per group ``(log evidence, amplitudes)``, and per kind the averaged evidence and its best group."""
+    """Per group ``(log evidence, amplitudes)``, and per effect type the averaged evidence and its best group."""
     values, amplitudes = np.full(len(stage.groups), -np.inf), []
     for g, group in enumerate(stage.groups):
         A, b = group.X.T @ group.X, group.X.T @ stage.y
@@ -188,7 +188,7 @@ def one_step(stage: Stage):
 
 
 def test_after(stage: Stage, found: Refit) -> score.Test:
-    """The global test with the effect in the model."""
+    """The global test given the effects of a refit."""
     numbers = Numbers(stage.bench, found.components)
     white = whiten(found.shapes, stage.bench.real, numbers, found.vector, stage.law)
     return test(stage, orthonormal(white.J), white.r)

@@ -1,4 +1,4 @@
-"""From evidence to words: what may be named, what is tied, what these poses cannot see (thresholds: `settings`).
+"""Verdicts from evidence: named, tied, or invisible in these poses (thresholds: `settings`).
 
 Evidence is in nats over the base model.
 """
@@ -14,16 +14,16 @@ NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (
     "no missing effect", "explained", "partly explained", "tied", "unexplained", "not in equilibrium",
 )  # fmt: skip
 FOUND = (EXPLAINED, PARTLY, TIE)
-_LEAST = 1.0  # nats that a kind must have over nothing to be spoken of
-_SAME_MISFIT = 4.0  # of chi-squared: two kinds of one exact class differ by no more
-_SEEN = 3.0  # whitened length of one physical size that makes its absence a finding
+_LEAST = 1.0  # nats over the base model that an effect must have to be an explanation
+_SAME_MISFIT = 4.0  # of chi-squared: largest difference of two effect types of one exact class
+_SEEN = 3.0  # whitened length of one physical size from which its absence is a finding
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A set of kinds, its evidence, its misfit, the kinds that shapes alone can never tell from it, what is no kind (the
-    gravity of the study, its density) and gives the same shapes ``outside`` the catalogue, and whether the kinds are
-    ``pieces`` of one field: several that all make one property vary along the cable."""
+    """A set of effect types, its evidence and misfit, the types that give the same shapes, causes ``outside`` the catalogue
+    that do (the gravity of the study, its density), and whether its effects are ``pieces`` of one field: several that vary the
+    same property along the cable."""
 
     kinds: tuple[str, ...]
     log_evidence: float
@@ -34,17 +34,17 @@ class Candidate:
 
 
 def varies(constancy: float | None, effects: int, settings: DiagnosisSettings = USUAL) -> bool:
-    """Whether a set of effects would need another size in each pose, by the p-value of one size in all.
+    """Whether the sizes of a set of effects differ between poses, by the p-value of homogeneity.
 
-    Several effects are sought longer, and tested at the level of all other tests.
+    Several effects are tested at the level of all other tests, since the search for them is longer.
     """
     return constancy is not None and constancy <= (settings.level if effects > 1 else settings.same_size_level)
 
 
 def ties(candidates, settings: DiagnosisSettings = USUAL) -> list[int]:
-    """Indices within ``lead_favoured`` of the best, best first; and those of its exact class that fit as well.
+    """Indices within ``lead_favoured`` of the best, or of its exact class with as good a fit; best first.
 
-    Within an exact class evidence compares nothing but assumed sizes, so the misfit decides.
+    Within an exact class the evidence depends on assumed sizes only, so the misfit decides.
     """
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].log_evidence)
     best = candidates[order[0]]
@@ -53,14 +53,14 @@ def ties(candidates, settings: DiagnosisSettings = USUAL) -> list[int]:
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:
-    """Whether two single kinds are declared to give the same shapes, and do so here."""
+    """Whether two single effect types give the same shapes by the catalogue, and fit as well here."""
     if len(a.kinds) != 1 or len(b.kinds) != 1:
         return False
     return (b.kinds[0] in a.same_shapes or a.kinds[0] in b.same_shapes) and b.chi2 <= a.chi2 + _SAME_MISFIT
 
 
 def leading(candidates, field: float = float("-inf"), settings: DiagnosisSettings = USUAL) -> str:
-    """Verdict of the best candidate; a ``field`` (log evidence of the best family) that is nearly as likely ties with it."""
+    """Verdict on the best candidate; a ``field`` (log evidence of the best family) that is nearly as likely ties with it."""
     if len(ties(candidates, settings)) > 1 or max(candidates, key=lambda c: c.log_evidence).outside:
         return TIED
     order = sorted((c.log_evidence for c in candidates), reverse=True)
@@ -74,13 +74,13 @@ def whole(
     test, after, candidates, constancy: float | None = None, field: float = 0.0, unseen: float | None = None,
     settings: DiagnosisSettings = USUAL,
 ) -> str:
-    """Verdict of the study, once every pose is solved, from the test before and after the best candidate.
+    """Verdict on the study, once every pose is solved, from the tests before and after the best candidate.
 
-    A kind explains the shapes when it is likelier than nothing, no structure is left beside it, its size is the same in all
-    poses (``constancy``, a p-value), and poses left out in turn are not predicted far worse with it than without (``unseen``,
+    An effect explains the shapes if it is likelier than the base model, the test of the residual is not significant, its size
+    is homogeneous across poses (``constancy``, a p-value), and poses left out in turn are not predicted far worse (``unseen``,
     the ratio of the errors). A ``field`` (log evidence of the best family) that is nearly as likely, or likelier, ties with it,
-    and stands in for it when it is far likelier. Several kinds that all say how one property varies along the cable are pieces
-    of a field, which describes it and names nothing.
+    and replaces it if far likelier. Several effects that vary one property along the cable are pieces of a field, which
+    describes the residual without naming its cause.
     """
     if test.p_value > settings.level:
         return NONE
@@ -92,7 +92,7 @@ def whole(
 
 
 def of_kind(log_evidence: float, visible: float, settings: DiagnosisSettings = USUAL) -> str:
-    """Verdict of a kind that is not among the best: too little, absent, or not to be seen in these poses."""
+    """Verdict on an effect type that is not among the best: too little, absent, or inconclusive in these poses."""
     if visible < _SEEN:
         return INCONCLUSIVE
     return ABSENT if log_evidence < settings.lead_favoured else TOO_LITTLE

@@ -212,9 +212,9 @@ def answer_of(fit) -> Answer:
     rows = rows_of(fit.study, fit.estimates)
     lost = [row.symbol for row in rows if not row.value]
     belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
-    beside = tuple(d for d in fit.doubts if d not in belief) if not fit.mistakes else ()
-    warnings = tuple(w for w in warnings_of(fit.study) if w not in beside)
-    return Answer(rows, rests_on(fit.study, fit.influence), _unseen(fit), belief, tone, warnings, beside)
+    doubts = tuple(d for d in fit.doubts if d not in belief) if not fit.mistakes else ()
+    warnings = tuple(w for w in warnings_of(fit.study) if w not in doubts)
+    return Answer(rows, rests_on(fit.study, fit.influence), _unseen(fit), belief, tone, warnings, doubts)
 
 
 def _unseen(fit):

@@ -158,7 +158,7 @@ class Direct:
                 count += int(np.sum(weights.weight[i] > 0))
                 offsets.append(weights.offset[i])
                 away = np.linalg.norm(np.asarray(evaluator.poses.points[i]) - weights.axis[i], axis=1)
-                away = away[(np.asarray(evaluator.poses.mask[i]) > 0) & (away > 0)]  # those beside the rod, not beyond its ends
+                away = away[(np.asarray(evaluator.poses.mask[i]) > 0) & (away > 0)]  # beside the rod, not beyond its ends
                 share = np.mean(np.abs(away - self.radius) < cloud.TUKEY * weights.sigma[i]) if len(away) else 0.0
                 if share < _EXPLAINED:
                     said.append(f"only {100 * share:.0f} % of the points near pose {pose.name!r} lie on the cable's surface")

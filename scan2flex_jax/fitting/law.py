@@ -41,7 +41,7 @@ _DRAWS = 2000
 _POINTS = 241  # of a law as it is drawn
 _BAND = (2.5, 97.5)  # per cent
 _NORMAL_95 = 1.959964
-_SIGNIFICANT, _LEAST = 0.05, 0.001  # of a probability, and the least that is told
+_SIGNIFICANT, _LEAST = 0.05, 0.001  # p-value, and the smallest one printed
 _STIFFNESS = {BendingLaw.kind: "bending_stiffness", TorsionLaw.kind: "torsional_stiffness"}
 _GRID = {BendingLaw.kind: "curvature", TorsionLaw.kind: "twist"}
 

@@ -1,11 +1,11 @@
-"""The least-squares problem of a fit, as `descent` minimises it, and the two methods beside it.
+"""The least-squares problem of a fit, as `descent` minimises it, and the two alternative methods.
 
-The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of nearly known numbers. The noise
-variance is unknown, so cost / n_residuals stands in for it. In units of it, logarithms are held weakly where they began (a
-factor of 20 is one standard deviation), so that a number that the poses hardly feel does not drift to where the rod is no cable
-and takes hundreds of steps to solve, while what they determine moves by a small part of its standard error; and the fit has
-converged when a step promises less than a thousandth of it. Steps in logarithms are bounded. A fit that began from
-configurations already found starts from the measured curves once more at the end.
+The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of nuisance parameters. The noise
+variance is unknown, so cost / n_residuals stands in for it. In units of it, logarithms have a weak prior about their start (a
+factor of 20 is one standard deviation), so that an unidentifiable one does not drift to where the rod is no cable and takes
+hundreds of steps to solve, while identifiable ones move by a small part of their standard error; and the fit has converged when
+the predicted decrease of the cost is below a thousandth of it. Steps in logarithms are bounded. A fit that started from known
+configurations starts once more from the measured curves at the end.
 """
 
 from collections.abc import Callable

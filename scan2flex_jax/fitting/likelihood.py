@@ -16,12 +16,12 @@ from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import Noise, most_likely, most_likely_with_discrepancy
 
 USUAL, FACTOR = 1e-3, np.log(5.0)  # noise over length of a scan, and by what factor (one sigma) scans differ
-LARGEST = 5e-3  # of the length: noise of a scan beside a discrepancy
+LARGEST = 5e-3  # of the length: largest noise of a scan in a model with a discrepancy
 _MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
 _OPEN = 1e-9  # of the largest eigenvalue of the scaled information: a direction that no pose feels
 _UNFELT = 1e-5  # of the largest column: one that no pose feels
 _USUAL_LENGTH = 0.07  # of the length of the cable: median of the correlation length
-_SPREAD, _LONGEST = 0.8, 0.5  # of a correlation length beside a fit: its prior, and the longest over the length
+_SPREAD, _LONGEST = 0.8, 0.5  # correlation length in a fit: log spread of its prior, and its maximum over the length
 _STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
 
 
@@ -81,7 +81,7 @@ class NoisePrior:
     scanner: bool
 
     def __call__(self, noise: Noise, u: np.ndarray, discrepancy: bool = False) -> float:
-        """At a noise of logarithms ``u``; beside a ``discrepancy`` an unstated noise is no larger than `LARGEST`."""
+        """At a noise of logarithms ``u``; with a ``discrepancy`` an unstated noise is at most `LARGEST`."""
         L = self.length
         prior = 0.5 * ((u[2] - np.log(_USUAL_LENGTH * L)) / self.spread) ** 2 + 0.02 * (u[1] - u[0]) ** 2
         if self.stated:
@@ -111,7 +111,7 @@ class RestrictedLikelihood:
         return restricted_likelihood(self.poses, noise, self.precision, self.pull) + self.prior(noise, u)
 
     def with_discrepancy(self, noise: Noise, u: np.ndarray, curvature: float = 0.0) -> float:
-        """Of a noise of logarithms ``u`` beside a discrepancy of size ``curvature`` (1/m)."""
+        """Of a noise of logarithms ``u`` with a discrepancy of size ``curvature`` (1/m)."""
         likelihood = restricted_likelihood(self.poses, noise, self.precision, self.pull, curvature)
         return likelihood + self.prior(noise, u, discrepancy=True)
 
@@ -151,7 +151,7 @@ def noise_and_discrepancy(
 
 
 def _of_fit(poses, length, stated) -> RestrictedLikelihood:
-    """The likelihood beside a fit, whose numbers are free."""
+    """The likelihood given a fit, whose parameters are free."""
     free = np.zeros(poses[0].X.shape[-1])
     prior = NoisePrior(length, stated, shortest_of(poses, length), _SPREAD, _LONGEST, scanner=False)
     return RestrictedLikelihood(poses, prior, free, free)

@@ -114,7 +114,7 @@ def most_likely_with_discrepancy(
 ) -> tuple[Noise, float, float]:
     """``(noise, curvature, value)`` that minimise ``negative(noise, u, curvature)`` plus the prior of the curvature (1/m).
 
-    ``usual`` is the median of that prior, which is log-normal. A discrepancy that explains no more than `_WORTH` nats beside
+    ``usual`` is the median of that prior, which is log-normal. A discrepancy that gains no more than `_WORTH` nats over
     ``noise``, the most likely one without it, is none: the curvature is then zero, and ``value`` that of ``noise``.
     ``near``, a noise and a curvature close to the sought ones, is where to begin.
     """

@@ -160,7 +160,7 @@ class Layout:
 
     @property
     def has_priors(self) -> bool:
-        """Whether a fit has priors beside the residuals."""
+        """Whether a fit has priors in addition to the residuals."""
         return bool(len(self.prior.at)) or self.local > 0
 
     @property

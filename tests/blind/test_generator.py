@@ -28,7 +28,7 @@ def one_pose(cable, goal, frame, end_kind=rod.CLAMP, half=0.5):
 
 
 def solved(cable, candidates, intervals=128):
-    """The plain rod in some poses: scene, fields and states."""
+    """The baseline model in some poses: scene, fields and states."""
     y, alive = design.travel(cable, candidates)
     assert len(alive) == len(candidates)
     scene, sigma = design.assemble(cable, candidates), mesh(intervals, cable.length)

@@ -1,4 +1,4 @@
-"""What an explanation opens with, and what its estimates rest on: to first order as the plain fit's, and beside an effect."""
+"""Opening lines of an explanation, and sensitivities of its estimates: those of the baseline fit, and those given an effect."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def staged(fitted, *components, amplitudes=()):
     return stage, found
 
 
-def test_without_an_effect_it_is_the_plain_fits(fitted):
+def test_without_an_effect_it_is_that_of_the_baseline_fit(fitted):
     """White noise of the size that the study states: both weigh every point alike. A refit settles to a hundredth of a unit of
     its cost, a fifth of a standard error."""
     stage, base = staged(fitted)
@@ -71,7 +71,7 @@ def test_whether_to_believe_it(fitted):
     kink = explained(fitted).chosen[0]
     assert judged(fitted, verdict.TIE)[0] == FAIR and "kink or natural curvature" in judged(fitted, verdict.TIE)[1]
     assert judged(fitted, verdict.EXPLAINED, chosen=(replace(kink, tied_with=()),)) == (
-        GOOD, "yes, with kink: what is left beside it is noise",
+        GOOD, "yes, with kink: the remaining error is noise",
     )  # fmt: skip
     assert judged(fitted, verdict.PARTLY, chosen=(replace(kink, tied_with=()),))[0] == FAIR
     assert judged(fitted, verdict.NONE, chosen=())[0] == GOOD

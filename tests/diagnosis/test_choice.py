@@ -85,7 +85,7 @@ def test_two_that_make_one_property_vary_are_pieces_of_a_field(best):
 
 
 def test_a_wider_effect_ties_only_where_it_is_likelier(stage):
-    """A heavy span contains a mass: the mass stands, and is tied with the span where the shapes speak for that."""
+    """A heavy span contains a mass: the mass is kept, and is tied with the span if the shapes favour the span."""
 
     def rivals(nats):
         mass, span = model("point_mass", nats=50.0), model("density_profile", nats=nats)

@@ -1,4 +1,4 @@
-"""What shapes alone can never tell apart comes out as a tie or as nothing to be seen, never as a name.
+"""Effects that shapes alone cannot distinguish are tied or inconclusive, never named.
 
 The scale of all stiffnesses with the density is in `tests/fitting/test_identifiability.py`.
 """
@@ -28,7 +28,7 @@ def test_wind_and_a_tilt_of_gravity():
     assert best.kind == "uniform_load"
     assert "gravity" in best.tied_with
     assert best.parameters["force"][0] == pytest.approx(-9.81 * 0.2 * np.sin(tilt), rel=0.05)
-    assert any("never tell uniform_load from an error of the gravity" in s for s in found.sentences)
+    assert any("cannot tell uniform_load from an error of the gravity" in s for s in found.sentences)
 
 
 def test_natural_twist_and_a_roll_of_a_clamp():

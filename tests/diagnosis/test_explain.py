@@ -73,7 +73,7 @@ def test_nothing_is_missing_where_nothing_is_missing():
     found = explain(study("t001"), elements=ELEMENTS, mesh=False)
     assert found.verdict == "no missing effect"
     assert found.chosen == ()
-    assert found.search.best.log_evidence == 0.0  # the plain rod, over itself
+    assert found.search.best.log_evidence == 0.0  # the baseline model, over itself
     assert found.rms() == pytest.approx(np.sqrt(2) * found.noise.total, rel=0.1)
 
 
@@ -127,7 +127,7 @@ def test_every_signature_is_the_derivative_of_the_refitted_model(stage):
 
 
 def test_a_pose_left_out_is_predicted_as_by_a_refit_without_it(stage):
-    """The block formula against a refit of the plain rod to the other poses; that one weighs all points alike."""
+    """The block formula against a refit of the baseline model to the other poses, which weighs all points alike."""
     got = confirm.left_out(stage, stage.base)
     full = study("t004")
     for i in (0, 2):
@@ -204,6 +204,6 @@ def test_a_plan_ranks_poses_that_were_not_scanned(clip):
     for c in solved:
         assert c.parameters > 0
         for pair, lead in c.settles.items():
-            assert lead >= c.lead_now[pair] - 1e-6  # one more pose never tells less
+            assert lead >= c.lead_now[pair] - 1e-6  # one more pose never reduces the lead
     assert [c.worth for c in solved] == sorted((c.worth for c in solved), reverse=True)
     assert solved[0].words in ranked.summary()

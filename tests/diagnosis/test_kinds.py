@@ -62,7 +62,7 @@ def test_no_code_decides_by_the_name_of_a_kind_or_the_words_of_a_message(name):
 
 @pytest.fixture
 def own_table():
-    """A kind of one's own that says of itself what `support_plane` says: contact with a plane."""
+    """A user's effect type that declares the properties of `support_plane`: contact with a plane."""
     own = of_ones_own("own_table", "support_plane")
     _ADDED[own.kind] = own
     yield own
@@ -70,7 +70,7 @@ def own_table():
 
 
 def of_ones_own(kind, like, **changed):
-    """An entry of another name that says of itself what one of the package says."""
+    """An entry under another name that declares the properties of one of the package."""
     entry = entry_of(like)
     return replace(entry, effect=type("Own", (entry.effect,), {"kind": kind}), **changed)
 

@@ -58,7 +58,7 @@ def test_a_discrepancy_stands_in_the_result(scattered):
 
 @pytest.mark.slow
 def test_what_is_the_same_in_all_poses_is_found_among_what_differs():
-    """The common curvature is found with an interval that holds it, most of the error goes, and what is left is said."""
+    """The common curvature is found, its interval holds it, most of the error goes, and the remaining error is reported."""
     found = explain(study(common=1.0), mesh=False)
     assert found.verdict in ("partly explained", "tied")
     assert [r.kind for r in found.chosen] == ["natural_curvature"]

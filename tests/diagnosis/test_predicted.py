@@ -1,4 +1,4 @@
-"""Validate poses that a refitted law cannot solve from the measured curve are continued from the plain rod."""
+"""Validate poses that a refitted law cannot solve from the measured curve are continued from the baseline model."""
 
 from types import SimpleNamespace
 

@@ -51,7 +51,7 @@ def wire():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["point_load", "uniform_load"])
-def test_a_stiffness_that_no_pose_feels_stays_at_the_plain_fit(wire, kind):
+def test_an_unidentifiable_stiffness_stays_at_the_baseline_fit(wire, kind):
     at = next(c.site for c in wire.components if c.kind == kind)
     size = wire.bench.context.force / (1.0 if kind == "point_load" else wire.bench.context.length)
     found = refit.refit(wire.bench, (Component(kind, at),), wire.noise, wire.base.vector, [np.array([0.1, 0.0, -0.1]) * size])

@@ -1,4 +1,4 @@
-"""What an explanation says of the conditions under which it holds."""
+"""Sentences on the conditions under which an explanation holds."""
 
 from types import SimpleNamespace
 
@@ -11,7 +11,7 @@ from scan2flex_jax.fitting.noise import Noise
 
 
 def found(left, noise, radius=0.004, stated=None):
-    """A search over one pose of 20 points that the plain rod misses by ``left`` (m)."""
+    """A search over one pose of 20 points with an error ``left`` (m) of the baseline model."""
     residual = np.zeros((20, 3))
     residual[:, 0] = left
     solved = SimpleNamespace(code=np.array(0))

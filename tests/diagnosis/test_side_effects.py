@@ -1,4 +1,4 @@
-"""What a call of `explain` does besides answering: nothing, unless a compilation ahead was asked for."""
+"""Side effects of a call of `explain`: none, unless it gets an `AheadCompiler`."""
 
 import threading
 from dataclasses import replace
@@ -35,7 +35,7 @@ def nothing_fitted(study, **options):
 
 
 def test_a_library_call_starts_no_thread(study, started, monkeypatch):
-    monkeypatch.setattr(run, "plain_fit", nothing_fitted)
+    monkeypatch.setattr(run, "baseline_fit", nothing_fitted)
     with pytest.raises(Scan2FlexError, match="something else"):
         explain(study)
     assert started == []
@@ -66,7 +66,7 @@ def test_room_is_made_by_the_caller_s_thread_alone(study, monkeypatch):
     made = []
     monkeypatch.setattr(run, "make_room", lambda: made.append(threading.current_thread()))
     monkeypatch.setattr(compilation, "make_room", lambda: pytest.fail("a thread made room"))
-    monkeypatch.setattr(run, "plain_fit", nothing_fitted)
+    monkeypatch.setattr(run, "baseline_fit", nothing_fitted)
     monkeypatch.setattr(ahead, "_run_through", lambda *args: None)
     for compiler in (None, AheadCompiler()):
         with pytest.raises(Scan2FlexError):
@@ -100,12 +100,12 @@ def test_poses_that_do_not_settle_are_an_answer_and_other_refusals_are_not(study
     def unsolved(study, **options):
         raise NotSettledError("no values let every pose rest", "check the clamps", {"hang": "the forces do not balance"})
 
-    monkeypatch.setattr(run, "plain_fit", unsolved)
+    monkeypatch.setattr(run, "baseline_fit", unsolved)
     found = explain(study)
     assert found.verdict == "not in equilibrium"
     assert found.sentences == ("no values let every pose rest (hang: the forces do not balance): check the clamps",)
     assert found.fit is None and found.to_json()["messages"] == list(found.sentences)
-    monkeypatch.setattr(run, "plain_fit", nothing_fitted)
+    monkeypatch.setattr(run, "baseline_fit", nothing_fitted)
     with pytest.raises(Scan2FlexError, match="settled"):
         explain(study)
 

@@ -18,14 +18,14 @@ def groups(rng, count=12, width=2, one_sided=False):
 def test_false_alarms_come_at_the_stated_rate():
     rng = np.random.default_rng(1)
     base, many = groups(rng)
-    ghosts = {"field": families.family_of("field", rng.standard_normal((ROWS, 8)), base).gain}
+    gains = {"field": families.family_of("field", rng.standard_normal((ROWS, 8)), base).gain}
 
     def noise(n):
         y = rng.standard_normal((ROWS, n))
         return y - base @ (base.T @ y)
 
     draws, trials = noise(300), 300
-    p = np.array([score.global_test(many, ghosts, y, draws, ROWS - 3).p_value for y in noise(trials).T])
+    p = np.array([score.global_test(many, gains, y, draws, ROWS - 3).p_value for y in noise(trials).T])
     for level in (0.05, 0.2):
         assert abs(np.mean(p <= level) - level) < 4 * np.sqrt(level * (1 - level) / trials)
 
@@ -98,7 +98,7 @@ def test_pairs_from_the_gram_matrix_are_those_of_brute_force():
     assert found[0][0] == pytest.approx(max(brute.values()))
 
 
-def test_ghost_fields_gain_by_structure_only():
+def test_discrepancy_fields_gain_by_structure_only():
     rng = np.random.default_rng(6)
     field = families.family_of("field", rng.standard_normal((ROWS, 6)), np.zeros((ROWS, 0)))
     noise = rng.standard_normal((ROWS, 200))

@@ -101,7 +101,7 @@ def test_a_name_that_is_taken_is_refused(helical_set):
 
 @of_block(1)
 def test_a_law_bends_as_it_says(page):
-    """Pure bending: the moment is the derivative of the energy, smooth at zero, and the plain rod where the scale is far."""
+    """Pure bending: the moment is the derivative of the energy, smooth at zero, and the baseline if the scale is far."""
     EI, k, K = 0.02, 3.0, jnp.diag(jnp.array([1e5, 1e5, 1e4, 0.02, 0.02, 0.015]))
     effect = effect_of("cubic_bending", {"scale": 2.0})
     extra = jax.grad(effect.strain_energy)(jnp.zeros(6).at[4].set(k), K)

@@ -7,7 +7,7 @@ import pytest
 
 from . import scene
 
-NOISE = 1.0e-12  # m: what is left of a solve in a shape of the size of 1 m
+NOISE = 1.0e-12  # m: remaining error of a solve, for a shape of the size of 1 m
 # kind -> a step for each field that keeps a stencil within one polynomial piece of the smoothing and clear of the nodes
 STEPS = {
     "position": 2e-4, "offset": 2e-4, "width": 2e-4, "anchor": 1e-3, "stiffness": 1e-2, "axial_stiffness": 0.5, "lever": 1e-5,

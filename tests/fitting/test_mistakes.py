@@ -112,7 +112,7 @@ def test_a_study_that_cannot_settle_says_why(monkeypatch):
 
 def test_explain_names_no_physics_over_a_mistake(monkeypatch):
     """The search for physics is not begun: there would be nothing for it to search in."""
-    monkeypatch.setattr(run, "plain_fit", lambda study, **kwargs: fitted(ROLLED))
+    monkeypatch.setattr(run, "baseline_fit", lambda study, **kwargs: fitted(ROLLED))
     found = run.explain(made(ROLLED))
     assert found.verdict == "unexplained"
     assert HIDDEN[ROLLED] in found.sentences[0]

@@ -73,7 +73,7 @@ def test_kernel():
 
 
 def test_an_error_alike_along_a_pose_is_one_number_of_it():
-    """Its covariance is constant; the sizes beside it are found as though it were not there, and without it smooth noise is."""
+    """Its covariance is constant; the other sizes are found as though it were not there, and without it smooth noise is."""
     noise = Noise(*TRUE, alike=2e-3)
     np.testing.assert_allclose(noise.covariance(S) - Noise(*TRUE).covariance(S), 4e-6, rtol=1e-9)
     rng, pure = np.random.default_rng(12), Noise(4e-4, 1e-6, 0.1)
@@ -241,7 +241,7 @@ def test_stated_noise_is_held():
 
 
 def test_priors_of_the_noise_are_arguments():
-    """The likelihood with a prior is their sum; a scan's noise, a stated one and one beside a discrepancy have their own."""
+    """The likelihood with a prior is their sum; a scan's noise, a stated one and one with a discrepancy have their own."""
     noise = Noise(3e-4, 4e-4, 0.07 * LENGTH)
     u = logarithms(noise)
     spread = 0.02 * np.log(4 / 3) ** 2

@@ -67,7 +67,7 @@ def test_the_residual_function_ends_on_the_priors():
     np.testing.assert_allclose(function(moved)[-2:], [2.0, 0.5], rtol=1e-9)
 
 
-def test_a_nearly_known_density_is_one_per_cent_of_every_stiffness():
+def test_one_per_cent_of_the_density_is_one_per_cent_of_every_stiffness():
     study = scenes.study_of(tolerance=Tolerance(length_density=0.01 * DENSITY))
     layout = layout_of(study)
     assert (layout.unknowns, layout.shared) == (2, 3)

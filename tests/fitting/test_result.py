@@ -21,7 +21,7 @@ def real(request):
 
 
 def test_real_studies_are_fitted_and_not_believed(real):
-    """No plain rod predicts the pose that was never fitted: the verdict says so, beside estimates that are finite."""
+    """No baseline model predicts the pose that was never fitted: the verdict is invalid, the estimates are finite."""
     assert real.valid is False
     assert any("missing or misread" in s for s in real.sentences), real.sentences
     assert all(np.isfinite(e.value) and e.value > 0 for e in real.estimates.values())
@@ -39,10 +39,10 @@ def test_a_fit_that_has_not_settled_is_not_to_be_believed(real):
 
 
 def test_a_pose_far_from_its_curve_is_not_to_be_believed(real):
-    """Both plain rods leave a smooth residual of more than 1 % of the length, and neither study states a noise."""
+    """Both baseline models have a smooth residual of more than 1 % of the length, and neither study states a noise."""
     assert not real.believable
     assert set(real.misfits) <= set(real.sentences)
-    assert all("% of the length and no noise of points" in s for s in real.misfits)
+    assert all("% of the length, beyond any noise of points" in s for s in real.misfits)
 
 
 def check_object(data):

@@ -71,7 +71,7 @@ def test_a_residual_far_beyond_the_stated_noise_is_not_believed(stated, offset, 
 @pytest.mark.parametrize(("stated", "noise"), [(None, False), (0.02, True)])
 def test_a_smooth_residual_beyond_one_percent_of_the_length_is_noise_only_if_stated(stated, noise):
     f = fit(bulging(0.03, stated))
-    assert any("% of the length and no noise of points" in s for s in f.sentences) is not noise
+    assert any("% of the length, beyond any noise of points" in s for s in f.sentences) is not noise
     assert bool(f.misfits) is not noise
     assert noise or not f.believable
 
