@@ -28,6 +28,6 @@ def test_every_answer_exists(question, answer, guess):
 def test_the_guesses_are_counted_as_listed():
     wrong = sum(guess.startswith("wrong") for *_, guess in ROWS)
     assert all(guess == "right" or guess.startswith("wrong: ") for *_, guess in ROWS)
-    assert (len(ROWS), wrong) == (12, 2)
-    assert "Twelve questions" in SECTION
-    assert "Two first guesses" in SECTION
+    assert (len(ROWS), wrong) == (26, 7)
+    assert "Twenty-six questions" in SECTION
+    assert "Seven first guesses" in SECTION

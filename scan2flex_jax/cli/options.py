@@ -1,4 +1,4 @@
-"""Exit codes, options and steps that several commands share."""
+"""Numbers and help text of the exit codes (`app` and the commands choose one), shared options and shared steps."""
 
 import os
 import sys

@@ -5,7 +5,10 @@ there is the effect's first-order signature; effect types whose own parameters h
 spring stiffness, a place) are reparametrised. Parameters without a derivative at the null (location, width, threshold) form a
 *site*, one of a list of candidates to scan. ``size`` is the prior standard deviation of each amplitude, from the scales of
 the cable in `Context`: it makes the evidence of different effect types comparable, so every size is written with its
-reason. Each file of an effect ends in its ``ENTRY``; `catalogue` lists them.
+reason.
+
+A new effect type is a class with the hooks that it needs (`rod.effect`) and an ``ENTRY`` at the end of its file, with at least
+the fields of `CatalogueEntry` that have no default; `catalogue` lists the entries.
 """
 
 from collections.abc import Callable, Mapping, Sequence

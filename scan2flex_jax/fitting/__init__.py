@@ -2,9 +2,9 @@
 
 `run` is the sequence of a fit; `settings` its thresholds. Input: `poses`, `parameters` (unknowns, nuisance parameters and their
 priors), `start`, `problem`. Residuals: `distance`, `states`, `evaluate`, and `residuals` as one traced function. Minimisers:
-`least_squares`, with `branches` (full turns) and `mistakes` (of the input). Statistics: `noise`, `discrepancy`, `statistics`
-(covariance, identifiability), `influence` (sensitivities), `belief` (validation). Scans: `direct`, `cloud`, `cloud_noise`.
-Output: `result`, `answer`.
+`least_squares`, with `branches` (full turns) and `mistakes` (of the input). Statistics: `noise`, `likelihood` (its
+estimate), `discrepancy`, `statistics` (covariance, identifiability), `estimate` (values, intervals), `influence`
+(sensitivities), `belief` (validation). Scans: `direct`, `cloud`, `cloud_noise`. Output: `result`, `answer` (rounded numbers).
 """
 
 from scan2flex_jax.fitting.estimate import Estimate

@@ -1,7 +1,7 @@
-"""The opening lines of a result: estimates with relative intervals, sensitivities, error on unseen poses, and belief.
+"""The opening lines of a result: rounded estimates and relative intervals, sensitivities, error on unseen poses, and belief.
 
 A `Fit` and an `Explanation` have one `Answer` each; the summary and the report open with it. The sensitivities to length and
-mass are those of `fitting.influence`.
+mass are those of `fitting.influence`. A value has as many digits as its interval resolves (`digits_of`).
 """
 
 import textwrap

@@ -1,4 +1,4 @@
-"""The restricted likelihood of the noise of measured curves, with its priors: one for `fit` and `explain`.
+"""Estimation of the noise of measured curves from residuals: its restricted likelihood with priors, for `fit` and `explain`.
 
 What the model's sensitivities explain is projected out of the residuals, under the priors of the numbers behind them, so that
 fitting parameters does not make the noise look smaller. Symbols as in `noise`; a discrepancy is that of `discrepancy`.

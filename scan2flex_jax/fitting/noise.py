@@ -1,9 +1,9 @@
-"""The noise of measured curves: a white part and a part correlated along the cable, estimated from residuals.
+"""The noise of measured curves: covariance of a white and of a correlated part, and the search for the most likely one.
 
 Covariance of one normal component of one pose: ``sw^2 I + sc^2 k(|s - s'|/l)``, ``k`` a Matern kernel of smoothness 3/2, 5/2
 or infinity (a squared exponential): errors of a scanner may be as smooth as a spline that was laid through its points, and a
-kernel that is rougher than they are takes them for a signal. ``sw, sc, l`` and the smoothness maximise the restricted
-likelihood (`likelihood`), by a simplex from several starts.
+kernel that is rougher than they are takes them for a signal. ``sw, sc, l`` and the smoothness maximise a likelihood that the
+caller gives, by a simplex from several starts; `likelihood.estimate_noise` estimates them from the residuals of poses.
 Reference: Rasmussen and Williams, "Gaussian Processes for Machine Learning" (2006), eqs. 4.17 and 5.8.
 """
 

@@ -2,7 +2,8 @@
 
 Unknowns come first (logarithms of positive ones), then, in units of their stated tolerance, the length, the tilt of gravity,
 the mass per length, and per pose the positions and rotations of the clamps. These nuisance parameters have standard normal
-priors. An unknown may have a prior too: normal, or log-normal if it is represented by its logarithm.
+priors, which `least_squares` adds to the cost. An unknown may have a prior too: normal, or log-normal if it is represented by
+its logarithm.
 """
 
 from collections.abc import Mapping

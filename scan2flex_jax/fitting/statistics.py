@@ -2,7 +2,8 @@
 
 Residuals of a scan are correlated along the cable, so the covariance is the sandwich ``A^-1 B A^-1`` with ``A = J'J / s^2``
 plus priors and ``B = J' C J / s^4`` plus priors, ``C`` the estimated noise covariance: it is valid for any weights of the fit.
-Directions with a negligible singular value of the scaled ``J`` are not determined; sentences name them.
+Directions with a negligible singular value of the scaled ``J`` are not determined; sentences name them, and the numbers that
+are vague (`estimate`).
 """
 
 from dataclasses import dataclass

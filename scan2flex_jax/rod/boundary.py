@@ -1,4 +1,4 @@
-"""Supports of the two ends: clamps in SE(3), ball joints, free ends.
+"""Supports of the two ends: clamps in SE(3), ball joints, free ends, and the frame of a clamp from its quaternion.
 
 A support holds some of the six motions of its end section: three translations and three rotations, in the section's own
 axes. Quaternions are unit, scalar first ``[w, x, y, z]``, and turn material vectors into the scan frame.

@@ -7,6 +7,8 @@ unchanged.
 
 Order of use: `cable`, `clamps`, `section`, `dead_load`, then inside the energy `strain_energy` and `node_potential`, and
 after the equilibrium `observe`. Effects are applied in the order in which they are declared.
+
+A new effect type needs a catalogue entry as well (`effects.entry`).
 """
 
 from typing import ClassVar

@@ -4,7 +4,8 @@
 
 is the paper's Eq. 6 with a factor 1/2 on the strain terms. The constitutive law (Eq. 3) and the balance equations (Eq. 5)
 require that factor and Eq. 6 lacks it: without it every fitted stiffness is halved. A test on a heavy cantilever fixes it
-(tip deflection ``rhoA g L^4 / (8 EI)`` for a small load). Effects add their terms.
+(tip deflection ``rhoA g L^4 / (8 EI)`` for a small load). The strain terms of an element are those of `element_law`; effects
+add their terms.
 """
 
 import jax

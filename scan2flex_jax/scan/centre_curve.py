@@ -1,5 +1,7 @@
 """The extracted centre curve: the result, its uncertainty and its warnings.
 
+The curve ends at the clamps, if they are known: points beyond them, on the block of a clamp, do not count.
+
 Symbols: s arc length (m) from the first to the last point of the cloud that lies on the cable; r radius (m); d3 tangent;
 frame (d1, d2, d3) rotation-minimising: without rotation about the tangent.
 """

@@ -1,9 +1,10 @@
 """Point clouds: reading, rejecting, cleaning and thinning.
 
 Files are read by trimesh (PLY, XYZ, OBJ, STL and its other formats; a mesh is sampled over its surface). Cleaning removes
-isolated points and points out of reach of a cable of length L between these clamps: the distances of a reachable point to
-the two clamps sum to at most L. Thinning keeps the density's proportions, so outliers stay as rare as they were. Of its two
-forms `thin` is the more even one; `drawn` selects every point independently of the others.
+isolated points, planes (tables, walls) and points out of reach of a cable of length L between these clamps: the distances of a
+reachable point to the two clamps sum to at most L. It does not look for the blocks of clamps: `centre_curve` ends the curve
+at the clamps. Thinning keeps the density's proportions, so outliers stay as rare as they were. Of its two forms `thin` is the
+more even one; `drawn` selects every point independently of the others.
 
 Symbols: ``r`` radius, ``L`` length, points: all m in the scan frame.
 """

@@ -1,8 +1,8 @@
-"""Start of a solve, which selects the branch: a twisted clamped cable has several stable equilibria.
+"""Start of a solve: its curve and twist, which select the branch, since a twisted cable has several stable equilibria.
 
 The start is either a generic sag between the supports or a measured curve (which selects the branch nearest to the data).
-Frames are transported along the curve without rotation about its tangent; the missing twist to the end clamp, plus the
-pose's full ``turns``, is spread evenly.
+Frames are transported along the curve without rotation about its tangent. The twist is the smallest angle to the end clamp
+plus the stated ``turns`` of the pose, spread evenly; other turns are tried after a fit (`fitting.branches`).
 """
 
 import jax

@@ -1,6 +1,7 @@
-"""Checked rotation matrices, and their conversion to the format's quaternions.
+"""Checks of rotation matrices, their conversion to the format's quaternions, and rolls and twists of quaternions.
 
-The columns of a rotation are d1, d2, d3 in the scan frame; a quaternion is [w, x, y, z].
+The columns of a rotation are d1, d2, d3 in the scan frame; a quaternion is [w, x, y, z]. The quaternions of
+`study.toml` are checked in `parts` and become the frames of a solve in `rod.boundary`.
 """
 
 from typing import Annotated, Any

@@ -1,8 +1,8 @@
 """Mistakes visible before any solve: in the ends of the curves, their tangents there, and their lengths.
 
 A pose is *astray* if a curve ends far from its clamp, or leaves it far from d3. A hypothesis (`study.mistakes`) is reported
-if it brings all astray poses back to their clamps and leads none astray: mistakes of all poses first, then those of one
-or two poses.
+if it brings all astray poses back to their clamps and leads none astray: mistakes of all poses first, then those of single
+poses and curves of two poses that are exchanged.
 """
 
 from collections.abc import Iterator

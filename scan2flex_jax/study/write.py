@@ -2,7 +2,7 @@
 
 The study is first read back in memory with the reader's own checks. Then the files that it names are written, each in
 one step, and `study.toml` last: it never names a missing file. A file that would change is kept as
-NAME.bak; a file with the same content, up to comments, is left unchanged.
+NAME.bak, with the user's comments, which the new one lacks; a file with the same content, up to comments, is left unchanged.
 """
 
 import filecmp
