@@ -7,6 +7,7 @@ import pytest
 
 from scan2flex_jax.diagnosis import sentences
 from scan2flex_jax.diagnosis.residual import Law
+from scan2flex_jax.diagnosis.settings import USUAL
 from scan2flex_jax.fitting.noise import Noise
 
 
@@ -19,7 +20,7 @@ def found(left, noise, radius=0.004, stated=None):
     study = SimpleNamespace(fit_poses=[SimpleNamespace(noise=stated)])
     context = SimpleNamespace(length=1.0, radius_or_guess=radius)
     bench = SimpleNamespace(real=[np.ones(20, bool)], context=context, problem=SimpleNamespace(study=study))
-    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes))
+    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes), settings=USUAL)
     return SimpleNamespace(stage=stage, best=SimpleNamespace(law=Law(noise)))
 
 

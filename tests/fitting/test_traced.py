@@ -64,12 +64,15 @@ def test_from_both_starts_it_is_the_minimum_of_the_fit(study, ready):
 
 
 @pytest.mark.slow
-def test_guesses_are_vmapped_and_a_stuck_one_says_so(ready):
+def test_guesses_are_vmapped_and_a_stuck_one_says_so(study, ready):
+    """As the ordinary descent does, which stalls from there."""
     problem, _ = ready
     starts = jnp.log(jnp.array(SEVERAL))[:, None]
     many = jax.vmap(minimise, in_axes=(None, 0))(problem, starts)
     assert np.asarray(many.converged).tolist() == [True, True, False]
     assert np.asarray(many.verdict.code).tolist() == [0, 0, 0]  # its poses are solved: it is the descent that is stuck
+    host = alone(study, SEVERAL[2])
+    assert host.stalled and not host.converged and np.isfinite(host.cost)
     for k in range(2):
         single = minimise(problem, starts[k])
         np.testing.assert_allclose(many.x[k], single.x, atol=1e-9)
