@@ -9,12 +9,13 @@ the cost ``r'r``, half its gradient ``g`` and half its Hessian ``A``, the decrea
 squared length of the step in standard errors. A descent that damping has stalled elsewhere predicts more: it has not converged.
 """
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-PREDICTED = 1.0e-3  # of the noise variance: a descent stops where it predicts less (0.03 standard errors)
-CONVERGED = 1.0e-2  # of the noise variance: a descent that stopped has converged where it predicts less (0.1 standard errors)
+PREDICTED = 1.0e-3  # of the noise variance: predicted decrease below which a descent stops (0.03 standard errors)
+CONVERGED = 1.0e-2  # of the noise variance: that below which a descent that stopped has converged (0.1 standard errors)
 EXACT = 1.0e-9  # of the length: smaller distances are rounding errors of an equilibrium, whatever the residual
 UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and its parameter keeps its value
 LONGEST = 2.0  # of a step in a logarithm (a factor of 7) or, for other parameters, in units of 1 + |value|
@@ -50,13 +51,18 @@ class Quadratic:
         """Decrease of the cost along an undamped move, for a linear residual without bounds."""
         return -self.g @ move
 
+    @cached_property
+    def decrease(self):
+        """Decrease of the cost that an undamped step predicts."""
+        return self.predicted(self.solved(self.g, 0.0))
+
     def stationary(self):
-        """Whether a descent may stop here: its undamped step predicts less than `PREDICTED`."""
-        return self.predicted(self.solved(self.g, 0.0)) <= PREDICTED * self.noise
+        """Whether a descent may stop here, by `PREDICTED`."""
+        return self.decrease <= PREDICTED * self.noise
 
     def converged(self):
-        """Whether a descent that stopped here has converged: its undamped step predicts less than `CONVERGED`."""
-        return self.predicted(self.solved(self.g, 0.0)) <= CONVERGED * (self.noise + self.rounding)
+        """Whether a descent that stopped here has converged, by `CONVERGED`."""
+        return self.decrease <= CONVERGED * (self.noise + self.rounding)
 
     def change(self, cost, trial_cost, trial):
         """Change of the cost to that of a ``trial`` (n,), with priors that are scaled anew at every iterate."""

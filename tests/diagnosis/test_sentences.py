@@ -25,7 +25,7 @@ def found(left, noise, radius=0.004, stated=None):
 
 
 @pytest.mark.parametrize(("left", "doubted"), [(1.5e-4, True), (2.0e-3, False)])
-def test_what_is_finer_than_scans_may_err_is_doubted(left, doubted):
+def test_a_residual_below_the_error_of_scans_is_doubted(left, doubted):
     said = sentences.if_fine(found(left, Noise(1e-4, 1e-5, 0.05)))
     assert bool(said) == doubted
     assert not doubted or "0.15 mm, 4 % of the radius" in said[0]

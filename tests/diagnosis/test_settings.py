@@ -23,7 +23,7 @@ def test_the_lead_that_names_is_a_setting():
     assert verdict.ties(two, DiagnosisSettings(lead_named=9.0, lead_favoured=8.0)) == [0, 1]
 
 
-def test_what_counts_as_seen_explained_and_better_is_a_setting():
+def test_thresholds_of_visibility_explanation_and_comparison_are_settings():
     """A whitened length of 2, two nats over the baseline, and poses left out that are predicted 10 % better."""
     assert [verdict.of_kind(0.0, 2.0, DiagnosisSettings(visible=v)) for v in (3.0, 1.0)] == ["inconclusive", "absent"]
     one, test, clean = [verdict.Candidate(("kink",), 2.0)], SimpleNamespace(p_value=0.001), SimpleNamespace(p_value=0.5)

@@ -108,7 +108,7 @@ def test_bent_steps_follow_the_valley_in_fewer_iterations():
     assert bent.converged and bent.iterations < plain.iterations
 
 
-def test_a_bound_holds_what_wants_to_leave():
+def test_a_parameter_pushed_outwards_stays_at_its_bound():
     """With x below 0.5 the least cost is 0.25, at y = 0.25."""
     valley = Valley(high=np.array([0.5, np.inf]))
     found = descend(valley, valley.at(BEGIN), RULES)

@@ -96,7 +96,7 @@ def test_poses_and_noise_are_vmapped(study):
 
 
 @pytest.mark.slow
-def test_bounds_hold_what_wants_to_leave(study):
+def test_parameters_pushed_outwards_stay_at_their_bounds(study):
     """EI is 0.1: with a range from 0.2 on it ends there, and GJ is the best given that EI."""
     narrow = replace(study, unknowns=(Unknown("bending_stiffness", low=0.2, high=1.0), study.unknowns[1]))
     problem, _ = traced_problem(narrow, elements=ELEMENTS)
