@@ -34,7 +34,7 @@ def white_noise() -> None:
     residual, Noise = _module("diagnosis.residual"), _module("fitting.noise").Noise
     small = 1e-4  # of the white part: the remaining correlated part
 
-    def only_white(negative, size, length):
+    def only_white(negative, size, length, alike=0.0):
         from scipy import optimize  # noqa: PLC0415
 
         def at(u):

@@ -285,14 +285,14 @@ def curve(
     Example: scan2flex curve export.txt --units mm --columns=-,x,y,z -o sag.csv
     """
     from scan2flex_jax.convert import read_foreign_curve  # noqa: PLC0415
-    from scan2flex_jax.study.curves import arc_length  # noqa: PLC0415
+    from scan2flex_jax.study.curves import curve_length  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
     from scan2flex_jax.study.write import csv_text  # noqa: PLC0415
 
     outputs = Outputs(source=file, force=force)
     outputs.claim(out, json)
     found = read_foreign_curve(file, units=units, columns=columns)
-    long = arc_length(found.curve.points)
+    long = curve_length(found.curve.points)
     for note in (*found.notes, f"{long:.4f} m long"):
         say(note)
     if out:

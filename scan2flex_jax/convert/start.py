@@ -16,7 +16,7 @@ from scan2flex_jax.convert.curves import read_foreign_curve, read_foreign_points
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
-from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.files import backup, write_atomic
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
@@ -144,7 +144,7 @@ def _same_unit(files, pose, length):
     """Refuse a curve far longer than the cable: it was read in the wrong unit."""
     if pose.curve is None:
         return
-    long = arc_length(pose.curve.points)
+    long = curve_length(pose.curve.points)
     if long > CURVE_SLACK * length:
         unit = looks_like(long / length)
         hint = "" if unit is None else f" (it looks like {unit[0]})"

@@ -8,10 +8,9 @@ from scan2flex_jax.fitting.answer import (
     FAIR,
     GOOD,
     Answer,
+    compose,
     distance_in_words,
     left_out_in_words,
-    rests_on,
-    rows_of,
     warnings_of,
 )
 
@@ -22,12 +21,7 @@ def answer_of(explanation) -> Answer:
     tone, belief = _belief(explanation)
     if fitted is None:
         return Answer((), "", "", belief, tone, warnings_of(study))
-    rows = rows_of(fitted.study, explanation.estimates)
-    lost = [row.symbol for row in rows if not row.value]
-    belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
-    return Answer(
-        rows, rests_on(fitted.study, explanation.influence), _unseen(explanation), belief, tone, warnings_of(fitted.study)
-    )
+    return compose(fitted.study, explanation.estimates, explanation.influence, _unseen(explanation), tone, belief)
 
 
 def _unseen(explanation):

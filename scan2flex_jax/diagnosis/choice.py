@@ -13,8 +13,6 @@ from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.search import alike, pieces
 from scan2flex_jax.diagnosis.sensitivity import Component
 
-_TELLING = 3  # poses: from this number on, the leave-one-pose-out error decides between nested effects
-
 
 def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
     """The likeliest refit of ``count`` effects, or one about as likely that predicts poses left out better or is simpler.
@@ -32,7 +30,7 @@ def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
         simpler = size(other) < size(best) and other.log_evidence > best.log_evidence - stage.settings.lead_favoured
         if (against.better and not contains(other, best)) or (simpler and not against.worse):
             best = other
-    if stage.bench.poses.count < _TELLING:
+    if stage.bench.poses.count < stage.settings.telling_poses:
         return best
     for other in order:
         if contains(best, other) and not confirm.compared(stage, best, other).better:

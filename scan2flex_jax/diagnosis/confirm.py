@@ -21,8 +21,7 @@ from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
-
-_LEAST_GAIN = 0.05  # relative: errors that differ by less count as equal
+from scan2flex_jax.diagnosis.settings import USUAL
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
@@ -60,7 +59,8 @@ def unseen(stage, found: Refit) -> float | None:
 @dataclass(frozen=True)
 class Comparison:
     """Leave-one-pose-out errors of two models: ``gain``, the mean log ratio of their errors (positive if the first model is
-    better), its standard error ``std`` over the poses, and ``ratio``, that of the RMS errors over all poses.
+    better), its standard error ``std`` over the poses, and ``ratio``, that of the RMS errors over all poses. Smaller relative
+    differences than ``least`` count as none.
 
     A model is better if both measures agree: the gain exceeds its standard error, so that no single pose decides, and the ratio
     is below one, so that poses of small error do not outweigh those of large error.
@@ -69,16 +69,17 @@ class Comparison:
     gain: float
     std: float
     ratio: float
+    least: float = USUAL.least_gain
 
     @property
     def better(self) -> bool:
         """Whether the first model predicts better, by more than the uncertainty of the comparison."""
-        return self.gain > max(self.std, _LEAST_GAIN) and self.ratio < 1.0 - _LEAST_GAIN
+        return self.gain > max(self.std, self.least) and self.ratio < 1.0 - self.least
 
     @property
     def worse(self) -> bool:
         """Whether the first model predicts worse, by more than the uncertainty of the comparison."""
-        return -self.gain > max(self.std, _LEAST_GAIN) and self.ratio > 1.0 + _LEAST_GAIN
+        return -self.gain > max(self.std, self.least) and self.ratio > 1.0 + self.least
 
 
 def compared(stage, found: Refit, other: Refit) -> Comparison:
@@ -89,8 +90,8 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
     if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
         return Comparison(0.0, np.inf, 1.0)
     logs = np.log(b / a)
-    ratio = float(np.sqrt(np.sum(a**2) / np.sum(b**2)))
-    return Comparison(float(np.mean(logs)), float(np.std(logs, ddof=1) / np.sqrt(len(logs))), ratio)
+    ratio, std = float(np.sqrt(np.sum(a**2) / np.sum(b**2))), float(np.std(logs, ddof=1) / np.sqrt(len(logs)))
+    return Comparison(float(np.mean(logs)), std, ratio, stage.settings.least_gain)
 
 
 def scatter(stage, found: Refit, k: int) -> float | None:

@@ -16,7 +16,7 @@ from scan2flex_jax.diagnosis.residual import Complement, Law, orthonormal, white
 from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
 from scan2flex_jax.diagnosis.stage import Signatures
 from scan2flex_jax.effects.catalogue import fields
-from scan2flex_jax.fitting.discrepancy import SPREAD, usual_size
+from scan2flex_jax.fitting.discrepancy import usual_size
 from scan2flex_jax.fitting.noise import Noise
 
 _ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each refit
@@ -72,12 +72,12 @@ def likeliest_law(of: Signatures, found: Refit, noise: Noise, as_it_stands: bool
     ``as_it_stands``: with all parameters fixed.
     """
     complement, scatter = _complement(of, found, as_it_stands)
-    return complement.law(noise, usual_size(of.bench.start), scatter, near)
+    return complement.law(noise, usual_size(of.bench.start, of.settings), scatter, near)
 
 
 def gain_of_discrepancy(of: Signatures, found: Refit, noise: Noise) -> float:
     """Log evidence (nats) of a discrepancy of each pose over noise alone, given a refit."""
-    return _complement(of, found)[0].gain(noise, usual_size(of.bench.start))
+    return _complement(of, found)[0].gain(noise, usual_size(of.bench.start, of.settings))
 
 
 def _complement(of, found, as_it_stands=False):
@@ -85,7 +85,8 @@ def _complement(of, found, as_it_stands=False):
     scatter = bench.scatter(found.components, found.vector, solved)
     given = found.shapes, bench.real, Numbers(bench, found.components), found.vector, ()
     rest = bench.context.length, of.stated, of.repeats, scatter, of.planes
-    return Complement(*given, *rest, free=not as_it_stands, alike=of.alike, scales=of.scales), scatter
+    free = not as_it_stands
+    return Complement(*given, *rest, free=free, alike=of.alike, scales=of.scales, settings=of.settings), scatter
 
 
 @dataclass(frozen=True)
@@ -133,14 +134,14 @@ def scores(of: Signatures, found: Refit) -> Scores:
 
 def _ladder(of, law):
     rungs = _RUNGS if of.stated else _RUNGS + _FINER
-    usual, least = usual_size(of.bench.start), _SMALLEST * of.bench.context.length
+    usual, least = usual_size(of.bench.start, of.settings), _SMALLEST * of.bench.context.length
     b = law.curvature or usual
     scatter = law.scatter or of.bench.scatter((), of.vector, of.bench.start)
     out = [law]
     for smaller, finer in rungs[0 if not law.curvature else 1 :]:
         n = law.noise
         noise = replace(n, white=max(finer * n.white, least), correlated=max(finer * n.correlated, least))
-        prior = -0.5 * (np.log(smaller * b / usual) / SPREAD) ** 2
+        prior = -0.5 * (np.log(smaller * b / usual) / of.settings.discrepancy_spread) ** 2
         out.append(replace(law, noise=noise, curvature=smaller * b, scatter=scatter, log_prior=law.log_prior + prior))
     return out
 

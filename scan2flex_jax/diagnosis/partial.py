@@ -22,7 +22,6 @@ from scan2flex_jax.fitting.least_squares import Progress
 SINGLES, WIDER, PER_ROUND = 5, 3, 3  # refits of single types and of sets that are kept, and refits per round
 _WORTH = 25.0  # nats of one-step evidence behind the best type: a refit does not catch up
 _STEPS = 20  # iterations of a refit
-_CERTAIN = 2.0  # standard errors: a larger leave-one-pose-out gain needs no lead in likelihood
 
 
 def search(before: Found, progress: Progress) -> Found:
@@ -118,7 +117,7 @@ def _wider(found, of, progress) -> Refit | None:
         return None
     against = confirm.compared(stage, wider, best)
     likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
-    certain = against.gain > _CERTAIN * against.std and wider.log_evidence > best.log_evidence
+    certain = against.gain > stage.settings.certain_gain * against.std and wider.log_evidence > best.log_evidence
     return wider if against.better and against.ratio < stage.settings.most_left and (likelier or certain) else None
 
 

@@ -22,8 +22,9 @@ from scan2flex_jax.diagnosis.prior import Prior
 from scan2flex_jax.diagnosis.residual import Law, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
 from scan2flex_jax.effects.entry import Context
-from scan2flex_jax.fitting.descent import Model, Point, Quadratic, Rules, descend
+from scan2flex_jax.fitting.descent import Model, Point, Rules, descend
 from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.quadratic import Quadratic
 
 _MOST = 14  # iterations: a refit starts from the one-step estimate
 _MOST_FREED = 25  # iterations with wide priors of the sizes: the minimum may be far
@@ -235,7 +236,7 @@ def _descend(bench, components, n, prior, law, vector, shapes, most, least, solv
     point, damping = model.within_reach(model.of(vector, shapes) if solved else model.at(vector, start), start)
     rules = Rules(
         most=lambda cost: most, settled=lambda cost: _ENOUGH, promises=_PROMISES, damping=_DAMPING, least=1e-9, refused=1e-3,
-        give_up=_GIVE_UP, stuck_converges=False, closer=(lambda cost: _ENOUGH) if components else None, bend=True,
+        give_up=_GIVE_UP, closer=(lambda cost: _ENOUGH) if components else None, bend=True,
         hopeless=least + _HOPELESS,
     )  # fmt: skip
     found = descend(model, point, rules, damping)

@@ -15,7 +15,8 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg
 
-from scan2flex_jax.fitting.discrepancy import SPREAD, foreshortening, principal
+from scan2flex_jax.diagnosis.settings import USUAL
+from scan2flex_jax.fitting.discrepancy import foreshortening, principal
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.likelihood import (
     NoisePrior,
@@ -27,13 +28,12 @@ from scan2flex_jax.fitting.likelihood import (
     thinned,
 )
 from scan2flex_jax.fitting.noise import Noise, logarithms, most_likely, most_likely_with_discrepancy, nearest
+from scan2flex_jax.fitting.settings import NoiseSettings
 
 _MOST, _FEWER = 64, 40  # points of a pose that enter the likelihood of the noise, and of noise with discrepancy
 _RANK = 24  # directions of the signature basis
 _KNOTS = 25  # of the residual shared by repeated scans of a pose
 _SMALL = 0.03  # singular value, over the largest, below which a direction of the signatures is dropped
-_SPREAD, _LONGEST = 0.6, 0.3  # correlation length: log spread of its prior, and its maximum over the length of the cable
-_PRIOR_ROWS = 10.0  # rows of unit variance that shrink the noise of a pose to that of all
 _OPEN = 1e-7  # of a unit column: an unidentifiable base parameter
 
 
@@ -229,9 +229,9 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
     return X @ (vectors[:, keep] / np.sqrt(values[keep]))
 
 
-def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
+def scales_of_poses(white: Whitened, signatures, prior_rows: float) -> tuple[float, ...]:
     """Standard deviation of the noise in each pose over that of all, from whitened residuals projected off the model's
-    columns and the ``signatures`` (per pose (m, 2, K)) of all effects; shrunk to one by `_PRIOR_ROWS` rows of unit variance.
+    columns and the ``signatures`` (per pose (m, 2, K)) of all effects; shrunk to one by ``prior_rows`` of unit variance.
 
     A scan of a cable from one side has several times the error of one from three sides.
     """
@@ -242,7 +242,7 @@ def scales_of_poses(white: Whitened, signatures) -> tuple[float, ...]:
     y = white.r - Q @ (Q.T @ white.r)
     free = np.array([len(rows) - np.sum(Q[rows] ** 2) for rows in white.rows])
     squares = np.array([np.sum(y[rows] ** 2) for rows in white.rows])
-    return tuple(float(v) for v in np.sqrt((squares + _PRIOR_ROWS) / (free + _PRIOR_ROWS)))
+    return tuple(float(v) for v in np.sqrt((squares + prior_rows) / (free + prior_rows)))
 
 
 class Complement:
@@ -255,10 +255,11 @@ class Complement:
 
     def __init__(
         self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True,
-        alike=0.0, scales=(),
+        alike=0.0, scales=(), settings: NoiseSettings = USUAL,
     ):
         """Thin curves and columns and index the columns; those of the model are zero unless its parameters are ``free``."""
         self.length, self.stated, self.planes, self.alike, self.scales, poses = length, stated, planes, alike, scales, []
+        self.settings = settings
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
@@ -282,7 +283,7 @@ class Complement:
         pull[known] = precision[known] * (vector[known] - numbers.prior_mean)
         size = np.sqrt(np.mean([np.mean(p.r[:, :-1] ** 2) for p in poses]))
         self.size = max(size, 1e-12 * length)
-        prior = NoisePrior(length, stated, shortest_of(poses, length), _SPREAD, _LONGEST, scanner=True)
+        prior = NoisePrior(length, stated, shortest_of(poses, length), scanner=True, settings=settings)
         self.likelihood = RestrictedLikelihood(poses, prior, precision, pull)
 
     def law(self, noise: Noise, usual: float, scatter, near: Law | None = None) -> Law:
@@ -290,7 +291,7 @@ class Complement:
         `fitting.discrepancy`."""
         found, curvature, _ = self._likeliest(noise, usual, near)
         prior = self.likelihood.prior(found, logarithms(found), discrepancy=True)
-        prior += (0.5 * (np.log(curvature / usual) / SPREAD) ** 2 if curvature else 0.0)
+        prior += (0.5 * (np.log(curvature / usual) / self.settings.discrepancy_spread) ** 2 if curvature else 0.0)
         return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
 
     def gain(self, noise: Noise, usual: float) -> float:
@@ -301,7 +302,8 @@ class Complement:
     def _likeliest(self, noise, usual, near=None):
         begun = (near.noise, near.curvature) if near is not None and near.curvature else None
         noise = nearest(self.likelihood.with_discrepancy, noise, self.length)
-        return most_likely_with_discrepancy(self.likelihood.with_discrepancy, noise, usual, self.length, begun)
+        likelihood = self.likelihood.with_discrepancy
+        return most_likely_with_discrepancy(likelihood, noise, usual, self.length, begun, self.settings)
 
     @cached_property
     def estimate(self) -> Noise:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -217,12 +218,13 @@ def _explanation(base, found, warnings, began):
     study, other = fitted.problem.study, None
     if study.validate_poses:
         other = Bench(bench.problem, fitted.minimum, bench.problem.held_out)
-    refitted, ranking = _refitted(found), _ranking(found, other)
+    predicted = cache(lambda r: report.predicted(other, r, found.stage.base))  # a refit is ranked, and may be the answer
+    refitted, ranking = _refitted(found), _ranking(found, other, predicted)
     law_of = found.floor if found.floor is not None and not refitted.components else refitted
     added = _chosen(bench, refitted, ranking)
     chosen = added if found.verdict in verdict.FOUND else ()
     estimates = report.estimates(bench, _likely(found), refitted, alike=_alike(found))
-    poses = _poses(study, found, other, refitted)
+    poses = _poses(study, found, other, refitted, predicted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
     discrepancy = report.discrepancy(bench, law_of)
@@ -301,8 +303,9 @@ def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
     )  # fmt: skip
 
 
-def _poses(study, found, other, refitted) -> dict[str, PoseChange]:
-    """Every pose before and after, in the order of the study; ``other``: the `Bench` of the ``validate`` poses, or None."""
+def _poses(study, found, other, refitted, predicted) -> dict[str, PoseChange]:
+    """Every pose before and after, in the order of the study; ``other``: the `Bench` of the ``validate`` poses, or None;
+    ``predicted``: function of a refit to their shapes."""
     stage, unseen = found.stage, None
     if stage.bench.poses.count > 1:
         errors = confirm.left_out if found.floor is None else confirm.predicted
@@ -310,12 +313,12 @@ def _poses(study, found, other, refitted) -> dict[str, PoseChange]:
         unseen = np.transpose([errors(stage, r) for r in models])
     poses = report.pose_changes(study.fit_poses, stage.bench, stage.base.shapes, refitted.shapes, unseen)
     if other:
-        before, after = report.predicted(other, stage.base), report.predicted(other, refitted, stage.base)
-        poses |= report.pose_changes(study.validate_poses, other, before, after)
+        before = report.predicted(other, stage.base)
+        poses |= report.pose_changes(study.validate_poses, other, before, predicted(refitted))
     return {p.name: poses[p.name] for p in study.poses if p.name in poses}
 
 
-def _ranking(found, other):
+def _ranking(found, other, predicted):
     """Every effect type, refitted or from one step: those of the best model, then the others by evidence."""
     stage, bench, out = found.stage, found.stage.bench, {}
     tie_kinds = [k for r in found.tied for k in r.kinds] if found.best.components else []
@@ -324,7 +327,7 @@ def _ranking(found, other):
         kind = r.kinds[0]
         p = float(found.test.adjusted[found.table[kind][1]]) if kind in found.table else found.test.p_value  # fields
         judged = _judged(kind, best, tie_kinds, found, r.log_evidence)
-        shapes = report.predicted(other, r, stage.base) if other else None
+        shapes = predicted(r) if other else None
         out[kind] = report.ranked(
             bench, r, 0, log_evidence=r.log_evidence, p_value=p, verdict=judged[0], tied_with=judged[1],
             rms_fit=report.rms(bench, r.shapes), rms_validate=None if shapes is None else report.rms(other, shapes),

@@ -6,9 +6,6 @@ from scan2flex_jax.diagnosis import confirm, report, search, verdict
 from scan2flex_jax.diagnosis.families import WORDS
 from scan2flex_jax.effects.catalogue import entry_of
 
-_SMOOTH, _LARGE = 3.0, 0.002  # correlated over white noise, and noise over length, of few scanners
-_FINE = 0.1  # of the radius: a smaller residual may be an error of the scan's axis
-
 
 def of_search(found, chosen, description):
     """The verdict, and the reasons against the likeliest effects."""
@@ -59,9 +56,10 @@ def of_discrepancy(found, discrepancy):
 
 def _if_noise(found):
     """The condition under which smooth errors as large as shapes are noise of the scan."""
-    n, stage = found.stage.noise, found.stage
-    stated = all(pose.noise is not None for pose in stage.bench.problem.study.fit_poses)
-    if stated or found.best.law.curvature or n.correlated < _SMOOTH * n.white or n.total < _LARGE * stage.bench.context.length:
+    n, bench, settings = found.stage.noise, found.stage.bench, found.stage.settings
+    stated = all(pose.noise is not None for pose in bench.problem.study.fit_poses)
+    usual = n.correlated < settings.smooth * n.white or n.total < settings.large_noise * bench.context.length
+    if stated or found.best.law.curvature or usual:
         return ()
     errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
     return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)
@@ -71,7 +69,7 @@ def if_fine(found):
     """The doubt about an effect whose displacements are below the possible error of scans."""
     bench = found.stage.bench
     rms, radius = report.rms(bench, found.stage.base.shapes), bench.context.radius_or_guess
-    if rms > _FINE * radius:
+    if rms > found.stage.settings.fine * radius:
         return ()
     error = f"the error of the baseline model is {1e3 * rms:.2f} mm, {100 * rms / radius:.0f} % of the radius"
     return (f"{error}: it may be that of the scans, which is alike along a pose seen from one side",)

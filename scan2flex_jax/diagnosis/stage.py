@@ -24,7 +24,6 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeats
 
 NOISE_LAWS = 8  # samples of the noise parameters, which propagate their uncertainty into the bootstrap
-_SHARPER = 0.9  # of the noise: a lower estimate given an effect replaces the first one
 
 
 @dataclass
@@ -86,7 +85,9 @@ class Signatures:
         """The likelihood of the noise in the residual of a model, given its own columns and all signatures."""
         bench = self.bench
         rest = (self.parts, bench.context.length, self.stated, self.repeats)
-        return Complement(found_shapes, bench.real, numbers, vector, *rest, alike=self.alike, scales=self.scales)
+        return Complement(
+            found_shapes, bench.real, numbers, vector, *rest, alike=self.alike, scales=self.scales, settings=self.settings
+        )
 
 
 def signatures(
@@ -116,7 +117,7 @@ def signatures(
     if not alike:
         return found, likelihood
     white = whiten(shapes, bench.real, numbers, vector, Law(likelihood.estimate))
-    found = replace(found, scales=scales_of_poses(white, parts))
+    found = replace(found, scales=scales_of_poses(white, parts, settings.prior_rows))
     return found, found.complement(shapes, numbers, vector)
 
 
@@ -154,7 +155,7 @@ def sharpened(of: Signatures, found) -> Stage | None:
     """
     best = found.best
     complement = of.complement(best.shapes, Numbers(of.bench, best.components), best.vector)
-    sharper = complement.estimate.total < _SHARPER * found.stage.noise.total
+    sharper = complement.estimate.total < of.settings.sharper * found.stage.noise.total
     return stage_of(of, complement, found.refits) if sharper else None
 
 

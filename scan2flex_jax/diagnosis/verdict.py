@@ -14,9 +14,6 @@ NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (
     "no missing effect", "explained", "partly explained", "tied", "unexplained", "not in equilibrium",
 )  # fmt: skip
 FOUND = (EXPLAINED, PARTLY, TIE)
-_LEAST = 1.0  # nats over the base model that an effect must have to be an explanation
-_SAME_MISFIT = 4.0  # of chi-squared: largest difference of two effect types of one exact class
-_SEEN = 3.0  # whitened length of one physical size from which its absence is a finding
 
 
 @dataclass(frozen=True)
@@ -49,14 +46,14 @@ def ties(candidates, settings: DiagnosisSettings = USUAL) -> list[int]:
     order = sorted(range(len(candidates)), key=lambda i: -candidates[i].log_evidence)
     best = candidates[order[0]]
     near = best.log_evidence - settings.lead_favoured
-    return [i for i in order if candidates[i].log_evidence > near or _alike(best, candidates[i])]
+    return [i for i in order if candidates[i].log_evidence > near or _alike(best, candidates[i], settings)]
 
 
-def _alike(a: Candidate, b: Candidate) -> bool:
+def _alike(a: Candidate, b: Candidate, settings: DiagnosisSettings) -> bool:
     """Whether two single effect types give the same shapes by the catalogue, and fit as well here."""
     if len(a.kinds) != 1 or len(b.kinds) != 1:
         return False
-    return (b.kinds[0] in a.same_shapes or a.kinds[0] in b.same_shapes) and b.chi2 <= a.chi2 + _SAME_MISFIT
+    return (b.kinds[0] in a.same_shapes or a.kinds[0] in b.same_shapes) and b.chi2 <= a.chi2 + settings.same_misfit
 
 
 def leading(candidates, field: float = float("-inf"), settings: DiagnosisSettings = USUAL) -> str:
@@ -86,13 +83,14 @@ def whole(
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
     fails = varies(constancy, len(best.kinds), settings) or (unseen is not None and unseen > settings.worse)
-    if best.log_evidence < max(_LEAST, field - settings.field_lead) or after.p_value <= settings.level or best.pieces or fails:
+    least = max(settings.least_evidence, field - settings.field_lead)
+    if best.log_evidence < least or after.p_value <= settings.level or best.pieces or fails:
         return UNEXPLAINED
     return EXPLAINED if leading(candidates, field, settings) != TIED else TIE
 
 
 def of_kind(log_evidence: float, visible: float, settings: DiagnosisSettings = USUAL) -> str:
     """Verdict on an effect type that is not among the best: too little, absent, or inconclusive in these poses."""
-    if visible < _SEEN:
+    if visible < settings.visible:
         return INCONCLUSIVE
     return ABSENT if log_evidence < settings.lead_favoured else TOO_LITTLE

@@ -208,13 +208,21 @@ def moved_in_words(influence: Influence | None, pose: str) -> str:
 
 def answer_of(fit) -> Answer:
     """The answer of a `Fit`."""
-    tone, belief = _belief(fit)
-    rows = rows_of(fit.study, fit.estimates)
+    doubts = () if fit.mistakes else fit.doubts
+    return compose(fit.study, fit.estimates, fit.influence, _unseen(fit), *_belief(fit), doubts)
+
+
+def compose(
+    study: Study, estimates: Mapping, influence: Influence | None, unseen: str, tone: str, belief: str,
+    doubts: tuple[str, ...] = (),
+) -> Answer:
+    """An answer; the belief names undetermined estimates, and neither doubts nor warnings repeat a sentence before them."""
+    rows = rows_of(study, estimates)
     lost = [row.symbol for row in rows if not row.value]
     belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
-    doubts = tuple(d for d in fit.doubts if d not in belief) if not fit.mistakes else ()
-    warnings = tuple(w for w in warnings_of(fit.study) if w not in doubts)
-    return Answer(rows, rests_on(fit.study, fit.influence), _unseen(fit), belief, tone, warnings, doubts)
+    doubts = tuple(d for d in doubts if d not in belief)
+    warnings = tuple(w for w in warnings_of(study) if w not in doubts)
+    return Answer(rows, rests_on(study, influence), unseen, belief, tone, warnings, doubts)
 
 
 def _unseen(fit):

@@ -17,12 +17,11 @@ from scipy import linalg, optimize
 
 from scan2flex_jax.fitting.cloud import STATIONS, CloudEvaluator
 from scan2flex_jax.fitting.noise import Noise, matern
+from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 from scan2flex_jax.fitting.statistics import Uncertainty, uncertainty
 
 _FEWEST = 6.0  # least weight of points for a displacement at a station
 _ROUND = 0.02  # least ratio of the smaller to the larger information of a station: below it, one direction is unobserved
-_WHITE_SPREAD, _LENGTH_SPREAD = 0.4, 0.8  # of the logarithms of a and l under their priors
-_TYPICAL = 0.07  # of the length: centre of the prior of l, as for curves
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ def _per_station(k, values):
     return np.stack([np.bincount(k, column, STATIONS) for column in flat.T], axis=1).reshape(STATIONS, *values.shape[1:])
 
 
-def estimate_field(found: list[Stations], shared: int, length: float) -> FieldNoise:
+def estimate_field(found: list[Stations], shared: int, length: float, settings: NoiseSettings = USUAL) -> FieldNoise:
     """Restricted maximum likelihood; the first ``shared`` columns of the Jacobians are common to all poses."""
     slopes = [one.slope for one in found if one.slope is not None]
     own = slopes[0].shape[2] - shared
@@ -102,13 +101,13 @@ def estimate_field(found: list[Stations], shared: int, length: float) -> FieldNo
         X[:, shared + own * i : shared + own * (i + 1)] = slopes[i].reshape(-1, shared + own)[:, shared:]
         blocks.append((one.s, linalg.block_diag(*one.white), one.u.ravel(), X))
     typical = np.sqrt(np.mean(np.concatenate([np.diagonal(one.white, axis1=1, axis2=2).ravel() for one in found])))
-    shortest = 0.01 * length
+    shortest, longest = 0.01 * length, settings.longest_correlation * length
 
     def negative(v):
         factor, correlated, reach = np.exp(2 * v[0]), np.exp(v[1]), np.exp(v[2])
-        prior = 0.5 * (v[0] / _WHITE_SPREAD) ** 2 + 0.5 * ((v[2] - np.log(_TYPICAL * length)) / _LENGTH_SPREAD) ** 2
-        prior += 0.02 * (v[1] - np.log(typical)) ** 2
-        bound = 1e3 * max(0.0, np.log(shortest) - v[2]) ** 2 + 1e3 * max(0.0, v[2] - np.log(0.5 * length)) ** 2
+        prior = 0.5 * (v[0] / settings.cloud_spread) ** 2 + 0.02 * (v[1] - np.log(typical)) ** 2
+        prior += 0.5 * ((v[2] - np.log(settings.usual_correlation * length)) / settings.correlation_spread) ** 2
+        bound = 1e3 * max(0.0, np.log(shortest) - v[2]) ** 2 + 1e3 * max(0.0, v[2] - np.log(longest)) ** 2
         return _restricted(blocks, factor, correlated, reach) + prior + bound
 
     starts = [(0.0, np.log(0.5 * typical), np.log(0.08 * length)), (0.0, np.log(3.0 * typical), np.log(0.15 * length))]

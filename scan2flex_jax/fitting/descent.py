@@ -1,13 +1,12 @@
 """Levenberg-Marquardt with bounds and priors: one descent, for the fit of a study and for the refits of `explain`.
 
-A *model* evaluates a vector ``x`` of numbers and gives the cost to second order about it, with whatever priors it has. The
-descent damps the step in the scale of the numbers themselves (Marquardt), so that it is independent of units; numbers at a
-bound that want to leave it are held. Solves follow the branch from one iterate to the next; a descent that has settled may
-start once more from the measured curves, and goes on if these lead to a closer branch.
+A *model* evaluates a parameter vector ``x`` and gives the cost to second order about it (`quadratic`), with its priors. Solves
+follow the branch from one iterate to the next; a descent that has settled may start once more from the measured curves, and
+continues if these lead to a closer branch.
 
 A step that went uphill shows how the residual curves along it, ``c = r(end) - r - J step``. The second-order correction
-``-(J'J + ...)^-1 J' c`` follows the valley in which it left the floor: geodesic acceleration, with the refused step in place of
-a finite difference.
+``-(J'J + ...)^-1 J' c`` follows the valley whose floor it left: geodesic acceleration, with the refused step in place of a
+finite difference.
 References: More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978); Transtrum and Sethna, "Improvements to
 the Levenberg-Marquardt algorithm for nonlinear least-squares minimization" (2012).
 """
@@ -19,15 +18,17 @@ from typing import Any
 
 import numpy as np
 
-_TRUSTED = 4.0  # times what a linear step promises: what steps to come may bring
-_PATIENCE = 3  # steps in a row that promise too little
+from scan2flex_jax.fitting.quadratic import Quadratic
+
+_TRUSTED = 4.0  # decrease of the cost by all further steps, at most, over that predicted for a linear step
+_PATIENCE = 3  # steps in a row that predict too little
 
 
 @dataclass(frozen=True)
 class Point:
-    """An evaluation at ``x`` (n,): its cost, infinite where a pose is not solved, its configurations, and what else was found.
+    """An evaluation ``found`` at ``x`` (n,): its cost, infinite where a pose is not solved, and its configurations.
 
-    ``residual`` (k,) and ``jacobian`` (k, n) are needed by a descent that bends its steps.
+    ``residual`` (k,) and ``jacobian`` (k, n): for a descent that bends its steps.
     """
 
     x: np.ndarray
@@ -40,68 +41,33 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """When a descent stops, and how it goes on after a refused step.
+    """When a descent stops, and how it continues after a refused step.
 
-    A descent makes ``most`` iterations (a function of the cost). It has converged where a step changes the cost by less than
-    ``settled`` (a function of the cost) or the numbers by less than ``step``, and where an undamped step ``promises`` less
-    than this times the scale of the noise (None: untested). ``damping`` is that of the first step and stays above ``least``,
-    after a refused step above ``refused``; at ``give_up`` the descent ends, converged if ``stuck_converges``. ``closer``: by
-    how much a start from the measured curves must lower a settled cost to be followed (None: untested). ``bend``: steps that
-    go uphill are bent, and the first that is refused is tried from the measured curves too, where ``closer`` tests these.
-    ``hopeless``: a cost that the descent must come under; one that does not promise it is given up.
+    A descent makes ``most`` iterations (a function of the cost). It stops where a step changes the cost by less than
+    ``settled`` (a function of the cost) or the parameters by less than ``step``, and where the damping reaches ``give_up``.
+    With ``judged`` it also stops where the quadratic is stationary, and has converged by the rule of `quadratic`; without, by
+    having settled. ``damping`` is that of the first step and stays above ``least``, after a refused step above ``refused``.
+    ``closer``: decrease of a settled cost from which on a start from the measured curves is followed (None: untested).
+    ``bend``: steps that go uphill are bent, and the first that is refused is tried from the measured curves too, where
+    ``closer`` tests these. ``hopeless``: a cost that the descent must reach; one that does not predict it is given up.
     """
 
     most: Callable[[float], int]
     settled: Callable[[float], float]
     step: float = 0.0
-    promises: float | None = None
+    judged: bool = False
     damping: float
     least: float
     refused: float = 0.0
     give_up: float
-    stuck_converges: bool
     closer: Callable[[float], float] | None
     bend: bool = False
     hopeless: float = np.inf
     progress: Callable[[str], None] = lambda message: None
 
 
-class Quadratic:
-    """The cost to second order about ``x``: half its Hessian ``A`` (n, n) and gradient ``g`` (n,).
-
-    ``scale`` (n,) damps; ``free`` (n,) are the numbers that may move. ``noise``: the scale of promises, a cost.
-    """
-
-    rank = 1e-12  # of the largest singular value: a direction that nothing determines
-
-    def __init__(self, x, A, g, scale, free, noise: float = 1.0):
-        """Nothing is solved yet."""
-        self.x, self.A, self.g, self.free, self.noise = x, A, g, free, noise
-        self.root = np.sqrt(scale[free]) + 1e-150
-        self.unit = A[np.ix_(free, free)] / np.outer(self.root, self.root)
-
-    def solved(self, gradient: np.ndarray, damping: float) -> np.ndarray:
-        """The damped step against a gradient (n,), nowhere shortened."""
-        out = np.zeros_like(self.x)
-        H = self.unit + damping * np.eye(len(self.root))
-        out[self.free] = np.linalg.lstsq(H, -gradient[self.free] / self.root, rcond=self.rank)[0] / self.root
-        return out
-
-    def promised(self, move: np.ndarray) -> float:
-        """Drop of the cost along an undamped move, were the residual linear and nothing bounded."""
-        return float(-self.g @ move)
-
-    def change(self, before: Point, trial: Point) -> float:
-        """Of the cost, with priors that are scaled anew at every iterate."""
-        return trial.cost - before.cost
-
-    def moved(self, before: Point, trial: Point) -> float:
-        """The largest move of a number."""
-        return float(np.max(np.abs(trial.x - before.x), initial=0.0))
-
-
 class Model(abc.ABC):
-    """What a descent minimises, over numbers within the bounds ``low`` and ``high`` (n,)."""
+    """The cost to minimise, over parameters within the bounds ``low`` and ``high`` (n,)."""
 
     low: np.ndarray
     high: np.ndarray
@@ -116,7 +82,7 @@ class Model(abc.ABC):
 
     @abc.abstractmethod
     def bounded(self, move: np.ndarray, about: Quadratic) -> np.ndarray:
-        """A step of a length that the model lets itself be moved by at once."""
+        """The move (n,), shortened to the largest step that the model allows."""
 
     def end(self, move: np.ndarray, about: Quadratic) -> np.ndarray:
         """Where a bounded move ends within the bounds."""
@@ -125,11 +91,13 @@ class Model(abc.ABC):
 
 @dataclass(frozen=True)
 class Descent:
-    """Where a descent ended, in how many iterations, and whether it converged."""
+    """The end of a descent, its iterations, and its status: ``converged``, or ``stalled``, where no step lowers the cost though
+    the quadratic predicts it. Neither: the descent ran out of iterations, was given up, or has an infinite cost."""
 
     point: Point
     iterations: int
     converged: bool
+    stalled: bool = False
 
 
 def descend(model: Model, point: Point, rules: Rules, damping: float | None = None) -> Descent:
@@ -137,36 +105,39 @@ def descend(model: Model, point: Point, rules: Rules, damping: float | None = No
 
     ``damping`` is that of the first step, if it is not that of the rules.
     """
-    damping, iteration, converged, lost = rules.damping if damping is None else damping, 0, False, 0
+    damping, iteration, stopped, lost = rules.damping if damping is None else damping, 0, False, 0
     closer = rules.closer
     afar = rules.bend and closer is not None
     while np.isfinite(point.cost) and iteration < rules.most(point.cost) and damping < rules.give_up:
         q = model.about(point)
-        converged = rules.promises is not None and q.promised(q.solved(q.g, 0.0)) <= rules.promises * q.noise
-        if not converged:
+        stopped = rules.judged and bool(q.stationary())
+        if not stopped:
             iteration += 1
             move = q.solved(q.g, damping)
-            lost = lost + 1 if point.cost - _TRUSTED * q.promised(move) > rules.hopeless else 0
+            lost = lost + 1 if point.cost - _TRUSTED * q.predicted(move) > rules.hopeless else 0
             if lost >= _PATIENCE:
                 break
             trial, afar = _trial(model, q, point, move, damping, rules, afar)
             rules.progress(f"iteration {iteration}: cost {min(point.cost, trial.cost):.6g}")
-            change = q.change(point, trial)
-            converged = bool(abs(change) <= rules.settled(point.cost))
+            change = q.change(point.cost, trial.cost, trial.x)
+            stopped = bool(abs(change) <= rules.settled(point.cost))
             if change < 0:
-                converged |= bool(q.moved(point, trial) < rules.step)
+                stopped |= bool(q.moved(trial.x) < rules.step)
                 point, damping = trial, max(0.1 * damping, rules.least)
             else:
                 damping = max(10.0 * damping, rules.refused)
-        converged |= rules.stuck_converges and damping >= rules.give_up
-        if converged and closer is not None:
+        stopped |= rules.judged and damping >= rules.give_up
+        if stopped and closer is not None:
             fresh, least = model.at(point.x), point.cost - closer(point.cost)
             closer = None
             if fresh.cost < least:
-                point, damping, converged = fresh, rules.damping, False
-        if converged:
+                point, damping, stopped = fresh, rules.damping, False
+        if stopped:
             break
-    return Descent(point, iteration, converged)
+    if not (rules.judged and np.isfinite(point.cost)):
+        return Descent(point, iteration, stopped)
+    converged = bool(model.about(point).converged())
+    return Descent(point, iteration, converged, stopped and not converged)
 
 
 def _trial(model, q, point, move, damping, rules, afar):

@@ -13,6 +13,7 @@ from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.parameters import model_at
 from scan2flex_jax.fitting.problem import Problem, unsettled
 from scan2flex_jax.fitting.result import PoseFit
+from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study import MeasuredCurve
@@ -80,9 +81,9 @@ def _clouds(study, progress):
 class Direct:
     """The direct fit of one study, from the problem of its curves, which gives the start, and its scans."""
 
-    def __init__(self, problem: Problem, scans, progress: Progress = silent):
+    def __init__(self, problem: Problem, scans, progress: Progress = silent, settings: NoiseSettings = USUAL):
         """Nothing is solved yet."""
-        self.problem, self.scans, self.progress = problem, scans, progress
+        self.problem, self.scans, self.progress, self.settings = problem, scans, progress, settings
         self.radius = float(problem.study.cable["radius"])
         self.evaluator = self._evaluator(problem.study.fit_poses, problem.poses)
         self.others: cloud.CloudEvaluator | None = None
@@ -111,7 +112,7 @@ class Direct:
                     "no pose settled on the way of the direct fit", "fit the curves (data 'curve') and look", reasons
                 )
             found = cloud_noise.stations(self.evaluator, minimum.evaluation, length)
-            self.field = cloud_noise.estimate_field(found, layout.shared, length)
+            self.field = cloud_noise.estimate_field(found, layout.shared, length, self.settings)
             spread = cloud.OFFSET * self.radius
             parts = cloud_noise.information(self.evaluator, minimum.evaluation, self.field, spread, length)
             if again or not layout.has_priors:

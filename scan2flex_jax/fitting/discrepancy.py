@@ -19,13 +19,13 @@ import jax
 import numpy as np
 
 from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 from scan2flex_jax.geometry.fields import POINTS, hats, smooth_root
 
 SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
 _FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
 _NEAR = 0.05  # of the length
 _TINY = 1e-12  # of the largest square of a direction: below it a direction moves no point
-USUAL, SPREAD = 0.03, 1.5  # median of b over the curvature of the poses, and standard deviation of its logarithm
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,12 @@ def foreshortening(curvature: float, columns: np.ndarray, s: np.ndarray) -> np.n
     return aside / np.maximum(s, _NEAR * np.max(s))
 
 
-def usual_size(configurations) -> float:
+def usual_size(configurations, settings: NoiseSettings = USUAL) -> float:
     """Prior median of the size ``b`` (1/m): a few per cent of the curvature of the poses."""
     r, R = np.asarray(configurations.r), np.asarray(configurations.R)
     ds = np.linalg.norm(np.diff(r, axis=1), axis=2)
     bend = np.linalg.norm(np.cross(R[:, :-1, :, 2], R[:, 1:, :, 2]), axis=2)
-    return USUAL * max(float(np.sqrt(np.mean((bend / ds) ** 2))), 1e-3 / float(np.sum(ds[0])))
+    return settings.usual_discrepancy * max(float(np.sqrt(np.mean((bend / ds) ** 2))), 1e-3 / float(np.sum(ds[0])))
 
 
 def planes_of(points, gravity) -> int:

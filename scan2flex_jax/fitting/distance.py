@@ -146,23 +146,3 @@ def _held_axes(r, d3, ds):
         return jax.lax.stop_gradient(jnp.stack([n1, jnp.cross(t, n1), t]))
 
     return at
-
-
-def integrated_distance(a: Float[Array, "n 3"], b: Float[Array, "m 3"], count: int = 401) -> Float[Array, ""]:
-    """The paper's Pi (Eq. 10, m^2) of two curves at equal fractions of their arc length."""
-    a, b = curves.resample(a, count), curves.resample(b, count)
-    squared = jnp.sum((a - b) ** 2, axis=1)
-    return jnp.trapezoid(squared, dx=1.0 / (count - 1))
-
-
-def hausdorff_distance(a: Float[Array, "n 3"], b: Float[Array, "m 3"]) -> Float[Array, ""]:
-    """Largest distance (m) from a point of either curve to the other, between the given points and segments."""
-
-    def to_polygon(p, polygon):
-        start, step = polygon[:-1], jnp.diff(polygon, axis=0)
-        t = jnp.clip(jnp.sum((p - start) * step, axis=1) / jnp.sum(step**2, axis=1), 0.0, 1.0)
-        return jnp.min(jnp.linalg.norm(start + t[:, None] * step - p, axis=1))
-
-    forth = jax.vmap(lambda p: to_polygon(p, b))(a)
-    back = jax.vmap(lambda p: to_polygon(p, a))(b)
-    return jnp.maximum(jnp.max(forth), jnp.max(back))

@@ -52,8 +52,8 @@ def estimate_of(
     where there is none.
 
     ``own``: the numbers in ``x``, which have the slot's range, where they differ from ``centre`` (the increments of a law).
-    ``determined``: whether the data determine it, apart from its vagueness; ``felt``: whether they feel it at all, else its
-    place says nothing of its range. An interval is given up to a standard error of ``vaguest``, of a logarithm.
+    ``determined``: whether the data determine it, apart from its vagueness; ``felt``: whether it is identifiable at all; if
+    not, its value at a bound is meaningless. An interval is given up to a standard error of ``vaguest``, of a logarithm.
     """
     own = centre if own is None else own
     bound = (own <= np.array(slot.low) + _TOUCHING) | (own >= np.array(slot.high) - _TOUCHING)

@@ -1,7 +1,7 @@
 """Influence of each pose and of the stated length and mass on the estimates, to first order at a minimum.
 
-With the whitened residual ``r``, its Jacobian ``J`` and the precision ``A = J'J + priors`` of all numbers, leaving out pose
-``i`` moves the numbers by
+With the whitened residual ``r``, its Jacobian ``J`` and the precision ``A = J'J + priors`` of all parameters, leaving out pose
+``i`` moves the parameters by
 
     (A - J_i' J_i)^-1 J_i' r_i,
 

@@ -1,4 +1,4 @@
-"""The moment laws of a fit, with their bands: what a bending or torsion law says over the strains that the poses reached.
+"""The moment laws of a fit: bending or torsion moments over the strains that the poses reached, with their bands.
 
 Symbols: ``q`` curvature or twist (1/m), ``m`` moment (N m), ``B`` stiffness at zero strain (N m^2), ``f = (dm/dq)/B`` tangent
 stiffness over it (-), whose logarithm is a random walk along the grid (`effects.moment_law`). The 95 % band of ``m`` is that of
@@ -91,7 +91,7 @@ class Law:
         return _GRID[self.kind]
 
     def sentences(self) -> tuple[str, ...]:
-        """What the law says, in words."""
+        """The law in words."""
         if self.p_value is None:
             return ()
         if not np.any(self.reached):

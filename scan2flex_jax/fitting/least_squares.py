@@ -3,9 +3,9 @@
 The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of nuisance parameters. The noise
 variance is unknown, so cost / n_residuals stands in for it. In units of it, logarithms have a weak prior about their start (a
 factor of 20 is one standard deviation), so that an unidentifiable one does not drift to where the rod is no cable and takes
-hundreds of steps to solve, while identifiable ones move by a small part of their standard error; and the fit has converged when
-the predicted decrease of the cost is below a thousandth of it. Steps in logarithms are bounded. A fit that started from known
-configurations starts once more from the measured curves at the end.
+hundreds of steps to solve, while identifiable ones move by a small part of their standard error; it is also the noise in the
+rule of convergence (`quadratic`). Steps in logarithms are bounded. A fit from known configurations starts once more
+from the measured curves at the end.
 """
 
 from collections.abc import Callable
@@ -14,17 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from scan2flex_jax.fitting.descent import Model, Point, Quadratic, Rules, descend
+from scan2flex_jax.fitting.descent import Model, Point, Rules, descend
 from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator
+from scan2flex_jax.fitting.quadratic import FitQuadratic
 
 MOST_ITERATIONS = 60
 _PATIENCE, _FAR = 10, 10.0  # iterations, and cost over the one to beat, after which a descent is given up
-LONGEST = 2.0  # in a logarithm (a factor of 7) or, for other numbers, in units of 1 + |value|
 COST_TOLERANCE, STEP_TOLERANCE = 1.0e-10, 1.0e-8
-UNSEEN = 1.0e-10  # of the largest column of the Jacobian: a smaller one is rounding, and the number stays where it is
-_CLOSER = 1.0e-6  # of the cost: what a start from the measured curves must gain
-_GAIN = 1.0e-4  # of the cost: what a converged fit of another method may still promise to gain
-PROMISED = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
+_CLOSER = 1.0e-6  # of the cost: least gain of a start from the measured curves
 GIVE_UP = 1.0e12  # damping at which no step helps
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
@@ -33,17 +30,17 @@ Progress = Callable[[str], None]
 
 
 def silent(message: str) -> None:
-    """The progress of a call that tells nobody."""
+    """No progress."""
 
 
 def prefixed(progress: Progress, prefix: str) -> Progress:
-    """The progress of a part of a call: its costs may have another unit than those of the call itself."""
+    """The progress of a part of a call, whose costs may have other units than those of the call itself."""
     return lambda message: progress(f"{prefix}: {message}")
 
 
 @dataclass
 class Minimum:
-    """Where a method ended: shared and local numbers, the evaluation there, its cost, and why it stopped."""
+    """The end of a method: shared and local parameters, the evaluation there, its cost, and its status (`descent.Descent`)."""
 
     shared: np.ndarray
     local: np.ndarray
@@ -51,14 +48,16 @@ class Minimum:
     cost: float
     iterations: int
     converged: bool
+    stalled: bool = False
 
 
 @dataclass
 class Goal:
-    """What is minimised: an evaluator, the scale of residuals of each pose (m), and bounds of the shared numbers.
+    """The objective: an evaluator, the scale of residuals of each pose (m), and bounds of the shared parameters.
 
-    ``weak``: precision with which each shared number is held where it began, in shares of the cost (0: free). ``beat``: the
-    cost that a minimum has to come under to be of use; a descent far above it is given up after ``patience`` iterations.
+    ``weak``: precision of the prior of each shared parameter about its start, over the noise variance (0: free); ``rounding``:
+    the variance of rounding errors in units of the cost. ``beat``: the cost that a useful minimum has to reach; a descent far
+    above it is given up after ``patience`` iterations.
     """
 
     evaluator: Evaluator
@@ -67,6 +66,7 @@ class Goal:
     high: np.ndarray
     progress: Progress = silent
     weak: np.ndarray | float = 0.0
+    rounding: float = 0.0
     beat: float = np.inf
     patience: int = _PATIENCE
 
@@ -78,7 +78,7 @@ class Goal:
         return float(np.sum((e.residual / self.sigma[:, None, None]) ** 2) + prior)
 
     def normal_equations(self, e: Evaluation, shared, local):
-        """``J'J`` and ``J'r`` of the cost in shared and then all local numbers."""
+        """``J'J`` and ``J'r`` of the cost in shared and then all local parameters."""
         return normal_equations(
             self.evaluator.layout,
             e.residual / self.sigma[:, None, None],
@@ -106,103 +106,66 @@ def normal_equations(layout, residual, jacobian, shared, local):
 def levenberg_marquardt(
     goal: Goal, shared: np.ndarray, local: np.ndarray | None = None, start=None, known: Evaluation | None = None
 ) -> Minimum:
-    """The nearest minimum from ``shared`` (and ``local``); ``start`` continues configurations already found, ``known`` is the
-    evaluation there (from the measured curves) if it has been made."""
+    """The nearest minimum from ``shared`` (and ``local``); ``start``: configurations to continue from; ``known``: the
+    evaluation there (from the measured curves), if available."""
     evaluator = goal.evaluator
     local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
-    model = _FitModel(goal, shared, local.shape)
     e = evaluator(shared, local, start=start) if known is None else known
-    model.residuals = max(int(np.count_nonzero(e.residual)), 1)
+    model = _FitModel(goal, shared, local.shape, _count(e))
     rules = Rules(
         most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
-        settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, promises=PROMISED, damping=1e-3, least=1e-12,
-        give_up=GIVE_UP, stuck_converges=True, closer=None if start is None else lambda cost: _CLOSER * cost,
+        settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, judged=True, damping=1e-3, least=1e-12,
+        give_up=GIVE_UP, closer=None if start is None else lambda cost: _CLOSER * cost,
         progress=goal.progress,
     )  # fmt: skip
     found = descend(model, model.of(np.r_[shared, local.ravel()], e), rules)
     shared, local = model.split(found.point.x)
-    return Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged)
+    return Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged, found.stalled)
 
 
 class _FitModel(Model):
-    """The fit of a study: its shared numbers, then the local ones of all poses.
+    """The fit of a study: its shared parameters, then the local ones of all poses.
 
-    Logarithms are held weakly where the descent ``began``; ``residuals`` is their number there.
+    Logarithms have a weak prior about the start ``began`` of the descent; ``residuals`` is their number there.
     """
 
-    def __init__(self, goal: Goal, began: np.ndarray, shape: tuple[int, ...]):
-        """Nothing is evaluated yet; ``shape`` (poses, local) is that of the local numbers."""
-        self.goal, self.began, self.shape, self.residuals = goal, began, shape, 1
-        free = np.full(int(np.prod(shape)), np.inf)
-        self.low, self.high = np.r_[goal.low, -free], np.r_[goal.high, free]
+    def __init__(self, goal: Goal, began: np.ndarray, shape: tuple[int, ...], residuals: int = 1):
+        """No pose is solved yet; ``shape`` (poses, local) is that of the local parameters."""
+        self.goal, self.shape, self.residuals = goal, shape, residuals
+        self.shared, rest = len(began), int(np.prod(shape))
+        free = np.full(rest, np.inf)
+        self.began, self.low, self.high = np.r_[began, np.zeros(rest)], np.r_[goal.low, -free], np.r_[goal.high, free]
+        self.weak = np.r_[np.broadcast_to(goal.weak, self.shared), np.zeros(rest)]
 
     def split(self, x):
-        """Shared and local numbers."""
-        return x[: len(self.began)], x[len(self.began) :].reshape(self.shape)
+        """Shared and local parameters."""
+        return x[: self.shared], x[self.shared :].reshape(self.shape)
 
     def of(self, x, e: Evaluation) -> Point:
-        """The evaluation at ``x`` that is known."""
+        """The point of a known evaluation at ``x``."""
         return Point(x, self.goal.cost(e, *self.split(x)), e.configuration, e)
 
     def at(self, x, start=None) -> Point:
         return self.of(x, self.goal.evaluator(*self.split(x), start=start))
 
-    def about(self, point) -> "_Bowl":
-        share = point.cost / self.residuals
-        return _Bowl(self, point, share * self.goal.weak, share)
+    def about(self, point) -> FitQuadratic:
+        JJ, Jr = self.goal.normal_equations(point.found, *self.split(point.x))
+        share, bounds = point.cost / self.residuals, (self.low, self.high)
+        return FitQuadratic(
+            point.x, JJ, Jr, self.began, bounds, self.weak > 0, share * self.weak, self.shared, share, self.goal.rounding
+        )
 
     def bounded(self, move, about):
-        """Logarithms that no pose feels follow, and steps in shared numbers are bounded."""
-        n, move = len(self.began), move.copy()
-        if np.any(about.leading):
-            move[:n][about.following] = np.mean(move[:n][about.leading])
-        low, high, x = self.low[:n], self.high[:n], about.x[:n]
-        reach = np.where(np.isfinite(low) & (np.abs(high - low) < 60), 1.0, 1.0 + np.abs(x))
-        longest = np.max(np.abs(move[:n]) / reach, initial=0.0)
-        return move * (min(1.0, LONGEST / longest) if longest > 0 else 1.0)
-
-
-class _Bowl(Quadratic):
-    """The cost of a fit to second order about an iterate, in the numbers that are felt and not held at a bound.
-
-    A logarithm that no pose feels goes with those that are felt: a plane pose says nothing of torsion, but a rod that grows
-    stiffer in bending alone would buckle out of the plane.
-    """
-
-    rank = 1e-14
-
-    def __init__(self, model: _FitModel, point: Point, weak: np.ndarray | float = 0.0, share: float = 1.0):
-        """With logarithms held by the precision ``weak``."""
-        goal, began = model.goal, model.began
-        JJ, Jr = goal.normal_equations(point.found, *model.split(point.x))
-        n, x = len(began), point.x
-        felt = np.diag(JJ)[:n] > UNSEEN**2 * np.max(np.diag(JJ))
-        logs = np.broadcast_to(goal.weak, n) > 0
-        self.began, self.weak = began, np.where(felt, weak, 0.0)
-        self.leading, self.following = felt & logs, ~felt & logs
-        JJ[np.arange(n), np.arange(n)] += self.weak
-        Jr[:n] += self.weak * (x[:n] - began)
-        scale = np.diag(JJ) + 1e-300
-        held = ((x <= model.low) & (Jr > 0)) | ((x >= model.high) & (Jr < 0))
-        super().__init__(x, JJ, Jr, scale, ~held & (scale > UNSEEN**2 * np.max(scale)), share)
-
-    def change(self, before, trial):
-        n, began = len(self.began), self.began
-        held = np.sum(self.weak * ((trial.x[:n] - began) ** 2 - (before.x[:n] - began) ** 2))
-        return trial.cost + held - before.cost
-
-    def moved(self, before, trial):
-        n = len(self.began)
-        return float(np.max(np.abs(trial.x[:n] - before.x[:n]), initial=0.0))
+        return about.bounded(move)
 
 
 def bfgs(goal: Goal, shared: np.ndarray) -> Minimum:
-    """L-BFGS-B on the summed squared distance with its gradient by the implicit function theorem (local numbers at zero)."""
+    """L-BFGS-B on the summed squared distance with its gradient by the implicit function theorem (local parameters at zero)."""
     return _scipy(goal, shared, "L-BFGS-B", derivative=True, options={"maxiter": 200, "ftol": 1e-15, "gtol": 1e-9})
 
 
 def nelder_mead(goal: Goal, shared: np.ndarray) -> Minimum:
-    """The paper's method (Section 5.2.2), its baseline here; no gradient, in logarithms of positive numbers."""
+    """The paper's method (Section 5.2.2), its baseline here; no gradient, in logarithms of positive parameters."""
     return _scipy(goal, shared, "Nelder-Mead", derivative=False, options={"maxiter": 400, "xatol": 1e-6, "fatol": 1e-14})
 
 
@@ -228,13 +191,13 @@ def _scipy(goal, shared, method, derivative, options):
     found = optimize.minimize(value, shared, method=method, jac=derivative, bounds=bounds, options=options)
     x = best.get("x", shared)
     e = evaluator(x, local)
-    cost = goal.cost(e, x, local)
-    converged = bool(found.success) or (np.isfinite(cost) and _gain(goal, x, local, e) <= _GAIN * cost)
-    return Minimum(x, local, e, cost, int(found.nit), bool(converged))
+    cost, converged = goal.cost(e, x, local), bool(found.success)
+    if np.isfinite(cost) and evaluator.distance != "hausdorff":  # it has no least squares to judge by
+        model = _FitModel(goal, x, local.shape, _count(e))
+        converged = bool(model.about(model.of(np.r_[x, local.ravel()], e)).converged())
+    return Minimum(x, local, e, cost, int(found.nit), converged, bool(found.success) and not converged)
 
 
-def _gain(goal, shared, local, e) -> float:
-    """What an undamped step would gain."""
-    model = _FitModel(goal, shared, local.shape)
-    bowl = _Bowl(model, model.of(np.r_[shared, local.ravel()], e))
-    return bowl.promised(bowl.solved(bowl.g, 0.0))
+def _count(e: Evaluation) -> int:
+    """Number of residuals that count."""
+    return max(int(np.count_nonzero(e.residual)), 1)

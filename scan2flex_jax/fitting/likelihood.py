@@ -1,7 +1,7 @@
 """Estimation of the noise of measured curves from residuals: its restricted likelihood with priors, for `fit` and `explain`.
 
-What the model's sensitivities explain is projected out of the residuals, under the priors of the numbers behind them, so that
-fitting parameters does not make the noise look smaller. Symbols as in `noise`; a discrepancy is that of `discrepancy`.
+The residuals are projected off the model's sensitivities, under the priors of its parameters, so that fitting parameters does
+not reduce the noise. Symbols as in `noise`; a discrepancy is that of `discrepancy`.
 Reference: Patterson and Thompson, "Recovery of inter-block information when block sizes are unequal" (1971).
 """
 
@@ -14,23 +14,19 @@ from scipy import linalg
 from scan2flex_jax.fitting.discrepancy import foreshortening, principal
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import Noise, most_likely, most_likely_with_discrepancy
+from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 
-USUAL, FACTOR = 1e-3, np.log(5.0)  # noise over length of a scan, and by what factor (one sigma) scans differ
-LARGEST = 5e-3  # of the length: largest noise of a scan in a model with a discrepancy
-_MOST = 72  # points of a pose that enter the likelihood: they resolve any correlation that matters
-_OPEN = 1e-9  # of the largest eigenvalue of the scaled information: a direction that no pose feels
-_UNFELT = 1e-5  # of the largest column: one that no pose feels
-_USUAL_LENGTH = 0.07  # of the length of the cable: median of the correlation length
-_SPREAD, _LONGEST = 0.8, 0.5  # correlation length in a fit: log spread of its prior, and its maximum over the length
-_STATED = 0.15  # by what factor (one sigma, of its logarithm) a stated noise may be off
+_MOST = 72  # points of a pose that enter the likelihood: enough to resolve the correlation
+_OPEN = 1e-9  # of the largest eigenvalue of the scaled information: an unidentifiable direction
+_UNFELT = 1e-5  # of the largest column: an unidentifiable parameter
 
 
 class Residual(NamedTuple):
-    """What a likelihood of the noise needs of one pose: arc lengths ``s`` (m,), residual ``r`` (m, c), columns ``X`` (m, c, k)
-    of the numbers that stand ``at`` (k,) in the vector of all, and those of its discrepancy, ``Z`` (m, c, q); lengths in m.
+    """Input of a likelihood of the noise for one pose: arc lengths ``s`` (m,), residual ``r`` (m, c), columns ``X`` (m, c, k)
+    of the parameters at the indices ``at`` (k,), and those of its discrepancy, ``Z`` (m, c, q); lengths in m.
 
     The components c are those along the normals, two or the one in the plane of a picture, and the last one that along the
-    tangent, which counts for points that are ``marked`` (m,)."""
+    tangent, used for points that are ``marked`` (m,)."""
 
     s: np.ndarray
     r: np.ndarray
@@ -52,7 +48,7 @@ class Residual(NamedTuple):
         return self._replace(r=self.r / scale, X=self.X / scale, Z=Z)
 
     def in_plane(self) -> "Residual":
-        """With the normal in its plane alone, of a pose that was measured in one."""
+        """With the in-plane normal only, for a pose measured in one plane."""
         u = plane_of(self.r)
         Z = None if self.Z is None else projected(self.Z, u)
         return self._replace(r=projected(self.r, u), X=projected(self.X, u), Z=Z)
@@ -66,31 +62,29 @@ def thinned(s: np.ndarray, most: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """Weak log-normal priors of a noise, as negative logarithms up to a constant.
+    """Weak log-normal priors of a noise by its ``settings``, as negative logarithms up to a constant.
 
-    The correlation length is known to a factor of ``exp(spread)`` around 0.07 of the cable's ``length`` (m), and lies between
-    ``shortest`` (m) and ``longest`` of that length. A ``stated`` total (m) holds to within 15 %; one that nobody stated is,
-    where ``scanner``, that of a scan.
+    ``length`` (m) of the cable; ``stated`` total (m) of the noise, if any; ``shortest`` correlation length (m). ``scanner``: an
+    unstated total has the prior of a scan.
     """
 
     length: float
     stated: float | None
     shortest: float
-    spread: float
-    longest: float
     scanner: bool
+    settings: NoiseSettings = USUAL
 
     def __call__(self, noise: Noise, u: np.ndarray, discrepancy: bool = False) -> float:
-        """At a noise of logarithms ``u``; with a ``discrepancy`` an unstated noise is at most `LARGEST`."""
-        L = self.length
-        prior = 0.5 * ((u[2] - np.log(_USUAL_LENGTH * L)) / self.spread) ** 2 + 0.02 * (u[1] - u[0]) ** 2
+        """At a noise of logarithms ``u``; with a ``discrepancy`` an unstated noise is bounded."""
+        L, own = self.length, self.settings
+        prior = 0.5 * ((u[2] - np.log(own.usual_correlation * L)) / own.correlation_spread) ** 2 + 0.02 * (u[1] - u[0]) ** 2
         if self.stated:
-            prior += 0.5 * (np.log(noise.total / self.stated) / _STATED) ** 2
+            prior += 0.5 * (np.log(noise.total / self.stated) / own.stated_spread) ** 2
         elif self.scanner or discrepancy:
-            prior += 0.5 * (np.log(noise.total / (USUAL * L)) / FACTOR) ** 2
+            prior += 0.5 * (np.log(noise.total / (own.usual_noise * L)) / np.log(own.noise_factor)) ** 2
         if discrepancy and not self.stated:
-            prior += 1e2 * max(0.0, np.log(noise.total / (LARGEST * L))) ** 2
-        beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(self.longest * L)) ** 2
+            prior += 1e2 * max(0.0, np.log(noise.total / (own.most_noise * L))) ** 2
+        beyond = max(0.0, np.log(self.shortest) - u[2]) ** 2 + max(0.0, u[2] - np.log(own.longest_correlation * L)) ** 2
         return prior + 1e3 * beyond
 
 
@@ -121,39 +115,41 @@ def shortest_of(poses: list[Residual], length: float) -> float:
     return max(spacing_of([p.s for p in poses]), 0.01 * length)
 
 
-def estimate_noise(poses: list[Residual], length: float, stated: float | None = None) -> Noise:
-    """Restricted maximum likelihood; ``stated`` is the total that the user states (m), held to within 15 %."""
+def estimate_noise(
+    poses: list[Residual], length: float, stated: float | None = None, settings: NoiseSettings = USUAL
+) -> Noise:
+    """Restricted maximum likelihood; ``stated`` is the total that the user states (m)."""
     thin = _felt([p.thinned() for p in poses])
     columns = thin[0].X.shape[-1]
     r = np.concatenate([p.r[:, :-1].ravel() for p in thin])
     X = np.concatenate([p.X[:, :-1].reshape(p.r[:, :-1].size, columns) for p in thin])
     left = r - X @ np.linalg.lstsq(X, r, rcond=None)[0] if columns else r
     size = max(np.sqrt(np.mean(left**2)), 1e-12 * length)
-    return most_likely(_of_fit(thin, length, stated), stated or size, length)
+    return most_likely(_of_fit(thin, length, stated, settings), stated or size, length)
 
 
 def _felt(poses: list[Residual]) -> list[Residual]:
-    """The poses without columns that none of them feels: rounding errors are no directions of a model."""
+    """The poses without columns of unidentifiable parameters, which are rounding errors."""
     size = np.sqrt(sum(np.sum(p.X**2, axis=(0, 1)) for p in poses))
     keep = np.flatnonzero(size > _UNFELT * np.max(size, initial=0.0))
     return [p._replace(X=p.X[:, :, keep], at=np.arange(len(keep))) for p in poses]
 
 
 def noise_and_discrepancy(
-    poses: list[Residual], noise: Noise, length: float, stated: float | None, usual: float
+    poses: list[Residual], noise: Noise, length: float, stated: float | None, usual: float, settings: NoiseSettings = USUAL
 ) -> tuple[Noise, float]:
-    """Noise and size (1/m) of the discrepancy by restricted maximum likelihood, begun at the ``noise`` that is likeliest alone.
+    """Noise and size (1/m) of the discrepancy by restricted maximum likelihood, starting from the most likely ``noise`` alone.
 
     ``usual`` (1/m): the median of the prior of that size.
     """
-    likelihood = _of_fit(_felt([p.thinned() for p in poses]), length, stated)
-    return most_likely_with_discrepancy(likelihood.with_discrepancy, noise, usual, length)[:2]
+    likelihood = _of_fit(_felt([p.thinned() for p in poses]), length, stated, settings)
+    return most_likely_with_discrepancy(likelihood.with_discrepancy, noise, usual, length, settings=settings)[:2]
 
 
-def _of_fit(poses, length, stated) -> RestrictedLikelihood:
+def _of_fit(poses, length, stated, settings) -> RestrictedLikelihood:
     """The likelihood given a fit, whose parameters are free."""
     free = np.zeros(poses[0].X.shape[-1])
-    prior = NoisePrior(length, stated, shortest_of(poses, length), _SPREAD, _LONGEST, scanner=False)
+    prior = NoisePrior(length, stated, shortest_of(poses, length), scanner=False, settings=settings)
     return RestrictedLikelihood(poses, prior, free, free)
 
 
@@ -193,8 +189,8 @@ def restricted_likelihood(
 ) -> float:
     """Negative logarithm of the restricted likelihood of the poses' residuals (up to a constant).
 
-    The numbers (K,) behind the columns have a normal prior of this ``precision`` (K,), 0 for none, whose gradient is ``pull``
-    (K,). ``curvature`` (1/m) is the size of the discrepancy (`fitting.discrepancy`).
+    The parameters (K,) have a normal prior of this ``precision`` (K,), 0 for none, with the gradient ``pull`` (K,).
+    ``curvature`` (1/m) is the size of the discrepancy (`fitting.discrepancy`).
     """
     XX, Xr, total = np.diag(precision), pull.copy(), 0.0
     for s, r, X, at, Z, marked in poses:

@@ -1,9 +1,9 @@
 """The noise of measured curves: covariance of a white and of a correlated part, and the search for the most likely one.
 
 Covariance of one normal component of one pose: ``sw^2 I + sc^2 k(|s - s'|/l)``, ``k`` a Matern kernel of smoothness 3/2, 5/2
-or infinity (a squared exponential): errors of a scanner may be as smooth as a spline that was laid through its points, and a
-kernel that is rougher than they are takes them for a signal. ``sw, sc, l`` and the smoothness maximise a likelihood that the
-caller gives, by a simplex from several starts; `likelihood.estimate_noise` estimates them from the residuals of poses.
+or infinity (a squared exponential): errors of a scanner may be as smooth as a spline through its points, and a rougher kernel
+would take them for a signal. ``sw, sc, l`` and the smoothness maximise a likelihood that the caller gives, by a simplex from
+several starts; `likelihood.estimate_noise` estimates them from the residuals of poses.
 Reference: Rasmussen and Williams, "Gaussian Processes for Machine Learning" (2006), eqs. 4.17 and 5.8.
 """
 
@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from scan2flex_jax.fitting.discrepancy import SPREAD
+from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 
 _SMOOTHNESS = (1.5, 2.5, np.inf)
-_FLOOR = 0.1  # white part over the size of the residual: nothing finer is asked of a model of the cable
-_MOST_OF_SIZE = 3.0  # total over the size: what a fit absorbs of a noise that is smooth over the whole cable, no more
-_WORTH = 2.0  # nats that a discrepancy has to gain
-_REGULAR = 1e-3  # of the correlated part: a white part that lets the matrix of a smooth kernel be factored
-_FINEST = 1e-5  # of the length: no sensor's noise is smaller
+_FLOOR = 0.1  # least white part over the size of the residual
+_MOST_OF_SIZE = 3.0  # largest total over the size: a fit absorbs part of a noise that is smooth over the whole cable
+_REGULAR = 1e-3  # of the correlated part: least white part for the factorisation of a smooth kernel's matrix
+_FINEST = 1e-5  # of the length: least noise of a sensor
 _TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
 _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in units of the size, and the length
@@ -29,8 +28,8 @@ _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in u
 class Noise:
     """Standard deviations of one normal component (m) of the white and the correlated part, its length (m) and smoothness.
 
-    ``alike`` (m): standard deviation of a third part, which is one and the same along a whole pose, as where the radius of a
-    cable is misjudged from one side. It is given and not estimated: few poses do not tell it.
+    ``alike`` (m): standard deviation of a third part, constant along a pose, as where the radius of a cable is misjudged from
+    one side. It is given, since few poses do not determine it.
     """
 
     white: float
@@ -51,7 +50,7 @@ class Noise:
 
     @property
     def total(self) -> float:
-        """Standard deviation of one normal component (m), without the part that is alike along a pose."""
+        """Standard deviation of one normal component (m), without the constant part."""
         return float(np.hypot(self.white, self.correlated))
 
     def to_json(self) -> dict:
@@ -89,7 +88,7 @@ def most_likely(negative, size: float, length: float, alike: float = 0.0) -> Noi
 
     starts = [np.log([a * size, b * size, c * length]) for a, b, c in _STARTS]
     found = [_nearest(objective, _SMOOTHNESS[0], u, _WIDE) for u in starts]
-    for smoothness in _SMOOTHNESS[1:]:  # other kernels differ little in their numbers
+    for smoothness in _SMOOTHNESS[1:]:  # other kernels have similar parameters
         found.append(_nearest(objective, smoothness, min(found, key=lambda f: f[0])[2], _NARROW))
     _, smoothness, u = min(found, key=lambda f: f[0])
     return Noise.at(u, smoothness, alike)
@@ -110,13 +109,14 @@ def _nearest(objective, smoothness, u, reach):
 
 
 def most_likely_with_discrepancy(
-    negative, noise: Noise, usual: float, length: float, near: tuple[Noise, float] | None = None
+    negative, noise: Noise, usual: float, length: float, near: tuple[Noise, float] | None = None,
+    settings: NoiseSettings = USUAL,
 ) -> tuple[Noise, float, float]:
     """``(noise, curvature, value)`` that minimise ``negative(noise, u, curvature)`` plus the prior of the curvature (1/m).
 
-    ``usual`` is the median of that prior, which is log-normal. A discrepancy that gains no more than `_WORTH` nats over
+    ``usual`` is the median of that prior, which is log-normal. A discrepancy that gains too little (``settings``) over
     ``noise``, the most likely one without it, is none: the curvature is then zero, and ``value`` that of ``noise``.
-    ``near``, a noise and a curvature close to the sought ones, is where to begin.
+    ``near``: a noise and a curvature to start from.
     """
     u = logarithms(noise)
     least = np.log(_FINEST * length)
@@ -124,7 +124,7 @@ def most_likely_with_discrepancy(
     def objective(v):
         found = _regular(noise.moved(v[:3]), length)
         low = max(0.0, least - v[0]) ** 2 + max(0.0, least - v[1]) ** 2
-        prior = 0.5 * ((v[3] - np.log(usual)) / SPREAD) ** 2
+        prior = 0.5 * ((v[3] - np.log(usual)) / settings.discrepancy_spread) ** 2
         return negative(found, v[:3], float(np.exp(v[3]))) + prior + 1e3 * low
 
     if near is None:
@@ -141,7 +141,7 @@ def most_likely_with_discrepancy(
         options = {"xatol": 2e-2, "fatol": 2e-2, "maxiter": 200, "initial_simplex": simplex}
         ends.append(optimize.minimize(objective, start, method="Nelder-Mead", options=options))
     found, without = min(ends, key=lambda end: end.fun), negative(noise, u, 0.0)
-    if found.fun > without - _WORTH:
+    if found.fun > without - settings.discrepancy_gain:
         return noise, 0.0, float(without)
     return _regular(noise.moved(found.x[:3]), length), float(np.exp(found.x[3])), float(found.fun)
 
@@ -152,14 +152,14 @@ def logarithms(noise: Noise) -> np.ndarray:
 
 
 def _regular(noise: Noise, length: float) -> Noise:
-    """The noise with a white part that lets its covariance be factored."""
+    """The noise with a white part large enough to factorise its covariance."""
     return replace(noise, white=max(noise.white, _FINEST * length, _REGULAR * noise.correlated))
 
 
 def white_noise(pose) -> float:
     """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from fourth differences.
 
-    Bends between the points raise it, so that a curve of few points casts no doubt. Infinite where nothing tells it.
+    Bends between the points raise it, so that a curve of few points casts no doubt. Infinite if unknown.
     """
     if pose.noise is not None:
         return pose.noise

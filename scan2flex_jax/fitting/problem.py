@@ -24,6 +24,7 @@ from scan2flex_jax.fitting.least_squares import (
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
+from scan2flex_jax.fitting.quadratic import rounding_of
 from scan2flex_jax.fitting.start import STIFFNESSES, own_start
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
@@ -90,7 +91,8 @@ class Problem:
         low, high = self.layout.ranges
         free = np.full(self.layout.shared - self.layout.unknowns, np.inf)
         low, high = np.r_[low, -free], np.r_[high, free]
-        return Goal(self.evaluator, sigma, low, high, progress, np.where(self.logs(), WEAK**-2, 0.0))
+        weak, rounding = np.where(self.logs(), WEAK**-2, 0.0), float(rounding_of(self.length, sigma))
+        return Goal(self.evaluator, sigma, low, high, progress, weak, rounding)
 
     def starts(self) -> list[np.ndarray]:
         """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs."""

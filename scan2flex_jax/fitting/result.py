@@ -100,7 +100,7 @@ class Fit:
         units = [s for s in self.sentences if s in unit_warnings(self.study)]
         turned = self.turned if len(self.turned) < 2 else (_SEVERAL_TURNED.format(len(self.turned)), *self.turned)
         judged = [s for s in self.sentences[-1:] if self.valid is False]
-        return (*(() if self.converged else (UNSETTLED,)), *self.misfits[:1], *units, *turned, *judged)
+        return (*(() if self.converged else (unsettled(self.minimum),)), *self.misfits[:1], *units, *turned, *judged)
 
     @cached_property
     def influence(self) -> Influence | None:
@@ -182,10 +182,16 @@ class Fit:
 
 
 UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
+STALLED = "the fit has stalled: no step lowers its cost, short of a minimum; its values and intervals are not to be believed"
 _AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
 _SEVERAL_TURNED = (
-    "{} poses fit only with other turns than the study says: look at the rolls of their clamps before believing the values"
+    "{} poses fit only with other turns than the study states: look at the rolls of their clamps before believing the values"
 )
+
+
+def unsettled(minimum: Minimum) -> str:
+    """The status of a minimum that has not converged."""
+    return STALLED if minimum.stalled else UNSETTLED
 
 
 def in_words(e: Estimate) -> str:

@@ -18,7 +18,7 @@ from scan2flex_jax.fitting.law import laws_of
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
-from scan2flex_jax.fitting.result import UNSETTLED, Fit, PoseFit
+from scan2flex_jax.fitting.result import Fit, PoseFit, unsettled
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
@@ -60,7 +60,7 @@ def fit(
         progress: Called with a line of text now and then.
         slots: Energy laws of effects that may be added later, at zero amplitude, so that a later search reuses the functions
             compiled here.
-        settings: Thresholds of the validation.
+        settings: Priors of the noise, and thresholds of the validation.
 
     Returns:
         Estimates with their intervals, the errors of all poses (m), the noise, and sentences on their validity.
@@ -85,10 +85,10 @@ def fit(
         minimum, said = problem.seen_by_normals(minimum), (*said, _HAUSDORFF)
     stated = _stated_noise(study)
     if scans is None:
-        minimum, noise, sensor, discrepancy, known = _from_curves(problem, minimum, stated, progress)
+        minimum, noise, sensor, discrepancy, known = _from_curves(problem, minimum, stated, progress, settings)
         poses, solved = _pose_fits(problem, minimum, known.covariance), problem.evaluator.equilibria
     else:
-        direct = Direct(problem, scans, progress)
+        direct = Direct(problem, scans, progress, settings)
         minimum, noise, known = direct.fit(minimum)
         sensor, discrepancy = noise, Discrepancy(length=problem.length)
         poses, solved = direct.pose_fits(minimum), direct.equilibria
@@ -99,7 +99,7 @@ def fit(
     laws = laws_of(problem, minimum, known.covariance, sensor, discrepancy)
     verdict = (*belief.of_discrepancy(discrepancy), *verdict)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
-    said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [UNSETTLED]))
+    said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
     return Fit(
         study=study if scans else whole,
         problem=problem,
@@ -128,7 +128,7 @@ def fit(
 
 
 def _known(known, laws, estimates):
-    """What the poses do not determine, what their laws say, and what lies at a bound."""
+    """Sentences on undetermined values, on laws, and on values at a bound."""
     return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
 
 
@@ -157,15 +157,15 @@ def _correlation(covariance):
     return correlation
 
 
-def _from_curves(problem, minimum, stated, progress):
+def _from_curves(problem, minimum, stated, progress, settings):
     """Minimum under its priors, residual noise, noise of the sensor, discrepancy, and uncertainty of the estimates."""
-    noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated)
+    noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated, settings)
     if problem.layout.has_priors:
         minimum = problem.with_priors(minimum, noise, progress)
-        noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated)
+        noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated, settings)
     sensor, discrepancy = noise, Discrepancy(length=problem.length)
     if problem.evaluator.distance in _ACROSS:
-        sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated)
+        sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated, settings)
     known = uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), sensor, discrepancy)
     return minimum, noise, sensor, discrepancy, known
 

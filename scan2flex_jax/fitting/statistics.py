@@ -12,10 +12,12 @@ import numpy as np
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part, planes_of, usual_size
 from scan2flex_jax.fitting.estimate import VAGUE, vague
-from scan2flex_jax.fitting.least_squares import UNSEEN, normal_equations
+from scan2flex_jax.fitting.least_squares import normal_equations
 from scan2flex_jax.fitting.likelihood import Residual, estimate_noise, noise_and_discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import Layout
+from scan2flex_jax.fitting.quadratic import UNSEEN
+from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
 _PART = 0.05  # of the largest component of an open direction: entries with a larger one are not determined
@@ -32,21 +34,23 @@ class Uncertainty:
     sentences: tuple[str, ...]
 
 
-def noise_of(evaluation, poses, length: float, stated: float | None) -> Noise:
+def noise_of(evaluation, poses, length: float, stated: float | None, settings: NoiseSettings = USUAL) -> Noise:
     """Noise estimated from an evaluation's residuals (see `fitting.noise`)."""
-    return estimate_noise(_residuals(evaluation, poses), length, stated)
+    return estimate_noise(_residuals(evaluation, poses), length, stated, settings)
 
 
-def discrepancy_of(problem, minimum, noise: Noise, stated: float | None) -> tuple[Noise, Discrepancy]:
+def discrepancy_of(
+    problem, minimum, noise: Noise, stated: float | None, settings: NoiseSettings = USUAL
+) -> tuple[Noise, Discrepancy]:
     """Noise of the sensor and discrepancy, estimated together, starting from the most likely ``noise`` without one."""
     poses, length, e = problem.poses, problem.length, minimum.evaluation
     columns = problem.evaluator.scatter(minimum.shared, minimum.local, e.configuration)
     columns = tuple(Z[np.asarray(mask) > 0] for Z, mask in zip(columns, poses.mask, strict=True))
     points = np.concatenate([np.asarray(p)[np.asarray(m) > 0] for p, m in zip(poses.points, poses.mask, strict=True)])
-    planes, usual = planes_of(points, problem.study.gravity), usual_size(e.configuration)
+    planes, usual = planes_of(points, problem.study.gravity), usual_size(e.configuration, settings)
     residuals = _residuals(e, poses, columns)
     residuals = [r.in_plane() for r in residuals] if planes == 1 else residuals
-    found, curvature = noise_and_discrepancy(residuals, noise, length, stated, usual)
+    found, curvature = noise_and_discrepancy(residuals, noise, length, stated, usual, settings)
     if not curvature:
         return found, Discrepancy(length=length)
     parts = zip(columns, _residuals(e, poses), strict=True)

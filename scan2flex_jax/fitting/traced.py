@@ -1,7 +1,7 @@
 """The fit of a study as one traced function: Levenberg-Marquardt in JAX, compiled once and vmapped.
 
-The descent is that of `least_squares` and `descent`, step by step: damping, bounds, weak precision of the logarithms, steps
-continued from the last configurations, and another start where a minimum leaves doubt (`problem`). Guesses, poses, noise and
+The descent is that of `least_squares` and `descent`, step by step: steps and the rule of convergence of `quadratic`, solves
+continued from the last configurations, and another start where a minimum is in doubt (`problem`). Guesses, poses, noise and
 any other array of a `TracedProblem` may have a leading axis of samples:
 
     problem, starts = traced_problem(study)
@@ -23,17 +23,10 @@ from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting.least_squares import (
-    COST_TOLERANCE,
-    GIVE_UP,
-    LONGEST,
-    MOST_ITERATIONS,
-    PROMISED,
-    STEP_TOLERANCE,
-    UNSEEN,
-)
+from scan2flex_jax.fitting.least_squares import COST_TOLERANCE, GIVE_UP, MOST_ITERATIONS, STEP_TOLERANCE
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import CREDIBLE, FIT_ELEMENTS, LADDER, WEAK, Problem
+from scan2flex_jax.fitting.quadratic import FitQuadratic, rounding_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, of_poses
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
@@ -41,15 +34,13 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 
 DISTANCES = ("normal", "integrated")
-_STALLED = 10.0  # times what a converged fit may still promise: a descent that stops beyond it is stuck, not converged
-_RANK = 1.0e-14  # of the largest eigenvalue of the scaled normal equations
 
 
 class TracedProblem(eqx.Module):
-    """A residual function with the ranges of its numbers and the scale of its residuals.
+    """A residual function with the ranges of its parameters and the scale of its residuals.
 
     ``low`` and ``high`` (n,): ranges of ``x``; ``sigma`` (P,) in m: standard deviations that weigh the poses; ``length`` (m) of
-    the cable; ``logs`` (n,): which numbers are logarithms.
+    the cable; ``logs`` (n,): mask of logarithms.
     """
 
     function: ResidualFunction
@@ -137,7 +128,7 @@ def traced_problem(
 
 
 def padded_starts(problem: TracedProblem, starts: Sequence[np.ndarray]) -> Float[np.ndarray, "starts n"]:
-    """Starts of the unknowns, with the nearly known numbers at zero."""
+    """Starts of the unknowns, with the nuisance parameters at zero."""
     rest = len(problem.logs) - problem.function.layout.unknowns
     return np.stack([np.r_[x, np.zeros(rest)] for x in starts])
 
@@ -168,56 +159,12 @@ def evaluate(problem: TracedProblem, x, start: Configuration) -> _Value:
     return _Value(cost, jnp.sum(squares), JJ, Jr, jnp.maximum(jnp.sum(counts), 1), configuration, verdict)
 
 
-class _Bowl(NamedTuple):
-    """The cost to second order about an iterate, as `least_squares` has it."""
-
-    JJ: Float[Array, "n n"]
-    Jr: Float[Array, " n"]
-    weak: Float[Array, " n"]
-    free: Bool[Array, " n"]
-    leading: Bool[Array, " n"]
-    following: Bool[Array, " n"]
-
-    @classmethod
-    def about(cls, problem, value, x, began):
-        """At ``x``, with the logarithms held weakly where the descent ``began``."""
-        n, logs = problem.function.layout.shared, np.asarray(problem.logs)
-        diagonal = jnp.diag(value.JJ)
-        shared = np.arange(len(logs)) < n
-        felt = diagonal > UNSEEN**2 * jnp.max(diagonal)
-        weak = jnp.where(felt & logs, value.cost / value.residuals * WEAK**-2, 0.0)
-        JJ, Jr = value.JJ + jnp.diag(weak), value.Jr + weak * (x - began)
-        held = ((x <= problem.low) & (Jr > 0)) | ((x >= problem.high) & (Jr < 0))
-        scale = jnp.diag(JJ) + 1e-300
-        free = ~held & (scale > UNSEEN**2 * jnp.max(scale))
-        return cls(JJ, Jr, weak, free, felt & logs & shared, ~felt & logs & shared)
-
-    def move(self, damping):
-        """The step, nowhere shortened."""
-        scale = jnp.diag(self.JJ) + 1e-300
-        root = jnp.sqrt(scale * (1.0 + damping))
-        both = self.free[:, None] & self.free
-        A = jnp.where(both, (self.JJ + damping * jnp.diag(scale)) / jnp.outer(root, root), jnp.eye(len(root)))
-        values, vectors = jnp.linalg.eigh(A)
-        seen = values > _RANK * values[-1]
-        along = vectors.T @ jnp.where(self.free, -self.Jr / root, 0.0)
-        return jnp.where(self.free, vectors @ jnp.where(seen, along / jnp.where(seen, values, 1.0), 0.0) / root, 0.0)
-
-    def promised(self):
-        """By how much an undamped step would lower the cost, to second order."""
-        return -self.Jr @ self.move(0.0)
-
-    def step(self, problem, x, damping):
-        """The numbers after a damped step of bounded length."""
-        n, low, high = problem.function.layout.shared, problem.low, problem.high
-        move = self.move(damping)
-        count = jnp.sum(self.leading)
-        mean = jnp.sum(jnp.where(self.leading, move, 0.0)) / jnp.maximum(count, 1)
-        move = jnp.where(self.following & (count > 0), mean, move)
-        reach = jnp.where(jnp.isfinite(low) & (jnp.abs(high - low) < 60), 1.0, 1.0 + jnp.abs(x))
-        longest = jnp.max((jnp.abs(move) / reach)[:n], initial=0.0)
-        move = move * jnp.minimum(1.0, LONGEST / jnp.maximum(longest, 1e-300))
-        return jnp.clip(x + move, low, high)
+def _about(problem, value, x, began) -> FitQuadratic:
+    """The cost to second order about ``x``, as `least_squares` has it."""
+    n, logs, share = problem.function.layout.shared, np.asarray(problem.logs), value.cost / value.residuals
+    precision, rounding = share * jnp.where(logs, WEAK**-2, 0.0), rounding_of(problem.length, problem.sigma, jnp)
+    bounds = problem.low, problem.high
+    return FitQuadratic(x, value.JJ, value.Jr, began, bounds, logs, precision, n, share, rounding, jnp)
 
 
 def _descend(problem: TracedProblem, begin, most, empty: _Value) -> _Descent:
@@ -227,22 +174,18 @@ def _descend(problem: TracedProblem, begin, most, empty: _Value) -> _Descent:
         first = d.evaluations == 0
         start = _where(first, problem.function.poses.start, d.value.configuration)
         value = evaluate(problem, d.trial, start)
-        old = _Bowl.about(problem, d.value, d.x, begin)
-        held = jnp.sum(old.weak * ((d.trial - begin) ** 2 - (d.x - begin) ** 2))
-        better = jnp.where(first, jnp.isfinite(value.cost), value.cost + held < d.value.cost)
-        moved = jnp.max(jnp.abs(d.trial - d.x)[: problem.function.layout.shared], initial=0.0)
-        small = ~first & (jnp.abs(value.cost + held - d.value.cost) <= COST_TOLERANCE * d.value.cost)
-        small |= ~first & better & (moved < STEP_TOLERANCE)
+        old = _about(problem, d.value, d.x, begin)
+        change = old.change(d.value.cost, value.cost, d.trial)
+        better = jnp.where(first, jnp.isfinite(value.cost), change < 0)
+        small = ~first & (jnp.abs(change) <= COST_TOLERANCE * d.value.cost)
+        small |= ~first & better & (old.moved(d.trial) < STEP_TOLERANCE)
         damping = jnp.where(first, d.damping, jnp.where(better, jnp.maximum(0.1 * d.damping, 1e-12), 10.0 * d.damping))
         x, value = _where(better, (d.trial, value), (d.x, d.value._replace(verdict=_where(first, value, d.value).verdict)))
-        bowl = _Bowl.about(problem, value, x, begin)
-        promised, share = bowl.promised(), value.cost / value.residuals
-        converged = promised <= PROMISED * share
-        iteration = d.iteration + ~first
-        going = jnp.isfinite(value.cost) & ~converged & ~small & (damping <= GIVE_UP) & (iteration < most)
-        converged |= promised <= _STALLED * PROMISED * share
-        trial = jnp.where(going, bowl.step(problem, x, damping), d.trial)
-        return _Descent(x, value, trial, damping, iteration, d.evaluations + 1, going, converged & jnp.isfinite(value.cost))
+        q, iteration, solved = _about(problem, value, x, begin), d.iteration + ~first, jnp.isfinite(value.cost)
+        going = solved & ~q.stationary() & ~small & (damping < GIVE_UP) & (iteration < most)
+        step = q.bounded(q.solved(q.g, damping))
+        trial = jnp.where(going, jnp.clip(x + step, problem.low, problem.high), d.trial)
+        return _Descent(x, value, trial, damping, iteration, d.evaluations + 1, going, solved & q.converged())
 
     no, zero = jnp.array(False), jnp.array(0)
     state = _Descent(begin, empty, begin, jnp.array(1e-3), zero, zero, ~no, no)

@@ -4,18 +4,21 @@ A rotation-minimising frame has no rotation about the tangent. Its discrete form
 smallest rotation between neighbouring tangents (Bishop 1975; error of second order in the spacing).
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry.small import matmul, vecdot
 
 
-def arc_length(points: Float[Array, "n 3"]) -> Float[Array, " n"]:
-    """Length of the polygon from the first point to each point (m)."""
-    steps = jnp.linalg.norm(jnp.diff(points, axis=0), axis=1)
-    return jnp.concatenate([jnp.zeros(1), jnp.cumsum(steps)])
+def arc_length(points: Float[Array | np.ndarray, "n 3"], xp: Any = jnp) -> Float[Array | np.ndarray, " n"]:
+    """Length of the polygon from the first point to each point (m), in the array namespace ``xp``."""
+    steps = xp.linalg.norm(xp.diff(points, axis=0), axis=1)
+    return xp.concatenate([xp.zeros(1), xp.cumsum(steps)])
 
 
 def resample(points: Float[Array, "n 3"], count: int) -> Float[Array, "count 3"]:

@@ -1,7 +1,7 @@
 """Measured centre curves: reading from CSV, checks, and arc length.
 
 A CSV has the header `x,y,z` or `s,x,y,z` (m) and one point per line, in order from start to end. The polyline through noisy
-points is longer than the curve, since noise adds to each step. `arc_length` averages neighbours first.
+points is longer than the curve, since noise adds to each step. `curve_length` averages neighbours first.
 """
 
 from pathlib import Path
@@ -91,13 +91,13 @@ def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
     return where.fail("the lines are no table of plain numbers: write them with digits, as in 0.125.")
 
 
-def arc_length(points: Annotated[np.ndarray, "n 3"]) -> float:
+def curve_length(points: Annotated[np.ndarray, "n 3"]) -> float:
     """Length (m) of the curve through noisy points: first point, averages of neighbours, last point."""
     return float(np.sum(np.linalg.norm(np.diff(_knots(points), axis=0), axis=1)))
 
 
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
-    """Shortfall (m) of `arc_length`: the chord h of an arc that turns by a is shorter by h (a / (2 sin(a / 2)) - 1).
+    """Shortfall (m) of `curve_length`: the chord h of an arc that turns by a is shorter by h (a / (2 sin(a / 2)) - 1).
 
     ``start`` and ``end``: angles (rad) between the curve's tangents there, if known, and its end chords.
     """

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
-from scan2flex_jax.study.curves import arc_length, chord_deficit
+from scan2flex_jax.study.curves import chord_deficit, curve_length
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 TANGENT_SPAN = 0.08
@@ -99,7 +99,7 @@ def _length(curve: MeasuredCurve) -> float:
     """Arc length (m) between first and last point: the measured one, else along the points."""
     if curve.arc_length is not None:
         return float(curve.arc_length[-1] - curve.arc_length[0])
-    return arc_length(curve.points)
+    return curve_length(curve.points)
 
 
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
@@ -220,13 +220,13 @@ def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
 def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) -> None:
     """A measured curve is about as long as the cable, and lies near its clamps."""
     if pose.guide_points is not None:
-        guided = arc_length(pose.guide_points)
+        guided = curve_length(pose.guide_points)
         if guided > GUIDE_SLACK * reach:
             sentence = f"the points span {guided:g} m on a cable of {reach:g} m: {unit_hint(guided / reach)}."
             raise where.at("guide_points").fail(sentence)
     if pose.curve is None:
         return
-    key, length = where.at("curve"), arc_length(pose.curve.points)
+    key, length = where.at("curve"), curve_length(pose.curve.points)
     if pose.curve.arc_length is not None:
         length = max(length, float(pose.curve.arc_length[-1]))
     if length > CURVE_SLACK * reach:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.study import mistakes
-from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.facts import pose_facts
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
@@ -90,7 +90,7 @@ def stands(study: Study, pose: StudyPose) -> bool:
         return False
     line = 0.5 * (pose.start.position + (pose.start.position if pose.end is None else pose.end.position))
     if pose.end is None and pose.start.tangent is not None:
-        line = line + 0.5 * arc_length(pose.curve.points) * pose.start.tangent
+        line = line + 0.5 * curve_length(pose.curve.points) * pose.start.tangent
     return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * float(np.max(length))
 
 
@@ -110,7 +110,7 @@ def _of_units(study) -> Iterator[Mistake]:
     if length is None or not curves:
         return
     whole = float(np.max(length))
-    long = float(np.median([arc_length(pose.curve.points) for pose in curves]))
+    long = float(np.median([curve_length(pose.curve.points) for pose in curves]))
     spans = [ratio for ratio in map(_span_ratio, curves) if ratio is not None]
     across = float(np.median(spans)) if spans else None
     agree = across is None or abs(across - 1.0) < _SAME  # curves and clamps

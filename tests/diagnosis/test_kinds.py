@@ -137,7 +137,7 @@ def test_amplitudes_of_ends_that_a_site_leaves_out_do_not_move():
     assert prior.frozen[1:].tolist() == [True, False]
 
 
-def test_ones_own_piece_of_a_field_names_nothing_beside_another_piece():
+def test_a_users_piece_of_a_field_names_nothing_with_another_piece():
     own = of_ones_own("own_sleeve", "point_mass")
     _ADDED[own.kind] = own
     try:

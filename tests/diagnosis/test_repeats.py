@@ -21,7 +21,7 @@ def noise_of(study):
     return stage.signatures(Bench(problem, minimum), minimum, None)[1].estimate
 
 
-def test_repeats_tell_the_noise_beside_a_misfit_that_no_kind_has():
+def test_repeats_determine_the_noise_given_a_misfit_of_no_effect_type():
     """A wave of 1 mm in every pose, alike in its repeat: five times the noise, and shorter than anything a rod does."""
     first, again = (replace(s, poses=s.poses[1:3]) for s in (scenes.study(seed=1), scenes.study(seed=2)))
     poses = []

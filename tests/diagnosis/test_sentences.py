@@ -7,6 +7,7 @@ import pytest
 
 from scan2flex_jax.diagnosis import sentences
 from scan2flex_jax.diagnosis.residual import Law
+from scan2flex_jax.diagnosis.settings import USUAL
 from scan2flex_jax.fitting.noise import Noise
 
 
@@ -19,12 +20,12 @@ def found(left, noise, radius=0.004, stated=None):
     study = SimpleNamespace(fit_poses=[SimpleNamespace(noise=stated)])
     context = SimpleNamespace(length=1.0, radius_or_guess=radius)
     bench = SimpleNamespace(real=[np.ones(20, bool)], context=context, problem=SimpleNamespace(study=study))
-    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes))
+    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes), settings=USUAL)
     return SimpleNamespace(stage=stage, best=SimpleNamespace(law=Law(noise)))
 
 
 @pytest.mark.parametrize(("left", "doubted"), [(1.5e-4, True), (2.0e-3, False)])
-def test_what_is_finer_than_scans_may_err_is_doubted(left, doubted):
+def test_a_residual_below_the_error_of_scans_is_doubted(left, doubted):
     said = sentences.if_fine(found(left, Noise(1e-4, 1e-5, 0.05)))
     assert bool(said) == doubted
     assert not doubted or "0.15 mm, 4 % of the radius" in said[0]

@@ -2,10 +2,12 @@
 
 import json
 from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 
 from scan2flex_jax.diagnosis import DiagnosisSettings, explain, verdict
+from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study
@@ -21,6 +23,15 @@ def test_the_lead_that_names_is_a_setting():
     assert verdict.ties(two, DiagnosisSettings(lead_named=9.0, lead_favoured=8.0)) == [0, 1]
 
 
+def test_thresholds_of_visibility_explanation_and_comparison_are_settings():
+    """A whitened length of 2, two nats over the baseline, and poses left out that are predicted 10 % better."""
+    assert [verdict.of_kind(0.0, 2.0, DiagnosisSettings(visible=v)) for v in (3.0, 1.0)] == ["inconclusive", "absent"]
+    one, test, clean = [verdict.Candidate(("kink",), 2.0)], SimpleNamespace(p_value=0.001), SimpleNamespace(p_value=0.5)
+    settings = DiagnosisSettings(lead_favoured=1.5), DiagnosisSettings(lead_favoured=1.5, least_evidence=2.5)
+    assert [verdict.whole(test, clean, one, settings=s) for s in settings] == ["explained", "unexplained"]
+    assert [Comparison(0.1, 0.01, 0.9, least).better for least in (0.05, 0.2)] == [True, False]
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
@@ -28,6 +39,7 @@ def test_the_lead_that_names_is_a_setting():
         ({"level": 1.5}, "probabilities, below 1"),
         ({"most_left": float("nan")}, "most_left is nan"),
         ({"lead_favoured": 6.0}, "lead_favoured exceeds lead_named"),
+        ({"noise_factor": 1.0}, "noise_factor is 1.0; it must exceed 1"),
     ],
 )
 def test_bad_settings_are_refused_by_name(wrong, said):

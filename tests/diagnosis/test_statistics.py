@@ -158,7 +158,7 @@ def test_a_field_that_is_as_likely_ties_with_an_effect_and_a_far_likelier_one_ta
     assert verdict.whole(before, after, one, field=70.0) == "unexplained"
 
 
-def test_what_predicts_unseen_poses_far_worse_explains_nothing():
+def test_an_effect_that_predicts_unseen_poses_far_worse_explains_nothing():
     one = [verdict.Candidate(("kink",), 40.0)]
     before, after = (score.Test(p, np.zeros(0), np.zeros(0), 0, {}) for p in (0.01, 0.5))
     assert verdict.whole(before, after, one, unseen=1.5) == "explained"

@@ -117,7 +117,7 @@ def test_the_warnings_of_check_are_repeated():
     assert "- " + warned[0][:60] in replace(f, study=short).summary()
 
 
-def test_what_is_not_determined_has_no_number():
+def test_an_undetermined_value_has_no_number():
     f = fitted()
     open_ = replace(f.estimates["torsional_stiffness"], identifiable=False, low=None, high=None, std=None)
     answer = replace(f, estimates={**f.estimates, "torsional_stiffness": open_}).answer

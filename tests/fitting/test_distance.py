@@ -7,8 +7,6 @@ import pytest
 
 from scan2flex_jax.fitting.distance import (
     closest_arc_length,
-    hausdorff_distance,
-    integrated_distance,
     integrated_residuals,
     normal_residuals,
 )
@@ -127,23 +125,6 @@ def test_padding_leaves_integrated_residuals_as_they_are():
     padded = [jnp.concatenate([x, jnp.repeat(x[-1:], 12, axis=0)]) for x in (points, s)]
     residual, _ = equal_length(*straight(), DS, *padded, same)
     np.testing.assert_allclose(residual[:20], plain, rtol=1e-9)
-
-
-def test_integrated_distance():
-    r, _ = straight()
-    np.testing.assert_allclose(integrated_distance(r, r + jnp.array([0, 3e-3, 4e-3])), 25e-6, rtol=1e-12)
-    turned = jnp.stack([jnp.cos(0.1) * NODES, jnp.sin(0.1) * NODES, 0 * NODES], axis=1)
-    np.testing.assert_allclose(integrated_distance(r, turned), 4 * L**2 * np.sin(0.05) ** 2 / 3, rtol=1e-5)
-
-
-def test_hausdorff_distance():
-    r, _ = straight()
-    shifted = r[::2] + jnp.array([0, 3e-3, 4e-3])
-    np.testing.assert_allclose(hausdorff_distance(r, shifted), 5e-3, rtol=1e-9)
-    np.testing.assert_allclose(hausdorff_distance(r, r[: N // 2 + 1]), L / 2, rtol=1e-12)  # one curve stops half way
-    np.testing.assert_allclose(hausdorff_distance(r[: N // 2 + 1], r), L / 2, rtol=1e-12)
-    bent, _ = arc(1e-3)
-    np.testing.assert_allclose(hausdorff_distance(r, bent), bent[-1, 1], rtol=1e-3)
 
 
 @pytest.mark.parametrize("distance", [normal_residuals, integrated_residuals])

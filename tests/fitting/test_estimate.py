@@ -36,7 +36,7 @@ def test_without_a_standard_error_there_is_a_value_alone():
     assert "std" not in e.to_json()
 
 
-def test_a_number_that_no_pose_feels_is_at_no_bound():
+def test_an_unidentifiable_parameter_is_at_no_bound():
     edge, small = np.array([9.0]), np.array([0.1])
     assert estimate_of(LOG, edge, small).at_bound
     assert not estimate_of(LOG, edge, small, felt=False).at_bound

@@ -27,7 +27,7 @@ def test_only_the_ratio_to_the_density(noise):
 
 
 @pytest.mark.parametrize("noise", [0.0, 3e-4])
-def test_plane_pose_without_torsion_says_nothing_on_torsion(noise):
+def test_a_plane_pose_has_no_information_on_torsion(noise):
     study = scenes.study_of(poses=("plane",))
     f = fit(scenes.measured(study, scenes.exact_curves(study, TRUE), noise), elements=scenes.ELEMENTS)
     assert f.estimates["bending_stiffness"].identifiable

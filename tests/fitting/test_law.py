@@ -105,7 +105,7 @@ def test_the_result_holds_the_law(found):
     assert np.all((factor.low < factor.value) & (factor.value < factor.high))
 
 
-def test_a_fit_that_has_not_settled_says_nothing_of_its_law(found):
+def test_a_fit_that_has_not_settled_reports_no_law(found):
     _, result = found
     unsettled = replace(result.minimum, converged=False)
     given = np.eye(result.problem.layout.unknowns), result.noise, result.discrepancy
@@ -146,7 +146,7 @@ def test_a_grid_that_is_none_is_refused(change, message):
 
 
 @pytest.mark.parametrize("said", [{"range": (0.1, 2.0)}, {"prior": {"mean": 1.0, "std": 0.1}}])
-def test_a_law_takes_no_range_and_no_prior_beside_its_own(said):
+def test_a_law_takes_no_range_and_no_prior_but_its_own(said):
     given = {"low": said["range"][0], "high": said["range"][1]} if "range" in said else said
     with pytest.raises(StudyError, match="smoothness prior of their own"):
         fit(with_law((*scenes.BOTH, Unknown("bending_law.factor", **given))))

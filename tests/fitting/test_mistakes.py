@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.mistakes import KINDS
+from benchmarks.mistakes_made import KINDS
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.diagnosis import run
 from scan2flex_jax.errors import NotSettledError

@@ -8,7 +8,6 @@ import pytest
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, most_likely_part, planes_of
 from scan2flex_jax.fitting.likelihood import (
-    LARGEST,
     NoisePrior,
     Residual,
     RestrictedLikelihood,
@@ -17,6 +16,7 @@ from scan2flex_jax.fitting.likelihood import (
     restricted_likelihood,
 )
 from scan2flex_jax.fitting.noise import Noise, logarithms, matern, most_likely, nearest
+from scan2flex_jax.fitting.settings import FitSettings, NoiseSettings
 
 LENGTH, POINTS, POSES, DRAWS = 1.0, 64, 3, 12
 S = LENGTH * np.linspace(0.01, 0.99, POINTS)
@@ -245,7 +245,7 @@ def test_priors_of_the_noise_are_arguments():
     noise = Noise(3e-4, 4e-4, 0.07 * LENGTH)
     u = logarithms(noise)
     spread = 0.02 * np.log(4 / 3) ** 2
-    own = {"length": LENGTH, "shortest": 0.01, "spread": 0.6, "longest": 0.3}
+    own = {"length": LENGTH, "shortest": 0.01, "settings": NoiseSettings(correlation_spread=0.6, longest_correlation=0.3)}
     assert NoisePrior(**own, stated=None, scanner=False)(noise, u) == pytest.approx(spread)
     scanner = 0.5 * (np.log(0.5) / np.log(5)) ** 2  # a total of 0.5 mm, where 1 mm is usual
     assert NoisePrior(**own, stated=None, scanner=True)(noise, u) == pytest.approx(spread + scanner)
@@ -257,8 +257,18 @@ def test_priors_of_the_noise_are_arguments():
     assert both(noise, u) == pytest.approx(alone + stated(noise, u))
 
 
-def test_a_noise_beyond_those_of_scans_is_priced_beside_a_discrepancy_alone():
-    large = Noise(2 * LARGEST * LENGTH, 1e-4, 0.07 * LENGTH)
-    prior = NoisePrior(LENGTH, None, 0.01, 0.8, 0.5, scanner=True)
+def test_a_noise_beyond_those_of_scans_is_penalised_with_a_discrepancy_only():
+    settings = NoiseSettings(most_noise=2e-3)
+    large = Noise(2 * settings.most_noise * LENGTH, 1e-4, 0.07 * LENGTH)
+    prior = NoisePrior(LENGTH, None, 0.01, scanner=True, settings=settings)
     extra = prior(large, logarithms(large), True) - prior(large, logarithms(large))
-    assert extra == pytest.approx(1e2 * np.log(large.total / LARGEST) ** 2)
+    assert extra == pytest.approx(1e2 * np.log(large.total / settings.most_noise) ** 2)
+
+
+def test_settings_decide_the_estimates_of_noise_and_discrepancy():
+    """The discrepancy that is found above gains less than 1e6 nats; a stated noise holds to within its spread."""
+    known = residuals(drawn_with_discrepancy(0.2, 0), smooth_columns())
+    alone = estimate_noise(known, LENGTH)
+    assert noise_and_discrepancy(known, alone, LENGTH, None, 0.1, FitSettings(discrepancy_gain=1e6)) == (alone, 0.0)
+    held, free = (estimate_noise(known, LENGTH, 1e-4, FitSettings(stated_spread=spread)).total for spread in (1e-3, 10.0))
+    assert held < 1.2e-4 and free > 4e-4

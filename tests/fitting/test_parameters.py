@@ -123,7 +123,7 @@ def tilted_clamps():
 
 
 @pytest.mark.slow
-def test_tolerances_absorb_what_clamps_are_off(tilted_clamps):
+def test_tolerances_absorb_errors_of_clamps(tilted_clamps):
     """Errors in units of the quoted standard error: as large as quoted with the tolerance, and no bias."""
     logs = np.array([[np.log(f[1].estimates[n].value / v) for n, v in TRUE.items()] for f in tilted_clamps])
     quoted = np.array([[f[1].estimates[n].std / f[1].estimates[n].value for n in TRUE] for f in tilted_clamps])

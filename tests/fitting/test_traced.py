@@ -64,12 +64,15 @@ def test_from_both_starts_it_is_the_minimum_of_the_fit(study, ready):
 
 
 @pytest.mark.slow
-def test_guesses_are_vmapped_and_a_stuck_one_says_so(ready):
+def test_guesses_are_vmapped_and_a_stuck_one_says_so(study, ready):
+    """As the ordinary descent does, which stalls from there."""
     problem, _ = ready
     starts = jnp.log(jnp.array(SEVERAL))[:, None]
     many = jax.vmap(minimise, in_axes=(None, 0))(problem, starts)
     assert np.asarray(many.converged).tolist() == [True, True, False]
     assert np.asarray(many.verdict.code).tolist() == [0, 0, 0]  # its poses are solved: it is the descent that is stuck
+    host = alone(study, SEVERAL[2])
+    assert host.stalled and not host.converged and np.isfinite(host.cost)
     for k in range(2):
         single = minimise(problem, starts[k])
         np.testing.assert_allclose(many.x[k], single.x, atol=1e-9)
@@ -93,7 +96,7 @@ def test_poses_and_noise_are_vmapped(study):
 
 
 @pytest.mark.slow
-def test_bounds_hold_what_wants_to_leave(study):
+def test_parameters_pushed_outwards_stay_at_their_bounds(study):
     """EI is 0.1: with a range from 0.2 on it ends there, and GJ is the best given that EI."""
     narrow = replace(study, unknowns=(Unknown("bending_stiffness", low=0.2, high=1.0), study.unknowns[1]))
     problem, _ = traced_problem(narrow, elements=ELEMENTS)

@@ -232,7 +232,7 @@ def test_guide_points(tmp_path):
 WEIGHTLESS = STUDY.replace("-9.81", "0.0").replace("[[pose]]", "[unknown.torsional_stiffness]\n\n[[pose]]", 1)
 
 
-def test_without_gravity_shapes_tell_only_ratios(tmp_path):
+def test_without_gravity_shapes_determine_only_ratios(tmp_path):
     text = WEIGHTLESS.replace('kind = "elastic_clamp"\nstiffness = [1.0, 2.0]', 'kind = "scan_scale"\nfactor = 1')
     error = fails(write_sample(tmp_path, text))
     assert error.key == "gravity" and "only ratios" in error.sentence

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.mistakes import KINDS
+from benchmarks.mistakes_made import KINDS
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
 from scan2flex_jax.study import EffectDeclaration, check_study, load_study, mistakes, study_warnings

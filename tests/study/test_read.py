@@ -20,7 +20,7 @@ from scan2flex_jax.study import (
     register_kind,
     study_warnings,
 )
-from scan2flex_jax.study.curves import arc_length
+from scan2flex_jax.study.curves import curve_length
 
 from .samples import STUDY, csv, curve, write_sample
 
@@ -106,7 +106,7 @@ def test_a_later_effect_adds_itself(tmp_path):
 @pytest.mark.parametrize("n", [40, 500, 5000])
 def test_noise_hardly_lengthens_a_curve(n):
     points = curve(n) + 1e-3 * np.random.default_rng(n).normal(size=(n, 3))
-    assert arc_length(points) == pytest.approx(0.9, rel=0.01)
+    assert curve_length(points) == pytest.approx(0.9, rel=0.01)
 
 
 def test_the_angle_to_the_clamp_is_found_in_noise(tmp_path):

@@ -44,7 +44,7 @@ def test_guesses_lead_to_the_minimum_of_the_fit_or_to_none(study):
     assert found["rms"].units == "m" and found["bending_stiffness"].units == "N m^2"
 
 
-def test_beside_the_package_s_own_start_every_guess_leads_there(study):
+def test_with_the_package_s_own_start_every_guess_leads_there(study):
     found = sweep(minima(study, elements=ELEMENTS), lanes((100.0, 0.01), (0.01, 100.0)))
     assert not failed(found)
     minimum = np.exp(Problem(study, ELEMENTS).minimise("least-squares").shared)

@@ -133,7 +133,7 @@ def test_fits_from_guesses_are_the_fits_alone():
         assert float(lane["rms"]) == alone.rms() and 0 <= float(lane["out_of_balance"]) < 1e-6
 
 
-def test_a_guess_for_what_is_known_is_refused():
+def test_a_guess_for_a_known_quantity_is_refused():
     lanes = grid(guess_length=Axis([1.0], "m"))
     said = failed(sweep(fits(studies.example()), lanes))["guess_length=1"]
     assert said == "'guess_length' is no guess for an unknown of the study: they are bending_stiffness, torsional_stiffness"
