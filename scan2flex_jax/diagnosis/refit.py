@@ -29,7 +29,6 @@ from scan2flex_jax.fitting.quadratic import Quadratic
 _MOST = 14  # iterations: a refit starts from the one-step estimate
 _MOST_FREED = 25  # iterations with wide priors of the sizes: the minimum may be far
 _ENOUGH = 1e-2  # decrease of the cost below which a refit has settled: verdicts depend on nats
-_PROMISES = 1e-3  # decrease of the cost that an undamped step must promise to be worth its solves
 _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # excess over the least cost of other refits at which one is given up: 40 nats
 _DAMPING = 1e-4  # initial
@@ -235,8 +234,8 @@ def _descend(bench, components, n, prior, law, vector, shapes, most, least, solv
     model, start = _RefitModel(bench, components, n, prior, law), bench.start if shapes is None else configurations(shapes)
     point, damping = model.within_reach(model.of(vector, shapes) if solved else model.at(vector, start), start)
     rules = Rules(
-        most=lambda cost: most, settled=lambda cost: _ENOUGH, promises=_PROMISES, damping=_DAMPING, least=1e-9, refused=1e-3,
-        give_up=_GIVE_UP, closer=(lambda cost: _ENOUGH) if components else None, bend=True,
+        most=lambda cost: most, settled=lambda cost: _ENOUGH, damping=_DAMPING, least=1e-9, refused=1e-3, give_up=_GIVE_UP,
+        closer=(lambda cost: _ENOUGH) if components else None, bend=True,
         hopeless=least + _HOPELESS,
     )  # fmt: skip
     found = descend(model, point, rules, damping)
