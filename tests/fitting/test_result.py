@@ -42,7 +42,7 @@ def test_a_pose_far_from_its_curve_is_not_to_be_believed(real):
     """Both plain rods leave a smooth residual of more than 1 % of the length, and neither study states a noise."""
     assert not real.believable
     assert set(real.misfits) <= set(real.sentences)
-    assert all("% of the length and no noise of points" in s for s in real.misfits)
+    assert all("% of the length, too much for noise" in s for s in real.misfits)
 
 
 def check_object(data):
