@@ -1,29 +1,36 @@
-"""Processor time of one command by phase, and the programs that it compiled.
+"""Where the processor time of a first fit goes, by phase, and how many programs it compiles.
 
-    python -m benchmarks.phases OUT.json fit my-cable --quiet
+    python -m benchmarks.phases                            # a fit, with an empty and with a filled cache: into the record
+    python -m benchmarks.phases OUT.json explain my-cable  # of any command
 
-Importing, tracing (Python to jaxpr), lowering (jaxpr to StableHLO), the backend in Python's own threads (reading the cache), the
-whole main thread, and the process; what the process has beyond the main thread is XLA, which compiles on its own threads.
-Processor time hardly depends on what else a machine does. A phase inside another one counts for the inner one only.
+Phases of the main thread: importing, tracing (Python to jaxpr), lowering (jaxpr to StableHLO), loading (compiled programs, from
+the cache), and the rest (solving, and Python). XLA compiles on threads of its own. Processor time hardly depends on what else a
+machine does. A phase inside another one counts for the inner one only.
 """
 
 import builtins
 import json
+import os
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import Counter, defaultdict
 from pathlib import Path
 
+from benchmarks.record import record
+from scan2flex_jax.examples import example_path
+
 PHASES = {
     "/jax/core/compile/jaxpr_trace_duration": "tracing",
     "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowering",
-    "/jax/core/compile/backend_compile_duration": "backend",
+    "/jax/core/compile/backend_compile_duration": "loading",
 }
 
 
 class Stopwatch:
-    """Processor seconds of nested phases, per thread (exclusive), and the names of what was traced and compiled."""
+    """Processor seconds of nested phases of the main thread (exclusive), and the names of the programs."""
 
     def __init__(self) -> None:
         """Nothing is measured yet."""
@@ -49,7 +56,8 @@ class Stopwatch:
             stack[-1][1] = now
 
     def _spend(self, stack: list, now: float) -> None:
-        self.seconds[stack[-1][0]] += now - stack[-1][1]
+        if threading.current_thread() is threading.main_thread():
+            self.seconds[stack[-1][0]] += now - stack[-1][1]
 
     @property
     def phase(self) -> str | None:
@@ -69,7 +77,7 @@ def listen(watch: Stopwatch) -> None:
     def ended(event: str, start: float, end: float, **kwargs: object) -> None:
         if event in PHASES:
             watch.end()
-            if PHASES[event] == "backend":
+            if PHASES[event] == "loading":
                 watch.programs[str(kwargs.get("fun_name"))] += 1
 
     def happened(event: str, **kwargs: object) -> None:
@@ -96,8 +104,9 @@ def follow_imports(watch: Stopwatch) -> None:
     builtins.__import__ = timed
 
 
-def main(out: Path, words: list[str]) -> None:
-    watch, began = Stopwatch(), time.perf_counter()
+def measure(out: Path, words: list[str]) -> None:
+    """Run a command in this process and write its phases."""
+    watch = Stopwatch()
     follow_imports(watch)
     from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
 
@@ -105,21 +114,31 @@ def main(out: Path, words: list[str]) -> None:
     listen(watch)
     from scan2flex_jax.cli.app import app  # noqa: PLC0415
 
-    threads = time.thread_time()
     try:
         app(words, standalone_mode=False)
     finally:
-        said = {
-            "wall": time.perf_counter() - began,
-            "processor": time.process_time(),
-            "main thread": time.thread_time() - threads,
-            **watch.seconds,
-            "programs": watch.programs.total(),
-            "from the cache": watch.hits,
-            "by name": dict(watch.programs.most_common(60)),
-        }
-        out.write_text(json.dumps(said, indent=1) + "\n")
+        spent, own = time.process_time(), time.thread_time()
+        rest = own - sum(watch.seconds.values())
+        phases = {**watch.seconds, "rest": rest, "XLA and other threads": spent - own, "all": spent}
+        programs = {"programs": watch.programs.total(), "from the cache": watch.hits, "by name": dict(watch.programs.most_common())}
+        out.write_text(json.dumps(phases | programs, indent=1) + "\n")
+
+
+def main() -> None:
+    """The fit of the simulated cable, in a process of its own for each state of the cache."""
+    results = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for state in ("empty cache", "filled cache"):
+            out = Path(folder) / "phases.json"
+            words = [sys.executable, "-m", "benchmarks.phases", str(out), "fit", str(example_path("simulated-cable")), "--quiet"]
+            environment = {**os.environ, "SCAN2FLEX_CACHE": str(Path(folder) / "cache")}
+            subprocess.run(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+            results[state] = json.loads(out.read_text())
+    record("phases", results)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2:])
+    if len(sys.argv) > 1:
+        measure(Path(sys.argv[1]), sys.argv[2:])
+    else:
+        main()
