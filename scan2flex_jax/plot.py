@@ -32,6 +32,7 @@ MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
+_BETWEEN = 0.12  # inches above and below a panel: a panel's title is not taken for the label of the axis above it
 _TITLE = 10  # characters of a figure's title per inch of its width
 _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
 
@@ -150,6 +151,7 @@ def _columns(panels):
 def _titled(figure, title):
     """The title of a figure, in lines that fit its width."""
     figure.suptitle(drawn(textwrap.fill(title, int(_TITLE * figure.get_figwidth()))), fontsize=11)
+    figure.get_layout_engine().set(h_pad=_BETWEEN)
 
 
 def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Path, bytes], object] = write_file) -> None:
