@@ -248,18 +248,19 @@ def drawn(results, path: Path, data: str = "cloud") -> None:
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     names = [name for name in EXPERIMENTS if name.endswith("two views") and results["runs"].get(name)]
-    figure = Figure(figsize=(6.0 * len(names), 5.5), layout="constrained")
+    figure = Figure(figsize=(5.0 * len(names), 6.0), layout="constrained")
     rows = figure.subplots(2, len(names), squeeze=False, sharex="col")
     for (above, below), name in zip(rows.T, names, strict=True):
         run = next(r for r in results["runs"][name] if r["data"] == data and "failed" not in r)
         for k, (pose, p) in enumerate(run["poses"].items()):
             e, unseen = p["along"], p["role"] == "validate"
-            look = {"color": f"C{k}", "ls": "--" if unseen else "-", "label": f"{pose}{', never fitted' if unseen else ''}"}
-            above.plot(e["s"], e["model_from_truth_mm"], lw=1.8, **look)
-            below.plot(e["s_data"], e["data_from_model_mm"], lw=1.0, **look)
-        above.set(title=name, ylabel="modelled from true centre line (mm)", ylim=(0.0, None))
-        below.set(xlabel="s (m)", ylabel="scan from modelled one (mm)", ylim=(0.0, None))
-        above.legend(fontsize="small")
+            label, style = f"{pose}{', never fitted' if unseen else ''}", "--" if unseen else "-"
+            above.plot(e["s"], e["model_from_truth_mm"], style, lw=1.8, color=f"C{k}", label=label)
+            below.plot(e["s_data"], e["data_from_model_mm"], "s" if unseen else "o", ms=3, color=f"C{k}")  # no line over gaps
+        above.set(ylabel="modelled to true\ncentre line (mm)", ylim=(0.0, None))
+        below.set(xlabel="s (m)", ylabel="scan to modelled\ncentre line (mm)", ylim=(0.0, None))
+        above.set_title(name, pad=40)
+        above.legend(frameon=False, fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=130)
 

@@ -6,6 +6,7 @@ Arguments are the object, the part of it to show, then the axes (created by defa
 """
 
 import io
+import textwrap
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,12 +32,9 @@ MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
+_BETWEEN = 0.12  # inches above and below a panel: a panel's title is not taken for the label of the axis above it
+_TITLE = 10  # characters of a figure's title per inch of its width
 _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a line in it, and of the name of a pose
-
-
-def in_mm(metres: float) -> str:
-    """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
-    return f"{1e3 * metres:.3f}" if metres >= 1e-3 else f"{1e3 * metres:.3g}"
 
 
 def _legend(ax):
@@ -130,7 +128,7 @@ def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
 def overview(fit: "Fit | Explanation") -> Figure:
     """A figure with every pose and the errors along the cable: one panel, or one panel per pose if lines would tangle."""
     names = list(fit.poses)
-    columns, together = min(_COLUMNS, len(names)), len(names) <= _TANGLE
+    columns, together = _columns(len(names)), len(names) <= _TANGLE
     rows = -(-len(names) // columns)
     figure = plt.figure(figsize=(4.2 * columns, 3.8 * (rows + (1 if together else rows))), layout="constrained")
     grid = figure.add_gridspec(rows + (1 if together else rows), columns)
@@ -141,8 +139,19 @@ def overview(fit: "Fit | Explanation") -> Figure:
     one = None  # panels share their scale, so that poses can be compared
     for i, name in enumerate(() if together else names):
         one = errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns], sharey=one))
-    figure.suptitle(drawn(fit.study.title), wrap=True, fontsize=11)
+    _titled(figure, fit.study.title)
     return figure
+
+
+def _columns(panels):
+    """Columns of a grid of panels: four make a square."""
+    return 2 if panels == 4 else min(_COLUMNS, panels)
+
+
+def _titled(figure, title):
+    """The title of a figure, in lines that fit its width."""
+    figure.suptitle(drawn(textwrap.fill(title, int(_TITLE * figure.get_figwidth()))), fontsize=11)
+    figure.get_layout_engine().set(h_pad=_BETWEEN)
 
 
 def save(figure: Figure, file: str | Path, dpi: float = 150, write: Callable[[Path, bytes], object] = write_file) -> None:
@@ -291,7 +300,7 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
 def explained(explanation: "Explanation") -> Figure:
     """A figure with the evidence, the equivalent load, and every pose's residual before and after."""
     names = list(explanation.poses)
-    columns = min(_COLUMNS, max(2, len(names)))
+    columns = max(2, _columns(len(names)))
     rows = -(-len(names) // columns) + 1
     figure = plt.figure(figsize=(4.6 * columns, 3.6 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
@@ -299,7 +308,7 @@ def explained(explanation: "Explanation") -> Figure:
     load(explanation, figure.add_subplot(grid[0, columns - 1]))
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))
-    figure.suptitle(drawn(f"{explanation.study.title}: {explanation.verdict}"), wrap=True, fontsize=11)
+    _titled(figure, f"{explanation.study.title}: {explanation.verdict}")
     return figure
 
 

@@ -46,6 +46,21 @@ CLAIMS = {
         worth = [c.worth for c in ranked.candidates if not c.note]
         assert worth == sorted(worth, reverse=True) and worth[0] > 0
     """,
+    "python-only": """
+        assert np.linalg.norm(by_student - np.log(TRUTH)) < 0.5 * np.linalg.norm(by_squares - np.log(TRUTH))
+        slope = value_and_gradient(jnp.asarray(best), residual, jnp.asarray(LEAST_SQUARES))[1]
+        assert np.linalg.norm(slope) < 1e-2 and np.all(np.linalg.eigvalsh(hessian) > 0)
+        np.testing.assert_allclose(hessian, hessian.T, rtol=1e-6)
+        assert there.sum() > 12
+        assert np.all(rhat < 1.1) and 0.15 < accepted < 0.6
+        for name, samples in zip(study.unknown_names, posterior.T, strict=True):
+            e = result.estimates[name]
+            np.testing.assert_allclose(samples.std(), e.std, rtol=0.35)
+            assert abs(samples.mean() - e.value) < 0.5 * e.std
+        assert 0.7 < spread["with the set"] < 0.95  # two of three components carry the noise
+        assert spread["without the set"] > 2.0
+        np.testing.assert_allclose(answers["with the set"]["helical_set.curvature"], SET, atol=0.2)
+    """,
     "rod-beside-closed-forms": """
         assert max(tip_errors.values()) < 1e-6  # of the length, 40 elements
         assert abs(drop / (small / 8) - 1) < 1e-5  # the factor 1/2

@@ -59,3 +59,8 @@ def test_functions_are_pickled_by_name_and_print_their_name(name):
 
 def test_reading_a_study_does_not_load_jax():
     run("import sys\nfrom scan2flex_jax import load_study\nassert 'jax' not in sys.modules")
+
+
+def test_a_fit_and_a_diagnosis_do_not_import_scipy_stats():
+    """It takes longer than a fit."""
+    run("import sys\nimport scan2flex_jax.diagnosis\nassert 'scipy.stats' not in sys.modules")

@@ -14,7 +14,7 @@ Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), eq
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from scan2flex_jax.diagnosis.left_out import refitted
 from scan2flex_jax.diagnosis.prior import Prior
@@ -134,7 +134,7 @@ def constancy(stage, found: Refit) -> float | None:
     X = X[:, size > 0] / size[size > 0]
     U, d, _ = np.linalg.svd(X - Q @ (Q.T @ X), full_matrices=False)
     U = U[:, d > 1e-2]
-    return float(stats.chi2.sf(np.sum((U.T @ white.r) ** 2), max(U.shape[1], 1))) if U.shape[1] else None
+    return float(special.chdtrc(max(U.shape[1], 1), np.sum((U.T @ white.r) ** 2))) if U.shape[1] else None
 
 
 def _white(stage, found):

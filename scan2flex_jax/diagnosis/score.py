@@ -10,7 +10,7 @@ References: Rao, "Large sample tests" (1948); Westfall and Young, "Resampling-ba
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 _BLIND = 1e-3  # whitened, projected length of one physical size below which these poses are insensitive to a group
 _FLAT = 1e-3  # singular value of a group's columns, over the largest, below which a direction is dropped
@@ -57,7 +57,8 @@ def log_p(T: np.ndarray, rank: np.ndarray, one_sided=None) -> np.ndarray:
     """``-log p`` of chi-squared statistics."""
     rank = np.maximum(rank, 1)
     rank = rank[:, None] if T.ndim > 1 else rank
-    return -stats.chi2.logsf(T, rank)
+    with np.errstate(divide="ignore"):
+        return -np.log(special.chdtrc(rank, T))
 
 
 @dataclass(frozen=True)

@@ -128,6 +128,11 @@ def percent(share: float) -> str:
     return f"{shown} %"
 
 
+def in_mm(metres: float) -> str:
+    """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
+    return f"{1e3 * metres:.3f}" if metres >= 1e-3 or not metres else number(1e3 * metres, 3)
+
+
 def rests_on(study: Study, influence: Influence | None) -> str:
     """Length and mass with their tolerances, and the change of the estimates per cent of each."""
     parts = [part for part in (_stated(study, name) for name in STATED) if part]

@@ -12,11 +12,11 @@ def misfits(study, poses, length, settings: FitSettings = USUAL) -> tuple[str, .
     said = []
     for pose in study.fit_poses:
         own, noise = poses[pose.name].rms, np.sqrt(NORMALS) * min(white_noise(pose), settings.largest_noise * length)
-        misfit = f"pose {pose.name} is {1e3 * own:.2f} mm (RMS) off its measured curve"
+        off = f"pose {pose.name} is {1e3 * own:.2f} mm (RMS) off its measured curve"
         if pose.noise is not None and own > settings.beyond_noise * noise:
-            said.append(f"{misfit}, against {1e3 * noise:.2f} mm of stated noise: {_NO_NOISE}")
+            said.append(f"{off}, more than the stated noise of {1e3 * noise:.2f} mm: {_NO_NOISE}")
         elif pose.noise is None and own > max(settings.largest_noise * length, settings.beyond_noise * noise):
-            said.append(f"{misfit}, {100 * own / length:.1f} % of the length, beyond any noise of points: {_NO_NOISE}")
+            said.append(f"{off}, {100 * own / length:.1f} % of the length, too much for noise: {_NO_NOISE}")
     return tuple(said)
 
 
@@ -28,7 +28,7 @@ def of_discrepancy(discrepancy) -> tuple[str, ...]:
     if not discrepancy.curvature:
         return ()
     said = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the sensor's noise each pose differs from the model in its own way ({said}): the intervals include that",)
+    return (f"beyond the noise, each pose deviates from the model in its own way ({said}): the intervals include this",)
 
 
 def validity(
@@ -52,11 +52,10 @@ def validity(
         return None, ("no validate pose: whether the model predicts other poses is not known",)
     bad = [n for n, v in rms.items() if not v <= settings.predicted * np.hypot(floor, poses[n].spread)]
     worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
-    figures = f"({1e3 * rms[worst]:.2g} mm; noise {1e3 * floor:.2g} mm)"
+    sizes = f"error {1e3 * rms[worst]:.2g} mm, noise {1e3 * floor:.2g} mm"
     if poses[worst].spread > settings.felt * floor:
-        spread = f"tolerances and errors of the estimates {1e3 * poses[worst].spread:.2g} mm"
-        figures = f"({1e3 * rms[worst]:.2g} mm; noise {1e3 * floor:.2g} mm, {spread})"
+        sizes += f", tolerances and errors of the estimates {1e3 * poses[worst].spread:.2g} mm"
     if not bad:
-        return True, (f"validate poses are predicted to within the noise {figures}",)
-    said = f"the model does not predict {', '.join(bad)} to within the noise {figures}"
+        return True, (f"validate poses are predicted to within the noise ({sizes})",)
+    said = f"the model does not predict {', '.join(bad)} to within the noise ({sizes})"
     return False, (f"{said}: something is missing or misread",)

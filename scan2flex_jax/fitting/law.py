@@ -25,7 +25,7 @@ from dataclasses import dataclass, field, replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import stats
+from scipy import special  # `scipy.stats` imports for longer than a whole fit lasts
 
 from scan2flex_jax.effects import BendingLaw, TorsionLaw
 from scan2flex_jax.effects.moment_law import excess_moment, tangent
@@ -232,7 +232,7 @@ def _p_value(name, problem, minimum, left, secant):
     weights = _weights(goal, linear, noise, discrepancy, own)
     mean, variance = np.sum(weights), 2.0 * np.sum(weights**2)  # of the gain, a sum of squares of these weights
     gain, scale = max(linear.cost - free.cost, 0.0), 0.5 * variance / mean
-    return float(stats.chi2.sf(gain / scale, mean / scale))
+    return float(special.chdtrc(mean / scale, gain / scale))
 
 
 def _weights(goal, linear, noise, discrepancy, own):

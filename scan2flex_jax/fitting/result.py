@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scan2flex_jax.fitting.answer import Answer, answer_of, moved_in_words
+from scan2flex_jax.fitting.answer import Answer, answer_of, digits_of, in_mm, moved_in_words, number
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence, influence
@@ -164,7 +164,7 @@ class Fit:
         lines += [*_correlation_lines(self), *self._pose_lines()]
         n, to = self.noise, "to point clouds" if self.data == "cloud" else "to centre curves"
         lines.append(
-            f"\n  residual as noise: white {1e3 * n.white:.3f} mm, correlated {1e3 * n.correlated:.3f} mm over "
+            f"\n  residual as noise: white {in_mm(n.white)} mm, correlated {in_mm(n.correlated)} mm over "
             f"{1e3 * n.correlation_length:.0f} mm (per normal)"
         )
         said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}
@@ -176,7 +176,7 @@ class Fit:
         moved = {name: moved_in_words(self.influence, name) for name in self.poses}
         lines = [f"  pose                 role       rms mm    max mm{'   without it' if any(moved.values()) else ''}"]
         for name, p in self.poses.items():
-            figures = f"{1e3 * p.rms:9.3f} {1e3 * p.worst:9.3f}" if np.isfinite(p.rms) else f"  {p.verdict}"
+            figures = f"{in_mm(p.rms):>9} {in_mm(p.worst):>9}" if np.isfinite(p.rms) else f"  {p.verdict}"
             lines.append(f"  {name:<20} {p.role:<9}{figures}   {moved[name]}".rstrip())
         return lines
 
@@ -200,10 +200,11 @@ def in_words(e: Estimate) -> str:
     low, high = (None if x is None else np.ravel(x) for x in (e.low, e.high))
     parts = []
     for i, v in enumerate(value):
-        span = " (no error bar)"
+        digits, span = 5, " (no error bar)"
         if low is not None and high is not None and np.isfinite(low[i]) and np.isfinite(high[i]):
-            span = f" [{low[i]:.5g}, {high[i]:.5g}]"
-        parts.append(f"{v:.5g}{span}")
+            digits = digits_of(v, low[i], high[i], least=4)
+            span = f" [{number(low[i], digits)}, {number(high[i], digits)}]"
+        parts.append(f"{number(v, digits)}{span}")
     tail = "" if e.identifiable else "  NOT DETERMINED"
     return ", ".join(parts) + (f" {e.unit}" if e.unit != "-" else "") + tail + ("  AT A BOUND" if e.at_bound else "")
 

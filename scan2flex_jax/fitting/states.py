@@ -116,7 +116,7 @@ def _evaluate(state, start, target, distance, tangents):
         r, rest = shape(state, start, target, distance)
         return r, None, rest
     r, push, rest = jax.linearize(lambda x: shape(x, start, target, distance), state, has_aux=True)
-    return r, jax.vmap(push)(tangents), rest
+    return r, jax.vmap(lambda t: push(t))(tangents), rest  # noqa: PLW0108 - `vmap` prints the jaxpr of a bare `push`
 
 
 def evaluate(

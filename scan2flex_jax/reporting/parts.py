@@ -12,6 +12,7 @@ from scan2flex_jax.diagnosis import Explanation
 from scan2flex_jax.diagnosis.answer import found_in_words
 from scan2flex_jax.diagnosis.result import parameter_in_words
 from scan2flex_jax.fitting import Fit
+from scan2flex_jax.fitting.answer import in_mm
 from scan2flex_jax.reporting.contents import Contents
 from scan2flex_jax.reporting.figures import svg
 from scan2flex_jax.reporting.html import Html, Part, joined, section, table, tag
@@ -258,7 +259,7 @@ def number(value: float | None, digits: int = 5) -> str:
 
 def mm(metres: float | None) -> str:
     """Millimetres; a dash for a value that could not be computed, empty text for None."""
-    return "" if metres is None else "-" if not np.isfinite(metres) else plot.in_mm(metres)
+    return "" if metres is None else "-" if not np.isfinite(metres) else in_mm(metres)
 
 
 def _vector(values: np.ndarray) -> str:

@@ -6,23 +6,21 @@ nodes is the Hessian ``H`` at an equilibrium, a change ``dp`` of any array of th
     H_ff x_f + H_fh x_h = -F_p dp,   x_h = twist of the supports,
 
 with the held motions h of the two ends.
-The rule is written in functions of the rod and of the solution, so it can be differentiated again: ``x = H^-1 b`` solves a
-linear system whose matrix is a known function of both, so ``dx = H^-1 (db - dH x)``, which gives derivatives of any
-order (`jax.hessian`, `jax.jvp` of `jax.grad`, ...). First derivatives need no new matrix: each is one back-substitution
-with the factors of the solver's last Hessian. Griewank and Walther, "Evaluating Derivatives" (2008), chapter 15.
+The rule is written in functions of the rod and of the solution, so it can be differentiated again, to any order (`jax.hessian`,
+`jax.jvp` of `jax.grad`, ...): H is a known function of both. First derivatives need no new matrix: each is one
+back-substitution with the factors of the solver's last Hessian, and the derivative of H is traced for higher orders only (a
+`custom_linear_solve` traces its matrix three times, a quarter of the wait for a first fit). Griewank and Walther, "Evaluating
+Derivatives" (2008), chapter 15.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax import Array
-from jaxtyping import Float
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec
-from scan2flex_jax.rod.assembly import free_motions, node_forces
-from scan2flex_jax.rod.energy import retract
+from scan2flex_jax.rod.assembly import derivatives, free_motions, node_forces
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics import blocktridiagonal as bt
 from scan2flex_jax.statics.solver import Settled
@@ -43,10 +41,14 @@ def _settled_jvp(primals, tangents):
     rod, *rest = primals
     found = settled(rod, *rest)  # differentiable itself, for derivatives of higher order
     parameters = eqx.filter(rod, eqx.is_inexact_array)
-    change = jax.tree.map(_or_zeros, parameters, tangents[0], is_leaf=lambda x: x is None)
+    change = jax.tree.map(_or_zeros, parameters, tangents[0], is_leaf=_is_none)
     still = jax.tree.map(jnp.zeros_like, eqx.filter(found, eqx.is_inexact_array))
     moved = _displacement(rod, change, found.configuration, found.derivatives)
     return found, eqx.tree_at(lambda t: t.configuration, still, moved)
+
+
+def _is_none(leaf):
+    return leaf is None
 
 
 def _or_zeros(parameter, tangent):
@@ -62,47 +64,36 @@ def _settle(rod, start, turns, down, solver, max_steps):
 
 
 @compiled
-def _displacement(rod, change, configuration, derivatives):
+def _displacement(rod, change, configuration, found):
     """Tangent of the configuration under a change of the rod's parameters."""
     parameters, fixed = eqx.partition(rod, eqx.is_inexact_array)
-    free, still = free_motions(rod), jnp.zeros((rod.elements + 1, 6))
+    free, known = free_motions(rod), _known(rod, configuration, found)
 
     def forces(parameters):
         return free * node_forces(eqx.combine(parameters, fixed), configuration)
 
-    def stiffness(twist):  # balance of the free motions; held ones unchanged
-        moved = jax.jvp(lambda t: free * node_forces(rod, retract(configuration, t)), (still,), (twist,))[1]
-        return moved + (1.0 - free) * twist
-
-    given = (1.0 - free) * _twist_of_supports(configuration, change.boundary) - jax.jvp(forces, (parameters,), (change,))[1]
-    inverse = _Inverse(bt.factor(derivatives.diagonal, derivatives.upper), derivatives.ends, free)
-    twist = jax.lax.custom_linear_solve(
-        stiffness, given, lambda _, b: inverse.times(b), lambda _, b: inverse.transposed_times(b)
-    )
+    held = (1.0 - free) * _twist_of_supports(configuration, change.boundary)
+    (first, after), (last, before) = known.ends
+    force = jax.jvp(forces, (parameters,), (change,))[1]
+    force = force.at[0].add(first @ held[0]).at[1].add(after.T @ held[0])
+    force = force.at[-1].add(last @ held[-1]).at[-2].add(before @ held[-1])
+    twist = held - bt.solve(bt.factor(known.diagonal, known.upper), free * force)
     return _moved(rod, configuration, twist, change.boundary)
 
 
-class _Inverse(eqx.Module):
-    """Inverse of ``[[H_ff, H_fh], [0, 1]]``, the Hessian's rows of free motions f above held ones h that are given."""
+@eqx.filter_custom_jvp
+def _known(rod, configuration, found):
+    """The solver's last derivatives at a solution, as the function of rod and configuration that they are."""
+    return found
 
-    factors: bt.Factors
-    ends: Float[Array, "2 2 6 6"]
-    free: Float[Array, "nodes 6"]
 
-    def times(self, b):
-        """Free motions in balance with the given forces and held motions."""
-        held = (1.0 - self.free) * b
-        (first, after), (last, before) = self.ends
-        force = jnp.zeros_like(b).at[0].add(first @ held[0]).at[1].add(after.T @ held[0])
-        force = force.at[-1].add(last @ held[-1]).at[-2].add(before @ held[-1])
-        return bt.solve(self.factors, self.free * (b - force)) + held
-
-    def transposed_times(self, b):
-        """The adjoint of `times`."""
-        x = bt.solve(self.factors, self.free * b)
-        (first, after), (last, before) = self.ends
-        reaction = jnp.zeros_like(b).at[0].add(first @ x[0] + after @ x[1]).at[-1].add(last @ x[-1] + before.T @ x[-2])
-        return self.free * x + (1.0 - self.free) * (b - reaction)
+@_known.def_jvp
+def _known_jvp(primals, tangents):
+    rod, configuration, _ = primals
+    parameters, fixed = eqx.partition(rod, eqx.is_inexact_array)
+    pairs = zip((parameters, configuration), tangents[:2], strict=True)
+    moved = tuple(jax.tree.map(_or_zeros, *pair, is_leaf=_is_none) for pair in pairs)
+    return _known(*primals), jax.jvp(lambda p, c: derivatives(eqx.combine(p, fixed), c), (parameters, configuration), moved)[1]
 
 
 def _twist_of_supports(configuration, change):

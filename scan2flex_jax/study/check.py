@@ -61,14 +61,14 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
     if study.folder is not None:
         parts.append(f"Folder   {study.folder}")
     size = float(np.linalg.norm(study.gravity))
-    parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Known of the cable"]
+    parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Given"]
     known = {key: value for key, value in study.cable.items() if key not in study.unknown_names}
     parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
     parts += ["", "Assumed", *(f"  {sentence}" for sentence in assumptions(study))]
-    parts += ["", "To be estimated", *(_unknowns(study) or ["  nothing"])]
-    parts += ["", "Known only nearly (standard deviations)"]
+    parts += ["", "To estimate", *(_unknowns(study) or ["  nothing"])]
+    parts += ["", "Tolerances (standard deviations)"]
     nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]
-    parts += nearly or ["  nothing: all that is given counts as exact"]
+    parts += nearly or ["  none"]
     if study.effects:
         parts += ["", "Declared effects", *_effects(study)]
     parts += ["", f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"]
@@ -109,8 +109,8 @@ def _unknowns(study: Study) -> list[str]:
     lines, formats = [], unknown_formats(study)
     for unknown in study.unknowns:
         start = study.start_value(unknown.name)
-        begins = "start found by the package" if start is None else f"start {_text(start)}"
-        between = "the package's own range"
+        begins = "start computed by the fit" if start is None else f"start {_text(start)}"
+        between = "default range"
         if unknown.low is not None and unknown.high is not None:
             between = f"range {_text(unknown.low)} to {_text(unknown.high)}"
         if unknown.prior is not None:
@@ -147,7 +147,7 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
     facts = pose_facts(pose)
     if facts is not None:
         length = study.cable.get("length")
-        ratio = "" if length is None else f" = {facts.arc_length / float(np.max(length)):.4f} L"
+        ratio = "" if length is None else f" ({facts.arc_length / float(np.max(length)):.4f} of the length)"
         lines.append(f"    curve       {facts.points} points, arc length {facts.arc_length:.4g} m{ratio}")
         lines.append(f"    at start    {_end(facts.start)}")
         if facts.end is not None:
@@ -195,7 +195,7 @@ def _end(end: EndFacts) -> str:
     gap = f"{_mm(end.gap)} from the clamp"
     if end.angle is None:
         return gap
-    return f"{gap}; its tangent there is {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's d3"
+    return f"{gap}; tangent {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's axis d3"
 
 
 def study_warnings(study: Study) -> list[str]:

@@ -13,6 +13,7 @@ from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
 TRANSPORTED = 24
 """Averaged points of a curve for transporting a frame: more add noise."""
 _TINY = 1e-12
+_ROUNDING = 1e-15  # an entry below it is zero: of a frame along the axes, whose study people read
 RIGID = 2e-3
 """Largest entries of R'R - 1 for matrices printed with three digits."""
 
@@ -40,7 +41,8 @@ def quaternion_of(R: Annotated[np.ndarray, "3 3"]) -> Annotated[np.ndarray, "4"]
     from scipy.spatial.transform import Rotation  # noqa: PLC0415  (it loads slowly, and most studies have quaternions)
 
     quaternion = Rotation.from_matrix(np.array(R)).as_quat(canonical=True, scalar_first=True)
-    return quaternion / np.linalg.norm(quaternion)
+    quaternion /= np.linalg.norm(quaternion)
+    return np.where(np.abs(quaternion) < _ROUNDING, 0.0, quaternion)
 
 
 def _matrix(matrix: Any, shapes: tuple[tuple[int, int], ...], wanted: str, where: Where) -> Annotated[np.ndarray, "r c"]:

@@ -14,7 +14,6 @@ import sys
 from scan2flex_jax.cli.setup import prepare_jax
 prepare_jax()
 import jax, jax.numpy as jnp
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 seen = []
 jax.monitoring.register_event_listener(lambda name, **more: seen.append(name.rpartition("/")[2]))
 print(jax.jit(lambda x: jnp.linalg.inv(x) @ jnp.cos(x))(jnp.eye(3)).trace())

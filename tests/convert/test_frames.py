@@ -126,3 +126,10 @@ def test_a_bad_file_is_one_sentence_that_names_the_line(tmp_path, text, words):
         read_frames(file)
     assert str(file) in str(found.value)
     assert "\n" not in str(found.value)
+
+
+def test_a_frame_along_the_axes_has_plain_zeros():
+    """A study is read by people: 7.9e-17 is rounding."""
+    quaternion = clamp_of_angles([0.0, 0.0, 0.0], [0.0, 0.0, 90.0], "kuka", tangent="x").quaternion
+    assert sorted(np.round(np.abs(quaternion), 12)) == pytest.approx([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+    assert np.sum(quaternion == 0.0) == 2

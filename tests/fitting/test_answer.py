@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting import fit
-from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD, digits_of, number, percent
+from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD, digits_of, in_mm, number, percent
+from scan2flex_jax.fitting.estimate import Estimate
+from scan2flex_jax.fitting.result import in_words
 from scan2flex_jax.study import Tolerance, Unknown, study_warnings
 
 from . import scenes
@@ -129,4 +131,12 @@ def test_an_undetermined_value_has_no_number():
 def test_numbers():
     assert percent(0.0412) == "+4.1 %" and percent(-1.2345e-6) == "-0.00012 %" and percent(1.5) == "+150 %"
     assert number(0.1, 3) == "0.100" and number(123.0, 3) == "123" and number(1.2e-7, 2) == "1.2e-07"
+    assert in_mm(2.71828e-7) == "0.000272" and in_mm(1.6e-4) == "0.160"
+    assert in_mm(0.01234567) == "12.346" and in_mm(0.0) == "0.000"
     assert digits_of(0.318, 0.308, 0.331) == 3 and digits_of(0.1, 0.09999, 0.10001) == 5 and digits_of(0.0, -1.0, 1.0) == 3
+
+
+def test_an_estimate_is_told_from_the_ends_of_its_interval():
+    """However narrow it is: no `0.1 [0.1, 0.1]`."""
+    sharp = Estimate(0.0999998, 2.6e-7, 0.0999993, 0.1000003, identifiable=True, at_bound=False, unit="N m^2")
+    assert in_words(sharp) == "0.0999998 [0.0999993, 0.100000] N m^2"

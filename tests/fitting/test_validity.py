@@ -63,7 +63,7 @@ def test_a_residual_far_beyond_the_stated_noise_is_not_believed(stated, offset, 
     """Curves that bulge smoothly: with a noise stated they contradict it, without one a few millimetres may be noise."""
     f = fit(bulging(offset, stated))
     assert f.believable is believed
-    said = [s for s in f.sentences if "of stated noise" in s]
+    said = [s for s in f.sentences if "more than the stated noise" in s]
     assert bool(said) is not believed
     assert all("pose plane is" in s or "pose twist-90 is" in s for s in said)
 
@@ -71,7 +71,7 @@ def test_a_residual_far_beyond_the_stated_noise_is_not_believed(stated, offset, 
 @pytest.mark.parametrize(("stated", "noise"), [(None, False), (0.02, True)])
 def test_a_smooth_residual_beyond_one_percent_of_the_length_is_noise_only_if_stated(stated, noise):
     f = fit(bulging(0.03, stated))
-    assert any("% of the length, beyond any noise of points" in s for s in f.sentences) is not noise
+    assert any("% of the length, too much for noise" in s for s in f.sentences) is not noise
     assert bool(f.misfits) is not noise
     assert noise or not f.believable
 

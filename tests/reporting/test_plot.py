@@ -68,6 +68,22 @@ def test_whole_figures_hold_every_pose(fitted):
     assert len(plot.explained(explained(fitted)).axes) == len(fitted.poses) + 2
 
 
+def test_a_long_title_stays_inside_the_figure(fitted):
+    long = replace(fitted, study=replace(fitted.study, title="Hose between two facing clamps, " * 6))
+    for figure in (plot.overview(long), plot.explained(replace(explained(fitted), study=long.study))):
+        figure.canvas.draw()
+        [title] = [text for text in figure.texts if text.get_text().startswith("Hose")]
+        box = title.get_window_extent()
+        assert 0.03 * figure.bbox.width < box.x0 and box.x1 < 0.97 * figure.bbox.width
+        assert box.y1 < figure.bbox.height and box.y0 > max(ax.title.get_window_extent().y1 for ax in figure.axes)
+
+
+def test_four_poses_make_a_square(fitted):
+    four = dict(list({f"{name} {k}": p for k in range(4) for name, p in fitted.poses.items()}.items())[:4])
+    figure = plot.overview(replace(fitted, poses=four))
+    assert {ax.get_subplotspec().colspan.start for ax in figure.axes[:4]} == {0, 1}
+
+
 @pytest.mark.parametrize("name", [name for name in DRAWN if name != "evidence"])
 def test_legends_hide_no_data(fitted, name):
     draw, subject, options = DRAWN[name]

@@ -16,10 +16,12 @@ from jax.flatten_util import ravel_pytree
 from reference import clamped_cases
 
 from scan2flex_jax.geometry import lie
+from scan2flex_jax.rod.assembly import node_forces
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.energy import potential_energy
 from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.statics import implicit
 from scan2flex_jax.statics.solve import equilibrium
 
 from . import cases
@@ -112,6 +114,18 @@ def test_jacfwd_matches_finite_differences(forward, k):
     scale = np.abs(slope).max()
     assert doubt < 1e-6 * scale, "the finite difference is too noisy to judge"
     np.testing.assert_allclose(forward[:, k], slope, atol=1e-6 * scale)
+
+
+def test_first_derivatives_trace_the_balance_once(monkeypatch):
+    """The derivative of the Hessian belongs to higher orders, and a fit does not wait for its tracing."""
+    traced, model_and_boundary = [], built(zero)
+    monkeypatch.setattr(implicit, "node_forces", lambda *given: traced.append(given) or node_forces(*given))
+
+    def points(given):
+        return equilibrium(*given, elements=N).points
+
+    jax.make_jaxpr(lambda given: jax.jvp(points, (given,), (given,)))(model_and_boundary)
+    assert len(traced) == 1
 
 
 @pytest.mark.slow

@@ -126,6 +126,8 @@ def test_examples_come_with_the_package(name):
     assert study.fit_poses
     text = describe(study)
     assert study.title in text and all(pose.name in text for pose in study.poses)
+    for heading in ("Given", "Assumed", "To estimate", "Tolerances (standard deviations)", "Poses: "):
+        assert f"\n{heading}" in text
 
 
 def test_no_such_example():
