@@ -47,9 +47,9 @@ class Rules:
     ``settled`` (a function of the cost) or the parameters by less than ``step``, where the quadratic is stationary, and where
     the damping reaches ``give_up``. With ``judged`` it has converged by the rule of `quadratic`; without, by having stopped
     before it was given up. ``damping`` is that of the first step and stays above ``least``, after a refused step above
-    ``refused``. ``closer``: decrease of a settled cost from which on a start from the measured curves is followed (None: untested).
-    ``bend``: steps that go uphill are bent, and the first that is refused is tried from the measured curves too, where
-    ``closer`` tests these. ``hopeless``: a cost that the descent must reach; one that does not predict it is given up.
+    ``refused``. ``closer``: decrease of a settled cost from which on a start from the measured curves is followed (None:
+    untested). ``bend``: steps that go uphill are bent, and the first that is refused is tried from the measured curves too,
+    where ``closer`` tests these. ``hopeless``: a cost that the descent must reach; one that does not predict it is given up.
     """
 
     most: Callable[[float], int]

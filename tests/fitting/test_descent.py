@@ -44,7 +44,7 @@ class Valley(Model):
     def about(self, point):
         A, g, x = point.jacobian.T @ point.jacobian, point.jacobian.T @ point.residual, point.x
         held = ((x <= self.low) & (g > 0)) | ((x >= self.high) & (g < 0))
-        return Quadratic(x, A, g, np.diag(A), ~held)
+        return Quadratic(x, A, g, np.diag(A), ~held, noise=1e-9)
 
     def bounded(self, move, about):
         return move
