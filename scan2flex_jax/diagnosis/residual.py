@@ -231,7 +231,7 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
 
 def scales_of_poses(white: Whitened, signatures, prior_rows: float) -> tuple[float, ...]:
     """Standard deviation of the noise in each pose over that of all, from whitened residuals projected off the model's
-    columns and the ``signatures`` (per pose (m, 2, K)) of all effects; shrunk to one by ``prior_rows`` of unit variance.
+    columns and the ``signatures`` (per pose (m, 2, K)) of all effects; shrunk to one by ``prior_rows`` rows of variance one.
 
     A scan of a cable from one side has several times the error of one from three sides.
     """

@@ -22,7 +22,7 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
-_EXCHANGED = 2  # effects of a set whose effects are exchanged
+_EXCHANGED = 2  # size of the sets whose effects are exchanged
 _ELSEWHERE = 0.05  # of the length: a refit reaches nearer positions by itself
 _WORTH = 12.0  # nats behind the best one-step evidence: a refit does not catch up
 _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is the order of effect types

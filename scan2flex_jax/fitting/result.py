@@ -182,7 +182,7 @@ class Fit:
 
 
 UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
-STALLED = "the fit has stalled: no step lowers its cost, short of a minimum; its values and intervals are not to be believed"
+STALLED = "the fit has stalled: no step lowers its cost as predicted; its values and intervals are not to be believed"
 _AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
 _SEVERAL_TURNED = (
     "{} poses fit only with other turns than the study states: look at the rolls of their clamps before believing the values"

@@ -53,8 +53,8 @@ def test_without_an_effect_it_is_that_of_the_baseline_fit(fitted):
     np.testing.assert_allclose(own.left_out, confirm.left_out(stage, base), rtol=0.02)
 
 
-def test_beside_a_length_that_is_found_the_stated_one_does_not_count(fitted):
-    """The mass counts as before; the stated length has no part in it any more."""
+def test_given_a_found_length_the_stated_one_does_not_count(fitted):
+    """The mass has the same sensitivity, the stated length none."""
     stage, found = staged(fitted, Component("length_error", {}), amplitudes=(np.zeros(1),))
     moved = influence_of_refit(stage, found).stated
     np.testing.assert_allclose(moved["length_density"], 1.0, atol=0.02)

@@ -34,6 +34,9 @@ def test_a_fit_that_has_not_settled_is_not_to_be_believed(real):
     near = replace(real, misfits=())
     assert near.believable
     assert not replace(near, converged=False).believable
+    assert "has not settled within its iterations" in replace(near, converged=False).doubts[0]
+    stalled = replace(near, converged=False, minimum=replace(near.minimum, stalled=True))
+    assert "has stalled: no step lowers its cost as predicted" in stalled.doubts[0]
     name, pose = next(iter(near.poses.items()))
     assert not replace(near, poses=near.poses | {name: replace(pose, stable=False)}).believable
 
