@@ -52,7 +52,8 @@ def validity(
         return None, ("no validate pose: whether the model predicts other poses is not known",)
     bad = [n for n, v in rms.items() if not v <= settings.predicted * np.hypot(floor, poses[n].spread)]
     worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
-    sizes = f"error {1e3 * rms[worst]:.2g} mm, noise {1e3 * floor:.2g} mm"
+    error = f"error {1e3 * rms[worst]:.2g} mm" if np.isfinite(rms[worst]) else "no equilibrium was found"
+    sizes = f"{error}, noise {1e3 * floor:.2g} mm"
     if poses[worst].spread > settings.felt * floor:
         sizes += f", tolerances and errors of the estimates {1e3 * poses[worst].spread:.2g} mm"
     if not bad:

@@ -1,11 +1,14 @@
 """Poses that were never fitted: off by no more than noise, their own tolerances and the estimates' errors, or not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from scan2flex_jax.fitting import FitSettings, fit
+from scan2flex_jax.fitting.belief import validity
+from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.fitting.statistics import unseen_spread
 from scan2flex_jax.study import Tolerance
@@ -41,6 +44,14 @@ def test_without_the_tolerance_they_are(turned):
     f = fit(replace(turned, tolerance=scenes.EXACT))
     assert f.poses["unseen"].spread < f.poses["unseen"].rms / 3
     assert f.valid is False
+
+
+def test_a_validate_pose_that_was_not_solved_has_no_error():
+    noise = Noise(2e-4, 0.0, 0.05, 1.5)
+    poses = {"seen": SimpleNamespace(role="fit"), "lost": SimpleNamespace(role="validate", rms=np.nan, spread=np.nan)}
+    valid, (said,) = validity(poses, noise, 2e-4, 1.0, 0.0, misfit=False)
+    assert valid is False
+    assert "does not predict lost" in said and "(no equilibrium was found, noise 0.28 mm)" in said
 
 
 def test_belief_is_a_matter_of_settings_that_are_stored(turned):
