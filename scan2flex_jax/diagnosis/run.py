@@ -33,7 +33,7 @@ _SHARPENED = 2  # times that the noise is estimated anew beside what was found
 def explain(
     study: Study,
     *,
-    elements: int = FIT_ELEMENTS,
+    elements: int | None = None,
     progress: Callable[[str], None] | None = None,
     seed: int = 0,
     mesh: bool = True,
@@ -44,7 +44,7 @@ def explain(
 
     Args:
         study: One cable; six poses or more, some of them not plane, tell effects apart.
-        elements: Elements of the rod to begin with.
+        elements: Elements of the rod to begin with; None: as many as `fit` takes.
         progress: Called with a line of text now and then.
         seed: Draws the noise of the test.
         mesh: False leaves out the gate that refines the mesh.
@@ -97,9 +97,9 @@ def explain(
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     _free(found, say)
-    warnings: tuple[str, ...] = ()
+    warnings = base.fit.mesh
     if base.coarse:
-        warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
+        warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
         warnings += sentences.if_fine(found)
     say("before and after")
@@ -119,7 +119,7 @@ class _Base:
 
 
 def _base(
-    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
+    study: Study, elements: int | None, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
     settings: DiagnosisSettings = USUAL,
 ) -> _Base | Fit:
     """The plain fit on a mesh that is fine enough, or as fine as it gets; the fit alone where the input is likely mistaken.
@@ -130,12 +130,13 @@ def _base(
     while True:
         say("plain fit")
         if ahead is not None:
-            ahead.start(study, elements, mesh=mesh)
+            ahead.start(study, elements or FIT_ELEMENTS, mesh=mesh)
         fitted = plain_fit(study, elements=elements, slots=empty_slots_of(study))
         if ahead is not None:
-            _wait(ahead, study, elements, mesh, say)
+            _wait(ahead, study, elements or FIT_ELEMENTS, mesh, say)
         if fitted.mistakes:
             return fitted
+        elements = fitted.problem.elements
         study = fitted.problem.study  # with the turns that the shapes tell
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")
