@@ -1,8 +1,8 @@
 """The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
 
 `python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
-`<!-- end -->`. A figure that a record lacks is a dash. Tables of the README, docs/first-cable.md, docs/accuracy.md and
-docs/compared.md are here; those of the other pages are in their own modules.
+`<!-- end -->`. A figure that a record lacks is a dash. Tables of the README, docs/first-cable.md, docs/accuracy.md,
+docs/compared.md and docs/theory.md are here; those of the other pages are in their own modules.
 """
 
 import math
@@ -286,6 +286,26 @@ def laws() -> str:
     return table(head, rows) + made_on(entry)
 
 
+def ratios() -> str:
+    """Error of the elements by ratio of stiffnesses, with their law and with the one that faded."""
+    entry = load("stiffness_ratios")
+    r = entry["results"]
+    usual = r["meshes"].index(40)
+
+    def largest(families, ratio, law, mesh):
+        off = [pose[law][mesh] for family in families for pose in r["families"][family][ratio].values()]
+        return "not solved" if None in off else f"{max(off):.1e}"
+
+    soft = [family for family in r["families"] if family.endswith("soft")]
+    groups = [[family for family in r["families"] if family not in soft], soft]
+    rows = []
+    for ratio in r["families"][soft[0]]:
+        cells = [[*(largest(g, ratio, "error", i) for i in range(3)), largest(g, ratio, "stiffened", usual)] for g in groups]
+        rows.append([ratio, *cells[0], *cells[1]])
+    head = ["ratio", *(f"{n} elements" for n in r["meshes"]), "40, fading law"]
+    return table(head + [f"soft: {words}" for words in head[1:]], rows) + made_on(entry)
+
+
 PAGES = {
     README: {"answer": answer},
     DOCS / "first-cable.md": {"newcomer": newcomer},
@@ -301,6 +321,7 @@ PAGES = {
         "firstuse": firstuse,
     },
     DOCS / "compared.md": {"fit": fit},
+    DOCS / "theory.md": {"ratios": ratios},
     DOCS / "adding-an-effect.md": {"laws": laws},
 }
 """The tables made here, by page, in the order of the page."""

@@ -15,6 +15,8 @@ from scan2flex_jax.fitting.evaluate import observed, one
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
+from scan2flex_jax.statics.mesh import Mesh, shortest_bend
 from scan2flex_jax.statics.solve import Equilibrium, equilibrium
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study, StudyPose
@@ -31,7 +33,7 @@ class Prediction:
     """One pose: nodes (m), section force (N) and moment (N m) in the scan frame, and support reactions.
 
     ``touches``: arc lengths (m) of two places where the cable penetrates itself, which contact would prevent but the model
-    ignores; None if there are none, or the study has no radius.
+    ignores; None if there are none, or the study has no radius. ``mesh``: sentences on the number of elements.
     """
 
     s: np.ndarray
@@ -43,19 +45,21 @@ class Prediction:
     reaction_moment: np.ndarray
     verdict: Verdict
     touches: tuple[float, float] | None = None
+    mesh: tuple[str, ...] = ()
 
     def sentence(self) -> str:
-        """The status in words, and whether the cable passes through itself."""
-        if self.touches is None:
-            return self.verdict.sentence()
-        a, b = self.touches
-        said = f"it passes through itself at s = {a:.3g} m and {b:.3g} m (contact with itself is not modelled)"
-        return f"{self.verdict.sentence()}; {said}"
+        """The status in words, whether the cable passes through itself, and unusual numbers of elements."""
+        said = [self.verdict.sentence()]
+        if self.touches is not None:
+            a, b = self.touches
+            said.append(f"it passes through itself at s = {a:.3g} m and {b:.3g} m (contact with itself is not modelled)")
+        return "; ".join((*said, *self.mesh))
 
     def to_json(self) -> dict:
         """Reactions and status; shapes are written as CSV."""
         out = {"stable": bool(self.verdict.solved), "verdict": self.verdict.sentence()}
         out |= {} if self.touches is None else {"touches": list(self.touches)}
+        out |= {"messages": list(self.mesh)} if self.mesh else {}
         if not out["stable"]:
             return out
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
@@ -70,13 +74,13 @@ def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> 
     return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
 
 
-def predict(study: Study, *, elements: int = 40) -> dict[str, Prediction]:
+def predict(study: Study, *, elements: int | None = None) -> dict[str, Prediction]:
     """Shapes, section forces and reactions of all poses of a calibrated study.
 
     Args:
         study: A study whose parameters all have values, such as ``fit(study).calibrated``. Poses need only clamps; a pose with
             a measured curve is solved on the branch nearest to it.
-        elements: Elements of the rod.
+        elements: Elements of the rod; None: 40, or as many more as the bends of each pose need (`statics.mesh`).
 
     Returns:
         A `Prediction` for each pose, by name; a failed solve is reported in its status.
@@ -112,12 +116,15 @@ def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
 
 def _one_pose(study, pose, elements, radius):
     model = model_of(study, pose)
-    e = settled(study, pose, model, elements)
+    mesh = Mesh(elements or DEFAULT_ELEMENTS, float(model.cable.length), float(shortest_bend(model, boundary_of(pose))))
+    if elements is None:
+        mesh = mesh._replace(elements=mesh.enough)
+    e = settled(study, pose, model, mesh.elements)
     section_s, force, moment = map(np.asarray, e.section_forces())
     push, turn = map(np.asarray, e.reactions())
     points = np.asarray(observed(model, e.points))
     touches = None if radius is None or not bool(e.verdict.solved) else touching(np.asarray(e.points), radius)
-    return Prediction(np.asarray(e.s), points, section_s, force, moment, push, turn, e.verdict, touches)
+    return Prediction(np.asarray(e.s), points, section_s, force, moment, push, turn, e.verdict, touches, mesh.sentences())
 
 
 def csv_files(names: Iterable[str], folder: Path) -> dict[str, tuple[Path, Path]]:

@@ -30,7 +30,7 @@ def explain(
     save: Annotated[
         Path | None, typer.Option(help="Save the study with the effect declared to this folder.", callback=folder_to_write)
     ] = None,
-    elements: Elements = 40,
+    elements: Elements = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -57,7 +57,7 @@ def explain(
 
 
 def plan(
-    study: StudyFolder, json: JsonFile = None, elements: Elements = 40, force: Force = False, quiet: Quiet = False
+    study: StudyFolder, json: JsonFile = None, elements: Elements = None, force: Force = False, quiet: Quiet = False
 ) -> None:
     """Rank candidate poses by how much they would add to the answer.
 

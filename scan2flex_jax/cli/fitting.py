@@ -53,7 +53,7 @@ def fit(
     figure: Annotated[
         Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.", callback=picture_to_write)
     ] = None,
-    elements: Elements = 40,
+    elements: Elements = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
@@ -71,7 +71,7 @@ def fit(
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
 
     with progress(f"fitting {loaded.title}", quiet) as tell:
-        asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}, {elements} elements"
+        asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}" + (f", {elements} elements" if elements else "")
         tell(f"{asked}; the first fit compiles first")
         result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
         tell("influence of each pose and of the stated values")
@@ -98,7 +98,7 @@ def simulate(
     study: StudyFolder,
     out: Annotated[Path, typer.Option(help="Folder for the CSV files.", callback=folder_to_write)] = Path("simulated"),
     json: JsonFile = None,
-    elements: Elements = 40,
+    elements: Elements = None,
     force: Force = False,
 ) -> None:
     """Predict shapes, section forces and moments, and clamp reactions of all poses, as CSV.
@@ -161,7 +161,7 @@ def demo(
         plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
         outputs.write_json(out / f"{name}.json", result.to_json())
         say(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
-    result = explained(wire, 40, ahead, quiet)
+    result = explained(wire, None, ahead, quiet)
     if result.fit is not None:
         draw_explanation(result, out, outputs.write)
         say(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")

@@ -65,7 +65,10 @@ Force = Annotated[
     bool, typer.Option("--force", help="Replace files that scan2flex did not write; files of a study are never replaced.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on standard error.")]
-Elements = Annotated[int, typer.Option(min=8, max=5000, help="Elements of the rod.")]
+Elements = Annotated[
+    int | None,
+    typer.Option(min=8, max=5000, help="Elements of the rod.", show_default="40, or more where bends are shorter than they"),
+]
 
 
 def choices(*names: str):
@@ -78,7 +81,7 @@ def interactive() -> bool:
     return sys.stdin.isatty()
 
 
-def explained(study, elements: int, ahead=None, quiet: bool = False):
+def explained(study, elements: int | None, ahead=None, quiet: bool = False):
     """Explain a study and print the summary; ``ahead`` (an `AheadCompiler`) may have begun to compile."""
     from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
     from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415

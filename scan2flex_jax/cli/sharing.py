@@ -22,7 +22,7 @@ def report(
         bool, typer.Option("--interactive", help="Add a plot of all poses that a mouse rotates; needs the extra [report].")
     ] = False,
     json: JsonFile = None,
-    elements: Elements = 40,
+    elements: Elements = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:

@@ -34,7 +34,7 @@ _SHARPENED = 2  # searches repeated with the noise re-estimated given the effect
 def explain(
     study: Study,
     *,
-    elements: int = FIT_ELEMENTS,
+    elements: int | None = None,
     progress: Callable[[str], None] | None = None,
     seed: int = 0,
     mesh: bool = True,
@@ -45,11 +45,11 @@ def explain(
 
     Args:
         study: One cable. Distinguishing effects takes six poses or more, some of them not plane.
-        elements: Initial number of elements of the rod.
+        elements: Initial number of elements of the rod; None: as many as `fit` takes.
         progress: Called with a line of text at each step.
         seed: Seed of the noise drawn for the test.
         mesh: False skips the gate that refines the mesh.
-        ahead: Compiles the search in a thread during the baseline fit; without it no thread is started.
+        ahead: Compiles the search in a thread during the baseline fit; without it nothing is compiled ahead.
         settings: Thresholds of the verdict, of intervals and of the mesh.
 
     Returns:
@@ -98,9 +98,9 @@ def explain(
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     _free(found, say)
-    warnings: tuple[str, ...] = ()
+    warnings = base.fit.mesh
     if base.coarse:
-        warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
+        warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
         warnings += sentences.if_fine(found)
     say("before and after")
@@ -120,7 +120,7 @@ class _Base:
 
 
 def _base(
-    study: Study, elements: int, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
+    study: Study, elements: int | None, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
     settings: DiagnosisSettings = USUAL,
 ) -> _Base | Fit:
     """The baseline fit on a fine enough mesh, or the finest allowed; the fit alone if the input is likely mistaken.
@@ -131,12 +131,13 @@ def _base(
     while True:
         say("baseline fit")
         if ahead is not None:
-            ahead.start(study, elements, mesh=mesh)
+            ahead.start(study, elements or FIT_ELEMENTS, mesh=mesh)
         fitted = baseline_fit(study, elements=elements, slots=empty_slots_of(study))
         if ahead is not None:
-            _wait(ahead, study, elements, mesh, say)
+            _wait(ahead, study, elements or FIT_ELEMENTS, mesh, say)
         if fitted.mistakes:
             return fitted
+        elements = fitted.problem.elements
         study = fitted.problem.study  # with the turns inferred from the shapes
         bench = Bench(fitted.problem, fitted.minimum)
         say("signatures of the catalogue")

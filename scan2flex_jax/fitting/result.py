@@ -52,7 +52,8 @@ class Fit:
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
     (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
-    ``settings``: the thresholds of the validation. ``laws``: the declared laws of bending and torsion, with their bands.
+    ``mesh``: sentences on the number of elements (`statics.mesh`). ``settings``: the thresholds of the validation. ``laws``:
+    the declared laws of bending and torsion, with their bands.
     """
 
     study: Study = field(repr=False)
@@ -74,6 +75,7 @@ class Fit:
     cost: float
     data: str
     turned: tuple[str, ...] = ()
+    mesh: tuple[str, ...] = ()
     misfits: tuple[str, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
     settings: FitSettings = USUAL

@@ -6,6 +6,7 @@ priors weighted against that noise, then intervals, undetermined combinations, a
 
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import estimate_of
 from scan2flex_jax.fitting.law import laws_of
 from scan2flex_jax.fitting.least_squares import silent
+from scan2flex_jax.fitting.mesh import Found, on_enough_elements
 from scan2flex_jax.fitting.poses import check_distance
-from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.result import Fit, PoseFit, unsettled
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.fitting.states import DISTANCES
@@ -41,7 +43,7 @@ def fit(
     *,
     data: str = "auto",
     distance: str = "normal",
-    elements: int = FIT_ELEMENTS,
+    elements: int | None = None,
     progress: Callable[[str], None] | None = None,
     slots: tuple[AbstractEffect, ...] = (),
     settings: FitSettings = USUAL,
@@ -56,7 +58,7 @@ def fit(
             themselves, "auto" curves where every pose has one or a scan is too coarse for its cable, else clouds.
         distance: Of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and "nelder-mead": it has
             no least squares).
-        elements: Elements of the rod.
+        elements: Elements of the rod; None: 40, or as many more as the bends of the cable need (`statics.mesh`).
         progress: Called with a line of text now and then.
         slots: Energy laws of effects that may be added later, at zero amplitude, so that a later search reuses the functions
             compiled here.
@@ -77,8 +79,9 @@ def fit(
     _check(study, method, distance, data)
     began, progress = time.perf_counter(), progress or silent
     whole, scans, said = measured_by(study, data, method, distance, progress)
-    problem = Problem(whole, elements, distance, slots)
-    problem, minimum, likely = _minimum(problem, method, progress)
+    stages = [partial(stage, method=method, progress=progress) for stage in (_minimum, _on_branches)]
+    found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
+    problem, minimum, likely = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
@@ -113,13 +116,14 @@ def fit(
         poses=poses,
         noise=sensor,
         discrepancy=discrepancy,
-        sentences=(*map(str, likely), *misfits, *said, *turned, *_known(known, laws, estimates), *verdict),
+        sentences=(*map(str, likely), *misfits, *said, *mesh.sentences(), *turned, *_known(known, laws, estimates), *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,
         cost=minimum.cost,
         turned=turned,
+        mesh=mesh.sentences(),
         misfits=misfits,
         mistakes=likely,
         settings=settings,
@@ -132,20 +136,23 @@ def _known(known, laws, estimates):
     return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
 
 
-def _minimum(problem, method, progress):
-    """Problem and minimum on the measured branches, and likely mistakes of the input."""
-    study = problem.study
+def _minimum(problem, _, method, progress):
+    """The first minimum, and mistakes of the input that show at once."""
     try:
         minimum, likely = mistakes.before_branches(problem, method, progress)
-        minimum = minimum or problem.minimise(method, progress)
+        return Found(problem, minimum or problem.minimise(method, progress), likely)
     except NotSettledError as fault:
         raise mistakes.instead_of(fault, problem, progress) from fault
-    if not likely:
-        declared = problem, minimum
-        problem, minimum = branches.on_its_branches(problem, minimum, method, progress)
-        likely = mistakes.hidden(study, problem, minimum, progress)
-        problem, minimum = branches.believed(problem, minimum, declared)
-    return problem, minimum, likely
+
+
+def _on_branches(declared, first, method, progress):
+    """Problem and minimum on the measured branches, and mistakes of the input that show there."""
+    if first.mistakes:
+        return first
+    problem, minimum = branches.on_its_branches(declared, first.minimum, method, progress)
+    likely = mistakes.hidden(declared.study, problem, minimum, progress)
+    problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
+    return Found(problem, minimum, likely)
 
 
 def _correlation(covariance):

@@ -13,7 +13,6 @@ from typing import Any
 from scan2flex_jax.diagnosis import Explanation, explain
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import Fit, fit
-from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.reporting import figures, parts
 from scan2flex_jax.reporting.contents import Contents, contents_of
 from scan2flex_jax.reporting.html import Html, Part, joined, section, tag
@@ -39,14 +38,14 @@ def report(
     *,
     explained: bool = True,
     interactive: bool = False,
-    elements: int = FIT_ELEMENTS,
+    elements: int | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> str:
     """The HTML page about a study, a `Fit` or an `Explanation`, as text.
 
-    A study is explained first (or, with ``explained`` False, only fitted) with ``elements`` elements. ``interactive`` adds all
-    poses in a rotatable plot. ``progress`` is called with a line of text now and then. Raises `Scan2FlexError` if an
-    interactive page lacks plotly (extra ``[report]``).
+    A study is explained first (or, with ``explained`` False, only fitted) with ``elements`` elements (as in `fit`).
+    ``interactive`` adds all poses in a rotatable plot. ``progress`` is called with a line of text now and then. Raises
+    `Scan2FlexError` if an interactive page lacks plotly (extra ``[report]``).
     """
     if interactive:
         require_libraries()

@@ -1,0 +1,72 @@
+"""The number of elements: no longer than the bends of the cable, as its closed forms give them."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scan2flex_jax.effects.anisotropic_bending import AnisotropicBending
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
+from scan2flex_jax.statics.mesh import MOST_ELEMENTS, Mesh, shortest_bend
+from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import TOO_COARSE
+
+from . import cases
+
+WEIGHT = 0.2 * 9.81  # N/m
+
+
+def cable(EI, GJ=0.1, **more):
+    return cases.model(Cable(1.0, 0.2, EI, GJ, **more))
+
+
+def bend_of(model):
+    return float(shortest_bend(model, cases.reference_case("P1")[1]))
+
+
+def test_bends_under_the_weight():
+    """sqrt(EI / (w L)), of the softer axis, wherever the axes of the section lie."""
+    assert bend_of(cable(0.01)) == pytest.approx(np.sqrt(0.01 / WEIGHT))
+    assert bend_of(cable([0.5, 0.01])) == pytest.approx(np.sqrt(0.01 / WEIGHT))
+    turned = cable(0.01)
+    turned = CableModel(turned.cable, turned.gravity, AnisotropicBending(jnp.array(50.0), jnp.array(0.7)))
+    assert bend_of(turned) == pytest.approx(np.sqrt(0.01 / WEIGHT))
+
+
+def test_bends_under_a_force_and_without_any():
+    held = cases.model(Cable(1.0, 0.2, 0.01, 0.1), cases.WEIGHTLESS, (3.0, 0.0, 4.0))
+    assert bend_of(held) == pytest.approx(np.sqrt(0.01 / 5.0))
+    assert bend_of(cases.model(Cable(1.0, 0.2, 0.01, 0.1), cases.WEIGHTLESS)) > 1e3
+
+
+def test_natural_curvature_bends_a_cable():
+    assert bend_of(cable(1.0, natural_curvature=[30.0, 0.0, 40.0])) == pytest.approx(1 / 50.0)
+
+
+@pytest.mark.parametrize(("bend", "enough"), [(1.0, 40), (0.025, 40), (0.0249, 80), (0.003, 640), (1e-6, MOST_ELEMENTS)])
+def test_elements_are_doubled_until_none_is_longer_than_the_bends(bend, enough):
+    assert Mesh(DEFAULT_ELEMENTS, 1.0, bend).enough == enough
+
+
+def test_what_is_said_of_a_mesh():
+    """Nothing of the usual one, nor of one that a user has chosen without need."""
+    assert Mesh(40, 1.0, 0.03).sentences() == ()
+    assert Mesh(160, 1.0, 0.03).sentences() == ()
+    (finer,) = Mesh(80, 1.0, 0.015).sentences()
+    assert finer == "80 elements in place of 40: bends of 15 mm are shorter than elements of 25 mm"
+    (needed,) = Mesh(40, 1.0, 0.01).sentences()
+    assert needed == "40 elements of 25 mm are longer than bends of 10 mm (160 are needed): shapes and values may be off"
+    (most,) = Mesh(MOST_ELEMENTS, 1.0, 5e-4).sentences()
+    assert "longer than bends of 0.5 mm (the most that are used)" in most
+
+
+def test_a_soft_cable_is_solved_with_enough_elements():
+    """EI/(w L^3) of 2e-5, between clamps: 40 elements are longer than its bends, and the solve says so."""
+    model, (_, boundary) = cable(4e-5, 4e-5), cases.reference_case("P2")
+    enough = Mesh(DEFAULT_ELEMENTS, 1.0, bend_of(model)).enough
+    found = equilibrium(model, boundary, elements=enough)
+    assert found.verdict.solved, found.verdict.sentence()
+    assert int(equilibrium(model, boundary).verdict.code) == TOO_COARSE
+    finer = equilibrium(model, boundary, elements=2 * enough)
+    np.testing.assert_allclose(found.points, finer.points[::2], atol=2e-4)
