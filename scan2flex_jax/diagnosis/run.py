@@ -18,11 +18,12 @@ from scan2flex_jax.diagnosis.sensitivity import Bench
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.slots import empty_slots_of
 from scan2flex_jax.errors import NotSettledError
-from scan2flex_jax.fitting import Fit
+from scan2flex_jax.fitting import Fit, mistakes
 from scan2flex_jax.fitting import fit as baseline_fit
 from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
@@ -54,8 +55,8 @@ def explain(
 
     Returns:
         Verdict, ranking, estimates before and after, and the study with the effects declared. Poses that are not solved give
-        the verdict "not in equilibrium", never an exception; a study with likely input mistakes (``Fit.mistakes``) is
-        "unexplained", without a search.
+        the verdict "not in equilibrium", never an exception; a study with likely input mistakes (``Fit.mistakes``) that no
+        effect outdoes is "unexplained".
 
     Raises:
         Scan2FlexError: The study cannot be fitted.
@@ -78,6 +79,23 @@ def explain(
         seconds = time.perf_counter() - began
         said = (str(fault),)
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=said, seconds=seconds, settings=settings)
+    found = _searched(base, say)
+    warnings = base.fit.mesh
+    if base.fit.mistakes:
+        if not _outdone(base.fit.mistakes, found, settings):
+            return _mistaken(base.fit, began, settings)
+        warnings += tuple(f"a mistake of the input explains less: {mistake}" for mistake in base.fit.mistakes)
+    _free(found, say)
+    if base.coarse:
+        warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
+    if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
+        warnings += sentences.if_fine(found)
+    say("before and after")
+    return _explanation(base, found, warnings, began)
+
+
+def _searched(base: "_Base", say: Progress) -> search.Found:
+    """The search at the noise of the sensor, and on from there where that leaves structure."""
     found = search.search(base.stage, say)
     for _ in range(_SHARPENED):
         differ = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
@@ -97,14 +115,7 @@ def explain(
             found.best, found.after = simplest, stage.test_after(found.stage, simplest)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
-    _free(found, say)
-    warnings = base.fit.mesh
-    if base.coarse:
-        warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
-    if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
-        warnings += sentences.if_fine(found)
-    say("before and after")
-    return _explanation(base, found, warnings, began)
+    return found
 
 
 @dataclass(frozen=True)
@@ -135,7 +146,7 @@ def _base(
         fitted = baseline_fit(study, elements=elements, slots=empty_slots_of(study))
         if ahead is not None:
             _wait(ahead, study, elements or FIT_ELEMENTS, mesh, say)
-        if fitted.mistakes:
+        if fitted.mistakes and mistakes.beyond_doubt(fitted.problem, fitted.mistakes):
             return fitted
         elements = fitted.problem.elements
         study = fitted.problem.study  # with the turns inferred from the shapes
@@ -174,9 +185,18 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
     return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
 
 
+def _outdone(likely: tuple[Mistake, ...], found: search.Found, settings: DiagnosisSettings) -> bool:
+    """Whether an effect was found that explains the shapes better than likely mistakes of the input do."""
+    if found.verdict not in verdict.FOUND:
+        return False
+    pairs = list(zip(found.best.shapes, found.stage.bench.real, strict=True))
+    left = np.sqrt(sum(np.sum(s.residual[k] ** 2) for s, k in pairs) / sum(np.sum(k) for _, k in pairs))
+    return bool(left < settings.outdone * min((m.after for m in likely if m.after is not None), default=0.0))
+
+
 def _mistaken(fitted: Fit, began: float, settings: DiagnosisSettings) -> Explanation:
-    """The explanation of a study with likely input mistakes: no search."""
-    said = (*map(str, fitted.mistakes), "correct the input first: missing physics is not searched for until then")
+    """The explanation of a study with likely input mistakes."""
+    said = (*map(str, fitted.mistakes), "correct the input first: no missing effect is named until then")
     seconds = time.perf_counter() - began
     return Explanation(
         study=fitted.study, verdict=verdict.UNEXPLAINED, sentences=said, seconds=seconds, mistakes=fitted.mistakes,

@@ -36,6 +36,9 @@ class DiagnosisSettings(NoiseSettings):
     ``sharper``, the ratio to the first estimate below which a noise estimated given an effect replaces it; ``mesh_share``, the
     mesh error over the noise above which the mesh is refined, up to ``most_elements``.
 
+    Mistakes of the input: ``outdone``, the ratio of an effect's RMS error to that of the corrected study below which the effect
+    is the explanation.
+
     Doubts: a noise is conspicuous above ``smooth`` (correlated over white part) and ``large_noise`` (over the length), unless
     stated; a residual of scans below ``fine`` (over the radius) may be an error of their axis.
     """
@@ -68,6 +71,7 @@ class DiagnosisSettings(NoiseSettings):
     smooth: float = 3.0
     large_noise: float = 0.002
     fine: float = 0.1
+    outdone: float = 0.9
     correlation_spread: float = 0.6
     longest_correlation: float = 0.3
 
