@@ -83,6 +83,7 @@ def table(rows: list[dict]) -> dict:
         "background_cases": len(rows),
         "background_alone_named": share(r.get("named", False) for r in none),
         "background_in_tie_set": share(r["in_tie_set"] for r in one),
+        "background_missed_for_a_mistake": share(r.get("mistaken", False) for r in one if not r["in_tie_set"]),
         "background_named_and_wrong": share(r["named_and_wrong"] for r in rows),
         "background_size_within_15_percent": share((r.get("size_off_by") or np.inf) < SIZE for r in sized),
         "background_validate_within_1.3": share(r.get("validate_over_attained", np.inf) < VALIDATE for r in one),

@@ -88,7 +88,7 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
         "processor_seconds": result.get("processor_seconds"), "tolerances": tolerances,
         "class": "off" if off else "none" if not truth else "one" if len(truth) == 1 else "two",
     }  # fmt: skip
-    named = result.get("verdict") in NAMED
+    named, out["mistaken"] = result.get("verdict") in NAMED, bool(result.get("mistakes"))
     out["detected"] = bool(result.get("test", {}).get("significant"))
     out["in_tie_set"] = bool(ties & accept) if chosen else False
     out["top_1"] = bool(chosen) and chosen[0] in accept
