@@ -67,7 +67,7 @@ Force = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on standard error.")]
 Elements = Annotated[
     int | None,
-    typer.Option(min=8, max=5000, help="Elements of the rod.", show_default="40, or more where bends are shorter than they"),
+    typer.Option(min=8, max=5000, help="Elements of the rod.", show_default="40, or more for short bends"),
 ]
 
 

@@ -36,7 +36,9 @@ def test_a_soft_cable_is_fitted_with_more_elements_which_the_fit_says(soft):
     assert SOFT in f.to_json()["messages"]
     e = f.estimates["bending_stiffness"]
     assert e.low < EI < e.high
-    assert predict(f.calibrated)["pose-1"].sentence() == f"stable equilibrium; {SOFT}"
+    (prediction,) = predict(f.calibrated).values()
+    assert prediction.sentence() == f"stable equilibrium; {SOFT}"
+    assert prediction.to_json()["messages"] == [SOFT]
 
 
 def test_a_number_of_elements_is_used_as_given(soft):
