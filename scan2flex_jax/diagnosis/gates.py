@@ -13,14 +13,20 @@ from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
+from scan2flex_jax.rod.memory import remembering
+from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
 
 
 def mesh_error(problem, minimum) -> np.ndarray:
     """By how much (m) twice the elements move the nodes of each pose at most; NaN where they find no equilibrium."""
-    out = []
+    out, start = [], minimum.evaluation.configuration
+    before = problem.evaluator.states_before(minimum.shared, minimum.local, start)
     for i in range(problem.poses.count):
         model = model_at(problem.layout, problem.poses.template(i), jnp.asarray(minimum.shared))
+        if before[i]:  # each half of an element remembers what the whole does
+            halves = tuple(np.repeat(left, 2, axis=0) for left in before[i])
+            model = CableModel(model.cable, model.gravity, remembering(model.effects, halves))
         said = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
         boundary = boundary_at(problem.layout, said, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)
