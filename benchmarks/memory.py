@@ -23,6 +23,8 @@ from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
 
 jax.config.update("jax_enable_x64", True)
@@ -100,18 +102,26 @@ def one(i: int) -> dict:
         facts |= {"named": found.named, "p_value": found.p_value, "gain": found.gain, "best other": max(found.others)}
         facts["seconds"] = round(time.perf_counter() - began, 1)
         seen = replace(study, poses=(*study.poses[:-1], last))
-        plain, with_memory = fit(seen), fit(remembering(seen, found.parameters))
+        _, plain = to_come(seen)
+        e, friction = to_come(remembering(seen, found.parameters))
     except Scan2FlexError as fault:
         return facts | {"failed": str(fault)}
-    e = {name: estimate.value for name, estimate in with_memory.estimates.items()}
     most = float(np.sqrt(np.mean([c.k**2 for c in chains])))
     area = fitted_loop(e["friction.share"], e["friction.slip_curvature"], e["bending_stiffness"], most)
     truth = law.loop_area(most) if remembers else 0.0
     return facts | {
         "loop": area, "true loop": truth, "loop error": abs(area / truth - 1) if truth else None,
-        "next, plain": plain.poses[last.name].rms, "next, friction": with_memory.poses[last.name].rms,
-        "estimates": {k: float(v) for k, v in e.items()},
+        "next, plain": plain, "next, friction": friction, "estimates": e,
     }  # fmt: skip
+
+
+def to_come(study: Study) -> tuple[dict[str, float], float]:
+    """Estimates from the fitted poses, and the RMS distance (m) of the pose that was kept from them."""
+    problem = Problem(study)
+    minimum = problem.minimise("least-squares")
+    values = {name: float(v) for name, v in values_of(problem.layout, minimum.shared[: problem.layout.unknowns]).items()}
+    r, real = problem.predicted(minimum).residual[0], np.asarray(problem.held_out.mask[0]) > 0
+    return values, float(np.sqrt(np.mean(np.sum(r[real] ** 2, axis=1))))
 
 
 def remembering(study: Study, guess: dict | None = None) -> Study:

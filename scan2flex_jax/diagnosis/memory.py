@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
@@ -74,7 +75,7 @@ class MemoryTest:
 @on_one_blas_thread
 def memory_test(
     study: Study,
-    kind: str = "friction",
+    kind: str = Friction.kind,
     *,
     orders: int = ORDERS,
     elements: int = FIT_ELEMENTS,

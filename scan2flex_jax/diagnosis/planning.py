@@ -3,7 +3,8 @@
 For the parameters the gain is D-optimal, half the drop of the log determinant of their covariance. Between two rival effects it
 is T-optimal: with the signatures of both and the numbers of the base in one linear model, the part of effect ``a`` at its
 refitted size that effect ``b`` and the base cannot imitate, squared, is the expected lead of ``a`` over ``b`` in twice the log
-likelihood. All is to first order at the plain fit, with the noise that was estimated there.
+likelihood. All is to first order at the plain fit, with the noise that was estimated there. With memory a candidate comes
+after all poses of the study, and derivatives go through their order.
 Reference: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models" (1975).
 """
 
@@ -22,6 +23,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 POINTS = 48  # of the curve that a scan of a candidate is taken to give
@@ -91,7 +93,8 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     Args:
         explanation: What `explain` found. Rivals are the effects of its tie, or the best two.
         candidates: Study poses (their curves, if any, play no part); left out, variations of the fitted ones: end clamp
-            twisted, both clamps rolled, clamps nearer to each other, end clamp aside.
+            twisted, both clamps rolled, clamps nearer to each other, end clamp aside; with memory also each fitted pose again,
+            last: approached from another side, or after it has crept.
 
     Returns:
         The candidates, ranked, with what each would settle.
@@ -118,7 +121,7 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
 
 def variations(study: Study) -> list[tuple[str, StudyPose]]:
     """``(words, pose)``: what can be done with the clamps at hand, from each of the first fitted poses."""
-    out = []
+    out = [(f"{pose.name} again, last", pose) for pose in study.fit_poses] if study.remembers else []
     for pose in study.fit_poses[:3]:
         if pose.end is None:
             out += _held_poses(pose, ((f"{pose.name}, start clamp rolled by {d} degrees", "start", d) for d in (90, 180)))
@@ -191,6 +194,8 @@ def _judge(stage, words, pose, rivals, columns, leads, now):
 def _scanned(stage, pose):
     """A bench of the one pose, measured where the model says that it would be."""
     bench = stage.bench
+    if bench.in_order is not None:
+        return _whitened(stage, _posed_last(stage, pose))
     model = model_at(bench.layout, template(bench.problem.study, pose), stage.base.vector[: bench.layout.shared])
     e = equilibrium(model, boundary_of(pose), turns=int(pose.turns), elements=bench.elements)
     if not bool(e.verdict.solved):
@@ -200,7 +205,35 @@ def _scanned(stage, pose):
     measured = replace(pose, curve=MeasuredCurve(points, None), markers=None)
     poses = poses_of(bench.problem.study, [measured], bench.problem.length, bench.elements)
     settled = jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
-    poses = replace(poses, start=settled)
+    return _whitened(stage, replace(poses, start=settled))
+
+
+def _posed_last(stage, pose):
+    """The pose after all poses of the study, as arrays."""
+    problem, elements = stage.bench.problem, stage.bench.elements
+    last = problem.study.poses[-1]
+    later = None if last.time is None else last.time + _pause(problem.study)
+    pose = replace(pose, name=f"{pose.name}, next", role="fit", repeat_of=None, reset=False, time=later)
+    study = replace(problem.study, poses=(*problem.study.poses, pose))
+    poses = poses_of(study, [pose], problem.length, elements)
+    e = problem.evaluator_of(poses)(stage.base.vector[: stage.bench.layout.shared])
+    if not e.solved:
+        raise Scan2FlexError(f"not solved: {SENTENCES[int(e.verdict.code[0])]}")
+    keep = np.unique(np.linspace(0, elements, min(POINTS, elements + 1)).round().astype(int)[1:-1])
+    measured = replace(pose, curve=MeasuredCurve(e.configuration.r[0][keep], None), markers=None)
+    study = replace(study, poses=(*problem.study.poses, measured))
+    return replace(poses_of(study, [measured], problem.length, elements), start=e.configuration)
+
+
+def _pause(study):
+    """Mean time (s) between two poses."""
+    times = [pose.time for pose in study.poses if pose.time is not None]
+    return float(np.ptp(times)) / max(len(times) - 1, 1)
+
+
+def _whitened(stage, poses):
+    """A bench of one candidate, and its residual and derivatives in the metric of the noise."""
+    bench = stage.bench
     other = Bench(bench.problem, bench.minimum, poses)
     own = _own(other, stage)
     white = whiten(other.shapes((), own), other.real, Numbers(other, ()), own, Law(stage.noise))

@@ -11,6 +11,7 @@ from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, rep
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.evidence import one_step
+from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.diagnosis.refit import freed
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Bench
@@ -22,6 +23,7 @@ from scan2flex_jax.fitting import fit as plain_fit
 from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import on_one_blas_thread
+from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
@@ -102,8 +104,16 @@ def explain(
         warnings = (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
         warnings += sentences.if_fine(found)
+    warnings += _remembered(study, elements, say)
     say("before and after")
     return _explanation(base, found, warnings, began)
+
+
+def _remembered(study: Study, elements: int, say: Progress) -> tuple[str, ...]:
+    """A sentence for each declared effect with memory whose parameters are unknown: the test over the order of poses."""
+    kinds = [e.kind for e in study.effects if kind_format(e.kind).memory != "none"]
+    asked = [kind for kind in kinds if any(name.startswith(f"{kind}.") for name in study.unknown_names)]
+    return tuple(memory_test(study, kind, elements=elements, progress=say).sentence() for kind in asked)
 
 
 @dataclass(frozen=True)

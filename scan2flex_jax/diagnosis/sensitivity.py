@@ -4,6 +4,8 @@ A `Component` is one kind at one site. `Bench` holds a study made ready: it turn
 continuous parts of the sites) into states (`fitting.states`), solves all poses, and differentiates. At zero amplitude the
 columns of the whole catalogue share the base model's factors, so each costs one back-substitution.
 
+With memory the base is solved in the order of the poses; effects are added to poses whose history is that of the plain fit.
+
 Units: residuals in m; columns in m per unit of their number; amplitudes as the catalogue has them.
 """
 
@@ -85,6 +87,10 @@ class Bench:
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
         self.previous = _previous(problem, minimum, self.poses)
+        self.in_order = None if self.poses.history is None else problem.evaluator_of(self.poses)
+        if self.in_order is not None:
+            local = minimum.local if poses is None else np.zeros((self.poses.count, self.layout.local))
+            self.poses = self.in_order.remembered(minimum.shared, local, self.start)
         self.nulls = empty_slots(self.context)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.off = _root_mean_square(minimum.evaluation.residual, problem.poses.mask)
@@ -94,6 +100,7 @@ class Bench:
         """The same fitted study with some of its poses, in this order."""
         some = copy(self)
         some.poses = self.poses.only(which)
+        some.in_order = None if self.in_order is None else self.problem.evaluator_of(self.in_order.poses.only(which))
         some.start = jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
         some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
         return some
@@ -102,10 +109,21 @@ class Bench:
         """All poses solved at the numbers: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""
         numbers, out = Numbers(self, components), []
         start = self.start if start is None else start
+        if self.in_order is not None and not components:
+            return self._shapes_in_order(vector, numbers, start)
         for i in range(self.poses.count):
             state, tangents = self._state(components, vector[numbers.of_pose(i)], i)
             out.append(self._solve(state, tangents if derivative else None, i, one(start, i)))
         return out
+
+    def _shapes_in_order(self, vector, numbers, start):
+        """The shapes of the base with memory, with derivatives through the order of the poses."""
+        local = vector[numbers.shared : numbers.base].reshape(numbers.poses, numbers.local)
+        e = self.in_order(vector[: numbers.shared], local, start=start)
+        self.solves += numbers.poses
+        marked = self.poses.marked
+        each = [one((e.residual, e.jacobian, e.s, e.configuration, e.verdict), i) for i in range(numbers.poses)]
+        return [states.Shape(*shape, None if marked is None else marked[i]) for i, shape in enumerate(each)]
 
     def catalogue_columns(self, vector, components, start):
         """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.

@@ -13,6 +13,7 @@ Derivatives of a pose by nuisance parameters of the clamps of earlier poses are 
 history by a small part of a threshold, and they would cost the square of the number of poses.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -23,7 +24,7 @@ from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
 from scan2flex_jax.fitting.poses import Poses
-from scan2flex_jax.rod.memory import Left
+from scan2flex_jax.rod.memory import Left, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
@@ -142,6 +143,17 @@ class Evaluator:
         if self.poses.history is None:
             return [()] * self.poses.count
         return [left for left, _ in self._in_order(shared, local, start, derivative=True)]  # by the functions of the fit
+
+    def remembered(self, shared, local, start) -> Poses:
+        """The poses with the states that those before them left at these numbers in their models; unchanged without memory."""
+        if self.poses.history is None:
+            return self.poses
+        before = self.states_before(shared, local, start)
+        models = [self.poses.template(i) for i in range(self.poses.count)]
+        models = [
+            CableModel(m.cable, m.gravity, remembering(m.effects, left)) for m, left in zip(models, before, strict=True)
+        ]
+        return replace(self.poses, templates=tuple(models), group=tuple(range(len(models))))
 
     def rod(self, i: int, shared, local, configuration) -> tuple[Rod, Configuration]:
         """The rod of pose ``i`` at these numbers, with its energy laws, and its configuration; without its history."""

@@ -13,13 +13,14 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.rod.effect import AbstractEffect
 
-Left = tuple[Float[Array, "n ..."], ...]
-"""The state of every effect with memory of a rod: one array per effect, with a leading axis of elements."""
+Left = tuple[Float[Array | np.ndarray, "..."], ...]
+"""The state of every effect with memory of a rod: one array (n, ...) per effect, one row per element."""
 
 
 class AbstractMemory(AbstractEffect):
@@ -30,7 +31,7 @@ class AbstractMemory(AbstractEffect):
     """
 
     needs: ClassVar[str] = "order"
-    left: Float[Array, "n ..."] | None = eqx.field(default=None, kw_only=True)
+    left: Float[Array | np.ndarray, "n ..."] | None = eqx.field(default=None, kw_only=True)
 
     @abc.abstractmethod
     def without_history(self, elements: int) -> Float[Array, "n ..."]:
@@ -58,7 +59,7 @@ class AbstractMemory(AbstractEffect):
         a cable of this ``length`` (m), measured within so many ``seconds``."""
         return ()
 
-    def before(self, elements: int) -> Float[Array, "n ..."]:
+    def before(self, elements: int) -> Float[Array | np.ndarray, "n ..."]:
         """State of every element before the pose."""
         return self.without_history(elements) if self.left is None else self.left
 

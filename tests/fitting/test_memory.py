@@ -30,13 +30,13 @@ def ordered(effects=(FRICTION,), unknowns=OF_FRICTION, poses=NAMES, **changes):
 
 
 def evaluated(study, at=AT, **given):
-    problem = Problem(study, scenes.ELEMENTS, "integrated")
+    problem = Problem(study, scenes.ELEMENTS)
     x = scenes.vector(problem.layout, at)
     return problem, x, problem.evaluator(x, **given)
 
 
-def differences(problem, x, e, step=1e-4):
-    """Central differences of the residuals, fourth order, each pose on its branch."""
+def differences(problem, x, e, step=1e-6):
+    """Central differences of the residuals, fourth order, each pose on its branch; a slider seldom meets its knee in such a step."""
     columns = []
     for k in range(problem.layout.shared):
         way = step * np.eye(len(x))[k]
@@ -46,13 +46,17 @@ def differences(problem, x, e, step=1e-4):
 
 
 def test_derivatives_go_through_the_order_of_poses():
-    """Exact against differences, and not those of poses that begin without history."""
-    problem, x, e = evaluated(ordered())
+    """Exact against differences, and not those of poses that begin without history.
+
+    At the shapes themselves, where the axes of a residual, which derivatives hold, have no part in it.
+    """
+    study = ordered(poses=NAMES[:3])
+    problem, x, e = evaluated(scenes.measured(study, scenes.exact_curves(study, AT)))
     assert e.solved
     exact, by_differences = e.jacobian[..., : len(x)], differences(problem, x, e)
     scale = np.abs(exact).max(axis=(0, 1, 2))
     assert np.all(np.abs(exact - by_differences).max(axis=(0, 1, 2)) < 1e-6 * scale)
-    fresh = evaluated(ordered(twist_90={"reset": True}, aside_45={"reset": True}))[2]
+    fresh = evaluated(ordered(poses=NAMES[:3], twist_90={"reset": True}, aside_45={"reset": True}))[2]
     assert np.all(np.abs(exact - fresh.jacobian[..., : len(x)])[1:].max(axis=(0, 1, 2)) > 1e-3 * scale)
 
 
@@ -73,8 +77,8 @@ def test_the_order_matters_and_a_pose_for_validation_is_part_of_it():
     assert np.abs(swapped.configuration.r[1] - e.configuration.r[0]).max() > 1e-4  # the same clamps, another past
     between = replace(study, poses=(study.poses[3], *study.poses[:3]))
     assert np.abs(evaluated(between)[2].configuration.r[0] - e.configuration.r[0]).max() > 1e-4
-    unseen = Problem(study, scenes.ELEMENTS, "integrated")
-    found = unseen.evaluator_of(unseen.held_out, "integrated")(x)
+    unseen = Problem(study, scenes.ELEMENTS)
+    found = unseen.evaluator_of(unseen.held_out)(x)
     calibrated = replace(study, unknowns=(), cable={**study.cable, **{k: AT[k] for k in list(AT)[:2]}},
                          effects=(EffectDeclaration("friction", {"share": 0.4, "slip_curvature": 1.0}),))  # fmt: skip
     told = predict(calibrated, elements=scenes.ELEMENTS)
@@ -85,7 +89,7 @@ def test_the_order_matters_and_a_pose_for_validation_is_part_of_it():
 def test_each_pose_is_solved_once_whatever_their_number():
     """The cost of an evaluation is linear in the poses: every one is solved once, with its derivatives."""
     calls = []
-    problem = Problem(ordered(), scenes.ELEMENTS, "integrated")
+    problem = Problem(ordered(), scenes.ELEMENTS)
     own = problem.evaluator._pose
     problem.evaluator._pose = lambda *given, **more: calls.append(1) or own(*given, **more)
     problem.evaluator(scenes.vector(problem.layout, AT))
@@ -130,7 +134,7 @@ def recovered():
     chains = hysteresis.posed(1.0, 1.0, law, [hysteresis.Grip(*g) for g in GRIPS])
     study = study_of_chains(chains, [hysteresis.Grip(*g) for g in GRIPS], noise=3e-4, seed=1)
     remembered = replace(study, effects=(FRICTION,), unknowns=(*study.unknowns, *OF_FRICTION[2:]))
-    return fit(study), fit(remembered)
+    return Problem(study, scenes.ELEMENTS).minimise("least-squares"), fit(remembered)
 
 
 def test_a_fit_recovers_friction_from_the_poses_of_another_solver(recovered):
@@ -141,7 +145,7 @@ def test_a_fit_recovers_friction_from_the_poses_of_another_solver(recovered):
         e = found.estimates[name]
         assert e.identifiable and e.low < value < e.high, (name, e)
     assert found.estimates["bending_stiffness"].value == pytest.approx(0.05, rel=0.05)
-    assert found.minimum.cost < 0.5 * plain.minimum.cost
+    assert found.minimum.cost < 0.5 * plain.cost
 
 
 def test_what_cannot_follow_the_order_says_so():
