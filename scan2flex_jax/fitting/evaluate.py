@@ -133,7 +133,7 @@ class Evaluator:
             before = NO_HISTORY if history.reset[q] else before
             i, poses = own.get(q, q), self.poses if q in own else history.poses
             given = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
-            shape = self._pose(poses, i, shared, *given, derivative, before, history.held[q])
+            shape = self._pose(poses, i, shared, *given, derivative, before, np.asarray(history.held[q]))
             found[q] = before.left or tuple(np.zeros_like(left) for left in shape.left), shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]
@@ -169,7 +169,7 @@ class Evaluator:
             given = self.layout, self.poses.template(i), boundary, x, self.slots, self.elements
             state = states.after(_state(*given, self._rows(x, derivative=True))[0], before[i])
             given = discrepancy.directions(state), one(start, i), target_of(self.poses, i), self.distance, self.width
-            out.append(np.asarray(states.evaluate(state, *given, held=0.0 if before[i] else None).columns))
+            out.append(np.asarray(states.evaluate(state, *given, held=np.zeros(()) if before[i] else None).columns))
         return out
 
 

@@ -163,7 +163,7 @@ def evaluate(
     target: Target,
     distance: str = "normal",
     width: int = CHUNK,
-    held: float | None = None,
+    held: np.ndarray | None = None,
 ) -> Shape:
     """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
 

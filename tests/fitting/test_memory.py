@@ -36,7 +36,7 @@ def evaluated(study, at=AT, **given):
 
 
 def differences(problem, x, e, step=1e-6):
-    """Central differences of the residuals, fourth order, each pose on its branch; a slider seldom meets its knee in such a step."""
+    """Central differences of the residuals, fourth order, each pose on its branch; so short that no slider turns in between."""
     columns = []
     for k in range(problem.layout.shared):
         way = step * np.eye(len(x))[k]
