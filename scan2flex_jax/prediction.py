@@ -74,8 +74,7 @@ def in_order(study: Study, elements: int) -> Iterator[tuple[StudyPose, CableMode
     """Every pose of a study with its model and equilibrium, each after those before it."""
     before, last = None, None
     for pose in study.poses:
-        times = (None if last is None else last.time, pose.time)
-        held = 0.0 if None in times or not study.remembers else float(np.subtract(times[1], times[0]))
+        held = 0.0 if last is None or last.time is None or pose.time is None else pose.time - last.time
         model, before = _settled(study, pose, elements, before if study.remembers and not pose.reset else None, held)
         last = pose
         yield pose, model, before

@@ -17,7 +17,6 @@ import numpy as np
 
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.statistics import noise_of
@@ -106,12 +105,14 @@ def memory_test(
     plain, remembering = _plain(study, kind), _remembering(study, kind)
     say = progress or (lambda message: None)
     say(f"with {kind}")
-    true, minimum = _fitted(remembering, elements)
+    true = Problem(remembering, elements)
+    minimum = true.minimise("least-squares")
     noise = _noise(true, minimum)
     minimum = _with_priors(true, minimum, noise)
     least = _cost(true, minimum, noise)
     say(f"without {kind}")
-    without = _cost(*_settled(plain, elements, noise), noise)
+    linear = Problem(plain, elements)
+    without = _cost(linear, _with_priors(linear, linear.minimise("least-squares"), noise), noise)
     gain, others, rng = without - least, [], np.random.default_rng(seed)
     for k in range(orders):
         say(f"order {k + 1} of {orders}")
@@ -149,16 +150,6 @@ def _permuted(study, rng):
         order = rng.permutation(len(order))
     shown = zip((study.poses[i] for i in order), study.poses, strict=True)
     return replace(study, poses=tuple(replace(pose, time=place.time, reset=place.reset) for pose, place in shown))
-
-
-def _fitted(study, elements) -> tuple[Problem, Minimum]:
-    problem = Problem(study, elements)
-    return problem, problem.minimise("least-squares")
-
-
-def _settled(study, elements, noise):
-    problem, minimum = _fitted(study, elements)
-    return problem, _with_priors(problem, minimum, noise)
 
 
 def _with_priors(problem, minimum, noise):

@@ -25,7 +25,7 @@ from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
-from scan2flex_jax.fitting.evaluate import one, target_of
+from scan2flex_jax.fitting.evaluate import Evaluator, one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.rod.effect import overriding
 
@@ -110,20 +110,22 @@ class Bench:
         numbers, out = Numbers(self, components), []
         start = self.start if start is None else start
         if self.in_order is not None and not components:
-            return self._shapes_in_order(vector, numbers, start)
+            return self._shapes_in_order(self.in_order, vector, numbers, start)
         for i in range(self.poses.count):
             state, tangents = self._state(components, vector[numbers.of_pose(i)], i)
             out.append(self._solve(state, tangents if derivative else None, i, one(start, i)))
         return out
 
-    def _shapes_in_order(self, vector, numbers, start):
+    def _shapes_in_order(self, evaluator: Evaluator, vector, numbers, start):
         """The shapes of the base with memory, with derivatives through the order of the poses."""
         local = vector[numbers.shared : numbers.base].reshape(numbers.poses, numbers.local)
-        e = self.in_order(vector[: numbers.shared], local, start=start)
+        e = evaluator(vector[: numbers.shared], local, start=start)
         self.solves += numbers.poses
-        marked = self.poses.marked
-        each = [one((e.residual, e.jacobian, e.s, e.configuration, e.verdict), i) for i in range(numbers.poses)]
-        return [states.Shape(*shape, None if marked is None else marked[i]) for i, shape in enumerate(each)]
+        r, J, s, marked = e.residual, e.jacobian, e.s, self.poses.marked
+        return [
+            states.Shape(r[i], J[i], s[i], one(e.configuration, i), one(e.verdict, i), None if marked is None else marked[i])
+            for i in range(numbers.poses)
+        ]
 
     def catalogue_columns(self, vector, components, start):
         """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.

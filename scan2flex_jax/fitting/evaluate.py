@@ -23,7 +23,7 @@ import numpy as np
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
-from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.fitting.poses import History, Poses
 from scan2flex_jax.rod.memory import Left, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
@@ -103,7 +103,7 @@ class Evaluator:
         if p.history is None:
             found = [self._pose(p, i, shared, local[i], one(start, i), derivative) for i in range(p.count)]
         else:
-            found = [shape for _, shape in self._in_order(shared, local, start, derivative)]
+            found = [shape for _, shape in self._in_order(p.history, shared, local, start, derivative)]
         found = [each._replace(marked=None, left=(), leaving=()) for each in found]
         r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)[:5]
         return Evaluation(r, jacobian, s, configuration, verdict)
@@ -124,25 +124,27 @@ class Evaluator:
         found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, self.width, held)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
-    def _in_order(self, shared, local, start, derivative) -> list[tuple[Left, states.Shape]]:
+    def _in_order(self, history: History, shared, local, start, derivative) -> list[tuple[Left, states.Shape]]:
         """For each pose, the state before it and its shape; poses of the history that are not of these have no part of
         their own but what they leave."""
-        history, found = self.poses.history, {}
+        found: dict[int, tuple[Left, states.Shape]] = {}
         own, before = {int(q): i for i, q in enumerate(history.at)}, NO_HISTORY
         for q in range(max(own) + 1):
             before = NO_HISTORY if history.reset[q] else before
             i, poses = own.get(q, q), self.poses if q in own else history.poses
-            given = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
-            shape = self._pose(poses, i, shared, *given, derivative, before, np.asarray(history.held[q]))
+            z, begin = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
+            shape = self._pose(poses, i, shared, z, begin, derivative, before, np.asarray(history.held[q]))
             found[q] = before.left or tuple(np.zeros_like(left) for left in shape.left), shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]
 
     def states_before(self, shared, local, start) -> list[Left]:
         """For each pose the state that those before it left; empty without memory."""
-        if self.poses.history is None:
+        history = self.poses.history
+        if history is None:
             return [()] * self.poses.count
-        return [left for left, _ in self._in_order(shared, local, start, derivative=True)]  # by the functions of the fit
+        found = self._in_order(history, shared, local, start, derivative=True)  # by the functions that a fit has compiled
+        return [left for left, _ in found]
 
     def remembered(self, shared, local, start) -> Poses:
         """The poses with the states that those before them left at these numbers in their models; unchanged without memory."""
@@ -168,8 +170,9 @@ class Evaluator:
             boundary = one(self.poses.boundary, i)
             given = self.layout, self.poses.template(i), boundary, x, self.slots, self.elements
             state = states.after(_state(*given, self._rows(x, derivative=True))[0], before[i])
-            given = discrepancy.directions(state), one(start, i), target_of(self.poses, i), self.distance, self.width
-            out.append(np.asarray(states.evaluate(state, *given, held=np.zeros(()) if before[i] else None).columns))
+            along, target, held = discrepancy.directions(state), target_of(self.poses, i), np.zeros(()) if before[i] else None
+            found = states.evaluate(state, along, one(start, i), target, self.distance, self.width, held)
+            out.append(np.asarray(found.columns))
         return out
 
 

@@ -95,7 +95,7 @@ class Problem:
     def starts(self) -> list[np.ndarray]:
         """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs; with memory, one for
         each start of its parameters."""
-        starts = []
+        starts: list[np.ndarray] = []
         for memory in memory_starts(self.study, self.poses, self.length):
             starts += [x for x in self.both_starts(memory=memory) if not any(np.allclose(x, y, atol=0.05) for y in starts)]
         return starts
