@@ -13,6 +13,7 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax import plot as plot
     from scan2flex_jax.diagnosis import DiagnosisSettings as DiagnosisSettings
     from scan2flex_jax.diagnosis import explain as explain
+    from scan2flex_jax.diagnosis import memory_test as memory_test
     from scan2flex_jax.diagnosis import plan as plan
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
@@ -72,6 +73,7 @@ _HOMES = {
     "explain": "diagnosis",
     "fit": "fitting",
     "load_study": "study",
+    "memory_test": "diagnosis",
     "model_of": "fitting",
     "plan": "diagnosis",
     "plot": "",

@@ -4,16 +4,16 @@ Forces are often the purpose of a calibration: a cable's pull on its connector, 
 """
 
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.fitting.evaluate import observed, one
+from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.parameters import model_of
-from scan2flex_jax.fitting.poses import boundary_of, poses_of
+from scan2flex_jax.fitting.poses import boundary_of, start_along
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 from scan2flex_jax.statics.mesh import Mesh, shortest_bend
@@ -66,16 +66,35 @@ class Prediction:
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
 
 
-def settled(study: Study, pose: StudyPose, model: CableModel, elements: int) -> Equilibrium:
-    """The equilibrium of one study pose, on the branch nearest to its measured curve if there is one."""
-    start = None
+def settled(study: Study, pose: StudyPose, elements: int) -> tuple[CableModel, Equilibrium]:
+    """Model and equilibrium of one study pose, on the branch nearest to its measured curve if there is one, and with memory
+    after the poses before it."""
+    if not study.remembers:
+        return _settled(study, pose, elements)
+    return next((model, e) for other, model, e in in_order(study, [elements] * len(study.poses)) if other is pose)
+
+
+def in_order(study: Study, elements: Iterable[int]) -> Iterator[tuple[StudyPose, CableModel, Equilibrium]]:
+    """Every pose of a study with its model and equilibrium, each after those before it; ``elements`` of each pose, alike for
+    all with memory."""
+    before, last = None, None
+    for pose, count in zip(study.poses, elements, strict=True):
+        held = 0.0 if last is None or last.time is None or pose.time is None else pose.time - last.time
+        model, before = _settled(study, pose, count, before if study.remembers and not pose.reset else None, held)
+        last = pose
+        yield pose, model, before
+
+
+def _settled(study, pose, elements, after=None, held=0.0):
+    start, model = None, model_of(study, pose)
     if pose.curve is not None or pose.markers is not None:
-        start = one(poses_of(study, [pose], float(model.cable.length), elements).start, 0)
-    return equilibrium(model, boundary_of(pose), start=start, turns=pose.turns, elements=elements)
+        start = start_along(study, pose, float(model.cable.length), elements)
+    given = {"start": start, "turns": pose.turns, "elements": elements, "after": after, "held": held}
+    return model, equilibrium(model, boundary_of(pose), **given)
 
 
 def predict(study: Study, *, elements: int | None = None) -> dict[str, Prediction]:
-    """Shapes, section forces and reactions of all poses of a calibrated study.
+    """Shapes, section forces and reactions of all poses of a calibrated study, in their order if an effect has memory.
 
     Args:
         study: A study whose parameters all have values, such as ``fit(study).calibrated``. Poses need only clamps; a pose with
@@ -93,7 +112,10 @@ def predict(study: Study, *, elements: int | None = None) -> dict[str, Predictio
     """
     check_study(study, "predict")
     radius = study.cable.get("radius")
-    return {pose.name: _one_pose(study, pose, elements, None if radius is None else float(radius)) for pose in study.poses}
+    radius = None if radius is None else float(radius)
+    meshes = _meshes(study, elements)
+    found = zip(in_order(study, [mesh.elements for mesh in meshes]), meshes, strict=True)
+    return {pose.name: _one_pose(model, e, radius, mesh) for (pose, model, e), mesh in found}
 
 
 def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
@@ -114,12 +136,20 @@ def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
     return float(fine[nearest[0]]), float(fine[nearest[1]])
 
 
-def _one_pose(study, pose, elements, radius):
-    model = model_of(study, pose)
-    mesh = Mesh(elements or DEFAULT_ELEMENTS, float(model.cable.length), float(shortest_bend(model, boundary_of(pose))))
+def _meshes(study, elements):
+    """The mesh of each pose; with memory all have as many elements as the finest."""
+    models = [(pose, model_of(study, pose)) for pose in study.poses]
+    found = [
+        Mesh(elements or DEFAULT_ELEMENTS, float(model.cable.length), float(shortest_bend(model, boundary_of(pose))))
+        for pose, model in models
+    ]
     if elements is None:
-        mesh = mesh._replace(elements=mesh.enough)
-    e = settled(study, pose, model, mesh.elements)
+        found = [mesh._replace(elements=mesh.enough) for mesh in found]
+    finest = max((mesh.elements for mesh in found), default=0)
+    return [mesh._replace(elements=finest) for mesh in found] if study.remembers else found
+
+
+def _one_pose(model, e, radius, mesh):
     section_s, force, moment = map(np.asarray, e.section_forces())
     push, turn = map(np.asarray, e.reactions())
     points = np.asarray(observed(model, e.points))

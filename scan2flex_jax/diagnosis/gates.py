@@ -14,14 +14,20 @@ from scipy.spatial.transform import Rotation
 from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.fitting.threads import each_pose
+from scan2flex_jax.rod.memory import remembering
+from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
 
 
 def mesh_error(problem, minimum) -> np.ndarray:
     """Largest displacement (m) of a node of each pose with twice the elements; NaN without an equilibrium."""
+    before = problem.evaluator.states_before(minimum.shared, minimum.local, minimum.evaluation.configuration)
 
     def of_pose(i):
         model = model_at(problem.layout, problem.poses.template(i), jnp.asarray(minimum.shared))
+        if before[i]:  # each half of an element remembers what the whole does
+            halves = tuple(np.repeat(left, 2, axis=0) for left in before[i])
+            model = CableModel(model.cable, model.gravity, remembering(model.effects, halves))
         stated = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
         boundary = boundary_at(problem.layout, stated, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)

@@ -3,7 +3,8 @@
 The gain for the parameters is D-optimal, half the decrease of the log determinant of their covariance. The gain for two rival
 effects is T-optimal: in a linear model of both signatures and the base parameters, the squared part of effect ``a`` at its
 refitted size that effect ``b`` and the base cannot imitate is twice the expected lead of ``a`` over ``b`` in log likelihood.
-All gains are to first order at the baseline fit, with its estimated noise.
+All gains are to first order at the baseline fit, with its estimated noise. With memory a candidate comes after all poses of the
+study, and derivatives go through their order.
 Reference: Atkinson and Fedorov, "The design of experiments for discriminating between two rival models" (1975).
 """
 
@@ -22,6 +23,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.statics.solve import equilibrium
+from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 POINTS = 48  # of the simulated curve of a candidate
@@ -91,7 +93,8 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     Args:
         explanation: The result of `explain`. Rivals are the effects of its tie, or the best two.
         candidates: Study poses (their curves, if any, are ignored). Default: variations of the fitted ones, with the end clamp
-            twisted, both clamps rolled, the clamps nearer to each other, or the end clamp moved aside.
+            twisted, both clamps rolled, the clamps nearer to each other, or the end clamp moved aside; with memory also each
+            fitted pose again, last: approached from another side, or after it has crept.
 
     Returns:
         The candidates, ranked, with their gains.
@@ -118,7 +121,7 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
 
 def variations(study: Study) -> list[tuple[str, StudyPose]]:
     """``(words, pose)``: variations of the first fitted poses that need no other clamps."""
-    out = []
+    out = [(f"{pose.name} again, last", pose) for pose in study.fit_poses] if study.remembers else []
     for pose in study.fit_poses[:3]:
         if pose.end is None:
             out += _held_poses(pose, ((f"{pose.name}, start clamp rolled by {d} degrees", "start", d) for d in (90, 180)))
@@ -191,6 +194,8 @@ def _judge(stage, words, pose, rivals, columns, leads, now):
 def _scanned(stage, pose):
     """A `Bench` of the one pose, with its predicted equilibrium as the measurement."""
     bench = stage.bench
+    if bench.in_order is not None:
+        return _whitened(stage, _posed_last(stage, pose))
     model = model_at(bench.layout, template(bench.problem.study, pose), stage.base.vector[: bench.layout.shared])
     e = equilibrium(model, boundary_of(pose), turns=int(pose.turns), elements=bench.elements)
     if not bool(e.verdict.solved):
@@ -200,7 +205,35 @@ def _scanned(stage, pose):
     measured = replace(pose, curve=MeasuredCurve(points, None), markers=None)
     poses = poses_of(bench.problem.study, [measured], bench.problem.length, bench.elements)
     settled = jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
-    poses = replace(poses, start=settled)
+    return _whitened(stage, replace(poses, start=settled))
+
+
+def _posed_last(stage, pose):
+    """The pose after all poses of the study, as arrays."""
+    problem, elements = stage.bench.problem, stage.bench.elements
+    last = problem.study.poses[-1]
+    later = None if last.time is None else last.time + _pause(problem.study)
+    pose = replace(pose, name=f"{pose.name}, next", role="fit", repeat_of=None, reset=False, time=later)
+    study = replace(problem.study, poses=(*problem.study.poses, pose))
+    poses = poses_of(study, [pose], problem.length, elements)
+    e = problem.evaluator_of(poses)(stage.base.vector[: stage.bench.layout.shared])
+    if not e.solved:
+        raise Scan2FlexError(f"not solved: {SENTENCES[int(e.verdict.code[0])]}")
+    keep = np.unique(np.linspace(0, elements, min(POINTS, elements + 1)).round().astype(int)[1:-1])
+    measured = replace(pose, curve=MeasuredCurve(e.configuration.r[0][keep], None), markers=None)
+    study = replace(study, poses=(*problem.study.poses, measured))
+    return replace(poses_of(study, [measured], problem.length, elements), start=e.configuration)
+
+
+def _pause(study):
+    """Mean time (s) between two poses."""
+    times = [pose.time for pose in study.poses if pose.time is not None]
+    return float(np.ptp(times)) / max(len(times) - 1, 1)
+
+
+def _whitened(stage, poses):
+    """A bench of one candidate, and its residual and derivatives in the metric of the noise."""
+    bench = stage.bench
     other = Bench(bench.problem, bench.minimum, poses)
     own = _own(other, stage)
     white = whiten(other.shapes((), own), other.real, Numbers(other, ()), own, Law(stage.noise))

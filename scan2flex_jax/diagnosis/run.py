@@ -12,6 +12,7 @@ from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, rep
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.evidence import one_step
+from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.diagnosis.refit import freed
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.sensitivity import Bench
@@ -23,6 +24,7 @@ from scan2flex_jax.fitting import fit as baseline_fit
 from scan2flex_jax.fitting.least_squares import Progress, silent
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import MeasuredCurve, Study
 from scan2flex_jax.study.repeats import repeat_sentences
@@ -90,6 +92,7 @@ def explain(
         warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
         warnings += sentences.if_fine(found)
+    warnings += _remembered(study, base.fit.problem.elements, say)
     say("before and after")
     return _explanation(base, found, warnings, began)
 
@@ -116,6 +119,13 @@ def _searched(base: "_Base", say: Progress) -> search.Found:
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     return found
+
+
+def _remembered(study: Study, elements: int, say: Progress) -> tuple[str, ...]:
+    """A sentence for each declared effect with memory whose parameters are unknown: the test over the order of poses."""
+    kinds = [e.kind for e in study.effects if kind_format(e.kind).memory != "none"]
+    asked = [kind for kind in kinds if any(name.startswith(f"{kind}.") for name in study.unknown_names)]
+    return tuple(memory_test(study, kind, elements=elements, progress=say).sentence() for kind in asked)
 
 
 @dataclass(frozen=True)

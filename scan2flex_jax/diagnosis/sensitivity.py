@@ -4,6 +4,8 @@ A `Component` is one effect type at one candidate site (position, width or thres
 amplitudes, continuous parts of the sites) to states (`fitting.states`), solves all poses, and differentiates. At zero amplitude
 the columns of the whole catalogue share the factorisation of the base model, so each costs one back-substitution.
 
+With memory the base is solved in the order of the poses; effects are added to poses whose history is that of the baseline fit.
+
 Units: residuals in m; columns in m per unit of their parameter; amplitudes as in the catalogue.
 """
 
@@ -23,7 +25,7 @@ from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
-from scan2flex_jax.fitting.evaluate import one, target_of
+from scan2flex_jax.fitting.evaluate import Evaluator, one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.effect import overriding
@@ -86,6 +88,10 @@ class Bench:
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
         self.previous = _previous(problem, minimum, self.poses)
+        self.in_order = None if self.poses.history is None else problem.evaluator_of(self.poses)
+        if self.in_order is not None:
+            local = minimum.local if poses is None else np.zeros((self.poses.count, self.layout.local))
+            self.poses = self.in_order.remembered(minimum.shared, local, self.start)
         self.nulls = empty_slots(self.context)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.off = _root_mean_square(minimum.evaluation.residual, problem.poses.mask)
@@ -95,6 +101,7 @@ class Bench:
         """The same fitted study with the poses ``which``, in this order."""
         some = copy(self)
         some.poses = self.poses.only(which)
+        some.in_order = None if self.in_order is None else self.problem.evaluator_of(self.in_order.poses.only(which))
         some.start = jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
         some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
         return some
@@ -102,12 +109,25 @@ class Bench:
     def shapes(self, components, vector, start=None, derivative=True):
         """All poses solved at the parameters: a list of `fitting.states.Shape`, columns in the order of `Numbers.of_pose`."""
         numbers, start = Numbers(self, components), self.start if start is None else start
+        if self.in_order is not None and not components:
+            return self._shapes_in_order(self.in_order, vector, numbers, start)
 
         def solved(i):
             state, tangents = self._state(components, vector[numbers.of_pose(i)], i)
             return self._solve(state, tangents if derivative else None, i, one(start, i))
 
         return self._each(solved)
+
+    def _shapes_in_order(self, evaluator: Evaluator, vector, numbers, start):
+        """The shapes of the base with memory, with derivatives through the order of the poses."""
+        local = vector[numbers.shared : numbers.base].reshape(numbers.poses, numbers.local)
+        e = evaluator(vector[: numbers.shared], local, start=start)
+        self.solves += numbers.poses
+        r, J, s, marked = e.residual, np.asarray(e.jacobian), e.s, self.poses.marked
+        return [
+            states.Shape(r[i], J[i], s[i], one(e.configuration, i), one(e.verdict, i), None if marked is None else marked[i])
+            for i in range(numbers.poses)
+        ]
 
     def catalogue_columns(self, vector, components, start):
         """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.

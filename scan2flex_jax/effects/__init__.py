@@ -5,8 +5,8 @@ that the format defines. A new effect type is one file: its class with the units
 catalogue entry. A user's own file ends in `add_kind` (docs/adding-an-effect.md); one of the package has its line in
 `catalogue.EFFECTS`.
 
-Modules: `catalogue` the list; `entry` the fields of an entry; `builders`, `spans` and `moment_law` code shared by several
-effects; `format` parameter fields of a class; `conversion` from a study and back.
+Modules: `catalogue` the list; `entry` the fields of an entry; `builders`, `spans`, `moment_law` and `sliders` code shared by
+several effects; `format` parameter fields of a class; `conversion` from a study and back.
 """
 
 from scan2flex_jax.effects.anisotropic_bending import AnisotropicBending as AnisotropicBending
@@ -25,6 +25,7 @@ from scan2flex_jax.effects.elastic_support import ElasticSupport as ElasticSuppo
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.extensibility import Extensibility as Extensibility
 from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.friction import Friction as Friction
 from scan2flex_jax.effects.kink import Kink as Kink
 from scan2flex_jax.effects.length_error import LengthError as LengthError
 from scan2flex_jax.effects.memory_set import MemorySet as MemorySet
@@ -32,6 +33,7 @@ from scan2flex_jax.effects.natural_curvature import NaturalCurvature as NaturalC
 from scan2flex_jax.effects.nonlinear_bending import NonlinearBending as NonlinearBending
 from scan2flex_jax.effects.point_load import PointLoad as PointLoad
 from scan2flex_jax.effects.point_mass import PointMass as PointMass
+from scan2flex_jax.effects.relaxation import Relaxation as Relaxation
 from scan2flex_jax.effects.scan_offset import ScanOffset as ScanOffset
 from scan2flex_jax.effects.scan_scale import ScanScale as ScanScale
 from scan2flex_jax.effects.stiffness_profile import StiffnessProfile as StiffnessProfile
@@ -40,6 +42,7 @@ from scan2flex_jax.effects.support_plane import SupportPlane as SupportPlane
 from scan2flex_jax.effects.tension_stiffening import TensionStiffening as TensionStiffening
 from scan2flex_jax.effects.tension_twist_coupling import TensionTwistCoupling as TensionTwistCoupling
 from scan2flex_jax.effects.tether import Tether as Tether
+from scan2flex_jax.effects.torsion_friction import TorsionFriction as TorsionFriction
 from scan2flex_jax.effects.torsion_law import TorsionLaw as TorsionLaw
 from scan2flex_jax.effects.uniform_load import UniformLoad as UniformLoad
 

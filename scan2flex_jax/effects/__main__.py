@@ -15,7 +15,8 @@ def table() -> str:
 
 
 def _said(form: KindFormat) -> dict:
-    return {"place": form.place, "words": form.words, "parameters": {p.name: _differing(p) for p in form.parameters}}
+    memory = {} if form.memory == "none" else {"memory": form.memory}
+    return {"place": form.place, "words": form.words, **memory, "parameters": {p.name: _differing(p) for p in form.parameters}}
 
 
 def _differing(parameter: ParameterFormat) -> dict:

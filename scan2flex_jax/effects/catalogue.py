@@ -17,6 +17,7 @@ from scan2flex_jax.effects import (
     elastic_clamp,
     elastic_support,
     extensibility,
+    friction,
     kink,
     length_error,
     memory_set,
@@ -24,6 +25,7 @@ from scan2flex_jax.effects import (
     nonlinear_bending,
     point_load,
     point_mass,
+    relaxation,
     scan_offset,
     scan_scale,
     stiffness_profile,
@@ -32,6 +34,7 @@ from scan2flex_jax.effects import (
     tension_stiffening,
     tension_twist_coupling,
     tether,
+    torsion_friction,
     torsion_law,
     uniform_load,
 )
@@ -74,6 +77,9 @@ EFFECTS: tuple[CatalogueEntry, ...] = tuple(
         curvature_profile,
         bending_law,
         torsion_law,
+        friction,
+        torsion_friction,
+        relaxation,
     )
 )
 _CLASSES: dict[str, type[AbstractEffect]] = {entry.kind: entry.effect for entry in EFFECTS}
@@ -114,8 +120,8 @@ def effect_class(kind: str) -> type[AbstractEffect]:
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
-    """All effect types that can be scanned for, without the fields."""
-    return tuple(entry for entry in _entries() if not entry.field)
+    """All effect types that can be scanned for, without the fields and those that have to be declared."""
+    return tuple(entry for entry in _entries() if not entry.field and entry.searched)
 
 
 def fields() -> tuple[CatalogueEntry, ...]:

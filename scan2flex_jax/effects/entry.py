@@ -136,8 +136,8 @@ class CatalogueEntry:
     For verdicts: ``same_shapes`` lists alternatives with the same shapes; ``varies`` is the property of the cable that varies
     along s: several effects of one property are pieces of a field, which is descriptive and identifies no cause.
     A ``field`` has an arbitrary form, along the cable or as a law over its strain: it is not scanned for, and reported only
-    where it predicts held-out poses; one that is not ``searched`` has to be declared. ``signature``: a description of its
-    residual. ``settle``: the measurement that would resolve a tie.
+    where it predicts held-out poses. An effect type that is not ``searched`` has to be declared. ``signature``: a description
+    of its residual. ``settle``: the measurement that would resolve a tie.
     """
 
     effect: type[AbstractEffect]

@@ -15,7 +15,8 @@ import jax.numpy as jnp
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import Domain, KindFormat, ParameterFormat, Place
+from scan2flex_jax.rod.memory import AbstractMemory
+from scan2flex_jax.study.kinds import Domain, KindFormat, Memory, ParameterFormat, Place
 
 _FORMAT = "parameter of the format"  # key in the metadata of a field
 
@@ -93,4 +94,6 @@ def format_of(cls: type[AbstractEffect]) -> KindFormat | None:
             raise Scan2FlexError(
                 f"{cls.__name__}.{f.name} is no parameter of the format and has no default: make it a `parameter`, or give one."
             )
-    return KindFormat(cls.kind, cast(Place, cls.place), parameters, cls.words)
+    memory = cls.needs if issubclass(cls, AbstractMemory) else "none"
+    _check(f"memory of {cls.__name__}", memory, get_args(Memory))
+    return KindFormat(cls.kind, cast(Place, cls.place), parameters, cls.words, cast(Memory, memory))

@@ -8,7 +8,6 @@ from scan2flex_jax.effects.conversion import parameters_of
 from scan2flex_jax.effects.point_mass import PointMass
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.export.cable import GIVES, HungCable, features_of
-from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.prediction import settled
 from scan2flex_jax.rod.effect import Section, overriding
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod
@@ -21,8 +20,7 @@ _OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "no
 def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
     """The cable of a study whose parameters all have values, in one pose; raises `Scan2FlexError` if it cannot be solved."""
     chosen = study.poses[0] if pose is None else study.pose(pose)
-    model = model_of(study, chosen)
-    e = settled(study, chosen, model, elements)
+    model, e = settled(study, chosen, elements)
     if not bool(e.verdict.solved):
         raise Scan2FlexError(f"pose {chosen.name!r} could not be solved ({e.verdict.sentence()}): export another pose.")
     return described(study, chosen, model, e.rod, e.configuration, _strain(e))

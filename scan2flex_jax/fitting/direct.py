@@ -11,6 +11,7 @@ from scan2flex_jax.fitting.distance import curve_at
 from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.parameters import model_at
+from scan2flex_jax.fitting.poses import check_no_memory
 from scan2flex_jax.fitting.problem import Problem, unsettled
 from scan2flex_jax.fitting.result import PoseFit
 from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
@@ -33,10 +34,13 @@ def measured_by(study, data, method, distance, progress):
     bare = [p.name for p in study.poses if p.curve is None]
     marked = any(p.markers is not None for p in study.poses)
     if data == "cloud":
+        check_no_memory(study, "fit the curves (data 'curve')")
         _check_clouds(study, method, distance)
     elif not any(p.scan for p in study.poses if p.curve is None):
         return study, None, ()
-    elif data == "curve" or marked or method != "least-squares" or distance != "normal" or not all(p.scan for p in study.poses):
+    elif data == "curve" or marked or study.remembers or method != "least-squares" or distance != "normal" or not all(
+        p.scan for p in study.poses
+    ):
         whole, doubts = _with_curves(study, progress)
         return whole, None, ("centre curves were extracted from the scans and fitted", *doubts)
     scans, whole = _clouds(study, progress)

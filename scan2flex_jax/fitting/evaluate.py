@@ -6,8 +6,14 @@ parameter vector to the state of a pose (`states`), which compiles quickly.
 
 The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
 the factors of the solve. A call without derivatives compiles and runs without it.
+
+With memory each pose begins from the state that the one before it left, whether that belongs to the poses evaluated or not,
+and the derivative of that state is a tangent of the next pose: forward mode through the order, linear in the number of poses.
+Derivatives of a pose by nuisance parameters of the clamps of earlier poses are left out: a clamp within its tolerance moves the
+history by a small part of a threshold, and they would cost the square of the number of poses.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -17,8 +23,9 @@ import numpy as np
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at
-from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.fitting.poses import History, Poses
 from scan2flex_jax.fitting.threads import each_pose
+from scan2flex_jax.rod.memory import Left, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
@@ -60,6 +67,24 @@ def observed(model: CableModel, points):
     return points
 
 
+class _Before(NamedTuple):
+    """State that a pose left and its derivatives by its numbers, of which the first ``shared`` are those of every pose."""
+
+    left: Left = ()
+    leaving: Left = ()
+    shared: int = 0
+
+    def moved(self, left: Left, rows: int) -> Left:
+        """Derivatives of the state ``left`` by ``rows`` numbers of the next pose."""
+        still = [np.zeros((rows, *np.shape(state))) for state in left]
+        for moved, known in zip(still, self.leaving, strict=bool(self.leaving)):
+            moved[: self.shared] = known[: self.shared]
+        return tuple(still)
+
+
+NO_HISTORY = _Before()
+
+
 class Evaluator:
     """Residuals of a study's poses; counts the equilibria that it solved."""
 
@@ -76,34 +101,80 @@ class Evaluator:
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         start = p.start if start is None else start
-        numbers = [np.concatenate([shared, own]) for own in local]
-        found = each_pose(lambda i: self._pose(i, numbers[i], one(start, i), derivative), p.count)
-        r, jacobian, s, configuration, verdict, _ = jax.tree.map(lambda *x: np.stack(x), *found)
+        if p.history is None:
+            found = each_pose(lambda i: self._pose(p, i, shared, local[i], one(start, i), derivative), p.count)
+        else:
+            found = [shape for _, shape in self._in_order(p.history, shared, local, start, derivative)]
+        found = [each._replace(marked=None, left=(), leaving=()) for each in found]
+        r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)[:5]
         return Evaluation(r, jacobian, s, configuration, verdict)
 
-    def _pose(self, i, x, start, derivative):
-        boundary = one(self.poses.boundary, i)
+    def _rows(self, x, derivative):
+        """Number of tangents of a call."""
         wanted = derivative or bool(self.slots)  # with placeholders, one compiled function serves all calls
-        rows = -(-len(x) // self.width) * self.width if wanted else 0
-        state, tangents = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
-        found = states.evaluate(state, tangents, start, target_of(self.poses, i), self.distance, self.width)
+        return -(-len(x) // self.width) * self.width if wanted else 0
+
+    def _pose(self, poses, i, shared, local, start, derivative, before=NO_HISTORY, held=None):
+        x = np.concatenate([shared, local])
+        given = self.layout, poses.template(i), one(poses.boundary, i), x, self.slots, self.elements
+        state, tangents = _state(*given, self._rows(x, derivative))
+        if held is not None:  # the first pose has a state too, so that one compiled function serves all
+            left = before.left or states.without_history(state)
+            moved = before.moved(left, 0 if tangents is None else len(tangents.view))
+            state, tangents = states.after(state, left), None if tangents is None else states.after(tangents, moved)
+        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, self.width, held)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
+    def _in_order(self, history: History, shared, local, start, derivative) -> list[tuple[Left, states.Shape]]:
+        """For each pose, the state before it and its shape; poses of the history that are not of these have no part of
+        their own but what they leave."""
+        found: dict[int, tuple[Left, states.Shape]] = {}
+        own, before = {int(q): i for i, q in enumerate(history.at)}, NO_HISTORY
+        for q in range(max(own) + 1):
+            before = NO_HISTORY if history.reset[q] else before
+            i, poses = own.get(q, q), self.poses if q in own else history.poses
+            z, begin = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
+            shape = self._pose(poses, i, shared, z, begin, derivative, before, np.asarray(history.held[q]))
+            found[q] = before.left or tuple(np.zeros_like(left) for left in shape.left), shape
+            before = _Before(shape.left, shape.leaving, len(shared))
+        return [found[int(q)] for q in history.at]
+
+    def states_before(self, shared, local, start) -> list[Left]:
+        """For each pose the state that those before it left; empty without memory."""
+        history = self.poses.history
+        if history is None:
+            return [()] * self.poses.count
+        found = self._in_order(history, shared, local, start, derivative=True)  # by the functions that a fit has compiled
+        return [left for left, _ in found]
+
+    def remembered(self, shared, local, start) -> Poses:
+        """The poses with the states that those before them left at these numbers in their models; unchanged without memory."""
+        if self.poses.history is None:
+            return self.poses
+        before = self.states_before(shared, local, start)
+        models = [self.poses.template(i) for i in range(self.poses.count)]
+        models = [
+            CableModel(m.cable, m.gravity, remembering(m.effects, left)) for m, left in zip(models, before, strict=True)
+        ]
+        return replace(self.poses, templates=tuple(models), group=tuple(range(len(models))))
+
     def rod(self, i: int, shared, local, configuration) -> tuple[Rod, Configuration]:
-        """The rod of pose ``i`` at these numbers, with its energy laws, and its configuration."""
+        """The rod of pose ``i`` at these numbers, with its energy laws, and its configuration; without its history."""
         given = self.poses.template(i), one(self.poses.boundary, i), np.concatenate([shared, local[i]]), self.slots
         return _state(self.layout, *given, self.elements, 0)[0].rod, one(configuration, i)
 
     def scatter(self, shared, local, start) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its discrepancy (`fitting.discrepancy`) at equilibria, in m per 1/m."""
+        before = self.states_before(shared, local, start)
 
         def columns(i):
             x = np.concatenate([shared, local[i]])
-            rows = -(-len(x) // self.width) * self.width
             boundary = one(self.poses.boundary, i)
-            state, _ = _state(self.layout, self.poses.template(i), boundary, x, self.slots, self.elements, rows)
-            given = discrepancy.directions(state), one(start, i), target_of(self.poses, i), self.distance, self.width
-            return np.asarray(states.evaluate(state, *given).columns)
+            given = self.layout, self.poses.template(i), boundary, x, self.slots, self.elements
+            state = states.after(_state(*given, self._rows(x, derivative=True))[0], before[i])
+            along, target, held = discrepancy.directions(state), target_of(self.poses, i), np.zeros(()) if before[i] else None
+            found = states.evaluate(state, along, one(start, i), target, self.distance, self.width, held)
+            return np.asarray(found.columns)
 
         return each_pose(columns, self.poses.count)
 

@@ -37,7 +37,7 @@ DEFAULT_RANGE = {
     "natural_curvature": (-100.0, 100.0),
     "natural_stretch": (-0.5, 0.5),
 }
-_ANY = {"positive": (1.0e-9, 1.0e9), "nonnegative": (0.0, 1.0e9)}
+_ANY = {"positive": (1.0e-9, 1.0e9), "nonnegative": (0.0, 1.0e9), "fraction": (0.0, 0.99)}
 CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the end
 
 

@@ -5,12 +5,13 @@ curves are thinned evenly first.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline
 
 from scan2flex_jax.compilation import compiled
@@ -19,6 +20,7 @@ from scan2flex_jax.fitting.parameters import template
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.starts import complete_curve, curve_start, sagging_start
+from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Study, StudyPose
 
 _DENSE = 513  # points of the curve along which a solve starts
@@ -27,12 +29,25 @@ _MARKED_SHAPE = 2  # least number of markers along which a solve starts
 MOST_POINTS = 256  # of a curve in a fit: more add no information on a smooth curve whose noise is correlated
 
 
+class History(eqx.Module):
+    """All Q poses of a study with memory in their order, those of a group of poses among them, and what is between them.
+
+    ``at`` (P,): place of each pose of the group; ``reset`` (Q,): whether the cable was straightened before a pose; ``held``
+    (Q,): time (s) from a pose to the next, 0 where it is not known.
+    """
+
+    poses: "Poses"
+    at: Int[np.ndarray, " P"]
+    reset: Bool[np.ndarray, " Q"]
+    held: Float[np.ndarray, " Q"]
+
+
 class Poses(eqx.Module):
     """P poses: measured points (m), their expected arc length (m), supports, and starts of solves.
 
     ``templates`` are the models of the poses before a fit inserts its parameters, and ``group`` is the index of each pose's
     template: poses that differ in gravity or in their effects have different ones. ``marked`` is 1 for points whose arc length
-    is known (`expected`); None in a study without markers.
+    is known (`expected`); None in a study without markers. ``history``: of a study with memory; None without.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]
@@ -44,6 +59,7 @@ class Poses(eqx.Module):
     templates: tuple[CableModel, ...]
     group: tuple[int, ...] = eqx.field(static=True)
     marked: Float[Array | np.ndarray, "P m"] | None = None
+    history: History | None = None
 
     def template(self, i: int) -> CableModel:
         """The model of pose ``i``."""
@@ -60,7 +76,8 @@ class Poses(eqx.Module):
         arrays = (self.points, self.mask, self.expected, self.boundary, self.turns, self.start, self.marked)
         points, mask, expected, boundary, turns, start, marked = jax.tree.map(lambda x: np.asarray(x)[at], arrays)
         group = tuple(self.group[i] for i in which)
-        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked)
+        history = None if self.history is None else replace(self.history, at=self.history.at[at])
+        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked, history)
 
 
 def boundary_of(pose: StudyPose) -> Boundary:
@@ -81,7 +98,26 @@ def boundary_of(pose: StudyPose) -> Boundary:
 
 
 def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elements: int) -> Poses:
-    """Arrays of poses of a study, all of which must have a centre curve or markers; solves start along these."""
+    """Arrays of poses of a study, all of which must have a centre curve or markers; solves start along these.
+
+    A pose that is changed keeps its place in the history of a study with memory, by its name.
+    """
+    found = _without_history(study, study_poses, length, elements)
+    if not study.remembers:
+        return found
+    whole = found if tuple(study_poses) == study.poses else _without_history(study, study.poses, length, elements)
+    return replace(found, history=_history(study, study_poses, whole))
+
+
+def _history(study, study_poses, whole):
+    names, last = [pose.name for pose in study.poses], study.poses[-1]
+    pairs = [(p.time, q.time) for p, q in zip(study.poses, (*study.poses[1:], last), strict=True)]
+    held = np.array([0.0 if a is None or b is None else b - a for a, b in pairs])
+    at = np.array([names.index(pose.name) for pose in study_poses], int)
+    return History(whole, at, np.array([pose.reset for pose in study.poses]), held)
+
+
+def _without_history(study, study_poses, length, elements):
     stack = [_one(pose, length) for pose in study_poses]
     points, mask, expected, marked, _, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
     each = [_start_of(study, pose, one[4:], length, elements) for pose, one in zip(study_poses, stack, strict=True)]
@@ -98,6 +134,18 @@ def _start_of(study, pose, known, length, elements):
     if pose.curve is None and len(pose.markers.points) < _MARKED_SHAPE:
         return _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
     return _start(dense, boundary, turns, elements)
+
+
+def start_along(study: Study, pose: StudyPose, length: float, elements: int) -> Configuration:
+    """The start of the solve of one pose along its measured curve or markers."""
+    return _start_of(study, pose, _one(pose, length)[4:], length, elements)
+
+
+def check_no_memory(study: Study, instead: str) -> None:
+    """Raise `Scan2FlexError` if poses depend on those before them, for what solves each pose by itself."""
+    kind = next((e.kind for e in study.effects if kind_format(e.kind).memory != "none"), None)
+    if kind is not None:
+        raise Scan2FlexError(f"{kind} makes poses depend on those before them: {instead}, or leave the effect out.")
 
 
 def check_distance(study: Study, distance: str) -> None:

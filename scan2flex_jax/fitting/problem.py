@@ -25,7 +25,7 @@ from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.quadratic import rounding_of
-from scan2flex_jax.fitting.start import STIFFNESSES, own_start
+from scan2flex_jax.fitting.start import STIFFNESSES, memory_starts, own_start
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
@@ -95,14 +95,20 @@ class Problem:
         return Goal(self.evaluator, sigma, low, high, progress, weak, rounding)
 
     def starts(self) -> list[np.ndarray]:
-        """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs."""
-        guessed, free = self.both_starts()
-        return [guessed] if np.allclose(guessed, free, atol=0.05) else [guessed, free]
+        """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs; with memory, one for
+        each start of its parameters."""
+        starts: list[np.ndarray] = []
+        for memory in memory_starts(self.study, self.poses, self.length):
+            starts += [x for x in self.both_starts(memory=memory) if not any(np.allclose(x, y, atol=0.05) for y in starts)]
+        return starts
 
-    def both_starts(self, study: Study | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Start vectors of the unknowns: the user's guess if given, and the package's own; ``study`` has other guesses."""
+    def both_starts(
+        self, study: Study | None = None, memory: dict[str, float] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Start vectors of the unknowns: the user's guess if given, and the package's own; ``study`` has other guesses,
+        ``memory`` the start of the parameters of effects with memory."""
         study = self.study if study is None else study
-        own = own_start(study, self.poses, self.length)
+        own = own_start(study, self.poses, self.length) | (memory or {})
         return start_vector(study, self.layout, own), start_vector(_without_guesses(study), self.layout, own)
 
     def minimise(

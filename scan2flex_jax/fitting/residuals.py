@@ -19,7 +19,7 @@ from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
-from scan2flex_jax.fitting.poses import Poses, check_distance, poses_of
+from scan2flex_jax.fitting.poses import Poses, check_distance, check_no_memory, poses_of
 from scan2flex_jax.fitting.start import own_start
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import Verdict
@@ -130,7 +130,8 @@ def residual_function(
         A `ResidualFunction`, pure and traced by JAX, and a start vector (n,) of its unknowns.
 
     Raises:
-        Scan2FlexError: A pose has no curve and no markers, or an argument has another value than those above.
+        Scan2FlexError: A pose has no curve and no markers, an effect has memory, or an argument has another value than those
+            above.
 
     Examples:
         >>> residuals, start = residual_function(study)  # doctest: +SKIP
@@ -142,6 +143,7 @@ def residual_function(
     if noise is not None and not 0.0 < noise < np.inf:
         raise Scan2FlexError(f"noise is {noise!r}: give a positive number in m, or None.")
     check_distance(study, distance)
+    check_no_memory(study, "use fit")
     layout = layout_of(study)
     if noise is None:
         layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0, rigid=layout.rigid)

@@ -9,10 +9,14 @@ scan). The twist rate ``tau`` is the angle between the end clamp and the transpo
 differentiated data is biased, and only good enough as a start.
 """
 
+from itertools import product
+
 import numpy as np
 from scipy.interpolate import make_lsq_spline
 
+from scan2flex_jax.effects import effect_class
 from scan2flex_jax.fitting.poses import Poses
+from scan2flex_jax.rod.memory import AbstractMemory
 from scan2flex_jax.study.model import Study
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
@@ -33,6 +37,27 @@ def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
     density = float(values.get("length_density") or _density_beside(study, length))
     weights = np.array([density * np.asarray(study.gravity_in(pose)) for pose in study.fit_poses])
     return {"length_density": density, **balance_start(poses, weights, length, known, _loaded_least(study))}
+
+
+def memory_starts(study: Study, poses: Poses, length: float) -> list[dict[str, float]]:
+    """Starts of the parameters of effects with memory, each by name: one for each threshold that a fit may begin from."""
+    times = [pose.time for pose in study.poses if pose.time is not None]
+    seconds = float(np.ptp(times)) if times else 0.0
+    known = _typical_curvature(poses), length, seconds
+    every = [[{f"{e.kind}.{k}": v for k, v in one.items()} for one in _begin(e.kind, known)] for e in study.effects]
+    return [{k: v for one in some for k, v in one.items()} for some in product(*filter(None, every))]
+
+
+def _begin(kind, known):
+    cls = effect_class(kind)
+    return cls.begin(*known) if issubclass(cls, AbstractMemory) else ()
+
+
+def _typical_curvature(poses: Poses) -> float:
+    """RMS curvature (1/m) of the curves from which the solves start."""
+    r, R = np.asarray(poses.start.r), np.asarray(poses.start.R)
+    bend = np.linalg.norm(np.cross(R[:, :-1, :, 2], R[:, 1:, :, 2]), axis=2)
+    return float(np.sqrt(np.mean((bend / np.linalg.norm(np.diff(r, axis=1), axis=2)) ** 2)))
 
 
 def _density_beside(study, length) -> float:

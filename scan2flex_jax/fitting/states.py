@@ -30,8 +30,9 @@ from scan2flex_jax.fitting.distance import (
 )
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect, overriding
+from scan2flex_jax.rod.memory import Left, memories, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
-from scan2flex_jax.statics.solve import solve_rod
+from scan2flex_jax.statics.solve import Equilibrium, solve_rod
 from scan2flex_jax.statics.verdict import Verdict
 
 FEW, CHUNK = 6, 24  # tangents per call: most fits need few, a refit a dozen, the catalogue some 250
@@ -53,7 +54,9 @@ class State(eqx.Module):
 
 class Shape(NamedTuple):
     """One solved pose: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, status, and the mask
-    of markers (m,), None if the study has none."""
+    of markers (m,), None if the study has none.
+
+    With memory also the state that the pose ``left`` and its derivatives ``leaving`` (leading axis K)."""
 
     residual: np.ndarray
     columns: np.ndarray | None
@@ -61,11 +64,25 @@ class Shape(NamedTuple):
     configuration: Configuration
     verdict: Verdict
     marked: Float[Array | np.ndarray, " m"] | None = None
+    left: Left = ()
+    leaving: Left = ()
 
 
 def slots_of(effects) -> tuple[AbstractEffect, ...]:
     """The effects that have an energy law or an external field."""
     return tuple(e for e in effects if any(overriding((e,), hook) for hook in _ENERGY_HOOKS))
+
+
+def without_history(state: State) -> Left:
+    """What a pose without history begins from, for each effect with memory."""
+    return tuple(np.asarray(m.without_history(state.rod.elements)) for m in memories(state.rod.effects))
+
+
+def after(state: State, left: Left) -> State:
+    """The state (or its tangents) with what the pose before ``left``; unchanged without memory."""
+    if not left:
+        return state
+    return eqx.tree_at(lambda s: s.rod.effects, state, remembering(state.rod.effects, left))
 
 
 def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> State:
@@ -97,6 +114,18 @@ class Target(NamedTuple):
 
 def shape(state: State, start: Configuration, target: Target, distance: str):
     """Residual (m, 3) of a pose solved from ``start``, then ``(arc lengths (m), configuration, verdict)``; traceable."""
+    r, s, e = _solved(state, start, target, distance)
+    return r, (s, jax.lax.stop_gradient(e.configuration), e.verdict)
+
+
+def shape_and_left(state: State, start: Configuration, target: Target, distance: str, held: Float[Array, ""]):
+    """`shape` with the residual followed by the state that the pose leaves after it was ``held`` (s)."""
+    r, s, e = _solved(state, start, target, distance)
+    return (r, e.leaves(held)), (s, jax.lax.stop_gradient(e.configuration), e.verdict)
+
+
+def _solved(state, start, target, distance) -> tuple[Array, Array, Equilibrium]:
+    """Residual, arc lengths, and the equilibrium."""
     e = solve_rod(state.rod, start)
     curve = e.points, e.configuration.R[:, :, 2], state.rod.section.ds, target.points, target.expected
 
@@ -107,37 +136,52 @@ def shape(state: State, start: Configuration, target: Target, distance: str):
     if target.marked is not None:
         r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve, seen), r)
         s = jnp.where(target.marked > 0, target.expected, s)
-    return r * target.mask[:, None], (s, jax.lax.stop_gradient(e.configuration), e.verdict)
+    return r * target.mask[:, None], s, e
 
 
 @compiled
-def _evaluate(state, start, target, distance, tangents):
+def _evaluate(state, start, target, distance, tangents, held=None):
+    """Residual and state left, their derivatives along ``tangents``, and the rest."""
+
+    def solve(x):
+        if held is not None:
+            return shape_and_left(x, start, target, distance, held)
+        r, rest = shape(x, start, target, distance)
+        return (r, ()), rest
+
     if tangents is None:
-        r, rest = shape(state, start, target, distance)
-        return r, None, rest
-    r, push, rest = jax.linearize(lambda x: shape(x, start, target, distance), state, has_aux=True)
-    return r, jax.vmap(lambda t: push(t))(tangents), rest  # noqa: PLW0108 - `vmap` prints the jaxpr of a bare `push`
+        found, rest = solve(state)
+        return found, None, rest
+    found, push, rest = jax.linearize(solve, state, has_aux=True)
+    return found, jax.vmap(lambda t: push(t))(tangents), rest  # noqa: PLW0108 - `vmap` prints the jaxpr of a bare `push`
 
 
 def evaluate(
-    state: State, tangents: State | None, start: Configuration, target: Target, distance: str = "normal", width: int = CHUNK
+    state: State,
+    tangents: State | None,
+    start: Configuration,
+    target: Target,
+    distance: str = "normal",
+    width: int = CHUNK,
+    held: np.ndarray | None = None,
 ) -> Shape:
     """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
 
     ``width`` tangents are evaluated per call, each width with its own compilation. Without ``tangents`` there are no columns,
-    and a smaller function is compiled.
+    and a smaller function is compiled. ``held``: how long (s) the pose is held, for the state that it leaves; None: no memory.
     """
     if tangents is None:
-        r, _, rest = _evaluate(state, start, target, distance, None)
-        return _as_numpy(r, None, *rest)._replace(marked=target.marked)
+        (r, left), _, rest = _evaluate(state, start, target, distance, None, held)
+        return _as_numpy(r, None, *rest)._replace(marked=target.marked, left=left)
     count, columns = len(jax.tree.leaves(tangents)[0]), []
     for first in range(0, max(count, 1), width):
         part = tangents if count == width else jax.tree.map(partial(_rows, first, width), tangents)
-        r, d, (s, configuration, verdict) = _evaluate(state, start, target, distance, part)
-        columns.append(np.asarray(d))
+        (r, left), moved, (s, configuration, verdict) = _evaluate(state, start, target, distance, part, held)
+        columns.append(jax.tree.map(np.asarray, moved))
         start = jax.tree.map(np.asarray, configuration)
-    d = np.moveaxis(np.concatenate(columns)[:count], 0, -1)
-    return _as_numpy(r, d, s, start, verdict)._replace(marked=target.marked)
+    d, leaving = jax.tree.map(lambda *x: np.concatenate(x)[:count], *columns)
+    d = np.moveaxis(d, 0, -1)
+    return _as_numpy(r, d, s, start, verdict)._replace(marked=target.marked, left=left, leaving=leaving)
 
 
 def no_tangents(state: State) -> State:

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.least_squares import COST_TOLERANCE, GIVE_UP, MOST_ITERATIONS, STEP_TOLERANCE
-from scan2flex_jax.fitting.poses import check_distance
+from scan2flex_jax.fitting.poses import check_distance, check_no_memory
 from scan2flex_jax.fitting.problem import CREDIBLE, FIT_ELEMENTS, LADDER, WEAK, Problem
 from scan2flex_jax.fitting.quadratic import FitQuadratic, rounding_of
 from scan2flex_jax.fitting.residuals import ResidualFunction, of_poses
@@ -102,11 +102,12 @@ def traced_problem(
         distance: Of curves: "normal" or "integrated" (paper, Eq. 10), as in `fit`.
 
     Raises:
-        Scan2FlexError: A pose has no curve and no markers, priors have no noise to be weighed against, or an argument is none
-            of these.
+        Scan2FlexError: A pose has no curve and no markers, an effect has memory, priors have no noise to be weighed against, or
+            an argument is none of these.
     """
     check_study(study)
     check_distance(study, distance)
+    check_no_memory(study, "use fit")
     if distance not in DISTANCES:
         raise Scan2FlexError(f"distance is {distance!r}: give one of {', '.join(DISTANCES)}.")
     if noise is not None and not 0.0 < noise < np.inf:

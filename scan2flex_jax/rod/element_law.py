@@ -14,7 +14,7 @@ not bounded below for ``GJ >> EI``. It is not convex: where one stiffness is far
 elements until it is near a solution (`statics.newton`).
 
 All quantities derive from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with 3x3 inverses, since the second term has
-rank three. Effects add their own laws in the mean strain.
+rank three. Effects add their own laws in the mean strain, those with memory given the state of each element.
 """
 
 import jax
@@ -25,36 +25,37 @@ from jaxtyping import Float
 from scan2flex_jax.geometry.lie import hat
 from scan2flex_jax.geometry.small import matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
+from scan2flex_jax.rod.memory import AbstractMemory, memories
 
 
 def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
     """Energy per length (J/m) of the elements at mean excess strains (-, 1/m)."""
-    extra = _extra_law(rod)
+    extra, left = _extra_law(rod)
 
-    def energy(e, natural, K, within):
+    def energy(e, natural, K, within, left):
         n, _ = _force(e, natural, K, within, rod.section.ds)
-        return 0.5 * vecdot(n, e) + (extra(e, K) if extra else 0.0)
+        return 0.5 * vecdot(n, e) + (extra(e, K, left) if extra else 0.0)
 
-    return jax.vmap(energy)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
+    return jax.vmap(energy)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
 
 
 def element_forces(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6"]:
     """Force and moment (N, N m) of the elements, work-conjugate to their mean strain; paper, Eq. 3 for short elements."""
-    extra = _extra_law(rod)
+    extra, left = _extra_law(rod)
 
-    def force(e, natural, K, within):
+    def force(e, natural, K, within, left):
         n, y = _force(e, natural, K, within, rod.section.ds)
         n = n.at[3:].add(-jnp.cross(n[3:], y))
-        return n + jax.grad(extra)(e, K) if extra else n
+        return n + jax.grad(extra)(e, K, left) if extra else n
 
-    return jax.vmap(force)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
+    return jax.vmap(force)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
 
 
 def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]:
     """Tangent stiffness (N, N m, N m^2) of the elements to their mean strain: the second derivative of the energy."""
-    extra = _extra_law(rod)
+    extra, left = _extra_law(rod)
 
-    def stiffness(e, natural, K, within):
+    def stiffness(e, natural, K, within, left):
         ds = rod.section.ds
         n, y = _force(e, natural, K, within, ds)
         M = hat(n[3:])
@@ -63,14 +64,22 @@ def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]
         W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural).T, C, M), ((0, 0), (3, 0)))
         kept = jnp.eye(6) - W
         S = matmul(kept.T, _relaxed(e, natural, K, within, ds), kept) - _embed(matmul(M.T, C, M))
-        return S + jax.hessian(extra)(e, K) if extra else S
+        return S + jax.hessian(extra)(e, K, left) if extra else S
 
-    return jax.vmap(stiffness)(excess, rod.section.natural, rod.section.stiffness, rod.section.within)
+    return jax.vmap(stiffness)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
 
 
 def _extra_law(rod):
-    laws = overriding(rod.effects, "strain_energy")
-    return (lambda e, K: sum(law.strain_energy(e, K) for law in laws)) if laws else None
+    """The energy of all effects as a function of strain, stiffness and state of an element (None without any), and the states
+    of all elements."""
+    remembered = memories(rod.effects)
+    laws = [law for law in overriding(rod.effects, "strain_energy") if not isinstance(law, AbstractMemory)]
+
+    def energy(e, K, left):
+        own = sum(law.strain_energy(e, K) for law in laws)
+        return own + sum(m.energy_given(e, K, q) for m, q in zip(remembered, left, strict=True))
+
+    return energy if laws or remembered else None, tuple(m.before(rod.elements) for m in remembered)
 
 
 def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:

@@ -18,7 +18,8 @@ from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.assembly import out_of_balance, section_forces
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.energy import potential_energy
+from scan2flex_jax.rod.energy import potential_energy, strains
+from scan2flex_jax.rod.memory import Left, left_by, memories, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 from scan2flex_jax.statics.arguments import check_start, whole_number
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS, FEWEST_ELEMENTS
@@ -72,6 +73,10 @@ class Equilibrium(eqx.Module):
         """``(force, moment)`` of the supports on start and end, N and N m, scan frame."""
         return _reactions(self.rod, self.configuration)
 
+    def leaves(self, held: Float[Array, ""] | float = 0.0) -> Left:
+        """State of every effect with memory when the pose is left after ``held`` (s); empty without such effects."""
+        return _left(self.rod, self.configuration, jnp.asarray(held, float))
+
 
 _energy = compiled(potential_energy)
 
@@ -87,6 +92,11 @@ def _section_forces(rod, configuration):
 
     middle = jax.vmap(half)(R[:-1], r[:-1], r[1:], R[1:])
     return matvec(middle, n[:, :3]), matvec(middle, n[:, 3:])
+
+
+@compiled
+def _left(rod, configuration, held):
+    return left_by(rod, strains(rod, configuration) - rod.section.natural, held)
 
 
 @compiled
@@ -141,6 +151,8 @@ def equilibrium(
     solver: Solver = None,
     max_steps: int | None = None,
     throw: bool = False,
+    after: Equilibrium | None = None,
+    held: Float[Array, ""] | float = 0.0,
 ) -> Equilibrium:
     """The static equilibrium of ``model`` between the supports of ``boundary``: `solve_rod` of ``elements`` elements.
 
@@ -155,6 +167,8 @@ def equilibrium(
         solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser.
         max_steps: Largest number of steps; None is the solver's default.
         throw: Raise if the solve fails; otherwise the failure stands in the verdict of the result.
+        after: The pose before, for a model with memory (`friction`, `relaxation`); by default the cable has no history.
+        held: How long (s) the pose before was held.
 
     Returns:
         Nodes (m), section forces (N) and moments (N m), reactions, and the status of the solve.
@@ -172,8 +186,17 @@ def equilibrium(
     """
     elements = whole_number(elements, "elements", FEWEST_ELEMENTS)
     check_start(start, elements + 1, turns)
+    model = model if after is None else _following(model, after, held, elements)
     found = _equilibrium(model, boundary, start, turns, elements, _rod_solver(solver), _allowed(max_steps))
     return _raised(found) if throw else found
+
+
+def _following(model, after, held, elements):
+    """The model with the state that the pose before left."""
+    kinds = [[type(m) for m in memories(effects)] for effects in (model.effects, after.rod.effects)]
+    if kinds[0] != kinds[1] or after.rod.elements != elements:
+        raise Scan2FlexError("after is an equilibrium of another model or mesh: give the pose before of this one.")
+    return CableModel(model.cable, model.gravity, remembering(model.effects, after.leaves(held)))
 
 
 @composed

@@ -4,6 +4,7 @@ The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared 
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -45,6 +46,7 @@ def check_effects(study: Study, where: Where) -> None:
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
         _coupled(effect, here)
         _check_poses(effect, study, here.at("poses"))
+        _check_memory(effect, form, study, here)
 
 
 def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
@@ -67,6 +69,30 @@ def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
     for name in effect.poses or ():
         if name not in names:
             raise where.fail(f"no pose is called {v.shown(name)}: {v.suggestion(name, names)}")
+
+
+def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, where: Where) -> None:
+    """An effect with memory acts in all poses, and one that needs their times has them, in order."""
+    if form.memory == "none":
+        return
+    if effect.poses is not None:
+        said = f"{form.kind} acts from pose to pose: leave the key out, and mark a cable that was straightened by reset = true."
+        raise where.at("poses").fail(said)
+    if sum(other.kind == effect.kind for other in study.effects) > 1:
+        raise where.fail(f"two effects are of kind {form.kind}: leave one of them out.")
+    if form.memory == "time":
+        _check_times(form, study, where)
+
+
+def _check_times(form: KindFormat, study: Study, where: Where) -> None:
+    """Every pose has a time, and none is before that of the pose before it."""
+    bare = next((pose.name for pose in study.poses if pose.time is None), None)
+    if bare is not None:
+        raise where.fail(f"{form.kind} needs the time of every pose, and pose {v.shown(bare)} has none: give its time (s).")
+    for before, pose in pairwise(study.poses):
+        if pose.time is not None and before.time is not None and pose.time < before.time:
+            said = f"pose {v.shown(pose.name)} has the time {pose.time:g} s, before that of pose {v.shown(before.name)}"
+            raise where.fail(f"{said}, {before.time:g} s: list the poses in the order in which they were measured.")
 
 
 def _ends(study: Study, form: KindFormat, where: Where) -> int:

@@ -17,8 +17,9 @@ from typing import Literal
 from scan2flex_jax.errors import Scan2FlexError
 
 Place = Literal["clamps", "energy", "observation"]
-# along_cable: 0 <= value <= L. unit: a vector of length one, normalised when read.
-Domain = Literal["any", "positive", "nonnegative", "along_cable", "unit"]
+# fraction: 0 <= value <= 1. along_cable: 0 <= value <= L. unit: a vector of length one, normalised when read.
+Domain = Literal["any", "positive", "nonnegative", "fraction", "along_cable", "unit"]
+Memory = Literal["none", "order", "time"]
 ENDS = ("start", "end")
 
 
@@ -58,12 +59,16 @@ class ParameterFormat:
 
 @dataclass(frozen=True)
 class KindFormat:
-    """One effect type: where it acts, its parameters, and its description `words`."""
+    """One effect type: where it acts, its parameters, and its description `words`.
+
+    `memory`: whether poses depend on those before them, by their "order" alone or by the "time" of each.
+    """
 
     kind: str
     place: Place
     parameters: tuple[ParameterFormat, ...]
     words: str
+    memory: Memory = "none"
 
     def parameter(self, name: str) -> ParameterFormat:
         """The parameter of this name."""
@@ -138,7 +143,7 @@ def _read(kind: str, said: dict) -> KindFormat:
     parameters = [
         ParameterFormat(name, **{**given, "shape": tuple(given.get("shape", ()))}) for name, given in said["parameters"].items()
     ]
-    return KindFormat(kind, said["place"], tuple(parameters), said["words"])
+    return KindFormat(kind, said["place"], tuple(parameters), said["words"], said.get("memory", "none"))
 
 
 for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():

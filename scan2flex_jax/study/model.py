@@ -167,6 +167,11 @@ class Study(Compared):
         """The effects that act in a pose; without one, those that act in every pose."""
         return tuple(e for e in self.effects if e.poses is None or (pose is not None and pose.name in e.poses))
 
+    @property
+    def remembers(self) -> bool:
+        """Whether an effect makes poses depend on those before them."""
+        return any(kind_format(effect.kind).memory != "none" for effect in self.effects)
+
     def gravity_in(self, pose: StudyPose | None = None) -> Annotated[np.ndarray, "3"]:
         """Gravity (m/s^2) in a pose: its own, or the study's."""
         return self.gravity if pose is None or pose.gravity is None else pose.gravity

@@ -16,7 +16,7 @@ def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
     """Groups of names of repeated poses, in the order of the study."""
     groups: list[list[StudyPose]] = []
     for pose in study.poses:
-        own = next((g for g in groups if any(_said(pose, other) or _alike(study, pose, other) for other in g)), None)
+        own = next((g for g in groups if any(_repeat(study, pose, other) for other in g)), None)
         if own is None:
             groups.append([pose])
         else:
@@ -50,6 +50,13 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
     return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) if len(off) else None
 
 
+def _repeat(study, pose, other):
+    """Whether two poses repeat one another; of a cable that remembers, only where it has no history in either."""
+    if study.remembers and not all(p.reset or p is study.poses[0] for p in (pose, other)):
+        return False
+    return _said(pose, other) or _alike(study, pose, other)
+
+
 def _said(pose, other):
     return other.name == pose.repeat_of or pose.name == other.repeat_of
 
@@ -59,7 +66,8 @@ def _alike(study, a, b):
     gravity = [study.gravity if p.gravity is None else p.gravity for p in (a, b)]
     acting = [[e.poses is None or p.name in e.poses for e in study.effects] for p in (a, b)]
     held = _same_clamp(a.start, b.start) and _same_clamp(a.end, b.end)
-    return held and a.turns == b.turns and a.reset == b.reset and acting[0] == acting[1] and np.array_equal(*gravity)
+    straightened = study.remembers or a.reset == b.reset
+    return held and a.turns == b.turns and straightened and acting[0] == acting[1] and np.array_equal(*gravity)
 
 
 def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:

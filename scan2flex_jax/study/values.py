@@ -257,6 +257,8 @@ def check_domain(value: Any, domain: Domain, where: Where, longest: float | None
         raise where.fail(f"got {lowest:g}: give a value above zero.")
     if domain in ("nonnegative", "along_cable") and lowest < 0:
         raise where.fail(f"got {lowest:g}: give zero or a value above it.")
+    if domain == "fraction" and not 0 <= lowest <= float(np.max(value)) <= 1:
+        raise where.fail(f"got {lowest if lowest < 0 else float(np.max(value)):g}: give a fraction, from 0 to 1.")
     if domain == "along_cable" and longest is not None and float(np.max(value)) > longest:
         raise where.fail(f"got {float(np.max(value)):g} m: give a place on the cable, from 0 to {longest:g} m.")
 

@@ -118,3 +118,22 @@ def test_a_law_of_any_form_is_fitted(page):
     truth = 0.1 * found.at
     assert np.max(np.abs(found.moment - truth)[inside]) < 0.02 * np.max(truth[inside])
     assert page["result"].estimates["bending_stiffness"].value == pytest.approx(0.1, rel=0.05)
+
+
+@of_block(3)
+def test_a_bend_that_is_kept_is_the_set_of_the_pose_before(page):
+    """As `memory_set` of the curvature of the pose before, whatever was before that."""
+    K = jnp.diag(jnp.array([1e5, 1e5, 1e4, 0.02, 0.02, 0.015]))
+    effect, strain = effect_of("kept_bend", {"part": 0.3}), jnp.array([0.0, 0.0, 0.0, 1.0, 2.0, 0.0])
+    left = effect.leaves(strain, K, effect.without_history(1)[0], jnp.array(0.0))
+    force = jax.grad(effect.energy_given)(jnp.array([0.0, 0.0, 0.0, 0.4, 0.0, 0.0]), K, left)
+    np.testing.assert_allclose(force[3:], [-0.3 * 0.02 * 1.0, -0.3 * 0.02 * 2.0, 0.0])
+    assert kind_format("kept_bend").memory == "order"
+
+
+@of_block(4)
+def test_the_same_clamps_hold_two_shapes(page):
+    """Bent further and back, the cable has kept a part of its bend: it sags less deep than on its first way there."""
+    first, again = (np.asarray(page[name].points) for name in ("first", "again"))
+    assert all(bool(page[name].verdict.solved) for name in ("first", "nearer", "again"))
+    assert np.abs(first - again).max() > 2e-3

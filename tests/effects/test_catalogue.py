@@ -19,6 +19,7 @@ from . import scene
 
 ENTRIES = {entry.kind: entry for entry in catalogue()}
 LAWS = ("bending_law", "torsion_law")  # declared only
+MEMORIES = ("friction", "torsion_friction", "relaxation")  # likewise: they take the poses in their order
 # kind -> amplitudes and a site whose parameters in the format the scene's table holds
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 
@@ -134,7 +135,7 @@ def test_entries_are_complete():
         assert entry.settle
         assert entry.kind in fx.kinds() or entry.kind == "memory_set"
     ours = {kind for kind in fx.kinds() if fx.effect_class(kind).__module__.startswith("scan2flex_jax.")}
-    assert ours <= set(ENTRIES) | set(DESCRIPTIVE_KINDS) | set(LAWS)
+    assert ours <= set(ENTRIES) | {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES}
 
 
 def test_only_clamped_ends_can_yield():
@@ -148,7 +149,7 @@ def test_only_clamped_ends_can_yield():
 
 def test_fields_have_entries_and_are_not_scanned_for():
     assert {entry.kind for entry in fields()} == set(DESCRIPTIVE_KINDS)
-    assert not {entry.kind for entry in catalogue()} & {*DESCRIPTIVE_KINDS, *LAWS}
+    assert not {entry.kind for entry in catalogue()} & {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES}
 
 
 @pytest.mark.parametrize("kind", LAWS)

@@ -1,0 +1,178 @@
+"""Cables that remember, recovered from ordered poses of an independent solver with another law of friction.
+
+    python -m benchmarks.memory 40      -> benchmarks/results/memory.json
+
+Each case is a plane cable in six to ten poses between clamps that move to and fro (`benchmarks.blind.hysteresis`: Dahl's
+friction, which is no Prandtl slider, in small steps from pose to pose), with white noise of half a thousandth of its length;
+every second case has no memory. The last pose is kept from the fits. Recorded are the result of `memory_test`, the area of the
+hysteresis loop against the true one, and the error of the pose to come with friction and without. The times of fits with 5, 10
+and 20 poses stand beside them.
+"""
+
+import sys
+import time
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from benchmarks.blind import hysteresis
+from benchmarks.blind.hysteresis import Grip, Law
+from benchmarks.record import record
+from scan2flex_jax.diagnosis.memory import memory_test
+from scan2flex_jax.effects import Friction
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import fit
+from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
+
+jax.config.update("jax_enable_x64", True)
+SEED, CASES, LENGTH, POINTS = 29, 40, 1.0, 60
+NOISE = 5e-4  # of the length
+CLEAR = 3.0  # times the noise: RMS that memory moves the poses by, above which it should be named
+FEWEST, MOST = 6, 10
+TIMED = (5, 10, 20)  # poses
+
+
+def clamp(grip: Grip) -> Clamp:
+    """A clamp in the vertical plane of x and z, its d3 along the cable."""
+    half = 0.5 * (0.5 * np.pi - grip.angle)
+    return Clamp([grip.x, 0.0, grip.y], [np.cos(half), 0.0, np.sin(half), 0.0])
+
+
+def study_of_chains(chains, grips, noise: float, seed: int, weight: float = 1.0) -> Study:
+    """The study of a cable in these poses, in their order, with white noise (m) on every coordinate."""
+    rng, poses = np.random.default_rng(seed), []
+    for i, (chain, grip) in enumerate(zip(chains, grips, strict=True)):
+        s = np.linspace(0.0, chain.length, len(chain.points))
+        at = np.linspace(0.02, 0.98, POINTS) * chain.length
+        x, y = (np.interp(at, s, values) for values in chain.points.T)
+        curve = np.column_stack([x, np.zeros(POINTS), y]) + noise * rng.normal(size=(POINTS, 3))
+        ends = {"start": clamp(Grip(0.0, 0.0, 0.0)), "end": clamp(grip)}
+        poses.append(StudyPose(f"p{i + 1}", "fit", **ends, curve=MeasuredCurve(curve), noise=noise))
+    cable = {"length": chains[0].length, "length_density": weight / 9.81, "torsional_stiffness": 0.05}
+    return Study.from_arrays(cable, poses, ["bending_stiffness"], title="a cable that may remember")
+
+
+def drawn(rng, remembers: bool):
+    """Law, grips and chains of a case: clamps that go to and fro between near and far, bent one way and the other."""
+    for _ in range(200):
+        stiffness = rng.uniform(0.02, 0.08)
+        law = Law(stiffness, rng.uniform(0.3, 0.7) if remembers else 0.0, rng.uniform(0.8, 3.0))
+        count = int(rng.integers(FEWEST, MOST + 1))
+        near = np.arange(count) % 2 == int(rng.integers(2))
+        along = np.where(near, rng.uniform(0.35, 0.55, count), rng.uniform(0.6, 0.8, count))
+        grips = [Grip(float(x), float(rng.uniform(-0.1, 0.1)), float(rng.uniform(-0.9, 0.9))) for x in along]
+        try:
+            chains = hysteresis.posed(LENGTH, 1.0, law, grips)
+            fresh = hysteresis.without_memory(LENGTH, 1.0, law, grips)
+        except np.linalg.LinAlgError:
+            continue
+        if chains is not None and fresh is not None and _planar(chains):
+            moved = np.mean([np.sum((a.points - b.points) ** 2, axis=1) for a, b in zip(chains, fresh, strict=True)])
+            return law, grips, chains, float(np.sqrt(moved))
+    raise Scan2FlexError("no case was posed in two hundred draws")
+
+
+def _planar(chains):
+    """Whether no pose coils up: a cable that turns by more than a turn leaves its plane."""
+    return all(np.ptp(c.theta) < 1.5 * np.pi for c in chains)
+
+
+def fitted_loop(kind_share: float, slip: float, EI: float, most: float) -> float:
+    """Area (J/m) of the steady loop of the fitted sliders between ``-most`` and ``most`` (1/m): 4 k r (A - r) of each."""
+    thresholds = slip * np.asarray(Friction(kind_share, slip).spread)
+    pull = np.maximum(most - thresholds, 0.0) * thresholds
+    return float(4.0 * kind_share * EI * np.mean(pull))
+
+
+def one(i: int) -> dict:
+    """Case ``i``: what was drawn, what the test says, and the errors of loop and prediction."""
+    rng = np.random.default_rng((SEED, i))
+    remembers = i % 2 == 0
+    law, grips, chains, moved = drawn(rng, remembers)
+    facts = {"case": i, "remembers": remembers, "poses": len(chains), "moved over noise": moved / (NOISE * LENGTH)}
+    facts |= {"EI": law.EI, "share": law.share, "slip": law.slip}
+    study = study_of_chains(chains, grips, NOISE * LENGTH, (SEED + 1) * 1000 + i)
+    last = replace(study.poses[-1], role="validate")
+    began = time.perf_counter()
+    try:
+        found = memory_test(replace(study, poses=study.poses[:-1]), seed=i)
+        facts |= {"named": found.named, "p_value": found.p_value, "gain": found.gain, "best other": max(found.others)}
+        facts["seconds"] = round(time.perf_counter() - began, 1)
+        seen = replace(study, poses=(*study.poses[:-1], last))
+        _, plain = to_come(seen)
+        e, friction = to_come(remembering(seen, found.parameters))
+    except Scan2FlexError as fault:
+        return facts | {"failed": str(fault)}
+    most = float(np.sqrt(np.mean([c.k**2 for c in chains])))
+    area = fitted_loop(e["friction.share"], e["friction.slip_curvature"], e["bending_stiffness"], most)
+    truth = law.loop_area(most) if remembers else 0.0
+    return facts | {
+        "loop": area, "true loop": truth, "loop error": abs(area / truth - 1) if truth else None,
+        "next, plain": plain, "next, friction": friction, "estimates": e,
+    }  # fmt: skip
+
+
+def to_come(study: Study) -> tuple[dict[str, float], float]:
+    """Estimates from the fitted poses, and the RMS distance (m) of the pose that was kept from them."""
+    problem = Problem(study)
+    minimum = problem.minimise("least-squares")
+    values = {name: float(v) for name, v in values_of(problem.layout, minimum.shared[: problem.layout.unknowns]).items()}
+    r, real = problem.predicted(minimum).residual[0], np.asarray(problem.held_out.mask[0]) > 0
+    return values, float(np.sqrt(np.mean(np.sum(r[real] ** 2, axis=1))))
+
+
+def remembering(study: Study, guess: dict | None = None) -> Study:
+    """The study with friction declared, its parameters unknown."""
+    names = ("share", "slip_curvature")
+    unknowns = tuple(Unknown(f"friction.{name}", guess=None if guess is None else guess[name]) for name in names)
+    return replace(study, effects=(EffectDeclaration("friction"),), unknowns=(*study.unknowns, *unknowns))
+
+
+def seconds_of_fits() -> dict[str, dict[str, float]]:
+    """Seconds of a compiled fit with friction, by the number of its poses: of the clock, and of the processor."""
+    law, out = Law(0.05, 0.5, 1.5), {}
+    way = [Grip(0.75, 0.0, 0.0), Grip(0.45, 0.05, 0.6), Grip(0.7, 0.0, -0.2), Grip(0.5, -0.1, -0.8)]
+    grips = [way[k % 4] for k in range(max(TIMED))]
+    chains = hysteresis.posed(LENGTH, 1.0, law, grips)
+    for count in (TIMED[0], *TIMED):  # the first one compiles
+        study = remembering(study_of_chains(chains[:count], grips[:count], NOISE, 0))
+        began, worked = time.perf_counter(), time.process_time()
+        fit(study)
+        spent = {"clock": time.perf_counter() - began, "processor": time.process_time() - worked}
+        out[str(count)] = {name: round(value, 2) for name, value in spent.items()}
+    return out
+
+
+def summary(rows: list[dict]) -> dict:
+    """What is asked of the cases: named where memory is clear, not named where there is none, loops and predictions."""
+    told = [r for r in rows if "failed" not in r]
+    clear = [r for r in told if r["remembers"] and r["moved over noise"] > CLEAR]
+    none = [r for r in told if not r["remembers"]]
+    return {
+        "cases": len(rows), "failed": len(rows) - len(told),
+        "named, memory clear": [sum(r["named"] for r in clear), len(clear)],
+        "not named, no memory": [sum(not r["named"] for r in none), len(none)],
+        "loop area within 15 %": [sum(r["loop error"] < 0.15 for r in clear), len(clear)],
+        "next pose better": [sum(r["next, friction"] < r["next, plain"] for r in clear), len(clear)],
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Run so many cases, telling each, and record them with the times of fits."""
+    rows, seconds = [], seconds_of_fits()
+    sys.stdout.write(f"seconds of fits {seconds}\n")
+    sys.stdout.flush()
+    record("memory", {"seconds of fits": seconds})
+    for i in range(int(sys.argv[1]) if len(sys.argv) > 1 else CASES):
+        rows.append(one(i))
+        sys.stdout.write(f"{rows[-1]}\n")
+        sys.stdout.flush()
+        record("memory", {"summary": summary(rows), "seconds of fits": seconds, "cases": rows})
+    sys.stdout.write(f"{summary(rows)}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,177 @@
+"""Effects with memory: closed forms of one slider and of the standard linear solid, and the order of poses in a whole rod."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from scan2flex_jax.effects import Friction, MemorySet, Relaxation, TorsionFriction
+from scan2flex_jax.effects.sliders import ROUNDING, SPREAD, huber
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.geometry import lie
+from scan2flex_jax.rod.model import CableModel
+from scan2flex_jax.statics.solve import equilibrium
+
+from . import scene
+
+EI, GJ, SHARE, SLIP = 0.02, 0.015, 0.6, 1.0
+STIFFNESS = jnp.diag(jnp.array([1e5, 1e5, 1e4, EI, EI, GJ]))
+SHARP = 1e-9  # rounding of a knee that closed forms do not have
+
+
+def one_slider(cls=Friction, rounding=SHARP):
+    return cls(SHARE, SLIP, spread=(1.0,), rounding=rounding)
+
+
+@jax.jit
+def driven(effect, strains, held=0.0):
+    """Forces (m, 6) along a path of strains (m, 6), each after the one before it."""
+
+    def pose(left, strain):
+        extra = jax.grad(effect.energy_given)(strain, STIFFNESS, left)
+        return effect.leaves(strain, STIFFNESS, left, jnp.asarray(held)), STIFFNESS @ strain + extra
+
+    return jax.lax.scan(pose, effect.without_history(1)[0], strains)[1]
+
+
+def bent(effect, curvatures, axis=4):
+    """Moments over EI (m,) along a path of curvatures about one axis."""
+    strains = jnp.zeros((len(curvatures), 6)).at[:, axis].set(jnp.asarray(curvatures))
+    return np.asarray(driven(effect, strains))[:, axis] / float(STIFFNESS[axis, axis])
+
+
+@pytest.mark.parametrize(("cls", "axis"), [(Friction, 3), (Friction, 4), (TorsionFriction, 5)])
+def test_one_slider_loads_and_unloads_as_its_closed_form(cls, axis):
+    """Elastic up to the threshold, then with the stiffness of the rest; back elastically over twice the threshold."""
+    rest = 1 - SHARE
+    path = [0.5, 2.0, 4.0, 3.0, 1.5, -1.0, -4.0, -3.5, 0.0]
+    slider = [0.5, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -0.5, 1.0]
+    expected = [rest * k + SHARE * s for k, s in zip(path, slider, strict=True)]
+    np.testing.assert_allclose(bent(one_slider(cls), path, axis), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("spread", [(1.0,), SPREAD])
+def test_masings_rule_holds_on_the_return_branch(spread):
+    """From a turn at k0 the moment changes along the first loading curve, twice as large: m(k0) - m(k) = 2 m_0((k0 - k)/2)."""
+    effect, top = Friction(SHARE, SLIP, spread=spread, rounding=SHARP), 3.0
+    for k in (2.9, 2.2, 1.0, 0.1, -1.5, -3.0):
+        (first,) = bent(effect, [(top - k) / 2])
+        turned, back = bent(effect, [top, k])
+        assert turned - back == pytest.approx(2 * first, abs=1e-7)
+
+
+def test_a_closed_cycle_dissipates_the_area_of_its_loop():
+    """Between -A and A one slider dissipates 4 share EI slip (A - slip), the sum of force times slip of its energy balance."""
+    A = 3.0
+    corners = [A, A - 2 * SLIP, -A, -A + 2 * SLIP, A]  # the moment is linear between them
+    m = bent(one_slider(), corners)
+    area = np.sum(0.5 * (m[1:] + m[:-1]) * np.diff(corners))
+    assert area == pytest.approx(4 * SHARE * SLIP * (A - SLIP), rel=1e-7)
+
+
+def test_a_curvature_vector_returns_radially():
+    """Bent about d1 and then about d2: the slider follows along the straight line between, and pulls along it."""
+    k1, k2 = np.array([3.0, 0.0]), np.array([3.0, 4.0])
+    q1 = k1 - SLIP * np.array([1.0, 0.0])
+    pull = (k2 - q1) / np.linalg.norm(k2 - q1)
+    strains = jnp.zeros((2, 6)).at[:, 3:5].set(jnp.stack([jnp.asarray(k1), jnp.asarray(k2)]))
+    found = np.asarray(driven(one_slider(), strains))[1, 3:5] / EI
+    np.testing.assert_allclose(found, (1 - SHARE) * k2 + SHARE * SLIP * pull, atol=1e-7)
+
+
+def test_the_rounded_knee_is_smooth_and_loses_as_little_as_is_said():
+    """g is the derivative of H; H'' has no jump; a slider that slipped loses a quarter of the rounding when solved again."""
+    r = jnp.array([0.0, 0.5, 1 - ROUNDING, 1.0, 1 + ROUNDING, 3.0])
+    one = jnp.array(1.0)
+    H = jax.grad(lambda r: huber(r**2, one)[0])
+    np.testing.assert_allclose(jax.vmap(H)(r), r * huber(r**2, jnp.ones(6))[1], atol=1e-12)
+    second = jax.vmap(jax.grad(H))
+    for knee in (1 - ROUNDING, 1 + ROUNDING):
+        np.testing.assert_allclose(*second(jnp.array([knee - 1e-7, knee + 1e-7])), atol=1e-5)
+    again = bent(one_slider(rounding=ROUNDING), [3.0, 3.0]) - (1 - SHARE) * 3.0
+    assert again[0] == pytest.approx(SHARE * SLIP)
+    assert again[1] == pytest.approx(SHARE * SLIP * (1 - ROUNDING / 4))
+
+
+@pytest.mark.parametrize("effect", [one_slider(), Friction(SHARE, SLIP), Relaxation(SHARE, 60.0)])
+def test_without_history_and_strain_there_is_no_force_and_no_nan(effect):
+    left, still = effect.without_history(1)[0], jnp.zeros(6)
+    np.testing.assert_array_equal(jax.grad(effect.energy_given)(still, STIFFNESS, left), np.zeros(6))
+    slopes = jax.grad(lambda e: e.energy_given(still, STIFFNESS, left))(effect)
+    assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(slopes))
+    assert np.all(np.isfinite(jax.jacfwd(effect.leaves, argnums=(0, 2))(still, STIFFNESS, left, jnp.array(1.0))[0]))
+
+
+def test_the_energy_stays_convex_however_the_cable_was_bent():
+    effect = Friction(SHARE, SLIP)
+    left = jnp.asarray(np.random.default_rng(0).normal(0.0, 2.0, (4, 2)))
+
+    def energy(k):
+        strain = jnp.zeros(6).at[3:5].set(k)
+        return 0.5 * EI * k @ k + effect.energy_given(strain, STIFFNESS, left)
+
+    strains = jnp.asarray(np.random.default_rng(1).normal(0.0, 3.0, (200, 2)))
+    least = np.linalg.eigvalsh(jax.vmap(jax.hessian(energy))(strains))[:, 0]
+    assert np.all(least > 0.99 * (1 - SHARE) * EI)
+
+
+def test_a_held_pose_relaxes_as_a_standard_linear_solid():
+    """The moment of a pose that is taken again falls from EI k to (1 - share) EI k, exponentially."""
+    for held in (0.0, 20.0, 300.0, 1e5):
+        effect = Relaxation(SHARE, 60.0)
+        strains = jnp.zeros((2, 6)).at[:, 4].set(2.0)
+        m = np.asarray(driven(effect, strains, held))[:, 4] / EI
+        np.testing.assert_allclose(m, [2.0, 2.0 * (1 - SHARE + SHARE * np.exp(-held / 60.0))])
+
+
+def test_memory_set_is_the_relaxation_that_is_complete_between_poses():
+    """`memory_set` keeps a part of the pose before, whatever was before that. A relaxation that is complete between poses is
+    the same set: both pull towards the last curvature with share times EI k. Friction remembers poses before that too."""
+    last, now = 2.0, 0.5
+    strains = jnp.zeros((2, 6)).at[:, 4].set(jnp.array([last, now]))
+    m = np.asarray(driven(Relaxation(SHARE, 1.0), strains, 1e6))[:, 4] / EI
+    kept = MemorySet(SHARE, jnp.array([[0.0, last, 0.0]]))
+    assert m[1] == pytest.approx(now - float(kept.memory) * float(kept.previous[0, 1]))
+    once = jnp.zeros((3, 6)).at[:, 4].set(jnp.array([last, 0.0, now]))
+    assert np.asarray(driven(Relaxation(SHARE, 1.0), once, 1e6))[2, 4] / EI == pytest.approx(now)  # forgot the pose before
+    assert bent(one_slider(), [last, 0.0, now])[2] != pytest.approx(bent(one_slider(), [0.0, now])[1])  # friction has not
+
+
+def turned(turn):
+    """A cable whose end is free to move and turned by ``turn`` (rad) about d2."""
+    boundary = scene.straight(held_end=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
+    R = boundary.rotation[0] @ lie.so3_exp(turn * jnp.array([0.0, 1.0, 0.0]))
+    return type(boundary)(boundary.position, boundary.rotation.at[1].set(R), boundary.held)
+
+
+def arc(turn):
+    """Where the cable of `turned` is."""
+    angle = jnp.linspace(0.0, turn, scene.ELEMENTS + 1)
+    boundary = turned(0.0)
+    R = jax.vmap(lambda a: boundary.rotation[0] @ lie.so3_exp(a * jnp.array([0.0, 1.0, 0.0])))(angle)
+    steps = (R[:-1, :, 2] + R[1:, :, 2]) / (2 * scene.ELEMENTS)
+    return type(scene.start_of(boundary))(jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, 0)]), R)
+
+
+@partial(jax.jit, compiler_options=scene.UNOPTIMISED)
+def in_pure_bending(effect, turn, before):
+    model = CableModel(scene.CABLE, jnp.zeros(3), effect)
+    first = equilibrium(model, turned(before), start=arc(before), elements=scene.ELEMENTS)
+    found = equilibrium(model, turned(turn), start=arc(turn), elements=scene.ELEMENTS, after=first)
+    return found.reactions()[1], found.leaves()
+
+
+def test_a_whole_rod_in_pure_bending_follows_the_closed_form():
+    """A turned end alone gives a uniform curvature: the moment of the grip is that of the loop, loading and unloading."""
+    for before, now, slider in ((0.0, 0.8, 0.8), (0.0, 3.0, 1.0), (3.0, 4.0, 1.0), (3.0, 2.5, 0.5), (3.0, 0.5, -1.0)):
+        moment, _ = in_pure_bending(one_slider(rounding=ROUNDING), now, before)
+        expected = EI * abs((1 - SHARE) * now + SHARE * slider)
+        np.testing.assert_allclose(np.linalg.norm(moment, axis=1), expected, rtol=1e-7)
+
+
+def test_a_pose_after_another_model_is_refused():
+    free = equilibrium(CableModel(scene.CABLE, jnp.zeros(3)), turned(0.3), elements=scene.ELEMENTS)
+    with pytest.raises(Scan2FlexError, match="after is an equilibrium of another model or mesh"):
+        equilibrium(CableModel(scene.CABLE, jnp.zeros(3), Friction(0.3, 1.0)), turned(0.3), elements=16, after=free)

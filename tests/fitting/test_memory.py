@@ -1,0 +1,159 @@
+"""Poses in their order: derivatives through it, what a straightened cable forgets, and fits of poses from another solver."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blind import hysteresis
+from benchmarks.memory import study_of_chains
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import fit, residual_function
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.traced import traced_problem
+from scan2flex_jax.prediction import predict
+from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown
+
+from . import scenes
+
+FRICTION = EffectDeclaration("friction", {})
+RELAXATION = EffectDeclaration("relaxation", {})
+OF_FRICTION = (*scenes.BOTH, Unknown("friction.share"), Unknown("friction.slip_curvature"))
+AT = {"bending_stiffness": 0.1, "torsional_stiffness": 0.25, "friction.share": 0.4, "friction.slip_curvature": 1.0}
+NAMES = tuple(p.name for p in scenes.example().poses)
+
+
+def ordered(effects=(FRICTION,), unknowns=OF_FRICTION, poses=NAMES, **changes):
+    """The simulated cable with memory; its last pose is one for validation."""
+    study = scenes.study_of(unknowns, poses=poses, effects=effects)
+    return replace(study, poses=tuple(replace(p, **changes.get(p.name.replace("-", "_"), {})) for p in study.poses))
+
+
+def evaluated(study, at=AT, **given):
+    problem = Problem(study, scenes.ELEMENTS)
+    x = scenes.vector(problem.layout, at)
+    return problem, x, problem.evaluator(x, **given)
+
+
+def differences(problem, x, e, step=1e-6):
+    """Central differences of the residuals, fourth order, each pose on its branch; so short that no slider turns in between."""
+    columns = []
+    for k in range(problem.layout.shared):
+        way = step * np.eye(len(x))[k]
+        r = [problem.evaluator(x + m * way, start=e.configuration).residual for m in (-2, -1, 1, 2)]
+        columns.append((r[0] - 8 * r[1] + 8 * r[2] - r[3]) / (12 * step))
+    return np.stack(columns, axis=-1)
+
+
+def test_derivatives_go_through_the_order_of_poses():
+    """Exact against differences, and not those of poses that begin without history.
+
+    At the shapes themselves, where the axes of a residual, which derivatives hold, have no part in it.
+    """
+    study = ordered(poses=NAMES[:3])
+    problem, x, e = evaluated(scenes.measured(study, scenes.exact_curves(study, AT)))
+    assert e.solved
+    exact, by_differences = e.jacobian[..., : len(x)], differences(problem, x, e)
+    scale = np.abs(exact).max(axis=(0, 1, 2))
+    assert np.all(np.abs(exact - by_differences).max(axis=(0, 1, 2)) < 1e-6 * scale)
+    fresh = evaluated(ordered(poses=NAMES[:3], twist_90={"reset": True}, aside_45={"reset": True}))[2]
+    assert np.all(np.abs(exact - fresh.jacobian[..., : len(x)])[1:].max(axis=(0, 1, 2)) > 1e-3 * scale)
+
+
+def test_a_straightened_cable_is_a_new_one():
+    """After `reset` a pose is that of a cable without history; before it nothing changes."""
+    whole, fresh = (evaluated(ordered(**c))[2].configuration.r for c in ({}, {"aside_45": {"reset": True}}))
+    alone = evaluated(ordered(poses=("aside-45",)))[2].configuration.r
+    np.testing.assert_allclose(fresh[2], alone[0], atol=1e-12)
+    np.testing.assert_array_equal(fresh[:2], whole[:2])
+    assert np.abs(whole[2] - fresh[2]).max() > 1e-3
+
+
+def test_the_order_matters_and_a_pose_for_validation_is_part_of_it():
+    first, x, e = evaluated(ordered())
+    study = first.study
+    other = replace(study, poses=(study.poses[1], study.poses[0], *study.poses[2:]))
+    swapped = evaluated(other)[2]
+    assert np.abs(swapped.configuration.r[1] - e.configuration.r[0]).max() > 1e-4  # the same clamps, another past
+    between = replace(study, poses=(study.poses[3], *study.poses[:3]))
+    assert np.abs(evaluated(between)[2].configuration.r[0] - e.configuration.r[0]).max() > 1e-4
+    unseen = Problem(study, scenes.ELEMENTS)
+    found = unseen.evaluator_of(unseen.held_out)(x)
+    calibrated = replace(study, unknowns=(), cable={**study.cable, **{k: AT[k] for k in list(AT)[:2]}},
+                         effects=(EffectDeclaration("friction", {"share": 0.4, "slip_curvature": 1.0}),))  # fmt: skip
+    told = predict(calibrated, elements=scenes.ELEMENTS)
+    np.testing.assert_allclose(told["unseen"].points, found.configuration.r[0], atol=1e-9)
+    np.testing.assert_allclose(told["aside-45"].points, e.configuration.r[2], atol=1e-9)
+
+
+def test_each_pose_is_solved_once_whatever_their_number():
+    """The cost of an evaluation is linear in the poses: every one is solved once, with its derivatives."""
+    calls = []
+    problem = Problem(ordered(), scenes.ELEMENTS)
+    own = problem.evaluator._pose
+    problem.evaluator._pose = lambda *given, **more: calls.append(1) or own(*given, **more)
+    problem.evaluator(scenes.vector(problem.layout, AT))
+    assert len(calls) == 3
+
+
+def test_times_say_how_far_a_pose_relaxed():
+    """A pose taken again, long after, differs from the first; at once, or without a share, it does not."""
+    unknowns = (*scenes.BOTH, Unknown("relaxation.share"), Unknown("relaxation.time_constant"))
+    at = {**{k: AT[k] for k in list(AT)[:2]}, "relaxation.share": 0.3, "relaxation.time_constant": 60.0}
+
+    def twice(later, **other):
+        study = scenes.study_of(unknowns, poses=("aside-45",), effects=[RELAXATION])
+        (pose,) = study.poses
+        again = (replace(pose, time=5.0), replace(pose, name="again", time=later))
+        return evaluated(replace(study, poses=again), {**at, **other})[2].configuration.r
+
+    once, late = twice(5.0), twice(600.0)
+    np.testing.assert_allclose(once[0], once[1], atol=1e-9)
+    assert np.abs(late[1] - late[0]).max() > 1e-3
+    np.testing.assert_allclose(*twice(600.0, **{"relaxation.share": 0.0}), atol=1e-9)
+
+
+GRIPS = [(0.75, 0.0, 0.0), (0.45, 0.05, 0.6), (0.75, 0.0, 0.0), (0.5, -0.1, -0.8), (0.6, 0.1, 0.3), (0.75, 0.0, 0.0)]
+
+
+class Sliders(hysteresis.Law):
+    """Prandtl's sliders for the solver of the benchmark, with the thresholds of the package."""
+
+    def stepped(self, k, before, z):
+        thresholds = self.slip * np.array([0.25, 0.75, 1.25, 1.75])[:, None]
+        z = np.zeros((4, len(k))) if np.ndim(z) == 1 else z
+        pull = np.clip(k - z, -thresholds, thresholds)
+        stuck = np.mean(np.abs(k - z) < thresholds, axis=0)
+        moment = self.EI * ((1 - self.share) * k + self.share * pull.mean(axis=0))
+        return moment, self.EI * (1 - self.share + self.share * stuck), k - pull
+
+
+@pytest.fixture(scope="module")
+def recovered():
+    law = Sliders(0.05, 0.6, 2.0)
+    chains = hysteresis.posed(1.0, 1.0, law, [hysteresis.Grip(*g) for g in GRIPS])
+    study = study_of_chains(chains, [hysteresis.Grip(*g) for g in GRIPS], noise=3e-4, seed=1)
+    remembered = replace(study, effects=(FRICTION,), unknowns=(*study.unknowns, *OF_FRICTION[2:]))
+    return Problem(study, scenes.ELEMENTS).minimise("least-squares"), fit(remembered)
+
+
+def test_a_fit_recovers_friction_from_the_poses_of_another_solver(recovered):
+    """A plane chain of rigid segments that goes from pose to pose in small steps, with sliders of its own.
+
+    It turns back in places on its way, which a fit does not know: its values are those of the law to some per cent.
+    """
+    plain, found = recovered
+    e = {name: estimate.value for name, estimate in found.estimates.items()}
+    moment = e["bending_stiffness"] * e["friction.share"] * e["friction.slip_curvature"]
+    assert e["bending_stiffness"] == pytest.approx(0.05, rel=0.05)
+    assert e["friction.share"] == pytest.approx(0.6, rel=0.15), e
+    assert moment == pytest.approx(0.05 * 0.6 * 2.0, rel=0.15), e
+    assert all(found.estimates[name].identifiable for name in e)
+    assert found.minimum.cost < 0.5 * plain.cost
+
+
+def test_what_cannot_follow_the_order_says_so():
+    study = replace(ordered(), tolerance=Tolerance())
+    for call in (residual_function, traced_problem):
+        with pytest.raises(Scan2FlexError, match="friction makes poses depend on those before them"):
+            call(study)
