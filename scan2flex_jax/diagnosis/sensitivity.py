@@ -121,7 +121,7 @@ class Bench:
         local = vector[numbers.shared : numbers.base].reshape(numbers.poses, numbers.local)
         e = evaluator(vector[: numbers.shared], local, start=start)
         self.solves += numbers.poses
-        r, J, s, marked = e.residual, e.jacobian, e.s, self.poses.marked
+        r, J, s, marked = e.residual, np.asarray(e.jacobian), e.s, self.poses.marked
         return [
             states.Shape(r[i], J[i], s[i], one(e.configuration, i), one(e.verdict, i), None if marked is None else marked[i])
             for i in range(numbers.poses)
