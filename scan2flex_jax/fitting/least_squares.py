@@ -6,10 +6,15 @@ factor of 20 is one standard deviation), so that a number that the poses hardly 
 and takes hundreds of steps to solve, while what they determine moves by a small part of its standard error; and the fit has
 converged when a step promises less than a thousandth of it. Steps in logarithms are bounded. A fit that began from
 configurations already found starts from the measured curves once more at the end.
+
+A moment law makes the cost a narrow valley that bends: where a cable yields, its moment hardly grows, so that steps of the law
+and the stiffness before it make up for one another far from linearly. Such a fit bends its steps (`descent`). Its last part is
+not that of small residuals: along the valley the curvature of the cost exceeds that of ``J'J``, whose steps go too far and are
+refused in turn. A descent that ends so goes on by BFGS in the metric of ``J'J``.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
@@ -26,6 +31,8 @@ _CLOSER = 1.0e-6  # of the cost: what a start from the measured curves must gain
 _GAIN = 1.0e-4  # of the cost: what a converged fit of another method may still promise to gain
 PROMISED = 1.0e-3  # of the cost for one residual: what an undamped step may still promise at a minimum
 GIVE_UP = 1.0e12  # damping at which no step helps
+_RIDGE = 1.0e-9  # of correlations, so that numbers that nothing determines have a direction too
+_MOST_BFGS = 120  # iterations
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
 
@@ -88,6 +95,13 @@ class Goal:
         )
 
 
+    def without(self, own: np.ndarray) -> "Goal":
+        """The same with the shared numbers ``own`` held at zero."""
+        low, high = self.low.copy(), self.high.copy()
+        low[own] = high[own] = 0.0
+        return replace(self, low=low, high=high)
+
+
 def normal_equations(layout, residual, jacobian, shared, local):
     """``J'J`` (with the priors' unit rows) and ``J'r`` of weighted residuals and Jacobian of all poses."""
     P, n, k = len(residual), layout.shared, layout.local
@@ -117,11 +131,12 @@ def levenberg_marquardt(
         most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
         settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, promises=PROMISED, damping=1e-3, least=1e-12,
         give_up=GIVE_UP, stuck_converges=True, closer=None if start is None else lambda cost: _CLOSER * cost,
-        progress=goal.progress,
+        bend=model.bends, progress=goal.progress,
     )  # fmt: skip
     found = descend(model, model.of(np.r_[shared, local.ravel()], e), rules)
     shared, local = model.split(found.point.x)
-    return Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged)
+    end = Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged)
+    return _carried_on(model, end) if model.bends and not end.converged and end.cost < _FAR * goal.beat else end
 
 
 class _FitModel(Model):
@@ -135,6 +150,8 @@ class _FitModel(Model):
         self.goal, self.began, self.shape, self.residuals = goal, began, shape, 1
         free = np.full(int(np.prod(shape)), np.inf)
         self.low, self.high = np.r_[goal.low, -free], np.r_[goal.high, free]
+        walks = goal.evaluator.layout.walks
+        self.bends = bool(np.any(goal.high[: len(walks)][walks] > goal.low[: len(walks)][walks]))
 
     def split(self, x):
         """Shared and local numbers."""
@@ -142,7 +159,18 @@ class _FitModel(Model):
 
     def of(self, x, e: Evaluation) -> Point:
         """The evaluation at ``x`` that is known."""
-        return Point(x, self.goal.cost(e, *self.split(x)), e.configuration, e)
+        cost = self.goal.cost(e, *self.split(x))
+        whole = self._residual(e) if self.bends and np.isfinite(cost) else (None, None)
+        return Point(x, cost, e.configuration, e, *whole)
+
+    def _residual(self, e: Evaluation):
+        """Weighted residual (k,) of all poses and its Jacobian (k, n) by all numbers."""
+        n, (poses, own) = len(self.began), self.shape
+        sigma, points = self.goal.sigma[:, None, None], e.residual[0].size
+        J = np.zeros((poses, points, n + poses * own))
+        for i, part in enumerate((e.jacobian / sigma[..., None]).reshape(poses, points, -1)):
+            J[i, :, :n], J[i, :, n + i * own : n + (i + 1) * own] = part[:, :n], part[:, n:]
+        return (e.residual / sigma).ravel(), J.reshape(poses * points, -1)
 
     def at(self, x, start=None) -> Point:
         return self.of(x, self.goal.evaluator(*self.split(x), start=start))
@@ -194,6 +222,37 @@ class _Bowl(Quadratic):
     def moved(self, before, trial):
         n = len(self.began)
         return float(np.max(np.abs(trial.x[:n] - before.x[:n]), initial=0.0))
+
+
+def _carried_on(model: _FitModel, found: Minimum) -> Minimum:
+    """The end of a descent carried on by BFGS, in numbers of which ``J'J`` is the unit matrix and within the bounds."""
+    goal, x, begun = model.goal, np.r_[found.shared, found.local.ravel()], found.evaluation.configuration
+    free = (x > model.low) & (x < model.high)
+    JJ, _ = goal.normal_equations(found.evaluation, found.shared, found.local)
+    scale = np.sqrt(np.diag(JJ)[free]) + 1e-150
+    unit = JJ[np.ix_(free, free)] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    ways = np.linalg.inv(np.linalg.cholesky(unit)).T / scale[:, None]
+
+    def at(y):
+        trial = x.copy()
+        trial[free] += ways @ y
+        inside = np.all((trial >= model.low) & (trial <= model.high))
+        return model.at(trial, begun) if inside else Point(trial, np.inf, None)
+
+    def value(y):
+        point = at(y)
+        if not np.isfinite(point.cost):
+            return _FAILED, np.zeros(len(y))
+        goal.progress(f"BFGS: cost {point.cost:.6g}")
+        return point.cost, 2.0 * ways.T @ goal.normal_equations(point.found, *model.split(point.x))[1][free]
+
+    flat = np.sqrt(PROMISED * found.cost / model.residuals)  # of the gradient: it promises a quarter of its square
+    end = optimize.minimize(value, np.zeros(len(scale)), jac=True, method="BFGS", options={"gtol": flat, "maxiter": _MOST_BFGS})
+    point = at(end.x)
+    if not point.cost <= found.cost:
+        return found
+    (shared, local), count = model.split(point.x), found.iterations + int(end.nit)
+    return Minimum(shared, local, point.found, point.cost, count, bool(np.max(np.abs(end.jac)) <= flat))
 
 
 def bfgs(goal: Goal, shared: np.ndarray) -> Minimum:
