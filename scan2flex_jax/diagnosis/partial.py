@@ -15,7 +15,7 @@ from scan2flex_jax.diagnosis.choice import best_of, contains, numbers_of, of_one
 from scan2flex_jax.diagnosis.refit import Refit, plain_law, refit
 from scan2flex_jax.diagnosis.search import Found, alike, outside, pieces
 from scan2flex_jax.diagnosis.sensitivity import Numbers
-from scan2flex_jax.diagnosis.stage import test_after
+from scan2flex_jax.diagnosis.stage import Signatures, Stage, test_after
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.fitting.least_squares import Progress
 
@@ -47,14 +47,31 @@ def search(before: Found, progress: Progress) -> Found:
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
     _add_parts(found, progress)
     found.best = best_of(stage, found.refits.values(), 1)
-    most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
-    while found.best.components and len(found.best.components) < most:
+    return widened(found, of, progress)
+
+
+def widened(found: Found, of: Signatures, progress: Progress) -> Found:
+    """The search on from its best set, effect by effect while a wider set predicts better, to the verdict."""
+    while found.best.components and len(found.best.components) < most_effects(found.stage):
         wider = _wider(found, of, progress)
         if wider is None:
             break
         found.best = wider
         found.best = _simplified(found, of, progress)
     return _judged(found)
+
+
+def most_effects(stage: Stage) -> int:
+    """How many effects a set may have: no more than the poses can tell apart."""
+    return min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
+
+
+def leads(stage: Stage, wider: Refit, best: Refit) -> bool:
+    """Whether a wider model stands in the place of the best one: it predicts poses left out better, and is likelier."""
+    said = confirm.compared(stage, wider, best)
+    likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
+    certain = said.gain > _CERTAIN * said.std and wider.log_evidence > best.log_evidence
+    return said.better and (likelier or certain)
 
 
 def _add_parts(found, progress) -> None:
@@ -67,21 +84,21 @@ def _add_parts(found, progress) -> None:
             known = found.refits.get(frozenset([component.kind]))
             if known is None or not known.converged:
                 progress(f"refit with {component.kind} alone")
-                found.add([_from(found, [component], wider, [wider.amplitudes(bench, k)])])
+                found.add([refit_from(found, [component], wider, [wider.amplitudes(bench, k)])])
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:
     """One component more beside a refit, from one step."""
     held = [near.amplitudes(found.stage.bench, k) for k in range(len(near.components))]
-    return _from(found, [*near.components, scores.components[g]], near, [*held, scores.amplitudes[g]])
+    return refit_from(found, [*near.components, scores.components[g]], near, [*held, scores.amplitudes[g]])
 
 
-def _from(found, components, near: Refit, begin) -> Refit:
+def refit_from(found: Found, components, near: Refit, begin) -> Refit:
     """A refit from the base numbers of another: in the metric of plain distances, then at its own floor."""
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
     plain = plain_law(stage.bench, stage.bench.off)
     end = refit(stage.bench, components, plain, near.vector[: numbers.base], begin, most=_STEPS)
-    return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.floor, stage.bench.context)
+    return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.baseline, stage.bench.context)
 
 
 def _simplified(found, of, progress) -> Refit:
@@ -116,10 +133,8 @@ def _wider(found, of, progress) -> Refit | None:
     wider = best_of(stage, found.refits.values(), len(best.components) + 1)
     if wider is stage.base:
         return None
-    said = confirm.compared(stage, wider, best)
-    likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
-    certain = said.gain > _CERTAIN * said.std and wider.log_evidence > best.log_evidence
-    return wider if said.better and said.ratio < stage.settings.most_left and (likelier or certain) else None
+    much = confirm.compared(stage, wider, best).ratio < stage.settings.most_left
+    return wider if much and leads(stage, wider, best) else None
 
 
 def _judged(found: Found) -> Found:

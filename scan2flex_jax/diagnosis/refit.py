@@ -101,11 +101,12 @@ def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
     """The refit with a wide prior of the effects that exceed their usual size: the numbers that the data give.
 
     Loads and stiffnesses that change by one factor give the same shapes, but for the known weight of the cable. Under the law
-    of a discrepancy that weight decides little, and the prior of a strong load would draw the stiffnesses with it. The
-    evidence stays that of the usual sizes.
+    of a discrepancy that weight decides little, and the prior of a strong load would draw the stiffnesses with it. That of a
+    law, which makes it smooth, stays. The evidence stays that of the usual sizes.
     """
     size = [found.amplitudes(bench, k) / c.entry.size(bench.context) for k, c in enumerate(found.components)]
-    wider = tuple(_FREE if np.sqrt(np.mean(a**2)) > 1.0 else 1.0 for a in size)
+    pairs = zip(size, found.components, strict=True)
+    wider = tuple(_FREE if np.sqrt(np.mean(a**2)) > 1.0 and not c.entry.late else 1.0 for a, c in pairs)
     if not any(t > 1.0 for t in wider) or not np.isfinite(found.cost):
         return found
     n, prior = Numbers(bench, found.components), Prior(bench, found.components, wider)

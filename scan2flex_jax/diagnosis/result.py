@@ -16,6 +16,7 @@ from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence
+from scan2flex_jax.fitting.law import Law
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -93,6 +94,7 @@ class Explanation:
     evidence of each family of ghost fields; ``sentences`` say in words what was found, ``settle`` what would decide a tie.
     ``load`` is the equivalent load field (N/m) that all poses share, ``pose_loads`` that of each fitted pose: where something
     acts, not what. ``description`` stands in for an effect where none explains the shapes: a field that is not physics.
+    ``laws``: the moment laws among the effects of the refitted model, with their bands and what is read off them.
     ``study`` has the effects declared, ``search`` is all that the search did, from which `plan` goes on. ``mistakes``: likely
     mistakes of the input, before which no physics is looked for; ``fit`` is None then too.
 
@@ -121,6 +123,7 @@ class Explanation:
     load: Field | None = field(repr=False, default=None)
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
+    laws: tuple[Law, ...] = ()
     search: Found | None = field(repr=False, default=None)
     mistakes: tuple[Mistake, ...] = ()
     settings: DiagnosisSettings = USUAL
@@ -192,6 +195,7 @@ class Explanation:
             "settings": self.settings.to_json(),
             "equivalent_load": self.load.to_json(),
             **({} if self.description is None else {"description": self.description.to_json()}),
+            **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             "settle": list(self.settle),
             "messages": list(self.sentences),
             "seconds": float(self.seconds),

@@ -18,7 +18,7 @@ from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, kind_format
 from . import scene
 
 ENTRIES = {entry.kind: entry for entry in catalogue()}
-LAWS = ("bending_law", "torsion_law")  # declared only
+LAWS = ("bending_law", "torsion_law")  # tried last, not scanned for
 # kind -> amplitudes and a site whose parameters in the format the scene's table holds
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 
