@@ -258,9 +258,10 @@ def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10)
     return ax
 
 
-def law(fit: "Fit", kind: str | None = None, ax: Axes | None = None) -> Axes:
+def law(fit: "Fit | Explanation", kind: str | None = None, ax: Axes | None = None) -> Axes:
     """Moment (N m) of a law over its strain (1/m) with its 95 % band, full where poses reached the strain and pale where they
-    did not; with the linear law of the stiffness at zero strain. Without a ``kind``, the first law of the fit."""
+    did not; with the linear law of the stiffness at zero strain. Of the fit of a study that declares a law, or of an
+    explanation that added one; without a ``kind``, the first."""
     ax = plt.subplots()[1] if ax is None else ax
     found = next((x for x in fit.laws if kind in (None, x.kind)), None)
     if found is None:

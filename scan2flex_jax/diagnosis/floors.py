@@ -109,6 +109,12 @@ class Scores:
         return out
 
 
+def only(of: Signatures, components: list[Component]) -> Signatures:
+    """The signatures of these components in the place of those of the catalogue."""
+    columns, owner = of.bench.catalogue_columns(of.vector, components, of.bench.start)
+    return replace(of, components=components, columns=columns, owner=owner)
+
+
 def with_fields(of: Signatures) -> Signatures:
     """The signatures together with those of the fields along the cable."""
     bench, more = of.bench, [Component(entry.kind, {}) for entry in fields()]

@@ -15,7 +15,7 @@ from scan2flex_jax.diagnosis.choice import best_of, contains, numbers_of, of_one
 from scan2flex_jax.diagnosis.refit import Refit, plain_law, refit
 from scan2flex_jax.diagnosis.search import Found, alike, outside, pieces
 from scan2flex_jax.diagnosis.sensitivity import Numbers
-from scan2flex_jax.diagnosis.stage import test_after
+from scan2flex_jax.diagnosis.stage import Signatures, Stage, test_after
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.fitting.least_squares import Progress
 
@@ -46,14 +46,31 @@ def search(before: Found, progress: Progress) -> Found:
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
     _add_parts(found, progress)
     found.best = best_of(stage, found.refits.values(), 1)
-    most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
-    while found.best.components and len(found.best.components) < most:
+    return widened(found, of, progress)
+
+
+def widened(found: Found, of: Signatures, progress: Progress) -> Found:
+    """The search on from its best set, effect by effect while a wider set predicts better, to the verdict."""
+    while found.best.components and len(found.best.components) < most_effects(found.stage):
         wider = _wider(found, of, progress)
         if wider is None:
             break
         found.best = wider
         found.best = _simplified(found, of, progress)
     return _judged(found)
+
+
+def most_effects(stage: Stage) -> int:
+    """How many effects a set may have: no more than the poses can tell apart."""
+    return min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
+
+
+def leads(stage: Stage, wider: Refit, best: Refit) -> bool:
+    """Whether a wider model replaces the best one: it predicts poses left out better, and is likelier."""
+    against = confirm.compared(stage, wider, best)
+    likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
+    certain = against.gain > stage.settings.certain_gain * against.std and wider.log_evidence > best.log_evidence
+    return against.better and (likelier or certain)
 
 
 def _add_parts(found, progress) -> None:
@@ -66,21 +83,21 @@ def _add_parts(found, progress) -> None:
             known = found.refits.get(frozenset([component.kind]))
             if known is None or not known.converged:
                 progress(f"refit with {component.kind} alone")
-                found.add([_from(found, [component], wider, [wider.amplitudes(bench, k)])])
+                found.add([refit_from(found, [component], wider, [wider.amplitudes(bench, k)])])
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:
     """A refit with one more component, starting from its one-step estimate."""
     held = [near.amplitudes(found.stage.bench, k) for k in range(len(near.components))]
-    return _from(found, [*near.components, scores.components[g]], near, [*held, scores.amplitudes[g]])
+    return refit_from(found, [*near.components, scores.components[g]], near, [*held, scores.amplitudes[g]])
 
 
-def _from(found, components, near: Refit, begin) -> Refit:
+def refit_from(found: Found, components, near: Refit, begin) -> Refit:
     """A refit from the base parameters of another: with unweighted distances, then at its own floor."""
     stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
     plain = plain_law(stage.bench, stage.bench.off)
     end = refit(stage.bench, components, plain, near.vector[: numbers.base], begin, most=_STEPS)
-    return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.floor, stage.bench.context)
+    return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.baseline, stage.bench.context)
 
 
 def _simplified(found, of, progress) -> Refit:
@@ -115,10 +132,8 @@ def _wider(found, of, progress) -> Refit | None:
     wider = best_of(stage, found.refits.values(), len(best.components) + 1)
     if wider is stage.base:
         return None
-    against = confirm.compared(stage, wider, best)
-    likelier = wider.log_evidence > best.log_evidence + stage.settings.lead_named
-    certain = against.gain > stage.settings.certain_gain * against.std and wider.log_evidence > best.log_evidence
-    return wider if against.better and against.ratio < stage.settings.most_left and (likelier or certain) else None
+    much = confirm.compared(stage, wider, best).ratio < stage.settings.most_left
+    return wider if much and leads(stage, wider, best) else None
 
 
 def _judged(found: Found) -> Found:
@@ -132,7 +147,9 @@ def _judged(found: Found) -> Found:
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
     against = confirm.compared(stage, best, found.baseline)
     names = of_one_size(stage, best) and not pieces(best)
-    if best.log_evidence < settings.lead_named or not against.better or against.ratio > settings.most_left or not names:
+    better = against.better and against.ratio <= settings.most_left
+    overwhelming = best.log_evidence > settings.overwhelming and not against.worse
+    if best.log_evidence < settings.lead_named or not names or not (better or overwhelming):
         return found
     found.tied = [best, *_rivals(found)]
     other = [r for r in found.refits.values() if not (set(r.kinds) <= set(best.kinds) or set(best.kinds) <= set(r.kinds))]

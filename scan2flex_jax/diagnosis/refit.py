@@ -102,11 +102,12 @@ def freed(bench: Bench, found: Refit, most: int = _MOST_FREED) -> Refit:
     """The refit with wide priors of the effects that exceed their usual size, so that the data determine the estimates.
 
     Loads and stiffnesses scaled by one factor give the same shapes, except for the known weight of the cable. Under the law of
-    a discrepancy that weight is weak information, and the prior of a strong load would bias the stiffnesses. The evidence
-    remains that of the usual sizes.
+    a discrepancy that weight is weak information, and the prior of a strong load would bias the stiffnesses. The prior that
+    makes a moment law smooth is kept. The evidence remains that of the usual sizes.
     """
     size = [found.amplitudes(bench, k) / c.entry.size(bench.context) for k, c in enumerate(found.components)]
-    wider = tuple(_FREE if np.sqrt(np.mean(a**2)) > 1.0 else 1.0 for a in size)
+    pairs = zip(size, found.components, strict=True)
+    wider = tuple(_FREE if np.sqrt(np.mean(a**2)) > 1.0 and not c.entry.late else 1.0 for a, c in pairs)
     if not any(t > 1.0 for t in wider) or not np.isfinite(found.cost):
         return found
     n, prior = Numbers(bench, found.components), Prior(bench, found.components, wider)

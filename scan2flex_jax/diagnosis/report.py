@@ -12,9 +12,11 @@ from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.estimate import Estimate, estimate_of
+from scan2flex_jax.fitting.law import KINDS, Law, law_at
+from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.statics.verdict import SOLVED
-from scan2flex_jax.study.kinds import kind_names
-from scan2flex_jax.study.model import EffectDeclaration
+from scan2flex_jax.study.kinds import kind_format, kind_names
+from scan2flex_jax.study.model import EffectDeclaration, Unknown
 
 _WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
 
@@ -151,6 +153,23 @@ def description(found) -> Ranked:
     return Ranked(
         d.effect.kind, {d.parameter: f.mean}, f.gain, found.test.p_value, "description", std={d.parameter: f.std}
     )  # fmt: skip
+
+
+def laws(found, refitted: Refit) -> tuple[Law, ...]:
+    """The moment laws of a refit with their bands and what is read off them; their p-value is that of the baseline model."""
+    bench, out = found.stage.bench, []
+    study, base = bench.problem.study, np.arange(bench.layout.unknowns)
+    for k, c in enumerate(refitted.components):
+        if c.kind not in KINDS:
+            continue
+        form = next(p for p in kind_format(c.kind).parameters if p.walk)
+        given = {name: v for name, v in parameters_of(bench, refitted, k).items() if name != form.name}
+        effects = (*study.effects, EffectDeclaration(c.kind, given))
+        declared = replace(study, effects=effects, unknowns=(*study.unknowns, Unknown(f"{c.kind}.{form.name}")))
+        at = np.r_[base, Numbers(bench, refitted.components).amplitudes(k)]
+        known = refitted.vector[at], refitted.covariance[np.ix_(at, at)], bench.rods(refitted)
+        out.append(law_at(c.kind, declared, layout_of(declared), *known, lambda secant: found.test.p_value))
+    return tuple(out)
 
 
 def settle_sentences(kinds) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence
+from scan2flex_jax.fitting.law import Law
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import Fit, in_words
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -92,9 +93,10 @@ class Explanation:
     poses given the refitted model, ``scatter`` the relative scatter between poses of each size; ``families`` the log evidence
     of each family of discrepancy fields; ``sentences`` are the findings in words, ``settle`` the measurements to decide a tie.
     ``load`` is the equivalent load field (N/m) shared by all poses, ``pose_loads`` that of each fitted pose: where an effect
-    acts, not which. ``description`` replaces an effect if none explains the shapes: a field that is not physics. ``study`` has
-    the effects declared; ``search`` is the search result, from which `plan` continues. ``mistakes``: likely mistakes of the
-    input, which prevent a search; ``fit`` is then None.
+    acts, not which. ``description`` replaces an effect if none explains the shapes: a field that is not physics. ``laws``: the
+    moment laws among the effects of the refitted model, with their bands and readings. ``study`` has the effects declared;
+    ``search`` is the search result, from which `plan` continues. ``mistakes``: likely mistakes of the input that no effect
+    outdoes; ``fit`` is then None.
 
     Every log evidence is in nats over the baseline model with the same noise, that of families too. ``fit``, ``noise`` and
     dependent fields are None or empty if poses are not solved (verdict "not in equilibrium").
@@ -121,6 +123,7 @@ class Explanation:
     load: Field | None = field(repr=False, default=None)
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
+    laws: tuple[Law, ...] = ()
     search: Found | None = field(repr=False, default=None)
     mistakes: tuple[Mistake, ...] = ()
     settings: DiagnosisSettings = USUAL
@@ -192,6 +195,7 @@ class Explanation:
             "settings": self.settings.to_json(),
             "equivalent_load": self.load.to_json(),
             **({} if self.description is None else {"description": self.description.to_json()}),
+            **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             "settle": list(self.settle),
             "messages": list(self.sentences),
             "seconds": float(self.seconds),

@@ -8,7 +8,19 @@ from functools import cache
 import numpy as np
 
 from scan2flex_jax.compilation import make_room
-from scan2flex_jax.diagnosis import confirm, floors, gates, locate, partial, report, search, sentences, stage, verdict
+from scan2flex_jax.diagnosis import (
+    confirm,
+    floors,
+    gates,
+    locate,
+    moment_laws,
+    partial,
+    report,
+    search,
+    sentences,
+    stage,
+    verdict,
+)
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.evidence import one_step
@@ -110,12 +122,7 @@ def _searched(base: "_Base", say: Progress) -> search.Found:
         found = search.search(sharper, say)
     if found.verdict in (verdict.EXPLAINED, verdict.TIE) and _poses_differ(base.signatures, found):
         found.verdict = verdict.UNEXPLAINED  # left to `partial`
-    if found.verdict == verdict.UNEXPLAINED and not base.coarse and found.stage.bench.poses.count > 1:
-        found = partial.search(found, say)
-    elif found.verdict == verdict.UNEXPLAINED:
-        simplest = best_of(found.stage, found.refits.values(), len(found.best.components))
-        if simplest is not found.best:
-            found.best, found.after = simplest, stage.test_after(found.stage, simplest)
+    found = _continued(found, bool(base.coarse), say)
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     return found
@@ -173,6 +180,17 @@ def _base(
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _continued(found: search.Found, coarse: bool, say: Progress) -> search.Found:
+    """The search on from one at the sensor's noise that is not complete: each model at its own floor, then the moment laws."""
+    if found.verdict == verdict.UNEXPLAINED and not coarse and found.stage.bench.poses.count > 1:
+        found = partial.search(found, say)
+    elif found.verdict == verdict.UNEXPLAINED:
+        simplest = best_of(found.stage, found.refits.values(), len(found.best.components))
+        if simplest is not found.best:
+            found.best, found.after = simplest, stage.test_after(found.stage, simplest)
+    return found if coarse else moment_laws.search_on(found, say)
 
 
 def _free(found: search.Found, say: Progress) -> None:
@@ -258,7 +276,7 @@ def _explanation(base, found, warnings, began):
     poses = _poses(study, found, other, refitted, predicted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
-    discrepancy = report.discrepancy(bench, law_of)
+    discrepancy, laws = report.discrepancy(bench, law_of), report.laws(found, refitted)
     return Explanation(
         study=report.declared(study, estimates, added) if added else fitted.calibrated,
         fit=fitted,
@@ -277,14 +295,15 @@ def _explanation(base, found, warnings, began):
         settle=report.settle_sentences({k for r in found.tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
         sentences=(
             *sentences.of_search(found, chosen, description), *sentences.before_and_after(poses, added, found),
-            *sentences.of_discrepancy(found, discrepancy), *sentences.left_out(poses, chosen), *repeat_sentences(study),
-            *fitted.turned, *warnings,
+            *(s for law in laws for s in law.sentences()), *sentences.of_discrepancy(found, discrepancy),
+            *sentences.left_out(poses, chosen), *repeat_sentences(study), *fitted.turned, *warnings,
         ),
         gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
         seconds=time.perf_counter() - began,
         load=locate.common_field(found.stage, locate.LOAD),
         pose_loads=tuple(locate.pose_loads(found.stage)),
         description=description,
+        laws=laws,
         search=found,
         settings=found.stage.settings,
     )

@@ -170,7 +170,7 @@ def _without(stage, found, wider, dropped, progress) -> Refit:
     if key not in found.refits or not found.refits[key].converged:  # one given up far away may succeed from here
         progress(f"refit without {wider.kinds[dropped]}")
         components = [wider.components[k] for k in rest]
-        found.add([_relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
+        found.add([relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
     return found.refits[key]
 
 
@@ -204,7 +204,7 @@ def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
 def _single(stage, found, kind, progress):
     progress(f"refit with {kind}")
     g = found.table[kind][1]
-    return _relative(stage, [stage.components[g]], [found.amplitudes[g]])
+    return relative(stage, [stage.components[g]], [found.amplitudes[g]])
 
 
 def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
@@ -217,7 +217,7 @@ def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
         a = evidence.one_step(X.T @ X, X.T @ stage.y)
         size = [stage.components[g].entry.size(stage.bench.context) for g in (i, j)]
         split = len(size[0])
-        out.append(_relative(stage, [stage.components[i], stage.components[j]], [a[:split] * size[0], a[split:] * size[1]]))
+        out.append(relative(stage, [stage.components[i], stage.components[j]], [a[:split] * size[0], a[split:] * size[1]]))
     return out
 
 
@@ -245,7 +245,7 @@ def refit_with_one_more(
     for _, g, a in (best[k] for k in order[:count] if frozenset((*first.kinds, k)) not in settled):
         progress(f"refit with {' and '.join(first.kinds)} and {stage.components[g].kind}")
         held = [first.amplitudes(stage.bench, k) for k in range(len(first.components))]
-        out.append(_relative(stage, [*first.components, stage.components[g]], [*held, a]))
+        out.append(relative(stage, [*first.components, stage.components[g]], [*held, a]))
     return out
 
 
@@ -286,7 +286,7 @@ def errors_of_the_study(entry: CatalogueEntry) -> list[SameShapes]:
     return [same for same in entry.same_shapes if same.always and same.other not in kinds]
 
 
-def _relative(stage, components, amplitudes, near=None):
+def relative(stage, components, amplitudes, near=None):
     """A refit with its evidence over the base, starting from the same model under another noise, from the base parameters of
     ``near``, or from the base."""
     before = stage.known.get(frozenset(c.kind for c in components))

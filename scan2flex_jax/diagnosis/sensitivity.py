@@ -10,7 +10,7 @@ Units: residuals in m; columns in m per unit of their parameter; amplitudes as i
 """
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -23,12 +23,14 @@ from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.diagnosis.slots import empty_slots, load_of_fields
 from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.effects.catalogue import laws as moment_laws
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.evaluate import Evaluator, one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.effect import overriding
+from scan2flex_jax.rod.model import Configuration, Rod
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Bench:
         if self.in_order is not None:
             local = minimum.local if poses is None else np.zeros((self.poses.count, self.layout.local))
             self.poses = self.in_order.remembered(minimum.shared, local, self.start)
-        self.nulls = empty_slots(self.context)
+        self.nulls, self.late = empty_slots(self.context), empty_slots(self.context, moment_laws())
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.off = _root_mean_square(minimum.evaluation.residual, problem.poses.mask)
         self.solves = 0
@@ -165,7 +167,7 @@ class Bench:
         return kinds, laws
 
     def _is_scanned_law(self, component):
-        slots = self.nulls.get(component.kind, ())
+        slots = (self.nulls | self.late).get(component.kind, ())
         return bool(component.site) and bool(overriding(slots, "strain_energy"))
 
     def _law(self, component, x, i):
@@ -201,6 +203,17 @@ class Bench:
         self.solves += self.poses.count
         return each_pose(work, self.poses.count)
 
+    def stiffness(self, found) -> np.ndarray:
+        """Stiffness (6, 6) of the first section at the base numbers of a refit, without its effects."""
+        x = found.vector[Numbers(self, found.components).of_pose(0)][: self.layout.shared + self.layout.local]
+        return np.asarray(self._state((), x, 0)[0].rod.section.stiffness[0])
+
+    def rods(self, found) -> list[tuple[Rod, Configuration]]:
+        """The rod of each pose at a refit, with its energy laws, and its equilibrium."""
+        of_pose = Numbers(self, found.components).of_pose
+        states_ = (self._state(found.components, found.vector[of_pose(i)], i)[0] for i in range(self.poses.count))
+        return [(state.rod, shape.configuration) for state, shape in zip(states_, found.shapes, strict=True)]
+
     def _solve(self, state, tangents, i, start):
         tangents = states.no_tangents(state) if tangents is None else tangents
         return states.evaluate(state, tangents, start, target_of(self.poses, i))
@@ -209,7 +222,8 @@ class Bench:
         kinds, sites = tuple(c.kind for c in components), tuple(_numeric(c.site) for c in components)
         moving = tuple(c.moving for c in components)
         given = (self.layout, self.elements, kinds, moving, self.poses.template(i), one(self.poses.boundary, i), jnp.asarray(x))
-        state, tangents = _state(*given, sites, self._scene(i), self.nulls)
+        nulls = self.nulls | self.late if any(c.entry.late for c in components) else self.nulls
+        state, tangents = _state(*given, sites, self._scene(i), nulls)
         return state, jax.tree.map(np.asarray, tangents)
 
     def _scan(self, kind, components, x, i, start):
@@ -233,7 +247,6 @@ def context_of(problem, minimum) -> Context:
     cable, c = model.cable, minimum.evaluation.configuration
     gravity = np.asarray(problem.study.gravity, float)
     up = -gravity / max(np.linalg.norm(gravity), 1e-12)
-    largest = [np.abs(_curvature(R, problem.length)[:, :2]).max() for R in np.asarray(c.R)]
     points = [np.asarray(p)[np.asarray(m) > 0] for p, m in zip(problem.poses.points, problem.poses.mask, strict=True)]
     lowest = [float((p @ up).min()) for p in points]
     radius = problem.study.cable.get("radius")
@@ -241,11 +254,22 @@ def context_of(problem, minimum) -> Context:
         length=float(cable.length), bending_stiffness=float(np.mean(cable.bending_stiffness)),
         torsional_stiffness=float(cable.torsional_stiffness), gravity=gravity,
         weight=float(cable.length_density) * float(np.linalg.norm(gravity)),
-        curvature_range=(float(min(largest)), float(max(largest))), lowest_range=(min(lowest), max(lowest)),
+        curvature_range=_curvature_range(c.R, problem.length), lowest_range=(min(lowest), max(lowest)),
         radius=None if radius is None else float(radius), axial_stiffness=float(cable.axial_stiffness),
         centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
         free_end=any(pose.end is None for pose in problem.study.fit_poses),
     )  # fmt: skip
+
+
+def with_shapes(context: Context, configuration) -> Context:
+    """The scales with the range of curvatures of other shapes, those of a model that bends elsewhere."""
+    return replace(context, curvature_range=_curvature_range(configuration.R, context.length))
+
+
+def _curvature_range(R, length):
+    """Smallest and largest of the poses' largest curvatures (1/m), from their node frames."""
+    largest = [float(np.abs(_curvature(r, length)[:, :2]).max()) for r in np.asarray(R)]
+    return min(largest), max(largest)
 
 
 def _root_mean_square(residual, mask) -> float:

@@ -23,7 +23,8 @@ class DiagnosisSettings(NoiseSettings):
     ``worse``, the ratio above which an effect explains nothing; ``most_scatter``, the largest relative scatter between poses
     of a size; ``least_gain``, the relative difference of errors below which they count as equal; ``telling_poses``, the number
     of poses from which on the error decides between an effect and a wider one; ``certain_gain``, the standard errors of a gain
-    that needs no lead in likelihood.
+    that needs no lead in likelihood; ``overwhelming``, the evidence with which an effect is found if the error is no larger,
+    since few poses, or poses of which one alone shows the effect, hardly predict one another.
 
     Poses that differ: log evidence (nats) of a discrepancy of each pose above which models are compared at their own floors,
     ``differing`` given effects without remaining structure, and ``scattered`` given the best pair of effects.
@@ -63,6 +64,7 @@ class DiagnosisSettings(NoiseSettings):
     least_gain: float = 0.05
     telling_poses: int = 3
     certain_gain: float = 2.0
+    overwhelming: float = 50.0
     scan_alike: float = 0.01
     prior_rows: float = 10.0
     sharper: float = 0.9

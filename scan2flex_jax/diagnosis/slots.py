@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.effects.catalogue import catalogue
-from scan2flex_jax.effects.entry import Context
+from scan2flex_jax.effects.entry import CatalogueEntry, Context
 from scan2flex_jax.fitting.states import State, slots_of
 from scan2flex_jax.rod.effect import AbstractEffect, Node, overriding
 from scan2flex_jax.rod.energy import node_weights
@@ -13,10 +13,11 @@ from scan2flex_jax.rod.loads import DeadLoad
 from scan2flex_jax.rod.model import Configuration
 
 
-def empty_slots(context: Context) -> dict[str, tuple[AbstractEffect, ...]]:
-    """Effects at zero amplitude of each effect type that needs slots, in the order of a dictionary's pytree leaves."""
+def empty_slots(context: Context, entries: tuple[CatalogueEntry, ...] = ()) -> dict[str, tuple[AbstractEffect, ...]]:
+    """Effects at zero amplitude of each effect type of the catalogue, or of ``entries``, that needs slots, in the order of a
+    dictionary's pytree leaves."""
     found = {}
-    for entry in catalogue():
+    for entry in entries or catalogue():
         slots = slots_of(entry.build(jnp.zeros(len(entry.amplitudes)), entry.sites(context)[0], context))
         if slots:
             found[entry.kind] = slots

@@ -38,7 +38,7 @@ class BendingLaw(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     BendingLaw,
-    **law(BendingLaw, "curvature", lambda c: max(c.curvature_range[1], 0.1 / c.length)),
+    **law(BendingLaw, "curvature", 3, lambda c: max(c.curvature_range[1], 0.1 / c.length)),
     signature="strongly bent places are softer or stiffer than gently bent ones, alike in every pose",
     settle="scan poses whose largest curvature is well below and well above where the law bends",
     same_shapes=(SameShapes("nonlinear_bending", "when it softens from one stiffness to another"),),

@@ -126,7 +126,12 @@ def catalogue() -> tuple[CatalogueEntry, ...]:
 
 def fields() -> tuple[CatalogueEntry, ...]:
     """The effect types with an arbitrary form along the cable that compete where nothing is complete."""
-    return tuple(entry for entry in _entries() if entry.field and entry.searched)
+    return tuple(entry for entry in _entries() if entry.field and not entry.late)
+
+
+def laws() -> tuple[CatalogueEntry, ...]:
+    """The effect types with an arbitrary form over their strain, which are tried last."""
+    return tuple(entry for entry in _entries() if entry.field and entry.late)
 
 
 def _entries() -> tuple[CatalogueEntry, ...]:

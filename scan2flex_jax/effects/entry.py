@@ -110,6 +110,10 @@ def _not_rescaled(amplitude: Any, site: Site, context: Context) -> dict[str, flo
     return {}
 
 
+def _like_nothing(effects: Any, stiffness: Any, site: Site) -> None:
+    return None
+
+
 def _no_other_starts(amplitude: Any, site: Site, context: Context, places: Any) -> list:
     return []
 
@@ -131,13 +135,15 @@ class CatalogueEntry:
     amplitudes. With a ``continuation`` the amplitudes are not estimated but set to these multiples of their sizes, one
     after the other, so that a stiff law (contact) is approached from a soft one. ``other_starts(amplitude, site, context,
     places)`` lists further starts after a refit that ended there, given the points ``places`` (m, one per pose) of the
-    cable at the site: amplitude, site, and factors on parameters of the cable.
+    cable at the site: amplitude, site, and factors on parameters of the cable. ``like(effects, stiffness, site)`` gives the
+    amplitudes of a law that is as stiff at each strain as the energy laws ``effects`` on sections of that ``stiffness`` (6, 6).
 
     For verdicts: ``same_shapes`` lists alternatives with the same shapes; ``varies`` is the property of the cable that varies
     along s: several effects of one property are pieces of a field, which is descriptive and identifies no cause.
     A ``field`` has an arbitrary form, along the cable or as a law over its strain: it is not scanned for, and reported only
-    where it predicts held-out poses. An effect type that is not ``searched`` has to be declared. ``signature``: a description
-    of its residual. ``settle``: the measurement that would resolve a tie.
+    where it predicts held-out poses; one that is ``late`` is tried after all others, and only where they leave a residual,
+    since its energy needs slots in the compiled states. An effect type that is not ``searched`` has to be declared.
+    ``signature``: a description of its residual. ``settle``: the measurement that would resolve a tie.
     """
 
     effect: type[AbstractEffect]
@@ -158,8 +164,10 @@ class CatalogueEntry:
     same_shapes: tuple[SameShapes, ...] = ()
     varies: Varied | None = None
     field: bool = False
+    late: bool = False
     searched: bool = True
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = _not_rescaled
+    like: Callable[[Any, Any, Site], np.ndarray | None] = _like_nothing
     other_starts: Callable[[Any, Site, Context, Any], list] = _no_other_starts
 
     def __post_init__(self) -> None:

@@ -18,6 +18,7 @@ discovery of interpretable hyperelastic constitutive laws" (2021).
 from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -28,6 +29,8 @@ from scan2flex_jax.rod.effect import AbstractEffect
 
 WALK = 1.5  # standard deviation of log factor at the last point: slipping wires keep a fifth of their stiffness or less
 _POINTS = 8  # of the grid of an effect that is searched for
+_NEAR_ZERO = 1e-3  # of the largest strain: there other laws have their stiffness at zero strain
+_SOFTEST = 1e-3  # tangent stiffness over that at zero strain: a law that is given may fall
 
 
 def excess_energy(u: Float[Array, ""], at: Float[Array, " m"], factor: Float[Array, " m"]) -> Float[Array, ""]:
@@ -64,9 +67,9 @@ def _integral(q, at, factor, power):
     return jnp.sum(pieces, axis=-1) + excess[-1] * past / k
 
 
-def law(cls: Callable[..., AbstractEffect], grid: str, most: Callable[[Context], float]) -> dict[str, Any]:
-    """Fields of the catalogue entry of a law: a grid from zero to the strain ``most(context)`` (1/m), on it the steps of the
-    random walk as amplitudes."""
+def law(cls: Callable[..., AbstractEffect], grid: str, axis: int, most: Callable[[Context], float]) -> dict[str, Any]:
+    """Fields of the catalogue entry of a law of strain ``axis``: a grid from zero to the strain ``most(context)`` (1/m), on it
+    the steps of the random walk as amplitudes."""
 
     def points(site):
         return site["most"] * np.arange(1, _POINTS + 1) / _POINTS
@@ -76,11 +79,21 @@ def law(cls: Callable[..., AbstractEffect], grid: str, most: Callable[[Context],
         steps = np.interp(points({"most": end}) ** 2, np.append(0.0, at) ** 2, np.append(0.0, np.log(p["factor"])))
         return np.diff(steps, prepend=0.0), {"most": end}
 
+    def like(effects, stiffness, site):
+        def energy(q):
+            strain = jnp.zeros(6).at[axis].set(q)
+            return 0.5 * stiffness[axis, axis] * q**2 + sum(e.strain_energy(strain, stiffness) for e in effects)
+
+        factor = jax.vmap(jax.hessian(energy))(jnp.append(_NEAR_ZERO * site["most"], points(site))) / stiffness[axis, axis]
+        steps = np.diff(np.log(np.maximum(factor, _SOFTEST)))
+        return steps if np.all(np.isfinite(steps)) else None
+
     return {
         "field": True,
-        "searched": False,  # room for its energy in the states of every search would slow all of them
+        "late": True,  # room for its energy in the states of every search would slow all of them
         "amplitudes": tuple(f"step {k + 1}" for k in range(_POINTS)),
         "size": lambda c: np.full(_POINTS, WALK / np.sqrt(_POINTS)),  # as in a fit
+        "like": like,
         "build": lambda a, site, c: (cls(**{grid: points(site), "factor": jnp.exp(jnp.cumsum(a))}),),
         "to_parameters": lambda a, site, c: {grid: points(site), "factor": np.exp(np.cumsum(a))},
         "from_parameters": back,

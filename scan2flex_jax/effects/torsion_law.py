@@ -36,7 +36,7 @@ class TorsionLaw(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     TorsionLaw,
-    **law(TorsionLaw, "twist", lambda c: 2.0 * np.pi / c.length),  # one turn along the cable
+    **law(TorsionLaw, "twist", 5, lambda c: 2.0 * np.pi / c.length),  # one turn along the cable
     signature="strongly twisted poses look softer or stiffer in torsion than gently twisted ones",
     settle="turn one clamp by several full turns, a pose at each",
 )  # fmt: skip

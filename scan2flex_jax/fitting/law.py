@@ -20,7 +20,9 @@ upper half of them:
 ``f`` is below `PLATEAU`.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -32,9 +34,11 @@ from scan2flex_jax.effects.moment_law import excess_moment, tangent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt, normal_equations
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.parameters import values_of
+from scan2flex_jax.fitting.parameters import Layout, values_of
 from scan2flex_jax.fitting.statistics import closed_inverse, spread_of_gradient
 from scan2flex_jax.rod.energy import strains
+from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.study.model import Study
 
 PLATEAU = 0.2
 _DRAWS = 2000
@@ -44,6 +48,7 @@ _NORMAL_95 = 1.959964
 _SIGNIFICANT, _LEAST = 0.05, 0.001  # p-value, and the smallest one printed
 _STIFFNESS = {BendingLaw.kind: "bending_stiffness", TorsionLaw.kind: "torsional_stiffness"}
 _GRID = {BendingLaw.kind: "curvature", TorsionLaw.kind: "twist"}
+KINDS = tuple(_GRID)
 
 
 @dataclass(frozen=True)
@@ -120,11 +125,16 @@ def laws_of(problem, minimum, covariance: np.ndarray, noise: Noise, discrepancy:
 
     Fits the study with linear laws too, for `Law.p_value`.
     """
-    kinds = [e.kind for e in problem.study.effects if e.kind in _GRID]
+    study, layout, x = problem.study, problem.layout, minimum.shared
+    kinds = [e.kind for e in study.effects if e.kind in _GRID]
     if not kinds:
         return ()
-    values = _drawn(problem.layout, minimum.shared, covariance)
-    return tuple(_law(kind, problem, minimum, covariance, values, (noise, discrepancy)) for kind in kinds)
+    at = [problem.evaluator.rod(i, x, minimum.local, minimum.evaluation.configuration) for i in range(problem.poses.count)]
+
+    def p_value(kind, secant):
+        return _p_value(f"{kind}.factor", problem, minimum, (noise, discrepancy), (secant, _STIFFNESS[kind]))
+
+    return tuple(law_at(kind, study, layout, x, covariance, at, partial(p_value, kind)) for kind in kinds)
 
 
 def _drawn(layout, x, covariance):
@@ -137,26 +147,33 @@ def _drawn(layout, x, covariance):
     return {name: np.stack([one[name] for one in each]) for name in each[0]}
 
 
-def _law(kind, problem, minimum, covariance, values, left):
-    study, name = problem.study, _STIFFNESS[kind]
+def law_at(
+    kind: str, study: Study, layout: Layout, x: np.ndarray, covariance: np.ndarray, poses: Sequence[tuple[Rod, Configuration]],
+    p_value: Callable[[float], float | None],
+) -> Law:
+    """The law ``kind``, one of `KINDS`, that a study declares, at the unknowns ``x`` (b,) of its ``layout``.
+
+    ``covariance`` (b, b): of these. ``poses``: rods and their equilibria there. ``p_value(secant)``: `Law.p_value`, given the
+    law's secant stiffness (N m^2).
+    """
+    values, name = _drawn(layout, x, covariance), _STIFFNESS[kind]
     grid = np.asarray(study.given(f"{kind}.{_GRID[kind]}"), float)
     factor, B = _known_or_drawn(study, values, f"{kind}.factor"), _known_or_drawn(study, values, name)
     B = np.mean(B.reshape(len(B), -1), axis=1)  # of two bending stiffnesses the mean
     count = max(len(factor), len(B))
     factor, B = np.broadcast_to(factor, (count, len(grid))), np.broadcast_to(B, (count,))
-    spans = _spans(kind, problem, minimum)
+    spans = _spans(kind, poses)
     top = max((high for _, high in spans), default=0.0)
     at = np.linspace(0.0, max(grid[-1], top), _POINTS)
     m, f = _moments(at, grid, factor, B)
     reached = np.any([(low <= at) & (at <= high) for low, high in spans], axis=0) if spans else np.zeros(len(at), bool)
-    spread = _NORMAL_95 * _spread(kind, problem.layout, minimum.shared, covariance, (at, grid, factor[0], B[0]))
-    secant = float(m[0, -1] / at[-1]), name
-    p_value = _p_value(f"{kind}.factor", problem, minimum, left, secant)
-    bent = p_value is not None and p_value <= _SIGNIFICANT and np.sum(at <= top) > 1
+    spread = _NORMAL_95 * _spread(kind, layout, x, covariance, (at, grid, factor[0], B[0]))
+    p = p_value(float(m[0, -1] / at[-1]))
+    bent = p is not None and p <= _SIGNIFICANT and np.sum(at <= top) > 1
     readings = _readings(at[at <= top], m[:, at <= top], f[:, at <= top]) if bent else ()
-    slot = _slot(problem.layout, name)
+    slot = _slot(layout, name)
     absolute = slot is None or bool(np.all(np.isfinite(np.diag(covariance)[slot.at : slot.at + slot.size])))
-    return Law(kind, at, m[0], m[0] * np.exp(-spread), m[0] * np.exp(spread), reached, float(B[0]), p_value, absolute, readings)
+    return Law(kind, at, m[0], m[0] * np.exp(-spread), m[0] * np.exp(spread), reached, float(B[0]), p, absolute, readings)
 
 
 def _slot(layout, name):
@@ -194,11 +211,10 @@ def _spread(kind, layout, x, covariance, law):
     return np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", J, known, J), 0.0))
 
 
-def _spans(kind, problem, minimum):
+def _spans(kind, poses):
     """Smallest and largest strain (1/m) in each fitted pose in which a law acts; along a cable all between them are met."""
     out = []
-    for i in range(problem.poses.count):
-        rod, configuration = problem.evaluator.rod(i, minimum.shared, minimum.local, minimum.evaluation.configuration)
+    for rod, configuration in poses:
         law = next((e for e in rod.effects if getattr(e, "kind", None) == kind), None)
         if law is not None:
             excess = strains(rod, configuration) - rod.section.natural
@@ -218,21 +234,27 @@ def _p_value(name, problem, minimum, left, secant):
         return None
     noise, discrepancy = left
     goal, own = problem.goal(problem.scale(noise)), np.arange(slot.at, slot.at + slot.size)
-    low, high = goal.low.copy(), goal.high.copy()
-    low[own] = high[own] = 0.0
     start = minimum.shared.copy()
     start[own] = 0.0
     if (stiffness := _slot(problem.layout, secant[1])) is not None:
         start[stiffness.at : stiffness.at + stiffness.size] = np.log(secant[0])
     begun = minimum.local, minimum.evaluation.configuration
     free = levenberg_marquardt(goal, minimum.shared, *begun)
-    linear = levenberg_marquardt(replace(goal, low=low, high=high), start, *begun)
+    linear = levenberg_marquardt(goal.without(own), start, *begun)
     if not np.isfinite(linear.cost):
         return 0.0
-    weights = _weights(goal, linear, noise, discrepancy, own)
+    weights = _weights(goal, linear, noise, _of_linear(problem, linear, discrepancy), own)
     mean, variance = np.sum(weights), 2.0 * np.sum(weights**2)  # of the gain, a sum of squares of these weights
     gain, scale = max(linear.cost - free.cost, 0.0), 0.5 * variance / mean
     return float(special.chdtrc(mean / scale, gain / scale))
+
+
+def _of_linear(problem, linear, discrepancy):
+    """The discrepancy as it moves the cable of a linear law: one that yields is moved much further."""
+    if not discrepancy.curvature:
+        return discrepancy
+    columns = problem.evaluator.scatter(linear.shared, linear.local, linear.evaluation.configuration)
+    return replace(discrepancy, columns=tuple(Z[np.asarray(m) > 0] for Z, m in zip(columns, problem.poses.mask, strict=True)))
 
 
 def _weights(goal, linear, noise, discrepancy, own):

@@ -152,14 +152,15 @@ def _ranking(e: Explanation) -> Html:
 
 def laws(c: Contents) -> Iterator[Html]:
     """Moment over curvature or twist, with its band and what is read off it."""
-    if c.fit is None or not c.fit.laws:
+    told = next((x for x in (c.explanation, c.fit) if x is not None and x.laws), None)
+    if told is None:
         return
     panels, rows = [], []
-    for law in c.fit.laws:
-        panels.append(_panel(lambda ax, kind=law.kind: plot.law(c.fit, kind, ax), f"moment of the {law.kind}", _WIDE))
+    for law in told.laws:
+        panels.append(_panel(lambda ax, kind=law.kind: plot.law(told, kind, ax), f"moment of the {law.kind}", _WIDE))
         found = [(r.name, number(r.value, 3), f"{number(r.low, 3)} to {number(r.high, 3)}", r.unit) for r in law.readings]
         rows += [(law.kind, *row) for row in found]
-    said = [tag("p", sentence) for law in c.fit.laws for sentence in law.sentences()]
+    said = [tag("p", sentence) for law in told.laws for sentence in law.sentences()]
     read = [table(("law", "read off it", "value", "95 % interval", "unit"), rows, (2, 3))] if rows else []
     yield section("laws", "Moment over strain", said, tag("div", panels, class_="grid"), *read)
 

@@ -92,7 +92,7 @@ def test_the_base_is_reproduced_at_zero_amplitude(stage):
 def test_the_one_step_estimate_has_the_sign_and_the_size_of_a_refit(stage):
     values, amplitudes, table = one_step(stage)
     g = table["point_mass"][1]
-    refitted = search._relative(stage, [stage.components[g]], [amplitudes[g]])
+    refitted = search.relative(stage, [stage.components[g]], [amplitudes[g]])
     assert amplitudes[g][0] > 0
     assert amplitudes[g][0] == pytest.approx(refitted.amplitudes(stage.bench, 0)[0], rel=0.5)
     assert refitted.log_evidence == pytest.approx(values[g], rel=0.3)

@@ -18,8 +18,8 @@ from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS, kind_format
 from . import scene
 
 ENTRIES = {entry.kind: entry for entry in catalogue()}
-LAWS = ("bending_law", "torsion_law")  # declared only
-MEMORIES = ("friction", "torsion_friction", "relaxation")  # likewise: they take the poses in their order
+LAWS = ("bending_law", "torsion_law")  # tried last, not scanned for
+MEMORIES = ("friction", "torsion_friction", "relaxation")  # declared only: they take the poses in their order
 # kind -> amplitudes and a site whose parameters in the format the scene's table holds
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 

@@ -1,0 +1,35 @@
+"""The law of a strip of fabric that yields beside its clamp: stiffness falls a hundredfold, and the descent follows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.fitting.run import fit
+from scan2flex_jax.study import EffectDeclaration, Unknown
+
+from . import scenes
+
+GRID = np.geomspace(0.5, 40.0, 12)  # 1/m
+TWO = {"strip-a": 0.349e-3, "strip-b": 0.324e-3}  # m that `nonlinear_bending`, a law of two parameters, leaves
+
+
+def photograph(name):
+    """One photograph with a law declared, its pose fitted."""
+    study = scenes.example("textile-strip")
+    pose = replace(study.pose(name), role="fit")
+    law = EffectDeclaration("bending_law", {"curvature": GRID})
+    return replace(study, poses=(pose,), effects=(law,), unknowns=(*study.unknowns, Unknown("bending_law.factor")))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TWO)
+def test_each_photograph_is_fitted_as_closely_as_by_a_law_of_two_parameters(name):
+    result = fit(photograph(name))
+    assert result.converged
+    assert result.poses[name].rms < TWO[name]
+    (law,) = result.laws
+    assert not law.linear
+    softening = next(r for r in law.readings if r.name == "softening")
+    assert softening.high < 0.2
+    assert np.all(np.diff(law.moment) > 0)
