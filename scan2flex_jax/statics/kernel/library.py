@@ -1,0 +1,63 @@
+"""Where the compiled solver lies, under which key, and whether it is there.
+
+The key holds all that the library was made from: the package's files, the versions of JAX, the processor. After an update of any
+of them the old library is not found, and solves fall back on JAX until it is built again. The environment variable
+``SCAN2FLEX_KERNEL`` is ``off`` (never used), or a folder in place of the user's cache folder.
+"""
+
+import ctypes
+import hashlib
+import os
+import platform
+from functools import cache
+from pathlib import Path
+
+import jax
+import jaxlib
+
+VARIABLE = "SCAN2FLEX_KERNEL"
+_FUNCTION, _PACKAGE = "scan2flex_settle", Path(__file__).parents[2]
+_SOURCES = ("geometry/*.py", "rod/*.py", "statics/newton.py", "statics/blocktridiagonal.py", "statics/kernel/*.*")
+
+
+def key() -> str:
+    """What a library has to be made from to fit this installation, as sixteen hexadecimal digits."""
+    digest = hashlib.sha256(f"{jax.__version__} {jaxlib.__version__} {platform.platform()} {_processor()}".encode())
+    for pattern in _SOURCES:
+        for path in sorted(_PACKAGE.glob(pattern)):
+            digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def path() -> Path:
+    """The file of the library, whether it is there or not."""
+    given = os.environ.get(VARIABLE, "")
+    cached = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scan2flex_jax"
+    return (cached if given in ("", "off") else Path(given)) / f"settle-{key()}.so"
+
+
+@cache
+def target() -> str | None:
+    """The name of the custom call of the installed library; None without one. Decided once in a process."""
+    if os.environ.get(VARIABLE) == "off":
+        return None
+    try:
+        file = path()
+        return register(file) if file.exists() else None
+    except (OSError, RuntimeError):  # no home, or a library of another system
+        return None
+
+
+def register(file: Path) -> str:
+    """Load a library and register its function with XLA; the name of the custom call, which depends on the file's contents."""
+    name = f"{_FUNCTION}_{hashlib.sha256(file.read_bytes()).hexdigest()[:16]}"
+    function = getattr(ctypes.CDLL(str(file)), _FUNCTION)
+    jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(function), platform="cpu")
+    return name
+
+
+def _processor():
+    """The instructions that the processor knows: a library for another one may end the process."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    return next((x for x in lines if x.startswith(("flags", "Features"))), platform.processor())
