@@ -2,6 +2,6 @@
 
 `python -m scan2flex_jax.statics.kernel` translates the arithmetic of an element from the package's own functions (`elements`,
 `symbolic`) to C++, compiles it with the steps of the solver (`settle.cpp`), checks it and keeps it in the user's cache folder
-(`library`). From then on every solve uses it (`solver`) that it can do: rods on one CPU whose effects add no energy of their own.
-All others, and installations without it, use `statics.newton`.
+(`library`). From then on it solves every rod (`solver`) on one CPU whose effects add no energy of their own. All others, and
+installations without it, use `statics.newton`.
 """

@@ -67,7 +67,8 @@ def _compile(folder):
         try:
             done = subprocess.run([*command, *more], capture_output=True, text=True, check=False)
         except OSError as error:
-            raise Scan2FlexError(f"the C++ compiler {compiler[0]!r} cannot be run ({error.strerror}): set CXX to another.") from error
+            reason = f"the C++ compiler {compiler[0]!r} cannot be run ({error.strerror}): set CXX to another."
+            raise Scan2FlexError(reason) from error
         if done.returncode == 0:
             return file
     first = next((line for line in done.stderr.splitlines() if "error" in line), "no message")

@@ -1,8 +1,8 @@
 """C++ of the arithmetic of one element and of one node, translated from the package's own functions.
 
 The energy of a rod is the sum over its elements, so its gradient and Hessian are sums of those of rods of one element: the
-functions below apply `rod.assembly.derivatives` and others to such a rod, without supports, whose near node carries a load in the
-first element only. Translated once (`symbolic`), each works on eight elements or nodes at a time.
+functions below apply `rod.assembly.derivatives` and others to such a rod, without supports. A node's load counts in the element
+before it. Translated (`symbolic`), each function works on eight elements or nodes at a time.
 """
 
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.rod.assembly import Derivatives, Elements, derivatives, section_forces, strain_increment
+from scan2flex_jax.rod.assembly import Elements, derivatives, section_forces, strain_increment
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import Section
 from scan2flex_jax.rod.energy import retract

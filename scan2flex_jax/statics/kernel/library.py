@@ -1,7 +1,7 @@
 """Where the compiled solver lies, under which key, and whether it is there.
 
-The key holds all that the library was made from: the package's files, the versions of JAX, the processor. After an update of any
-of them the old library is not found, and solves fall back on JAX until it is built again. The environment variable
+The key holds all that the library was made from: the package's files, the versions of JAX, the processor. After an update of
+any of them the old library is not found, and solves fall back on JAX until it is built again. The environment variable
 ``SCAN2FLEX_KERNEL`` is ``off`` (never used), or a folder in place of the user's cache folder.
 """
 

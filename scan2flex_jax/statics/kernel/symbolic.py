@@ -1,7 +1,7 @@
 """A traced JAX function as straight-line arithmetic: its jaxpr, evaluated on arrays whose entries are symbols.
 
-Small matrices that are partly constant (cross-product matrices, zero blocks, unit vectors) cost nothing this way: operations that
-only move entries leave no trace, products with 0 and 1 vanish, and an expression that occurs twice is computed once.
+Small matrices that are partly constant (cross-product matrices, zero blocks, unit vectors) cost nothing this way: operations
+that only move entries leave no trace, products with 0 and 1 vanish, and an expression that occurs twice is computed once.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,6 @@ _NUMPY = {
 }  # fmt: skip
 _ALIASES = {"add_any": "add"}
 _TRUTHS = {"lt", "gt", "le", "ge", "eq", "ne", "and", "or", "not"}
-_UNCHANGED = {"convert_element_type", "stop_gradient", "copy", "copy_p", "optimization_barrier"}
 _TOTALS = {"reduce_sum": ("add", 0.0), "reduce_max": ("max", -np.inf), "reduce_and": ("and", True), "reduce_or": ("or", False)}
 _PLACED = {  # operations that move entries and have indices among their operands: from which one on, up to which
     "gather": (1, 2), "scatter": (1, 2), "dynamic_slice": (1, None), "dynamic_update_slice": (2, None),
@@ -51,6 +50,7 @@ class Graph:
     """Operations in order of creation, each once."""
 
     def __init__(self) -> None:
+        """Without any operation."""
         self.nodes: list[Node] = []
         self._known: dict[Node, int] = {}
 
@@ -159,31 +159,34 @@ def _constants(graph, values):
 def _equation(graph, equation, operands):
     """Nodes of the outputs of one equation of a jaxpr."""
     name, parameters = equation.primitive.name, equation.params
-    inner = next((parameters[key] for key in _CALLS if key in parameters), None)
-    if name == "scan":
-        return _unrolled(graph, parameters, operands)
-    if name == "cond":
-        index = _values(graph, operands[0])
-        inner = None if index is None else parameters["branches"][int(index)]
-        operands = operands[1:]
-    if inner is not None:
-        return _evaluate(graph, inner.jaxpr, inner.consts, operands)
-    if name == "platform_index":  # of the alternatives of one operation for several kinds of devices
-        return [_constants(graph, parameters["platforms"].index(None))]
+    if name in _TRANSLATED:
+        return _TRANSLATED[name](graph, parameters, operands)
     if name in _SHAPED:
         return [_SHAPED[name](parameters, *operands)]
     if name in _MOVES:
         return _moved(graph, equation, operands)
-    if name == "scatter-add":
-        return [_added(graph, parameters, *operands)]
-    if name in _UNCHANGED:
-        return operands
+    inner = next((parameters[key] for key in _CALLS if key in parameters), None)
+    if inner is not None:
+        return _evaluate(graph, inner.jaxpr, inner.consts, operands)
     values = [_values(graph, x) for x in operands]
-    if all(v is not None for v in values):  # an index, most often
-        avals = [x.aval.dtype for x in equation.invars]
-        found = equation.primitive.bind(*[jnp.asarray(v, t) for v, t in zip(values, avals, strict=True)], **parameters)
-        return [_constants(graph, x) for x in (found if equation.primitive.multiple_results else [found])]
-    return [_arithmetic(graph, name, parameters, operands)]
+    if None in (None if v is None else 0 for v in values):
+        return [_arithmetic(graph, name, parameters, operands)]
+    kinds = [x.aval.dtype for x in equation.invars]  # of constants, an index most often
+    found = equation.primitive.bind(*map(jnp.asarray, values, kinds), **parameters)
+    return [_constants(graph, x) for x in (found if equation.primitive.multiple_results else [found])]
+
+
+def _branch(graph, parameters, operands):
+    """The branch of a `cond` with a known index."""
+    index = _values(graph, operands[0])
+    if index is None:
+        raise _untranslated("cond")
+    inner = parameters["branches"][int(index)]
+    return _evaluate(graph, inner.jaxpr, inner.consts, operands[1:])
+
+
+def _untranslated(name):
+    return Scan2FlexError(f"the kernel has no translation for the operation {name!r} of JAX: solve without the kernel.")
 
 
 def _arithmetic(graph, name, parameters, operands):
@@ -198,7 +201,7 @@ def _arithmetic(graph, name, parameters, operands):
         return _entrywise(lambda x: _power(graph, x, parameters.get("y", 2)), *operands)
     if name == "dot_general":
         return _dot(graph, *operands, parameters["dimension_numbers"])
-    raise Scan2FlexError(f"the compiled kernel has no translation for the operation {name!r} of JAX: solve without the kernel.")
+    raise _untranslated(name)
 
 
 def _entrywise(function, *arrays):
@@ -228,15 +231,16 @@ def _broadcast(nodes, shape, dimensions):
     return np.broadcast_to(nodes.reshape([own.get(i, 1) for i in range(len(shape))]), shape)
 
 
-def _added(graph, parameters, nodes, indices, updates):
+def _added(graph, parameters, operands):
     """``x.at[indices].add(updates)``, each entry at most once."""
+    nodes, indices, updates = operands
     options = {key: parameters[key] for key in ("dimension_numbers", "mode")}
     where = jnp.asarray(_values(graph, indices).astype(int))
     if np.max(jax.lax.scatter_add(jnp.zeros(nodes.shape, int), where, jnp.ones(updates.shape, int), **options)) > 1:
-        raise Scan2FlexError("the compiled kernel has no translation for entries added twice at one place: solve without the kernel.")
+        raise _untranslated("scatter-add")
     nothing = jnp.full(nodes.shape, graph.constant(0.0))
     spread = np.asarray(jax.lax.scatter(nothing, where, jnp.asarray(updates), **options))
-    return _entrywise(lambda *x: graph.apply("add", *x), nodes, spread)
+    return [_entrywise(lambda *x: graph.apply("add", *x), nodes, spread)]
 
 
 def _unrolled(graph, parameters, operands):
@@ -285,3 +289,25 @@ def _ordered(nodes, batch, contracted):
     shape = nodes.shape[: len(batch) + len(free)]
     rows = int(np.prod(shape[: len(batch)]))
     return nodes.reshape(rows, int(np.prod(shape[len(batch) :])), -1), shape
+
+
+def _converted(graph, parameters, operands):
+    """A truth value as a number; everything else is a number already."""
+    if not jnp.issubdtype(parameters["new_dtype"], jnp.number):
+        return operands
+    zero, one = graph.constant(0.0), graph.constant(1.0)
+    return [_entrywise(lambda x: graph.apply("select", x, zero, one) if graph.is_truth(x) else x, *operands)]
+
+
+def _unchanged(graph, parameters, operands):
+    return operands
+
+
+_TRANSLATED: dict[str, Callable] = {
+    "scan": _unrolled,
+    "cond": _branch,
+    "scatter-add": _added,
+    "platform_index": lambda graph, p, _: [_constants(graph, p["platforms"].index(None))],  # alternatives of kinds of devices
+    "convert_element_type": _converted,
+    **dict.fromkeys(("stop_gradient", "copy", "copy_p", "optimization_barrier"), _unchanged),
+}
