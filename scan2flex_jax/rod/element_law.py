@@ -8,8 +8,10 @@ that variation makes the element softer than its sections,
 
 which agrees with the exact energy up to ``ds^4``. For shear forces this is MacNeal's residual bending flexibility
 ``1/GA + ds^2/(12 EI)`` ("A simple quadrilateral shell element", 1978), which makes plane shapes converge with the fourth
-power of ``ds``; the term in ``Omega`` removes most of the error of twisted ones. As a compliance it is positive at every
-strain, whereas the expansion of the energy itself is not bounded below for ``GJ >> EI``.
+power of ``ds``; the term in ``Omega`` does so for twisted ones, measured for ratios of the stiffnesses from 1 to 125
+(`benchmarks.stiffness_ratios`). As a compliance it is positive at every strain, whereas the expansion of the energy itself is
+not bounded below for ``GJ >> EI``. It is not convex: where one stiffness is far below the others, the solver stiffens the
+elements until it is near a solution (`statics.newton`).
 
 All quantities derive from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with 3x3 inverses, since the second term has
 rank three. Effects add their own laws in the mean strain.
@@ -23,8 +25,6 @@ from jaxtyping import Float
 from scan2flex_jax.geometry.lie import hat
 from scan2flex_jax.geometry.small import matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
-
-_PLAIN, _FADED = 8.0, 38.0  # sum of the three stiffnesses over one of them: the correction starts to fade, and is halved
 
 
 def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
@@ -58,7 +58,7 @@ def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]
         ds = rod.section.ds
         n, y = _force(e, natural, K, within, ds)
         M = hat(n[3:])
-        C = ds**2 / 12.0 * _inverse(_limited(within))
+        C = ds**2 / 12.0 * _inverse(within)
         # d(C_eff n)/de at fixed n, then the Schur complement of the stationary n
         W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural).T, C, M), ((0, 0), (3, 0)))
         kept = jnp.eye(6) - W
@@ -79,13 +79,6 @@ def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
     return K[:, 3:, 3:] - matmul(K[:, 3:, :3], jax.vmap(_inverse)(K[:, :3, :3]), K[:, :3, 3:])
 
 
-def _limited(within):
-    """The stiffness, increased where one component is far below the others: strain variation inside the element is then not
-    small, and the increase removes the correction."""
-    own = jnp.diagonal(within)
-    return within + jnp.diag(own * jnp.maximum((jnp.sum(own) / own - _PLAIN) / (_FADED - _PLAIN), 0.0) ** 4)
-
-
 def _turning(e, natural):
     """Matrix ``A`` of the moment's change per length, from force and moment."""
     return jnp.concatenate([hat(jnp.array([0.0, 0.0, 1.0])), hat(e[3:] + natural[3:])], axis=1)
@@ -95,7 +88,7 @@ def _softening(e, natural, K, within, ds):
     """``(A K, M)`` of the Woodbury form ``K_eff = K - K A' M^-1 A K``."""
     A = _turning(e, natural)
     AK = matmul(A, K)
-    return AK, 12.0 / ds**2 * _limited(within) + matmul(AK, A.T)
+    return AK, 12.0 / ds**2 * within + matmul(AK, A.T)
 
 
 def _force(e, natural, K, within, ds):

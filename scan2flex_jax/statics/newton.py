@@ -8,6 +8,10 @@ solve converges. A solve that makes two small steps while the unregularised Hess
 saddle (one such step can be due to badly predicted forces or to those of the start): it is pushed off along that direction,
 towards the side of the start. A second right-hand side tracks the direction by inverse iteration. There is no line search:
 the energy along the way carries little information in a curved valley, and stability is tested at the end.
+
+Where one of bending and torsional stiffness is far below the others, the law of the elements (`rod.element_law`) is far from
+convex at the strains of the first steps. Elements are then stiffer against strain variation until the steps are small
+(`stiffened`): of 200 random cables with ratios up to 1e4, 198 are solved from the generic start, and 192 without it.
 """
 
 from functools import partial
@@ -38,6 +42,7 @@ _LONGEST = 0.8  # largest motion of one node in one step: rad, or relative to th
 _PUSH = 0.2  # the same for a push off a saddle
 _SETTLED = 1.0e-2  # two steps below this at an indefinite Hessian indicate a saddle; a single one may be due to wrong forces
 _LEFT = 0.03  # of the largest force: jump between elements at a solution, due to the use of half-way frames
+_EVEN, _DOUBLED = 8.0, 38.0  # sum of the three stiffnesses over one, above which that one is raised, and where it is doubled
 _ROTATION = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
 _HOLD = 1.0e-13  # stiffness that pins zero-energy modes, over the largest of the rod: above rounding, below physics
 _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # regularising bending stiffness, in units of `lendable_stiffness`
@@ -45,8 +50,9 @@ _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # regularising bending s
 
 class NewtonState(eqx.Module):
     """State between steps: the derivatives at the last configuration, predicted section forces, the softest mode, the
-    regularising stiffness ``lent``, whether the last step that moved was small (``settling``), and whether all is ``finite``.
-    After the last step, which does not move, ``last`` belongs to the solution."""
+    regularising stiffness ``lent``, whether the last step that moved was small (``settling``), whether the elements have their
+    ``own`` law or a stiffened one, and whether all is ``finite``. After the last step, which does not move, ``last`` belongs
+    to the solution."""
 
     last: Derivatives
     forces: Float[Array, "n 6"]
@@ -57,6 +63,7 @@ class NewtonState(eqx.Module):
     was_indefinite: Bool[Array, ""]
     settling: Bool[Array, ""]
     size: Float[Array, ""]
+    own: Bool[Array, ""]
     negative: Int[Array, ""]
     done: Bool[Array, ""]
     finite: Bool[Array, ""]
@@ -94,14 +101,16 @@ class MixedNewton(AbstractRodSolver):
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
         return NewtonState(
-            empty, empty.elements.n, wave * free_motions(rod), start.r, 0.0 * one, ~no, no, no, one, jnp.array(0), no, ~no
+            empty, empty.elements.n, wave * free_motions(rod), start.r, 0.0 * one, ~no, no, no, one, ~no, jnp.array(0), no, ~no
         )
 
     def step(self, rod: Rod, y: Configuration, state: NewtonState) -> tuple[Configuration, NewtonState]:
         """One factorisation: a step if the Hessian is positive definite, more regularisation if not."""
         y = supported(rod, y)
         looking = state.size < self.atol
-        d = derivatives(rod, y, state.lent * lendable_stiffness(rod), partial(self._forces, rod, y, state, looking))
+        within, own = stiffened(rod, state.own)
+        law = eqx.tree_at(lambda r: r.section.within, rod, within)
+        d = derivatives(law, y, state.lent * lendable_stiffness(rod), partial(self._forces, rod, y, state, looking))
         # rounding must not dominate a zero-energy mode (a rod that spins between ball joints)
         diagonal = d.diagonal + _hold(rod, d.diagonal)
         followed = lent_forces(rod, lendable_stiffness(rod), d.elements, state.mode) * free_motions(rod)
@@ -112,8 +121,10 @@ class MixedNewton(AbstractRodSolver):
         definite = (negative == 0) & jnp.isfinite(size)
         done = looking & definite
         small = size < _SETTLED
-        known = ~state.first | _handed_on(rod, y, d.elements.n)
+        close = _handed_on(rod, y, d.elements.n)
+        known = ~state.first | close
         push = definite & state.was_indefinite & small & state.settling
+        newton = definite & ~push & (state.lent == 0.0) & known
         home = jnp.sum(mode[:, :3] * vecmat(state.start - y.r, y.R))
         push_twist = jnp.where(home < 0, -_PUSH, _PUSH) * mode
         twist = jnp.where(push, push_twist, jnp.minimum(1.0, _LONGEST / size) * twist)
@@ -130,7 +141,8 @@ class MixedNewton(AbstractRodSolver):
             first=state.first & ~definite,
             was_indefinite=~definite,
             settling=jnp.where(definite, small & ~push, state.settling),
-            size=jnp.where(definite & ~push & (state.lent == 0.0) & known, size, 1.0),
+            size=jnp.where(newton & own, size, 1.0),
+            own=jnp.where(state.first, close, state.own) | (newton & small),
             negative=negative,
             done=done,
             finite=jnp.all(jnp.isfinite(moved.r)) & jnp.all(jnp.isfinite(moved.R)),
@@ -150,6 +162,16 @@ def _handed_on(rod, y, n):
     f = 0.5 * (matvec(y.R[:-1], n[:, :3]) + matvec(y.R[1:], n[:, :3]))
     left = f[1:] - f[:-1] + rod.load.force[1:-1]
     return jnp.max(jnp.abs(left), initial=0.0) <= _LEFT * jnp.max(jnp.abs(f))
+
+
+def stiffened(rod: Rod, own: Bool[Array, ""]) -> tuple[Float[Array, "n 3 3"], Bool[Array, ""]]:
+    """``(stiffness, own)``: stiffness against strain variation (N m^2), larger than that of the elements where one component is
+    far below the others, or their own if ``own``; and whether it is their own."""
+    within = rod.section.within
+    parts = jnp.diagonal(within, axis1=1, axis2=2)
+    excess = jnp.sum(parts, axis=1, keepdims=True) / parts - _EVEN
+    more = jnp.where(own, 0.0, parts * jnp.maximum(excess / (_DOUBLED - _EVEN), 0.0) ** 4)
+    return within + more[:, :, None] * jnp.eye(3), jnp.all(more == 0.0)
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:

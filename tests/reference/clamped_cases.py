@@ -10,6 +10,8 @@ twist or a loop; of the ones met from random starts these have the least energy.
 0.16 J. `lowest` of the answer names the branch.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from . import cosserat_bvp, rotations
@@ -66,3 +68,15 @@ def solve_case(name):
     """Equilibrium of the named case, by continuation from the generic sagging curve."""
     rods = path(name)
     return cosserat_bvp.solve(rods, cosserat_bvp.sag_curve(rods[0]))
+
+
+def with_ratios(name, stiffnesses, steps=6):
+    """Equilibria of the case, unshearable and inextensible, with each of the given (EI1, EI2, GJ) (N m^2), by continuation in
+    their logarithms from one to the next, the first from the generic sagging curve."""
+    rod, logs = CASES[name]._replace(compliance=np.zeros(3)), np.log(stiffnesses)
+    between = [a + x * (b - a) for a, b in pairwise(logs) for x in np.linspace(0, 1, steps + 1)[1:]]
+    rods = [rod._replace(K=np.exp(x)) for x in (logs[0], *between)]
+    exact = [i % steps == 0 for i in range(len(rods))]
+    residuals = [cosserat_bvp.RESIDUAL if x else 0.1 * cosserat_bvp.COARSE_RESIDUAL for x in exact]
+    found = cosserat_bvp.follow(rods, cosserat_bvp.sag_curve(rods[0]), residuals)
+    return [answer for answer, x in zip(found, exact, strict=True) if x]

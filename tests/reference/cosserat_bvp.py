@@ -29,6 +29,7 @@ from . import rotations
 RESIDUAL = 1e-9  # relative, of the collocation; the positions are then good to about 1e-10 L
 COARSE_RESIDUAL = 1e-3  # of the first pass on the mesh of the guess
 MAX_NODES = 20_000
+HANDED_ON = 300  # nodes of a mesh that the next rod starts from: scipy adds nodes and never takes any away
 E3 = np.array([0.0, 0.0, 1.0])
 
 
@@ -177,19 +178,25 @@ def _collocate(rod, s, y, residual):
     return answer
 
 
-def solve(rods, curve):
-    """Equilibrium of the last of `rods`, each solved from the one before, the first from the curve (n, 3).
+def follow(rods, curve, residuals):
+    """Equilibria of `rods`, each solved to its residual from the one before, the first from the curve (n, 3).
 
     The curve runs from the start clamp at the origin to the end clamp; a path of rods pins the branch by continuation.
     """
     s, y = _guess(rods[0], np.asarray(curve, float))
     former = rods[0]
-    for rod in rods:
+    for rod, residual in zip(rods, residuals, strict=True):
         scale = np.mean(former.K) / np.mean(rod.K)
-        y = np.concatenate([y[:7], y[7:] * scale])
-        answer = _collocate(rod, s, y, RESIDUAL if rod is rods[-1] else COARSE_RESIDUAL)
-        s, y, former = answer.x, answer.y, rod
-    return Equilibrium(rods[-1], answer)
+        answer = _collocate(rod, s, np.concatenate([y[:7], y[7:] * scale]), residual)
+        yield Equilibrium(rod, answer)
+        keep = np.r_[: len(answer.x) - 1 : max(1, len(answer.x) // HANDED_ON), len(answer.x) - 1]
+        s, y, former = answer.x[keep], answer.y[:, keep], rod
+
+
+def solve(rods, curve):
+    """Equilibrium of the last of `rods`, at the end of `follow`."""
+    *_, last = follow(rods, curve, [COARSE_RESIDUAL] * (len(rods) - 1) + [RESIDUAL])
+    return last
 
 
 def sag_curve(rod, samples=81):
