@@ -96,9 +96,9 @@ def fits() -> dict:
     """A fit of the simulated cable, compiled before, in processes with and without the kernel."""
     table = {}
     for _ in range(2):
-        for name, value in (("JAX", "off"), ("kernel", os.environ[library.VARIABLE])):
+        for name, value in (("JAX", "off"), ("kernel", "on")):
             command = [sys.executable, "-m", "benchmarks.kernel", "fit"]
-            environment = os.environ | {library.VARIABLE: value}
+            environment = os.environ | {library.SWITCH: value}
             done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
             found = json.loads(done.stdout)
             table[name] = {key: min(x, table.get(name, found)[key]) for key, x in found.items()}
@@ -140,10 +140,10 @@ def limits(kernel) -> dict:
 def operations(n) -> int:
     """Additions, multiplications, divisions and square roots of one step of the kernel."""
     parts = elements.source().split("namespace in {")[1:]
-    strain, element, predicted, moved = (len(_OPERATION.findall(part)) for part in parts)
+    stiffened, strain, element, predicted, moved = (len(_OPERATION.findall(part)) for part in parts)
     sums = 2 * (12 + 12 + 72)  # of an element's share in those of the nodes
     block = 2 * 6 * 6 * 8 + 6 * (1 + 14 + 5 * 2 * 14) + 2 * 2 * 36  # update, Gauss-Jordan, back-substitution
-    return n * (strain + element + predicted + sums) + (n + 1) * (moved + block)
+    return n * (stiffened + strain + element + predicted + sums) + (n + 1) * (moved + block)
 
 
 PARTS = {"single": single, "batch": batch, "limits": limits}
@@ -167,7 +167,7 @@ def main() -> None:
         sys.stdout.write(json.dumps(one_fit()))
         return
     with tempfile.TemporaryDirectory() as folder:
-        os.environ.setdefault(library.VARIABLE, folder)
+        os.environ.setdefault(library.FOLDER, folder)
         if not library.path().exists():
             build()
         results = {"load average": {}}

@@ -47,8 +47,8 @@ def build() -> Path:
             _check(library.register(file))
             file.replace(place)
     except OSError as error:
-        raise Scan2FlexError(f"{place.parent}: the kernel cannot be written there ({error.strerror}): set {library.VARIABLE}"
-                             " to a folder that can.") from error  # fmt: skip
+        raise Scan2FlexError(f"{place.parent}: the kernel cannot be written there ({error.strerror}): name another folder"
+                             f" in {library.FOLDER}.") from error  # fmt: skip
     return place
 
 

@@ -18,7 +18,7 @@ from scan2flex_jax.rod.energy import retract
 from scan2flex_jax.rod.loads import DeadLoad
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics.kernel.symbolic import Graph, traced
-from scan2flex_jax.statics.newton import lent_forces
+from scan2flex_jax.statics.newton import lent_forces, stiffened
 
 _SECTION = {"ds": (), "stiffness": (1, 6, 6), "natural": (1, 6), "within": (1, 3, 3)}
 _FRAMES = {"r": (2, 3), "R": (2, 3, 3)}
@@ -39,6 +39,12 @@ def _rod(ds, stiffness, natural, within, force=None, lever=None):
     load = DeadLoad(nothing if force is None else force, nothing if lever is None else lever)
     section = Section(jnp.zeros(1), ds, stiffness, natural, jnp.zeros(1), within)
     return Rod(section, load, Boundary(nothing, jnp.zeros((2, 3, 3)), jnp.zeros((2, 6))), ())
+
+
+def _stiffened(within, own):
+    rod = _rod(jnp.ones(()), jnp.zeros((1, 6, 6)), jnp.zeros((1, 6)), within)
+    stiffness, of_law = stiffened(rod, own > 0.0)
+    return stiffness, jnp.where(of_law, 1.0, 0.0)
 
 
 def _forces(ds, stiffness, natural, within, r, R):
@@ -63,6 +69,7 @@ def _moved(r, R, twist):
 _LOADS = {"force": (2, 3), "lever": (2, 3)}
 _STEP = {"predicted": (1, 6), "damping": (6, 6), "mode": (2, 6), "lendable": (6, 6)}
 ROUTINES = (
+    Routine("stiffened", _stiffened, {"within": (1, 3, 3), "own": ()}, ("within", "own")),
     Routine("section_forces", _forces, _SECTION | _FRAMES, ("n",)),
     Routine(
         "element", _element, _SECTION | _FRAMES | _LOADS | _STEP,

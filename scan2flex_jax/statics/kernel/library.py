@@ -1,8 +1,9 @@
 """Where the compiled solver lies, under which key, and whether it is there.
 
 The key holds all that the library was made from: the package's files, the versions of JAX, the processor. After an update of
-any of them the old library is not found, and solves fall back on JAX until it is built again. The environment variable
-``SCAN2FLEX_KERNEL`` is ``off`` (never used), or a folder in place of the user's cache folder.
+any of them the old library is not found, and solves fall back on JAX until it is built again. It lies with the compiled
+functions of the program, in ``$SCAN2FLEX_CACHE`` or ``scan2flex`` under the user's cache folder. ``SCAN2FLEX_KERNEL=off``
+switches it off.
 """
 
 import ctypes
@@ -15,7 +16,7 @@ from pathlib import Path
 import jax
 import jaxlib
 
-VARIABLE = "SCAN2FLEX_KERNEL"
+SWITCH, FOLDER = "SCAN2FLEX_KERNEL", "SCAN2FLEX_CACHE"
 _FUNCTION, _PACKAGE = "scan2flex_settle", Path(__file__).parents[2]
 _SOURCES = ("geometry/*.py", "rod/*.py", "statics/newton.py", "statics/blocktridiagonal.py", "statics/kernel/*.*")
 
@@ -31,19 +32,19 @@ def key() -> str:
 
 def path() -> Path:
     """The file of the library, whether it is there or not."""
-    given = os.environ.get(VARIABLE, "")
-    cached = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scan2flex_jax"
-    return (cached if given in ("", "off") else Path(given)) / f"settle-{key()}.so"
+    given = os.environ.get(FOLDER, "off")
+    cached = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "scan2flex"
+    return (cached if given == "off" else Path(given)) / f"settle-{key()}.so"
 
 
 @cache
 def target() -> str | None:
     """The name of the custom call of the installed library; None without one. Decided once in a process."""
-    if os.environ.get(VARIABLE) == "off":
+    if os.environ.get(SWITCH) == "off":
         return None
     try:
         file = path()
-        return register(file) if file.exists() else None
+        return register(file) if file.exists() and _ours(file) else None
     except (OSError, RuntimeError):  # no home, or a library of another system
         return None
 
@@ -54,6 +55,11 @@ def register(file: Path) -> str:
     function = getattr(ctypes.CDLL(str(file)), _FUNCTION)
     jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(function), platform="cpu")
     return name
+
+
+def _ours(file):
+    """Whether this user or the administrator wrote the file: it is machine code."""
+    return not hasattr(os, "geteuid") or file.stat().st_uid in (0, os.geteuid())
 
 
 def _processor():

@@ -108,7 +108,7 @@ class Solver {
   double free[2][6];
   // as in `NewtonState`
   double lent = 0.0, size = 1.0;
-  bool first = true, was_indefinite = false, settling = false, done = false, finite = true;
+  bool own = true, first = true, was_indefinite = false, settling = false, done = false, finite = true;
   int64_t negative = 0;
 
   void begin() {
@@ -119,13 +119,12 @@ class Solver {
     std::copy_n(o.mode, 6 * nodes, mode.data());
     std::fill(forces.begin(), forces.end(), 0.0);
     for (int i = 0; i < 12; i++) free[i / 6][i % 6] = 1.0 - o.held[i];
-    lent = 0.0, size = 1.0, first = true, was_indefinite = settling = done = false, finite = true, negative = 0;
+    lent = 0.0, size = 1.0, own = first = finite = true, was_indefinite = settling = done = false, negative = 0;
     for (int g = 0; g < groups; g++) {
       lanes *to = in[g].of;
       to[element::in::ds] = all(*o.ds);
       pack(to + element::in::stiffness, o.stiffness, 36, 36, g * W, n);
       pack(to + element::in::natural, o.natural, 6, 6, g * W, n);
-      pack(to + element::in::within, o.within, 9, 9, g * W, n);
       pack(to + element::in::force, o.force, 6, 3, g * W, n);
       pack(to + element::in::lever, o.lever, 6, 3, g * W, n);
       for (int i = 0; i < 36; i++) to[element::in::lendable + i] = all(o.lendable[i]);
@@ -145,7 +144,7 @@ class Solver {
   void step() {
     support();
     const bool looking = size < *o.atol;
-    const bool close = strain();
+    const bool of_law = stiffen(), close = strain();
     assemble(looking, close);
     negative = factor();
     substitute();
@@ -165,11 +164,27 @@ class Solver {
     move();
     for (int i = 0; i < 6 * nodes; i++)
       if (std::isfinite(followed[i])) mode[i] = followed[i];
-    size = definite && !push && lent == 0.0 && known ? now : 1.0;
+    const bool newton = definite && !push && lent == 0.0 && known;
+    size = newton && of_law ? now : 1.0;
+    own = (first ? close : own) || (newton && small);
     lent = !definite ? std::max(GROW * lent, FIRST) : lent < NONE ? 0.0 : lent / SHRINK;
     if (definite) settling = small && !push;
     first = first && !definite;
     was_indefinite = !definite;
+  }
+
+  // Stiffness of the elements against strain variation; whether it is their own.
+  bool stiffen() {
+    bool of_law = true;
+    for (int g = 0; g < groups; g++) {
+      lanes of[stiffened::in::size], found[stiffened::out::size];
+      pack(of + stiffened::in::within, o.within, 9, 9, g * W, n);
+      of[stiffened::in::own] = all(own ? 1.0 : 0.0);
+      stiffened::run(of, found);
+      std::copy_n(found + stiffened::out::within, 9, in[g].of + element::in::within);
+      for (int k = 0; k < W; k++) of_law &= found[stiffened::out::own][k] != 0.0;
+    }
+    return of_law;
   }
 
   // Section forces of the strains, and whether they are handed on from element to element.

@@ -22,6 +22,7 @@ _NUMPY = {
     "ne": np.not_equal, "and": np.logical_and, "or": np.logical_or,
 }  # fmt: skip
 _ALIASES = {"add_any": "add"}
+_COMMUTATIVE = {"add", "mul", "and", "or"}
 _TRUTHS = {"lt", "gt", "le", "ge", "eq", "ne", "and", "or", "not"}
 _TOTALS = {"reduce_sum": ("add", 0.0), "reduce_max": ("max", -np.inf), "reduce_and": ("and", True), "reduce_or": ("or", False)}
 _PLACED = {  # operations that move entries and have indices among their operands: from which one on, up to which
@@ -54,7 +55,7 @@ class Graph:
         self.nodes: list[Node] = []
         self._known: dict[Node, int] = {}
 
-    def constant(self, value: float | bool) -> int:
+    def constant(self, value: float | int) -> int:
         """A number, or a truth value."""
         value = bool(value) if isinstance(value, bool | np.bool_) else float(value)
         return self._kept(Node("const", (type(value).__name__, value)))
@@ -77,6 +78,8 @@ class Graph:
 
     def apply(self, operation: str, *arguments: int) -> int:
         """The node of an operation, simplified."""
+        if operation in _COMMUTATIVE:
+            arguments = tuple(sorted(arguments))
         values = [self.value(a) for a in arguments]
         if None not in values and operation != "select":
             with np.errstate(all="ignore"):
