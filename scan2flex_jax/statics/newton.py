@@ -167,7 +167,7 @@ def _handed_on(rod, y, n):
 def stiffened(rod: Rod, own: Bool[Array, ""]) -> tuple[Float[Array, "n 3 3"], Bool[Array, ""]]:
     """``(stiffness, own)``: stiffness against strain variation (N m^2), larger than that of the elements where one component is
     far below the others, or their own if ``own``; and whether it is their own."""
-    within = rod.section.within
+    within = jnp.asarray(rod.section.within)
     parts = jnp.diagonal(within, axis1=1, axis2=2)
     excess = jnp.sum(parts, axis=1, keepdims=True) / parts - _EVEN
     more = jnp.where(own, 0.0, parts * jnp.maximum(excess / (_DOUBLED - _EVEN), 0.0) ** 4)

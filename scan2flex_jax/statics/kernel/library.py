@@ -11,19 +11,20 @@ import hashlib
 import os
 import platform
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 import jax
-import jaxlib
 
 SWITCH, FOLDER = "SCAN2FLEX_KERNEL", "SCAN2FLEX_CACHE"
 _FUNCTION, _PACKAGE = "scan2flex_settle", Path(__file__).parents[2]
+_REGISTERED: set[str] = set()  # XLA refuses a second time
 _SOURCES = ("geometry/*.py", "rod/*.py", "statics/newton.py", "statics/blocktridiagonal.py", "statics/kernel/*.*")
 
 
 def key() -> str:
     """What a library has to be made from to fit this installation, as sixteen hexadecimal digits."""
-    digest = hashlib.sha256(f"{jax.__version__} {jaxlib.__version__} {platform.platform()} {_processor()}".encode())
+    digest = hashlib.sha256(f"{jax.__version__} {version('jaxlib')} {platform.platform()} {_processor()}".encode())
     for pattern in _SOURCES:
         for path in sorted(_PACKAGE.glob(pattern)):
             digest.update(path.name.encode() + path.read_bytes())
@@ -52,8 +53,10 @@ def target() -> str | None:
 def register(file: Path) -> str:
     """Load a library and register its function with XLA; the name of the custom call, which depends on the file's contents."""
     name = f"{_FUNCTION}_{hashlib.sha256(file.read_bytes()).hexdigest()[:16]}"
-    function = getattr(ctypes.CDLL(str(file)), _FUNCTION)
-    jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(function), platform="cpu")
+    if name not in _REGISTERED:
+        function = getattr(ctypes.CDLL(str(file)), _FUNCTION)
+        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(function), platform="cpu")
+        _REGISTERED.add(name)
     return name
 
 

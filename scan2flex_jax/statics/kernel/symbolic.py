@@ -203,7 +203,7 @@ def _arithmetic(graph, name, parameters, operands):
     if name in ("square", "integer_pow"):
         return _entrywise(lambda x: _power(graph, x, parameters.get("y", 2)), *operands)
     if name == "dot_general":
-        return _dot(graph, *operands, parameters["dimension_numbers"])
+        return _dot(graph, operands[0], operands[1], parameters["dimension_numbers"])
     raise _untranslated(name)
 
 
