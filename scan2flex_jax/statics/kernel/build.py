@@ -58,11 +58,11 @@ def _compile(folder):
     compiler = given or [c for c in map(shutil.which, _COMPILERS) if c][:1]
     if not compiler:
         raise Scan2FlexError(f"no C++ compiler found ({', '.join(_COMPILERS)}): install one, or name it in CXX.")
-    file, source = folder / "settle.so", folder / "settle.cpp"
-    source.write_bytes(Path(__file__).with_name("settle.cpp").read_bytes())
+    file, here = folder / "settle.so", Path(__file__).parent
     (folder / "elements.inc").write_text(elements.source())
     (folder / "constants.inc").write_text("".join(f"constexpr double {k} = {v!r};\n" for k, v in _CONSTANTS.items()))
-    command = [*compiler, *_FLAGS, f"-I{jax.ffi.include_dir()}", str(source), "-o", str(file)]
+    headers = [f"-I{path}" for path in (folder, here, jax.ffi.include_dir())]
+    command = [*compiler, *_FLAGS, *headers, str(here / "settle.cpp"), "-o", str(file)]
     for more in ([_NATIVE], []):
         try:
             done = subprocess.run([*command, *more], capture_output=True, text=True, check=False)

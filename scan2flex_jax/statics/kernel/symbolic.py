@@ -100,16 +100,34 @@ class Graph:
         for factor, other in ((x, b), (y, a)):
             if factor in (1.0, -1.0):
                 return other if factor == 1.0 else self.apply("neg", other)
-        return None
+        (a, minus_a), (b, minus_b) = self._sign(a), self._sign(b)
+        if not (minus_a or minus_b):
+            return None
+        product = self.apply("mul", a, b)
+        return product if minus_a and minus_b else self.apply("neg", product)
 
     def _add(self, a, b, x, y):
-        return b if x == 0.0 else a if y == 0.0 else None
+        if 0.0 in (x, y):
+            return b if x == 0.0 else a
+        for first, (second, minus) in ((a, self._sign(b)), (b, self._sign(a))):
+            if minus:
+                return self.apply("sub", first, second)
+        return None
 
     def _sub(self, a, b, x, y):
-        return a if y == 0.0 else self.apply("neg", b) if x == 0.0 else None
+        if 0.0 in (x, y):
+            return a if y == 0.0 else self.apply("neg", b)
+        second, minus = self._sign(b)
+        return self.apply("add", a, second) if minus else None
 
     def _neg(self, a, x):
-        return self.nodes[a].arguments[0] if self.nodes[a].operation == "neg" else None
+        inner, minus = self._sign(a)
+        return inner if minus else None
+
+    def _sign(self, index):
+        """A node without its sign, and whether it has one."""
+        node = self.nodes[index]
+        return (node.arguments[0], True) if node.operation == "neg" else (index, False)
 
     def _div(self, a, b, x, y):
         return a if y == 1.0 else None
