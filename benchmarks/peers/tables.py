@@ -86,4 +86,31 @@ def arithmetic() -> str:
     return table(head, rows) + made_on(entry)
 
 
-TABLES = {"ratios": ratios, "runs": runs, "fits": fits, "arithmetic": arithmetic}
+def kernel() -> str:
+    """The solver in JAX and the compiled one, taken in turn."""
+    entry = load("kernel")
+    r = entry["results"]
+    rows = []
+    for pose, t in r["single"].items():
+        for start, words in (("generic", "generic start"), ("warm", "start at the solution")):
+            rows.append(_beside(f"pose `{pose}`, {words}", t[f"{start}, JAX"]["min_s"], t[f"{start}, kernel"]["min_s"]))
+    for clamps, words in (("the same clamps", "between the same clamps"), ("each its own", "each between its own clamps")):
+        t = r["batch"][clamps]
+        each = (t[way]["s per cable"] for way in ("JAX, loop in one call", "kernel, vmap"))
+        rows.append(_beside(f"each of {r['batch']['cables']} cables of one call, {words}, {t['steps']:.1f} steps", *each))
+    fits = (r["fits"][way]["later_s"] for way in ("JAX", "kernel"))
+    rows.append(_beside("fit of the simulated cable, compiled before", *fits))
+    steps = r["limits"]["JAX"], r["limits"]["kernel"]
+    rows.append(_beside("a Newton step", *(x["s"] for x in steps)))
+    rows.append(["its operations", *(f"{x['operations of a step']:,}" for x in steps), "-"])
+    if all("share of eight at once" in x for x in steps):
+        shares = (f"{100 * x['share of eight at once']:.1f} %" for x in steps)
+        rows.append(["its rate, of products, eight at once", *shares, "-"])
+    return table(["40 elements, least time", "in JAX", "compiled", "ratio"], rows) + made_on(entry)
+
+
+def _beside(what, jax, compiled):
+    return [what, f"{1e3 * jax:.3g} ms", f"{1e3 * compiled:.3g} ms", f"{jax / compiled:.1f}"]
+
+
+TABLES = {"ratios": ratios, "runs": runs, "fits": fits, "arithmetic": arithmetic, "kernel": kernel}

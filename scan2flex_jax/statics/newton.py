@@ -25,6 +25,7 @@ from jaxtyping import Bool, Float, Int
 from scan2flex_jax.geometry.small import matvec, vecmat
 from scan2flex_jax.rod.assembly import (
     Derivatives,
+    Elements,
     derivatives,
     free_motions,
     no_derivatives,
@@ -112,7 +113,7 @@ class MixedNewton(AbstractRodSolver):
         d = derivatives(law, y, state.lent * lendable_stiffness(rod), partial(self._forces, rod, y, state, looking))
         # rounding must not dominate a zero-energy mode (a rod that spins between ball joints)
         diagonal = d.diagonal + _hold(rod, d.diagonal)
-        followed = _lent_forces(rod, d.elements, state.mode) * free_motions(rod)
+        followed = lent_forces(rod, lendable_stiffness(rod), d.elements, state.mode) * free_motions(rod)
         both, negative = bt.factor_and_solve(diagonal, d.upper, jnp.stack([-d.gradient, followed], axis=-1))
         twist, mode = both[..., 0], both[..., 1]
         mode = mode / _size(rod, mode)
@@ -189,10 +190,12 @@ def _hold(rod, diagonal):
     return _HOLD * largest * jnp.diag(unit**2)
 
 
-def _lent_forces(rod, elements, mode):
-    """Forces of the regularising stiffness under a motion of the nodes. With them inverse iteration follows the motion of
+def lent_forces(
+    rod: Rod, stiffness: Float[Array, "6 6"], elements: Elements, mode: Float[Array, "nodes 6"]
+) -> Float[Array, "nodes 6"]:
+    """Forces of the regularising ``stiffness`` under a motion of the nodes. With them inverse iteration follows the motion of
     largest energy decrease per bending, not one that merely costs little energy, such as spinning."""
-    far = vecmat(matvec(lendable_stiffness(rod), strain_increment(rod, elements, mode)), elements.T)
+    far = vecmat(matvec(stiffness, strain_increment(rod, elements, mode)), elements.T)
     return to_nodes(-vecmat(far, elements.A), far)
 
 

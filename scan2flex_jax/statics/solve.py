@@ -24,7 +24,7 @@ from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 from scan2flex_jax.statics.arguments import check_start, whole_number
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS, FEWEST_ELEMENTS
 from scan2flex_jax.statics.implicit import settled
-from scan2flex_jax.statics.newton import MixedNewton
+from scan2flex_jax.statics.kernel.solver import default_solver
 from scan2flex_jax.statics.scaled import ScaledMinimiser
 from scan2flex_jax.statics.solver import AbstractRodSolver
 from scan2flex_jax.statics.verdict import SENTENCES, Verdict, judge
@@ -123,8 +123,8 @@ def solve_rod(
         rod: Sections, loads and supports, from `discretise`.
         start: Initial configuration, which selects the branch; by default a sag along the resultant of the dead loads.
         turns: Full turns of twist of the default start.
-        solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser, which is run by
-            `ScaledMinimiser`, each with its own tolerances.
+        solver: `MixedNewton` (default; compiled where `statics.kernel` is installed), another `AbstractRodSolver`, or an
+            optimistix minimiser, which is run by `ScaledMinimiser`, each with its own tolerances.
         max_steps: Largest number of steps; None is the solver's default.
         throw: Raise if the solve fails. Otherwise the failure stands in the `Verdict` of the result, so that one rod of a
             batch does not affect the others.
@@ -238,7 +238,7 @@ def _rod_solver(solver: object) -> AbstractRodSolver:
     """The rod solver for a user's ``solver``: None, a rod solver, or an optimistix minimiser."""
 
     if solver is None:
-        return MixedNewton()
+        return default_solver()
     if isinstance(solver, AbstractRodSolver):
         return solver
     if isinstance(solver, optx.AbstractMinimiser):
