@@ -110,7 +110,8 @@ def kernel() -> str:
 
 
 def _beside(what, jax, compiled):
-    return [what, f"{1e3 * jax:.3g} ms", f"{1e3 * compiled:.3g} ms", f"{jax / compiled:.1f}"]
+    scale, unit = (1.0, "s") if jax > 1.0 else (1e3, "ms")
+    return [what, f"{scale * jax:.3g} {unit}", f"{scale * compiled:.3g} {unit}", f"{jax / compiled:.1f}"]
 
 
 TABLES = {"ratios": ratios, "runs": runs, "fits": fits, "arithmetic": arithmetic, "kernel": kernel}
