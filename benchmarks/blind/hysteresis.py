@@ -36,11 +36,11 @@ class Law:
         moment = self.EI * ((1 - self.share) * k + self.share * self.slip * new)
         return moment, self.EI * (1 - self.share + self.share * (1 - way * z) * kept), new
 
-    def loop_area(self, most: float, points: int = 4000) -> float:
+    def loop_area(self, most: float, points: int = 1000) -> float:
         """Energy per length (J/m) that a steady cycle between ``-most`` and ``most`` (1/m) dissipates."""
         z, k = np.zeros(1), np.zeros(1)
         up = np.linspace(-most, most, points)
-        for _ in range(3):  # until the cycle is steady
+        for _ in range(12):  # until the cycle is steady
             area, m0 = 0.0, None
             for target in np.concatenate([up, up[::-1]]):
                 m, _, z = self.stepped(np.array([target]), k, z)
