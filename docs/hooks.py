@@ -189,12 +189,16 @@ def public_names(module: str) -> list[str]:
         kinds = (ast.FunctionDef, ast.ClassDef)
         return [node.name for node in tree.body if isinstance(node, kinds) and not node.name.startswith("_")]
     named = [n.asname for node in tree.body if isinstance(node, ast.ImportFrom) for n in node.names if n.asname == n.name]
-    listed = [e.value for node in tree.body if isinstance(node, ast.Assign) and _is_all(node) for e in node.value.elts]
+    listed = [e.value for node in tree.body if _is_all(node) for e in node.value.elts]
     return sorted({*listed, *(n for n in named if n), *()}, key=str.lower)
 
 
-def _is_all(node: ast.Assign) -> bool:
-    return isinstance(node.targets[0], ast.Name) and node.targets[0].id == "__all__" and isinstance(node.value, ast.List)
+def _is_all(node: ast.stmt) -> bool:
+    """Whether a statement gives ``__all__`` a list, or adds one to it."""
+    if not isinstance(node, ast.Assign | ast.AugAssign):
+        return False
+    target = node.target if isinstance(node, ast.AugAssign) else node.targets[0]
+    return isinstance(target, ast.Name) and target.id == "__all__" and isinstance(node.value, ast.List)
 
 
 def _exported() -> list[str]:

@@ -46,7 +46,7 @@ TABLES: dict[str, dict[str, str]] = {
         "end": "{ position = [0.5, 0, 0] }", "centre_curve": '"again.csv"', "repeat_of": '"sag"',
     },
 }  # fmt: skip
-_VALUES = {"positive": "0.3", "nonnegative": "0.3", "along_cable": "0.42", "any": "0.1", "unit": "1.0"}
+_VALUES = {"positive": "0.3", "fraction": "0.3", "nonnegative": "0.3", "along_cable": "0.42", "any": "0.1", "unit": "1.0"}
 _POINTS = (
     "nan", "inf", "-inf", "1e308", "1e16", "text", "", "1_0", "0x10", "1,2", "1;2", "\0", "\N{SUPERSCRIPT TWO}", "1e-320", "0,",
     "٣", "True", "1j", "--1", "1 2",

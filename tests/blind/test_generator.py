@@ -229,4 +229,4 @@ def test_the_generator_stands_alone():
     folder = Path(__file__).parents[2] / "benchmarks" / "blind"
     text = "\n".join(f.read_text() for f in folder.glob("*.py"))
     imported = {m.split(".")[0] for m in re.findall(r"^(?:from|import) (\w[\w.]*)", text, re.MULTILINE)}
-    assert imported <= {"numpy", "scipy", "dataclasses", "pathlib", "argparse", "sys", "time"}
+    assert imported <= {"numpy", "scipy", "dataclasses", "pathlib", "argparse", "itertools", "sys", "time"}

@@ -97,7 +97,7 @@ def descents(kind, monkeypatch):
     """The vectors at which a refit with a kind begins its descents."""
     begun = []
 
-    def descend(bench, components, n, prior, noise, vector, start, most, least):
+    def descend(bench, components, n, prior, noise, vector, shapes, most, least, solved=False):
         begun.append(vector.copy())
         return refitted(kind, vector=vector)
 

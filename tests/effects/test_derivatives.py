@@ -13,7 +13,9 @@ STEPS = {
     "position": 2e-4, "offset": 2e-4, "width": 2e-4, "anchor": 1e-3, "stiffness": 1e-2, "axial_stiffness": 0.5, "lever": 1e-5,
 }  # fmt: skip
 DEFAULT_STEP = 1e-3
-CASES = [(kind, name) for kind in scene.KINDS for name in scene.VALUES[kind][0]]
+FINER = {("friction", "slip_curvature"): 1e-4}  # the rounded knees of its sliders lie close together
+# without history nothing has crept: `tests/fitting/test_memory.py` has the derivatives of relaxation
+CASES = [(kind, name) for kind in scene.KINDS if kind != "relaxation" for name in scene.VALUES[kind][0]]
 
 
 def test_null_values_are_the_base_model():
@@ -43,7 +45,7 @@ def test_shape_derivative(kind, name):
         moved = eqx.tree_at(lambda e: getattr(e, name), effect, jnp.asarray(value + h * along))
         return scene.solved(moved, start=found.configuration)[0]  # on the same branch; contact is slow from afar
 
-    by_differences, error = slope_by_differences(points_at, STEPS.get(name, DEFAULT_STEP))
+    by_differences, error = slope_by_differences(points_at, FINER.get((kind, name), STEPS.get(name, DEFAULT_STEP)))
     assert np.all(np.isfinite(exact))
     assert np.abs(exact - by_differences).max() < 1e-6 * np.abs(exact).max() + error
     assert error < 1e-3 * np.abs(exact).max() + 1e-9

@@ -50,7 +50,10 @@ def fitted(kind):
     return fit(made(kind))
 
 
-@pytest.mark.parametrize("kind", HIDDEN)
+LONG = ("gravity along another axis", ROLLED)  # many refits
+
+
+@pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.slow if k in LONG else ()) for k in HIDDEN])
 def test_a_mistake_is_named_first_with_its_mend(kind):
     f = fitted(kind)
     assert HIDDEN[kind] in str(f.mistakes[0])

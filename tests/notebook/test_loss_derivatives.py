@@ -21,6 +21,7 @@ def cost(function):
     return lambda x: 0.5 * jnp.sum(function(x) ** 2)
 
 
+@pytest.mark.slow
 def test_gradient_and_hessian_of_the_cost_away_from_its_minimum(ready):
     """Where residuals are large: there a closest point that is held would make the Hessian wrong."""
     function, start = ready
@@ -34,6 +35,7 @@ def test_gradient_and_hessian_of_the_cost_away_from_its_minimum(ready):
     np.testing.assert_allclose(hessian(x), curvature, atol=1e-5 * np.abs(curvature).max())
 
 
+@pytest.mark.slow
 def test_fits_can_be_vmapped_over_guesses(ready):
     function, start = ready
     guesses = start + jnp.array([[0.0, 0.0], [0.5, -0.5], [-0.5, 0.3]])

@@ -88,6 +88,7 @@ def test_a_minimiser_that_is_too_slow_is_told_by_the_verdict(minimiser):
     assert int(found.verdict.steps) <= 40
 
 
+@pytest.mark.slow
 def test_the_tolerance_of_a_minimiser_counts():
     loose, tight = (solved(solver=optx.BFGS(tolerance, tolerance)) for tolerance in (1e-1, 1e-8))
     assert int(loose.verdict.steps) < int(tight.verdict.steps)

@@ -54,6 +54,7 @@ def test_every_nesting_gives_the_hessian(order):
     np.testing.assert_allclose(jax.jit(NESTED[order](rods.loss))(X), H, atol=1e-9 * np.abs(H).max())
 
 
+@pytest.mark.slow
 def test_hessian_vector_products_eagerly():
     """As Newton-CG asks for them."""
     v = jnp.array([1.0, -2.0, 0.5, 1.0, 0.3, -1.0])
