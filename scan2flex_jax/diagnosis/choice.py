@@ -60,3 +60,12 @@ def of_one_size(stage, r: Refit) -> bool:
     """Whether each estimated size of a refit is homogeneous across poses."""
     sizes = (confirm.scatter(stage, r, k) for k in range(len(r.components)))
     return all(s is None or s <= stage.settings.most_scatter for s in sizes)
+
+
+def established(stage, best: Refit, baseline: Refit) -> bool:
+    """Whether effects of one size in all poses are found: poses left out are predicted much better, or the evidence is
+    overwhelming and they are predicted no worse."""
+    settings, against = stage.settings, confirm.compared(stage, best, baseline)
+    better = against.better and against.ratio <= settings.most_left
+    overwhelming = best.log_evidence > settings.overwhelming and not against.worse
+    return best.log_evidence >= settings.lead_named and of_one_size(stage, best) and (better or overwhelming)

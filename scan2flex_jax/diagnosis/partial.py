@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.diagnosis import confirm, floors, verdict
-from scan2flex_jax.diagnosis.choice import best_of, contains, numbers_of, of_one_size
+from scan2flex_jax.diagnosis.choice import best_of, contains, established, numbers_of
 from scan2flex_jax.diagnosis.refit import Refit, plain_law, refit
 from scan2flex_jax.diagnosis.search import Found, alike, outside, pieces
 from scan2flex_jax.diagnosis.sensitivity import Numbers
@@ -145,11 +145,7 @@ def _judged(found: Found) -> Found:
     found.unseen = found.constancy = None  # those of the search at the sensor's noise
     found.after = test_after(stage, best)
     found.scatter = {c.kind: confirm.scatter(stage, best, k) for k, c in enumerate(best.components)}
-    against = confirm.compared(stage, best, found.baseline)
-    names = of_one_size(stage, best) and not pieces(best)
-    better = against.better and against.ratio <= settings.most_left
-    overwhelming = best.log_evidence > settings.overwhelming and not against.worse
-    if best.log_evidence < settings.lead_named or not names or not (better or overwhelming):
+    if pieces(best) or not established(stage, best, found.baseline):
         return found
     found.tied = [best, *_rivals(found)]
     other = [r for r in found.refits.values() if not (set(r.kinds) <= set(best.kinds) or set(best.kinds) <= set(r.kinds))]

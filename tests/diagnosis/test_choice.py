@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import confirm, partial
-from scan2flex_jax.diagnosis.choice import best_of
+from scan2flex_jax.diagnosis.choice import best_of, established
 from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
@@ -16,7 +16,7 @@ from scan2flex_jax.fitting.noise import Noise
 
 ERRORS = {  # mm, of four poses left out in turn
     "equal": (10.0, 10.0, 10.0, 10.0), "half": (5.0, 5.0, 5.0, 5.0),
-    "one pose": (0.1, 10.0, 10.0, 10.0), "lost again": (4.0, 4.0, 16.0, 16.0),
+    "one pose": (0.1, 10.0, 10.0, 10.0), "lost again": (4.0, 4.0, 16.0, 16.0), "double": (20.0, 20.0, 20.0, 20.0),
 }  # fmt: skip
 
 
@@ -104,3 +104,16 @@ def test_better_needs_most_poses_and_the_whole(errors, better):
     said = Comparison(float(np.mean(logs)), float(np.std(logs, ddof=1) / 2), float(np.sqrt(np.sum(a**2) / np.sum(b**2))))
     assert said.better is better
     assert Comparison(-said.gain, said.std, 1.0 / said.ratio).worse is better
+
+
+@pytest.mark.parametrize(
+    ("nats", "errors", "scatter", "found"),
+    [
+        (20.0, "half", 0.0, True), (20.0, "equal", 0.0, False), (20.0, "one pose", 0.0, False),
+        (3.0, "half", 0.0, False), (20.0, "half", 0.9, False),
+        (60.0, "equal", 0.0, True), (60.0, "one pose", 0.0, True), (60.0, "double", 0.0, False), (60.0, "equal", 0.9, False),
+    ],
+)  # fmt: skip
+def test_an_effect_is_found_by_poses_left_out_or_by_overwhelming_evidence(stage, nats, errors, scatter, found):
+    """Few poses, or poses of which one alone shows the effect, hardly predict one another, whatever the evidence."""
+    assert established(stage, model("point_mass", nats=nats, errors=errors, scatter=scatter), stage.base) is found

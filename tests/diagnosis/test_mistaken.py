@@ -1,0 +1,43 @@
+"""Likely mistakes of the input beside missing effects: which of the two explains the shapes (`diagnosis.run`)."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.diagnosis import run, verdict
+from scan2flex_jax.diagnosis.search import Found
+from scan2flex_jax.diagnosis.settings import USUAL
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.study import load_study
+from scan2flex_jax.study.mistakes import Mistake
+
+AFTER = 10e-3  # m: what the corrected study leaves
+
+
+def answer(said, left):
+    """A search that ended with this verdict and this RMS distance (m) of its best model."""
+    shape = SimpleNamespace(residual=np.full((50, 3), left / 3**0.5))
+    found = object.__new__(Found)
+    found.verdict, found.best = said, SimpleNamespace(shapes=[shape])
+    found.stage = SimpleNamespace(bench=SimpleNamespace(real=[np.arange(50) < 40]))
+    return found
+
+
+@pytest.fixture(scope="module")
+def likely():
+    study = load_study(example_path("simulated-cable"))
+    alike = Mistake("the sign of the rolls", "turn them the other way", study, before=40e-3, after=1.2 * AFTER)
+    return (Mistake("gravity points along another axis", "turn it", study, before=40e-3, after=AFTER), alike)
+
+
+@pytest.mark.parametrize(
+    ("said", "left", "outdone"),
+    [
+        (verdict.EXPLAINED, 0.3 * AFTER, True), (verdict.PARTLY, 0.8 * AFTER, True), (verdict.TIE, 0.8 * AFTER, True),
+        (verdict.PARTLY, 0.95 * AFTER, False), (verdict.PARTLY, 1.1 * AFTER, False),
+        (verdict.UNEXPLAINED, 0.3 * AFTER, False), (verdict.UNSOLVED, 0.3 * AFTER, False),
+    ],
+)  # fmt: skip
+def test_an_effect_must_be_found_and_leave_less_than_the_corrected_study(likely, said, left, outdone):
+    assert run._outdone(likely, answer(said, left), USUAL) is outdone
