@@ -35,7 +35,7 @@ from scan2flex_jax.study.visible import clamps_scaled, visible_mistakes
 
 _DOUBTFUL = 0.004  # of the length: RMS distance above which a fit is searched for mistakes
 _STATED = 3.0  # times the stated noise: likewise, above half that distance
-_TIMES = 3.0  # required ratio of distances before and after; missing physics brought none beyond 1.2 (docs/mistakes.md)
+_TIMES = 3.0  # required ratio of distances before and after; missing physics seldom brings one beyond 1.2 (docs/mistakes.md)
 _TIMES_TURNED, _TURNED = 1.02, 2  # that ratio if the fit changed the turns of so many poses
 _CLOSE = 0.03  # of the length: largest accepted RMS distance of a corrected study; real cables leave as much
 _ALIKE = 1.3  # times the distance of the best corrected study: others that explain the curves alike
