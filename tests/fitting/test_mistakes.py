@@ -51,7 +51,7 @@ def fitted(kind):
     return fit(made(kind))
 
 
-LONG = ("gravity along another axis", ROLLED)  # many refits
+LONG = ("gravity along another axis", "sign of the rolls from pose to pose", ROLLED)  # many refits
 
 
 @pytest.mark.parametrize("kind", [pytest.param(k, marks=pytest.mark.slow if k in LONG else ()) for k in HIDDEN])
@@ -66,6 +66,7 @@ def test_a_mistake_is_named_first_with_its_mend(kind):
     assert f.mistakes[0].after < 2 * NOISE < f.mistakes[0].before / 2
 
 
+@pytest.mark.slow
 def test_the_mended_study_is_the_one_before_the_mistake():
     mended = fitted(ROLLED).mistakes[0].study
     for pose, own in zip(mended.poses, right().poses, strict=True):

@@ -70,8 +70,12 @@ def test_an_own_solver_that_stops_is_told_by_the_verdict(newton):
 
 @pytest.mark.parametrize(
     "minimiser",
-    [optx.BFGS(1e-8, 1e-8), optx.DFP(1e-8, 1e-8), optx.LBFGS(1e-8, 1e-8), ScaledMinimiser(optx.BFGS(1e-8, 1e-8))],
-    ids=["BFGS", "DFP", "LBFGS", "wrapped"],
+    [
+        pytest.param(optx.BFGS(1e-8, 1e-8), id="BFGS"),
+        pytest.param(optx.DFP(1e-8, 1e-8), id="DFP", marks=pytest.mark.slow),
+        pytest.param(optx.LBFGS(1e-8, 1e-8), id="LBFGS", marks=pytest.mark.slow),
+        pytest.param(ScaledMinimiser(optx.BFGS(1e-8, 1e-8)), id="wrapped"),
+    ],
 )
 def test_minimisers_of_optimistix_find_the_same_rod(newton, minimiser):
     found = solved(start=newton.configuration._replace(r=newton.points * 1.001), solver=minimiser)
@@ -80,7 +84,11 @@ def test_minimisers_of_optimistix_find_the_same_rod(newton, minimiser):
 
 
 @pytest.mark.parametrize(
-    "minimiser", [optx.GradientDescent(1e-3, 1e-8, 1e-8), optx.NelderMead(1e-8, 1e-8)], ids=["descent", "simplex"]
+    "minimiser",
+    [
+        pytest.param(optx.GradientDescent(1e-3, 1e-8, 1e-8), id="descent", marks=pytest.mark.slow),
+        pytest.param(optx.NelderMead(1e-8, 1e-8), id="simplex"),
+    ],
 )
 def test_a_minimiser_that_is_too_slow_is_told_by_the_verdict(minimiser):
     found = solved(solver=minimiser, max_steps=40)

@@ -85,6 +85,7 @@ def test_third_derivatives():
     np.testing.assert_allclose(third(0.0), fine + (fine - coarse) / 3, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_curvature_of_a_quadratic_free_problem_has_a_closed_form():
     """A cable so light that its deflection is linear in load over stiffness: z = -c / EI, so d2z/dEI2 = 2 z / EI^2."""
     from scan2flex_jax import Boundary, Cable, CableModel, equilibrium
