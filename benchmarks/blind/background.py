@@ -118,8 +118,11 @@ def draw_effect(rng, base, lens, moves, kinds):
         effect = scaled(rng, kind, base, strength, bounds, larger=LARGER.get(kind, 1.0))
         if effect is None:
             return None
+        alone = strength([effect])
+        if alone is None:  # scaled to where some pose is not solved
+            return None
         truth.append(effect)
-        strengths.append(round(float(strength([effect]) / unit), 3))
+        strengths.append(round(float(alone / unit), 3))
     return truth, strengths, round(float(strength(truth)), 3) if truth else 0.0
 
 

@@ -33,7 +33,7 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -
     The likelihood of a law treats the parameters as free to first order. If the refit is too nonlinear for that, such a law is
     too narrow for the residual, and the law of the residual with fixed parameters is tried.
     """
-    found, ends, law = found if plain else _nearest(of, found), [], None
+    found, ends, law = found if plain else nearest(of, found), [], None
     as_it_stands = False
     for _ in range(_ROUNDS):
         if not np.isfinite(found.cost):
@@ -47,7 +47,7 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -
     return max(ends, key=lambda end: end.log_marginal, default=found)
 
 
-def _nearest(of, found):
+def nearest(of: Signatures, found: Refit) -> Refit:
     """The refit continued with unweighted distances, if that reduces its distance to the curves."""
     if not np.isfinite(found.cost):
         return found

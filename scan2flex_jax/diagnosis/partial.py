@@ -12,7 +12,7 @@ import numpy as np
 
 from scan2flex_jax.diagnosis import confirm, floors, verdict
 from scan2flex_jax.diagnosis.choice import best_of, contains, established, numbers_of
-from scan2flex_jax.diagnosis.refit import Refit, plain_law, refit
+from scan2flex_jax.diagnosis.refit import Refit, again, plain_law, refit
 from scan2flex_jax.diagnosis.search import Found, alike, outside, pieces
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import Signatures, Stage, test_after
@@ -45,6 +45,7 @@ def search(before: Found, progress: Progress) -> Found:
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
     _add_parts(found, progress)
+    _settle(found, progress)
     found.best = best_of(stage, found.refits.values(), 1)
     return widened(found, of, progress)
 
@@ -84,6 +85,16 @@ def _add_parts(found, progress) -> None:
             if known is None or not known.converged:
                 progress(f"refit with {component.kind} alone")
                 found.add([refit_from(found, [component], wider, [wider.amplitudes(bench, k)])])
+
+
+def _settle(found, progress) -> None:
+    """Continue the refits of single effects that are about as likely as the likeliest one and have not converged."""
+    stage = found.stage
+    least = max((r.log_evidence for r in found.singles), default=0.0) - stage.settings.lead_named
+    for r in [r for r in found.singles if not r.converged and r.log_evidence > least]:
+        progress(f"refit with {r.kinds[0]}, continued")
+        end = again(stage.bench, r, r.law, most=_STEPS)
+        found.add([floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.baseline, stage.bench.context)])
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:

@@ -1,9 +1,9 @@
 """`explain`: baseline fit, test, search, verdict, and the error before and after. Each step has its module."""
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 
@@ -86,7 +86,8 @@ def explain(
         make_room()
     try:
         study = _on_axes(study, elements, say)
-        base = _base(study, elements, say, seed, mesh, ahead, scanned, settings)
+        begin = functools.partial(_base, elements=elements, say=say, seed=seed, mesh=mesh, scanned=scanned, settings=settings)
+        base = begin(study, ahead=ahead)
         if isinstance(base, Fit):
             return _mistaken(base, began, settings)
     except NotSettledError as fault:
@@ -94,7 +95,8 @@ def explain(
         said = (str(fault),)
         return Explanation(study=study, verdict=verdict.UNSOLVED, sentences=said, seconds=seconds, settings=settings)
     found = _searched(base, say)
-    warnings = base.fit.mesh
+    base, found, warnings = _on_likelier_turns(begin, study, base, found, say)
+    warnings += base.fit.mesh
     if base.fit.mistakes:
         if not _outdone(base.fit.mistakes, found, settings):
             return _mistaken(base.fit, began, settings)
@@ -148,8 +150,8 @@ class _Base:
 
 
 def _base(
-    study: Study, elements: int | None, say: Progress, seed: int, mesh: bool, ahead: AheadCompiler | None, scanned: bool,
-    settings: DiagnosisSettings = USUAL,
+    study: Study, *, elements: int | None, say: Progress, seed: int, mesh: bool, scanned: bool,
+    ahead: AheadCompiler | None = None, other_turns: bool = True, settings: DiagnosisSettings = USUAL,
 ) -> _Base | Fit:
     """The baseline fit on a fine enough mesh, or the finest allowed; the fit alone if the input is likely mistaken.
 
@@ -160,7 +162,7 @@ def _base(
         say("baseline fit")
         if ahead is not None:
             ahead.start(study, elements or FIT_ELEMENTS, mesh=mesh)
-        fitted = baseline_fit(study, elements=elements, slots=empty_slots_of(study))
+        fitted = baseline_fit(study, elements=elements, slots=empty_slots_of(study), other_turns=other_turns)
         if ahead is not None:
             _wait(ahead, study, elements or FIT_ELEMENTS, mesh, say)
         if fitted.mistakes and mistakes.beyond_doubt(fitted.problem, fitted.mistakes):
@@ -180,6 +182,36 @@ def _base(
             return _Base(fitted, signatures, first, {"elements": elements, "mesh_error": float(np.max(error))}, coarse)
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def _on_likelier_turns(
+    begin: Callable[..., _Base | Fit], study: Study, base: _Base, found: search.Found, say: Progress
+) -> tuple[_Base, search.Found, tuple[str, ...]]:
+    """The search with the stated turns, where the fit adopted others and yet left more than noise, if an effect found there
+    explains the shapes better; otherwise the search given. Other turns with another torsional stiffness imitate some effects.
+    """
+    kept = base, found, ()
+    if not base.fit.turned or found.verdict not in (verdict.UNEXPLAINED, verdict.PARTLY):
+        return kept
+    say("again with the turns of the study")
+    try:
+        stated = begin(study, other_turns=False)
+    except NotSettledError:
+        return kept
+    if isinstance(stated, Fit):
+        return kept
+    other = _searched(stated, say)
+    lead = _likelihood(other) - _likelihood(found)
+    if other.verdict not in verdict.FOUND or lead < found.stage.settings.lead_named:
+        return kept
+    said = f"with a full turn more or less in {len(base.fit.turned)} poses the shapes are less likely by {lead:.0f} nats"
+    return stated, other, (f"{said} than with the turns of the study and {' and '.join(other.best.kinds)}",)
+
+
+def _likelihood(found: search.Found) -> float:
+    """Log marginal likelihood (nats) of the best model at its own floor."""
+    own = found.best if found.floor is not None else floors.own_floor(found.stage.of, found.best, found.stage.noise)
+    return own.log_marginal
 
 
 def _continued(found: search.Found, coarse: bool, say: Progress) -> search.Found:
@@ -214,11 +246,13 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
 
 
 def _outdone(likely: tuple[Mistake, ...], found: search.Found, settings: DiagnosisSettings) -> bool:
-    """Whether an effect was found that explains the shapes better than likely mistakes of the input do."""
+    """Whether an effect was found that explains the shapes better than likely mistakes of the input do.
+
+    The effect is judged by the shapes nearest to the curves: under a large discrepancy of each pose the refit may leave more.
+    """
     if found.verdict not in verdict.FOUND:
         return False
-    pairs = list(zip(found.best.shapes, found.stage.bench.real, strict=True))
-    left = np.sqrt(sum(np.sum(s.residual[k] ** 2) for s, k in pairs) / sum(np.sum(k) for _, k in pairs))
+    left = report.rms(found.stage.bench, floors.nearest(found.stage.of, found.best).shapes)
     return bool(left < settings.outdone * min((m.after for m in likely if m.after is not None), default=0.0))
 
 
@@ -267,7 +301,8 @@ def _explanation(base, found, warnings, began):
     study, other = fitted.problem.study, None
     if study.validate_poses:
         other = Bench(bench.problem, fitted.minimum, bench.problem.held_out)
-    predicted = cache(lambda r: report.predicted(other, r, found.stage.base))  # a refit is ranked, and may be the answer
+    # cached: a refit is ranked, and may be the answer
+    predicted = functools.cache(lambda r: report.predicted(other, r, found.stage.base))
     refitted, ranking = _refitted(found), _ranking(found, other, predicted)
     law_of = found.floor if found.floor is not None and not refitted.components else refitted
     added = _chosen(bench, refitted, ranking)

@@ -46,6 +46,7 @@ def fit(
     elements: int | None = None,
     progress: Callable[[str], None] | None = None,
     slots: tuple[AbstractEffect, ...] = (),
+    other_turns: bool = True,
     settings: FitSettings = USUAL,
 ) -> Fit:
     """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
@@ -62,6 +63,7 @@ def fit(
         progress: Called with a line of text now and then.
         slots: Energy laws of effects that may be added later, at zero amplitude, so that a later search reuses the functions
             compiled here.
+        other_turns: False keeps the ``turns`` of the study in every pose; otherwise those of the measured shape replace them.
         settings: Priors of the noise, and thresholds of the validation.
 
     Returns:
@@ -79,7 +81,8 @@ def fit(
     _check(study, method, distance, data)
     began, progress = time.perf_counter(), progress or silent
     whole, scans, said = measured_by(study, data, method, distance, progress)
-    stages = [partial(stage, method=method, progress=progress) for stage in (_minimum, _on_branches)]
+    later = _on_branches if other_turns else _as_stated
+    stages = [partial(stage, method=method, progress=progress) for stage in (_minimum, later)]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
@@ -153,6 +156,12 @@ def _on_branches(declared, first, method, progress):
     likely = mistakes.hidden(declared.study, problem, minimum, progress)
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
     return Found(problem, minimum, likely)
+
+
+def _as_stated(declared, first, method, progress):
+    """Problem and minimum with the turns of the study, and mistakes of the input that show there."""
+    likely = first.mistakes or mistakes.hidden(declared.study, declared, first.minimum, progress)
+    return Found(declared, first.minimum, likely)
 
 
 def _correlation(covariance):

@@ -22,7 +22,8 @@ def test_an_offset_of_each_pose_is_known_of_scans_and_smooth_noise_of_curves():
     away *= 1.5e-2 * RADIUS / np.linalg.norm(away, axis=1, keepdims=True)
     poses = [replace(p, curve=MeasuredCurve(p.curve.points + d)) for p, d in zip(study.poses, away, strict=True)]
     moved = replace(study, poses=tuple(poses), cable=study.cable | {"radius": RADIUS})
-    scanned, measured = (run._base(moved, 40, silent, 0, False, None, of_scans).stage for of_scans in (True, False))
+    given = {"elements": 40, "say": silent, "seed": 0, "mesh": False}
+    scanned, measured = (run._base(moved, scanned=of_scans, **given).stage for of_scans in (True, False))
     assert scanned.noise.alike == pytest.approx(0.01 * RADIUS)
     assert measured.noise.alike == 0.0
     assert scanned.noise.total == pytest.approx(scenes.NOISE, rel=0.1)
@@ -36,7 +37,10 @@ def test_a_pose_seen_from_one_side_has_a_noise_of_its_own_size():
     rough = study.poses[1]
     rough = replace(rough, curve=MeasuredCurve(rough.curve.points + 15**0.5 * scenes.NOISE * rng.standard_normal((60, 3))))
     poses = (study.poses[0], rough, *study.poses[2:])
-    base = run._base(replace(study, poses=poses, cable=study.cable | {"radius": RADIUS}), 40, silent, 0, False, None, True)
+    base = run._base(
+        replace(study, poses=poses, cable=study.cable | {"radius": RADIUS}),
+        elements=40, say=silent, seed=0, mesh=False, scanned=True,
+    )
     others = np.delete(base.signatures.scales, 1)
     assert base.signatures.scales[1] / np.mean(others) == pytest.approx(4.0, rel=0.2)
     assert np.ptp(others) < 0.3 * np.mean(others)

@@ -1,0 +1,85 @@
+"""Limits of what can be known of an effect above a background: fits that are given its type and start at the true values.
+
+    python -m benchmarks.background_told CASES ANSWERS --json FILE [--only b001,b002] [--record]
+
+The cases are those of `benchmarks.blind.generate --background` with one effect. Each is fitted with the true effect type
+declared, its parameters and the stiffnesses unknown. What `explain` reaches on the same cases has its limit here: it has to
+find the type too. Results of an earlier run in the file are kept.
+"""
+
+import argparse
+import json
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.background_score import SIZE, SIZES, STIFFNESSES, VALIDATE, share, size_off_by
+from benchmarks.record import record
+
+
+def fitted(folder: Path, answer: dict) -> dict:
+    """Errors of size and of validate poses, of a fit that is given the effect type of the case and starts at the truth."""
+    from scan2flex_jax.errors import Scan2FlexError  # noqa: PLC0415 - the environment must be set first
+    from scan2flex_jax.fitting import fit  # noqa: PLC0415
+    from scan2flex_jax.study import EffectDeclaration, Unknown, load_study  # noqa: PLC0415
+    from scan2flex_jax.study.kinds import kind_format  # noqa: PLC0415
+
+    true = dict(answer["effect"][0])
+    kind = true.pop("kind")
+    estimable = {p.name for p in kind_format(kind).parameters if p.estimable}
+    study = load_study(folder)
+    own = tuple(replace(u, guess=answer[f"true_{u.name}"]) if u.name in STIFFNESSES else u for u in study.unknowns)
+    more = tuple(Unknown(f"{kind}.{name}", guess=value) for name, value in true.items() if name in estimable)
+    effects = (*study.effects, EffectDeclaration(kind, true))
+    out = {"kind": kind}
+    try:
+        found = fit(replace(study, effects=effects, unknowns=(*own, *more)))
+    except Scan2FlexError as fault:
+        return out | {"fault": str(fault)}
+    values = {name: found.estimates[f"{kind}.{name}"].value if name in estimable else value for name, value in true.items()}
+    if kind in SIZES:
+        out["size_off_by"] = size_off_by(kind, values, true, answer["true_length"])
+    attained = found.rms("validate") / answer["attained_validate"]
+    return out | {"validate_over_attained": attained if np.isfinite(attained) else None}
+
+
+def table(rows: list[dict]) -> dict:
+    """Shares of the cases within the targets of `background_score`; a case with a fault counts as missed."""
+    sized = [r for r in rows if r["kind"] in SIZES]
+    return {
+        "cases": len(rows), "faults": sum("fault" in r for r in rows),
+        "size_within_15_percent": share(r.get("size_off_by", np.inf) < SIZE for r in sized),
+        "validate_within_1.3": share((r.get("validate_over_attained") or np.inf) < VALIDATE for r in rows),
+    }  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cases", type=Path)
+    parser.add_argument("answers", type=Path)
+    parser.add_argument("--json", type=Path, required=True, help="results so far: a run that was stopped goes on from it")
+    parser.add_argument("--only", default="", help="names of cases, such as b001,b002")
+    parser.add_argument("--record", action="store_true", help="write benchmarks/results/background_told.json")
+    args = parser.parse_args()
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
+
+    prepare_jax()
+    rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
+    only = set(filter(None, args.only.split(",")))
+    for path in sorted(args.answers.glob("*.toml")):
+        answer = tomllib.loads(path.read_text())
+        if path.stem in rows or (only and path.stem not in only) or len(answer["kinds"]) != 1:
+            continue
+        rows[path.stem] = fitted(args.cases / path.stem, answer)
+        args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows}, indent=1) + "\n")
+        sys.stderr.write(f"{path.stem} {rows[path.stem]}\n")
+    if args.record:
+        record("background_told", {"table": table(list(rows.values())), "rows": rows})
+    sys.stdout.write(json.dumps(table(list(rows.values())), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
