@@ -90,7 +90,8 @@ def _add_parts(found, progress) -> None:
 def _settle(found, progress) -> None:
     """Continue the refits of single effects that are about as likely as the likeliest one and have not converged."""
     stage = found.stage
-    least = max((r.log_evidence for r in found.singles), default=0.0) - stage.settings.lead_named
+    near = stage.settings.lead_named
+    least = max(near, max((r.log_evidence for r in found.singles), default=0.0) - near)
     for r in [r for r in found.singles if not r.converged and r.log_evidence > least]:
         progress(f"refit with {r.kinds[0]}, continued")
         end = again(stage.bench, r, r.law, most=_STEPS)
