@@ -1,4 +1,4 @@
-"""The program ``scan2flex``: its commands in the order in which a user meets them, and its entry point.
+"""The program ``scan2flex``: its commands in the order in which a user meets them, its entry point and its exit codes.
 
 Faults of the input and of files end in exit code 2 here; a command ends in 3 itself if its result is not to be believed.
 """

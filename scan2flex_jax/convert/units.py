@@ -1,4 +1,4 @@
-"""Units by name, for inputs from outside: a study itself is in SI units throughout."""
+"""Units of inputs from outside (a mass in g, a length in mm), read and checked by name: a study itself is in SI units."""
 
 import math
 import re

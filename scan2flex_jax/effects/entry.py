@@ -1,4 +1,4 @@
-"""The catalogue entry of an effect type: the effect in amplitudes that vanish when it is absent.
+"""What an effect type defines to enter the catalogue: its entry, in amplitudes that vanish when the effect is absent.
 
 An entry maps amplitudes to effects such that zero is *exactly* the baseline model and the derivative of the shape
 there is the effect's first-order signature; effect types whose own parameters have no such zero (a ratio, an infinite

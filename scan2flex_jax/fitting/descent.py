@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt with bounds and priors: one descent, for the fit of a study and for the refits of `explain`.
+"""Levenberg-Marquardt with bounds and priors, its damping raised and lowered: one descent for fits and refits of `explain`.
 
 A *model* evaluates a parameter vector ``x`` and gives the cost to second order about it (`quadratic`), with its priors. Solves
 follow the branch from one iterate to the next; a descent that has settled may start once more from the measured curves, and

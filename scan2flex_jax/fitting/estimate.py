@@ -1,4 +1,4 @@
-"""The estimate of one unknown, from its number in ``x`` and that number's standard error: the rules of `fit` and of `explain`.
+"""The estimate of one unknown, and whether the poses determine it: the rules of `fit` and of `explain`.
 
 A positive unknown is estimated by its logarithm, so its 95 % interval is log-normal. It is *vague* where the standard error of
 the logarithm exceeds `VAGUE`: such a value is not determined, and the numbers of an open direction (`statistics`)

@@ -1,4 +1,4 @@
-"""The minimum of a fit on elements that are not longer than the bends of its cable (`statics.mesh`).
+"""The number of elements of a fit, such that none is longer than the bends of its cable (`statics.mesh`).
 
 The stiffness, and so the length of the bends, is known only after the fit: it is repeated with more elements where the bends of
 its result, or of its start if no pose of it could be solved, are too short for those that it had.

@@ -1,4 +1,4 @@
-"""The noise of measured curves: covariance of a white and of a correlated part, and the search for the most likely one.
+"""Model of the noise of measured curves: covariance of a white and of a correlated part (estimated in `likelihood`).
 
 Covariance of one normal component of one pose: ``sw^2 I + sc^2 k(|s - s'|/l)``, ``k`` a Matern kernel of smoothness 3/2, 5/2
 or infinity (a squared exponential): errors of a scanner may be as smooth as a spline through its points, and a rougher kernel

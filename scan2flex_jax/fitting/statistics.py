@@ -1,4 +1,4 @@
-"""Uncertainty of a fit: covariance of the estimates, and combinations that the poses do not determine.
+"""Uncertainty of a fit: covariance of the estimates, and undetermined combinations (of one parameter: `estimate`).
 
 Residuals of a scan are correlated along the cable, so the covariance is the sandwich ``A^-1 B A^-1`` with ``A = J'J / s^2``
 plus priors and ``B = J' C J / s^4`` plus priors, ``C`` the estimated noise covariance: it is valid for any weights of the fit.

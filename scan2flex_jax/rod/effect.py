@@ -1,4 +1,4 @@
-"""The one extension point: an *effect* is physics that acts on the clamps, on the energy or on the observation.
+"""Hooks of an effect, physics that acts on the clamps, on the energy or on the observation (its entry: `effects.entry`).
 
 Every effect changes the cable, the supports, the sections, the loads, the energy or the observation, and overrides only the
 hooks it needs. Hooks are pure JAX functions of the effect's own leaves, so every parameter of an effect is differentiable,

@@ -1,6 +1,6 @@
-"""The extracted centre curve: the result, its uncertainty and its warnings.
+"""The extracted centre curve: its ends at the clamps, its uncertainty and its warnings.
 
-The curve ends at the clamps, if they are known: points beyond them, on the block of a clamp, do not count.
+Points beyond the clamps, on the block of a clamp, do not count.
 
 Symbols: s arc length (m) from the first to the last point of the cloud that lies on the cable; r radius (m); d3 tangent;
 frame (d1, d2, d3) rotation-minimising: without rotation about the tangent.

@@ -1,4 +1,4 @@
-"""Geometry of a measured curve before any model: its length, its ends at the clamps, whether it is plane.
+"""Geometry of a measured curve before any model: its length, its slope at the clamps, whether it is plane.
 
 Near a clamp a parabola is fitted to the curve and extrapolated to the clamp: its slope there is compared with
 the clamp's d3. The standard deviation of the angle includes the fit's and the effect of the points' spacing.
