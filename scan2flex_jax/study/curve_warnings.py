@@ -65,16 +65,22 @@ def _together(study: Study, kind: _Kind, faults: list[_Fault], count: int) -> st
     least, most = min(f.size for f in faults), max(f.size for f in faults)
     if kind == "gap":
         mend = "scan up to the clamps, where the cable bends most, or correct the positions of the clamps"
-        return f"{who} stop {1e3 * least:.3g} to {mm(most)} from their clamps: {mend}."
+        return f"{who} stop {_span(1e3 * least, 1e3 * most, '.3g')} mm from their clamps: {mend}."
     if kind == "tangent":
-        return f"{who} leave their clamps {least:.0f} to {most:.0f} deg off the axis d3: {_of_frames(most)}."
+        return f"{who} leave their clamps {_span(least, most, '.0f')} deg off the axis d3: {_of_frames(most)}."
     if kind == "straight":
         mend = "bring the clamps nearer to each other, or give the poses more sag"
         return f"{who} are nearly straight and say little about stiffness: {mend}."
     long = study.known("length")
     off = sorted(abs(100 * (size / float(np.max(long)) - 1)) for size in (least, most))
-    mend = f"measure the length again (the curves give {least:.4g} to {most:.4g} m), or look for missing parts of the curves"
-    return f"{who} with their gaps are {off[0]:.1f} to {off[1]:.1f} % {kind} than the cable's length: {mend}."
+    given = _span(least, most, ".4g")
+    mend = f"measure the length again (the curves give {given} m), or look for missing parts of the curves"
+    return f"{who} with their gaps are {_span(*off, '.1f')} % {kind} than the cable's length: {mend}."
+
+
+def _span(least: float, most: float, form: str) -> str:
+    """``9.4 to 11``, or one number if both are the same in this form."""
+    return " to ".join(dict.fromkeys(f"{value:{form}}" for value in (least, most)))
 
 
 def _of_frames(angle: float) -> str:
