@@ -52,7 +52,7 @@ Tangent = Annotated[
 ]
 
 
-def numbers(text: str, count: int, what: str) -> list[float]:
+def numbers(text, count, what):
     """``count`` finite numbers of an option; raises `Scan2FlexError`."""
     try:
         values = [float(cell) for cell in text.replace(",", " ").split()]

@@ -21,6 +21,7 @@ SYMBOLS = {
 }  # fmt: skip
 _WORDS = {"length": "length", "length_density": "mass"}
 _MOST = 6  # largest number of entries of an estimate in the answer: a field along the cable is only in the details
+_EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
 
@@ -270,10 +271,10 @@ def _belief(fit) -> tuple[str, str]:
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
     if not fit.believable:
-        return BAD, f"no: {fit.doubts[0]}"
+        return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
     judged = fit.sentences[-1]
     if fit.valid is False:
-        return BAD, f"no: {judged}; `scan2flex explain` looks for what is missing"
+        return BAD, f"no: {judged}{_EXPLAIN}"
     if fit.doubts:
         return FAIR, f"with care: {fit.doubts[0]}"
     return (FAIR, f"with care: {judged}") if fit.valid is None else (GOOD, f"yes: {judged}")

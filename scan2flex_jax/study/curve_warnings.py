@@ -35,12 +35,14 @@ _Kind = Literal["gap", "tangent", "longer", "shorter", "straight"]
 
 @dataclass(frozen=True)
 class _Fault:
-    """One fault of one pose in words; ``size``: the gap or the covered length (m), or the angle (deg)."""
+    """One fault of one pose in words; ``size``: the gap or the covered length (m), or the angle (deg); ``off``: per cent of the
+    cable's length that the curve lacks or exceeds."""
 
     kind: _Kind
     pose: str
     size: float
     text: str
+    off: float = 0.0
 
 
 def curve_warnings(study: Study, facts: Mapping[str, PoseFacts], tangents: bool = True) -> list[str]:
@@ -49,7 +51,7 @@ def curve_warnings(study: Study, facts: Mapping[str, PoseFacts], tangents: bool 
     faults = [f for f in faults if tangents or f.kind != "tangent"]
     by_kind = {kind: [f for f in faults if f.kind == kind] for kind in dict.fromkeys(f.kind for f in faults)}
     common = {kind for kind, some in by_kind.items() if len({f.pose for f in some}) >= COMMON}
-    said = [_together(study, kind, by_kind[kind], len(facts)) for kind in by_kind if kind in common]
+    said = [_together(kind, by_kind[kind], len(facts)) for kind in by_kind if kind in common]
     return said + [f"{one_line(f.pose)}: {f.text}" for f in faults if f.kind not in common]
 
 
@@ -58,7 +60,7 @@ def mm(metres: float) -> str:
     return f"{1e3 * metres:.3g} mm"
 
 
-def _together(study: Study, kind: _Kind, faults: list[_Fault], count: int) -> str:
+def _together(kind: _Kind, faults: list[_Fault], count: int) -> str:
     """One sentence for a fault that several of ``count`` curves share."""
     names = list(dict.fromkeys(one_line(f.pose) for f in faults))
     who = f"all {count} curves" if len(names) == count else f"{len(names)} of {count} curves ({', '.join(names)})"
@@ -71,11 +73,10 @@ def _together(study: Study, kind: _Kind, faults: list[_Fault], count: int) -> st
     if kind == "straight":
         mend = "bring the clamps nearer to each other, or give the poses more sag"
         return f"{who} are nearly straight and say little about stiffness: {mend}."
-    long = study.known("length")
-    off = sorted(abs(100 * (size / float(np.max(long)) - 1)) for size in (least, most))
+    off = sorted(f.off for f in faults)
     given = _span(least, most, ".4g")
     mend = f"measure the length again (the curves give {given} m), or look for missing parts of the curves"
-    return f"{who} with their gaps are {_span(*off, '.1f')} % {kind} than the cable's length: {mend}."
+    return f"{who} with their gaps are {_span(off[0], off[-1], '.1f')} % {kind} than the cable's length: {mend}."
 
 
 def _span(least: float, most: float, form: str) -> str:
@@ -134,4 +135,4 @@ def _of_length(pose: str, facts: PoseFacts, length: float) -> list[_Fault]:
     kind: Literal["longer", "shorter"] = "longer" if off > 0 else "shorter"
     mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
     text = f"the curve with its gaps is {abs(100 * off):.1f} % {kind} than the cable's length: {mend}."
-    return [_Fault(kind, pose, facts.covered, text)]
+    return [_Fault(kind, pose, facts.covered, text, abs(100 * off))]
