@@ -3,8 +3,11 @@
 A notebook tells a story and asserts nothing itself. Its claims are code that runs in its kernel after its last cell.
 """
 
+import ast
+import inspect
 import re
 import textwrap
+from importlib import import_module
 from pathlib import Path
 
 import jax
@@ -126,6 +129,27 @@ def test_shows_no_path_of_a_machine(path):
 def test_links_lead_somewhere(path):
     text = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "markdown")
     assert [target for target in LINK.findall(text) if not (path.parent / target).exists()] == []
+
+
+def calls(path):
+    """Each call of a function that a notebook imports from the package: the function, and the call's syntax."""
+    cells = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    nodes = list(ast.walk(ast.parse("\n".join(cells))))
+    sources = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == "scan2flex_jax"]
+    known = {name.name: getattr(import_module(source.module), name.name) for source in sources for name in source.names}
+    for node in nodes:
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and inspect.isroutine(known.get(node.func.id)):
+            yield known[node.func.id], node
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_calls_have_the_arguments_that_the_package_takes(path):
+    """What only the slow run would show after a change of a function that a notebook calls."""
+    found = list(calls(path))
+    assert found
+    for function, call in found:
+        if not any(isinstance(a, ast.Starred) for a in call.args) and all(k.arg for k in call.keywords):
+            inspect.signature(function).bind(*call.args, **{k.arg: k.value for k in call.keywords})
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -76,6 +76,22 @@ def test_formulae_become_mathml(hooks):
     assert "&amp;" not in made  # the entity of the page is its sign in the formula
 
 
+def test_the_style_sheet_names_code_as_the_pages_do():
+    """A rule for ``.language-text`` has an effect only if the site's Markdown writes that class."""
+    pytest.importorskip("mkdocs", reason="the site's libraries come with the extra [docs]")
+    import markdown
+    from mkdocs.config import load_config
+
+    site = load_config(str(ROOT / "mkdocs.yml"))
+    named = set(re.findall(r"\.language-(\w+)", (DOCS / "assets" / "site.css").read_text("utf-8")))
+    assert named
+    for language in named:
+        page = markdown.markdown(
+            f"```{language}\nEI\n```", extensions=site.markdown_extensions, extension_configs=site.mdx_configs
+        )
+        assert f'class="language-{language} ' in page
+
+
 def test_a_page_that_loads_from_the_network_is_refused(hooks, tmp_path):
     class Config:
         site_dir = str(tmp_path)
@@ -107,6 +123,12 @@ def test_the_citation_is_of_this_version():
     assert told["version"] == scan2flex_jax.__version__
     assert "name: scan2flex_jax developers" in CITATION
     assert f"## {told['version']}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
+
+
+def test_the_package_is_installed_from_a_clone():
+    """Version 0.1.0 is not on a package index: no page tells a reader to fetch it from there."""
+    named = re.compile(r"pip install '?scan2flex_jax'?(?!\[)")
+    assert [name_of(page) for page in [*PAGES, ROOT / "README.md"] if named.search(page.read_text("utf-8"))] == []
 
 
 def test_documents_are_found():

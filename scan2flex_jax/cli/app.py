@@ -10,7 +10,7 @@ import threading
 
 import typer
 
-from scan2flex_jax.cli import explaining, extracting, fitting, measuring, sharing
+from scan2flex_jax.cli import explaining, extracting, fitting, making, measuring, sharing
 from scan2flex_jax.cli.options import BAD_INPUT, EXIT_CODES
 from scan2flex_jax.cli.terminal import close_output, complain
 from scan2flex_jax.errors import Scan2FlexError
@@ -30,7 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 for _command in (
-    measuring.new, measuring.pose, measuring.curve, measuring.check, extracting.extract,
+    making.new, measuring.pose, measuring.curve, measuring.check, extracting.extract,
     fitting.fit, explaining.explain, explaining.plan,
     sharing.report, fitting.simulate, sharing.export, fitting.demo,
 ):  # fmt: skip

@@ -4,7 +4,16 @@ All results are types of `scan2flex_jax.study`, in SI units. No jax here.
 """
 
 from scan2flex_jax.convert.curves import CurveFile, read_foreign_curve
-from scan2flex_jax.convert.frames import CONVENTIONS, clamp_of_angles, clamp_of_matrix, clamp_toml, other_tangent, read_frames
+from scan2flex_jax.convert.frames import (
+    CONVENTIONS,
+    axes_of,
+    clamp_of_angles,
+    clamp_of_matrix,
+    clamp_toml,
+    other_tangent,
+    read_frames,
+    sequence_of,
+)
 from scan2flex_jax.convert.start import MeasuredFile, measured_files, new_study
 from scan2flex_jax.convert.units import LENGTHS, length_unit, measured, quantity
 
@@ -13,6 +22,7 @@ __all__ = [
     "LENGTHS",
     "CurveFile",
     "MeasuredFile",
+    "axes_of",
     "clamp_of_angles",
     "clamp_of_matrix",
     "clamp_toml",
@@ -24,4 +34,5 @@ __all__ = [
     "quantity",
     "read_foreign_curve",
     "read_frames",
+    "sequence_of",
 ]

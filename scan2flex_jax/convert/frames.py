@@ -55,23 +55,29 @@ def clamp_of_angles(
     values = np.concatenate([np.asarray(x, float).ravel() for x in (position, angles)])
     if values.shape != (6,) or not np.all(np.abs(values) <= LARGEST):
         raise Scan2FlexError("a frame takes three coordinates and three angles, all finite.")
-    sequence = CONVENTIONS[convention][0] if convention in CONVENTIONS else convention
-    if convention == "rotvec":
-        turn = Rotation.from_rotvec(values[3:], degrees=degrees)
-    elif _SEQUENCE.fullmatch(sequence):
+    sequence = sequence_of(convention)
+    if sequence:
         turn = Rotation.from_euler(sequence, values[3:], degrees=degrees)
     else:
-        names = ", ".join(CONVENTIONS)
-        raise Scan2FlexError(f"the convention {convention[:20]!r} is not known: use {names}, or axes as in ZYX or xyz.")
+        turn = Rotation.from_rotvec(values[3:], degrees=degrees)
     return _clamp(values[:3] * length_unit(units), turn.as_matrix(), tangent)
 
 
+def sequence_of(convention: str) -> str:
+    """The axes of a convention as scipy names them, empty for a rotation vector; raises `Scan2FlexError`."""
+    sequence = CONVENTIONS[convention][0] if convention in CONVENTIONS else convention
+    if convention != "rotvec" and not _SEQUENCE.fullmatch(sequence):
+        names = ", ".join(CONVENTIONS)
+        raise Scan2FlexError(f"the convention {convention[:20]!r} is not known: use {names}, or axes as in ZYX or xyz.")
+    return sequence
+
+
 def _clamp(position, R: np.ndarray, tangent: str) -> Clamp:
-    return Clamp(position, quaternion_of(R @ _axes(tangent)))
+    return Clamp(position, quaternion_of(R @ axes_of(tangent)))
 
 
-def _axes(tangent: str) -> np.ndarray:
-    """Columns d1, d2, d3 in the given frame, for the axis ``tangent`` along the cable."""
+def axes_of(tangent: str) -> Annotated[np.ndarray, "3 3"]:
+    """Columns d1, d2, d3 in the given frame, for the axis ``tangent`` along the cable; raises `Scan2FlexError`."""
     sign, axis = (-1.0, tangent[1:]) if tangent.startswith("-") else (1.0, tangent.removeprefix("+"))
     if axis not in _AXES:
         raise Scan2FlexError(f"the axis {tangent[:20]!r} is not known: use x, y, z, -x, -y or -z.")
@@ -82,7 +88,7 @@ def other_tangent(found: str, tangent: str) -> str:
     """The axis of the original frames that corresponds to the axis ``found`` (x, y, z for d1, d2, d3, with sign) of clamps made
     from them with ``tangent``."""
     sign, axis = (-1.0, found[1:]) if found.startswith("-") else (1.0, found)
-    along = sign * _axes(tangent)[:, "xyz".index(axis)]
+    along = sign * axes_of(tangent)[:, "xyz".index(axis)]
     k = int(np.argmax(np.abs(along)))
     return f"{'-' if along[k] < 0 else ''}{'xyz'[k]}"
 
@@ -109,7 +115,7 @@ def read_frames(
     lines = [(i, line) for i, line in lines if line]
     if not lines:
         raise where.fail("it holds no frame: write matrices, or a CSV with a header.")
-    header = [cell.strip().strip('"').lower() for cell in re.split(r"[,;\t]", lines[0][1])]
+    header = _cells(lines[0][1])
     rows = _table if set(_POSITION) <= set(header) else _matrices
     found: dict[str, Clamp] = {}
     for number, name, make in rows(lines, where, header, units, convention, degrees, tangent):
@@ -126,12 +132,31 @@ def read_frames(
     return found
 
 
+def holds_frames(path: Path) -> bool:
+    """Whether a text file has the header of a table of clamps: names of frames, and x, y, z."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            header = _cells(file.readline(300))
+    except OSError:
+        return False
+    return set(_POSITION) <= set(header) and _is_named(header)
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of the header of a table."""
+    return [cell.strip().strip('"').lower() for cell in re.split(r"[,;\t]", line)]
+
+
+def _is_named(header: list[str]) -> bool:
+    """Whether a header has the columns that name a frame."""
+    return "name" in header or {"pose", "end"} <= set(header)
+
+
 def _table(lines, where, header, units, convention, degrees, tangent):
     """Rows of a CSV as (line, name, constructor of the clamp)."""
     mark = next(m for m in ";\t," if m in lines[0][1])
-    named = "name" in header or {"pose", "end"} <= set(header)
     known = {"name", "pose", "end", *_POSITION, *_QUATERNION, *_ANGLES}
-    if not named or set(header) - known or len(set(header)) < len(header):
+    if not _is_named(header) or set(header) - known or len(set(header)) < len(header):
         raise where.at("line 1").fail("write a header with name (or pose,end), x,y,z and qw,qx,qy,qz or a,b,c.")
     angles = set(_ANGLES) <= set(header)
     if angles and convention is None:

@@ -13,19 +13,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.convert.curves import read_foreign_curve, read_foreign_points
+from scan2flex_jax.convert.frames import holds_frames
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
 from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.files import backup, write_atomic
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
+from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.scans import load_geometry
-from scan2flex_jax.study.sense import CURVE_SLACK, looks_like
+from scan2flex_jax.study.sense import CURVE_LEAST, CURVE_SLACK, looks_like
+from scan2flex_jax.study.values import suggestion
 
 CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv")
 SCANS = (".ply", ".xyz", ".obj", ".stl", ".off", ".glb")
 GRAVITY = (0.0, 0.0, -9.81)
+_SPARSE = 0.05  # of L: points of a curve with arc lengths are nearer to each other than this
 _END = 0.05  # part of a curve for the parabola that gives the direction at its end
 _UNTWISTED = "the clamps were taken from the ends of the curves, without twist: measure them, above all where an end is twisted"
 
@@ -55,6 +58,8 @@ def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[Measu
         kind, guides = path.suffix.lower(), path.stem.endswith("-guides")
         if not path.is_file() or path.name.startswith(".") or path.resolve() in skip or kind not in CURVES + SCANS:
             continue
+        if kind in CURVES and holds_frames(path):
+            raise Scan2FlexError(f"{path} holds frames, not a curve: name it with --clamps, or put it in another folder.")
         name = path.stem.removesuffix("-guides") if guides else path.stem
         slot = "scan" if kind in SCANS else "guides" if guides else "curve"
         pose = found.get(name, MeasuredFile(name))
@@ -83,33 +88,37 @@ def new_study(
     columns: str | None = None,
     validate: tuple[str, ...] = (),
     tolerance: Tolerance | None = None,
+    markers: bool = False,
 ) -> tuple[Study, tuple[str, ...]]:
     """``(study, notes)``: a study with both stiffnesses unknown, ready for `save_study`.
 
     ``length`` m, ``length_density`` kg/m, ``radius`` m (needed for scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
     "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist. ``units`` and ``columns``
-    are those of the files; ``tolerance`` the standard deviations of inexact inputs. Raises `Scan2FlexError` for a name of no
-    pose, or a missing input.
+    are those of the files; ``tolerance`` the standard deviations of inexact inputs. ``markers``: the points of the text files
+    are markers at known arc lengths (a column s), not curves. Raises `Scan2FlexError` for a name of no pose or a missing
+    input.
     """
     folder, notes = Path(folder).resolve(), []
+    if markers and clamps is None:
+        raise Scan2FlexError("markers do not reach the clamps: give the frames of the clamps.")
     names = [pose.name for pose in poses]
     for name in validate:
         if name not in names:
-            raise Scan2FlexError(f"no pose is called {name[:60]!r}: the poses are {', '.join(names)}.")
-    known = {f"{name} {end}" for name in names for end in ("start", "end")}
+            raise Scan2FlexError(f"no pose is called {name[:60]!r}: {suggestion(name, names)}")
+    known = [f"{name} {end}" for name in names for end in ("start", "end")]
     for name in clamps or ():
         if name not in known:
-            raise Scan2FlexError(
-                f"the frame {name[:60]!r} belongs to no pose: call it {names[0]!r} start, {names[0]!r} end and so on."
-            )
+            raise Scan2FlexError(f"the frame {name[:60]!r} belongs to no pose: {suggestion(name, known)}")
     made = []
     for pose in poses:
-        one, said = _pose(folder, pose, clamps, units, columns, "validate" if pose.name in validate else "fit")
+        one, said = _pose(folder, pose, clamps, units, columns, "validate" if pose.name in validate else "fit", markers)
         _same_unit(pose, one, length)
         made.append(one)
         notes += [f"{pose.name}: {text}" for text in said]
     if clamps is None:
         notes.append(_UNTWISTED)
+    notes += _sparse(made, length)
+    notes += [f"{pose.name}: its end is free, as there is no frame '{pose.name} end'" for pose in made if pose.end is None]
     if all(pose.role == "validate" for pose in made):
         raise Scan2FlexError("every pose is kept for validation: leave at least one to fit.")
     cable: dict[str, Value] = {"length": length, "length_density": length_density}
@@ -121,14 +130,16 @@ def new_study(
     return study, tuple(notes)
 
 
-def _pose(folder, files, clamps, units, columns, role):
-    """One pose, and notes on its files."""
-    curve, scan, notes = None, None, []
+def _pose(folder, files, clamps, units, columns, role, markers):
+    """One pose, and notes on its files; with ``markers``, the points of its text file are markers."""
+    curve, marked, scan, notes = None, None, None, []
     if files.curve:
         found = read_foreign_curve(files.curve, units=units, columns=columns)
         curve, notes = found.curve, list(found.notes)
     start, end = _clamps(files.name, clamps, curve)
-    if curve is not None:
+    if curve is not None and markers:
+        curve, marked = None, _markers(folder, files, curve)
+    elif curve is not None:
         curve = replace(curve, path=folder / "curves" / f"{files.name}.csv")
         facts = pose_facts(StudyPose(files.name, role, start, end, curve=curve))
         if facts is not None and facts.backwards:
@@ -137,14 +148,33 @@ def _pose(folder, files, clamps, units, columns, role):
         scan, said = _scan(folder, files.scan, units)
         notes += said
     guides = None if files.guides is None else read_foreign_points(files.guides, units=units)
-    return StudyPose(files.name, role, start, end, curve=curve, scan=scan, guide_points=guides), notes
+    return StudyPose(files.name, role, start, end, curve=curve, scan=scan, markers=marked, guide_points=guides), notes
+
+
+def _markers(folder, files, curve):
+    """The points of a text file as markers."""
+    if curve.arc_length is None:
+        said = "its markers have no arc length: add a column s, counted from the start clamp, and name it in the header"
+        raise StudyError(files.curve, None, f"{said} or with --columns.")
+    return Markers(curve.points, curve.arc_length, folder / "markers" / f"{files.name}.csv")
+
+
+def _sparse(poses, length):
+    """A note on points with arc lengths that are so far apart that they may be markers."""
+    apart = [np.max(np.diff(p.curve.arc_length)) for p in poses if p.curve is not None and p.curve.arc_length is not None]
+    if not apart or min(apart) < _SPARSE * length:
+        return []
+    return [f"points with arc lengths, up to {1e3 * max(apart):.3g} mm apart: if they are markers, start again with --markers"]
 
 
 def _same_unit(files, pose, length):
-    """Refuse a curve far longer than the cable: it was read in the wrong unit."""
-    if pose.curve is None:
+    """Refuse a curve far longer than the cable, or a cable far longer than its curve: one was read in the wrong unit."""
+    if pose.curve is None and pose.markers is None:
         return
-    long = curve_length(pose.curve.points)
+    long = curve_length(pose.curve.points) if pose.markers is None else float(pose.markers.arc_length[-1])
+    if long < CURVE_LEAST * length:
+        said = f"in this unit the curve is {long:.3g} m long, but the cable is {length:g} m"
+        raise StudyError(files.curve, None, f"{said}: correct the unit of the files, or name that of the length ('900 mm').")
     if long > CURVE_SLACK * length:
         unit = looks_like(long / length)
         hint = "" if unit is None else f" (it looks like {unit[0]})"

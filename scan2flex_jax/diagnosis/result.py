@@ -284,7 +284,10 @@ def _pose_line(name, p):
 
 
 def _shown(value):
-    return f"{float(value):.4g}" if np.ndim(value) == 0 else f"({', '.join(f'{v:.3g}' for v in np.ravel(value))})"
+    if np.ndim(value) == 0:
+        return f"{float(value):.4g}"
+    zero = 1e-9 * np.max(np.abs(value))  # rounding errors
+    return f"({', '.join(f'{0.0 if abs(v) < zero else v:.3g}' for v in np.ravel(value))})"
 
 
 def _plain(value):

@@ -21,6 +21,7 @@ SYMBOLS = {
 }  # fmt: skip
 _WORDS = {"length": "length", "length_density": "mass"}
 _MOST = 6  # largest number of entries of an estimate in the answer: a field along the cable is only in the details
+_EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
 
@@ -93,11 +94,11 @@ def _rows(study, name, e):
 
 
 def symbol_of(name: str, entry: int | None = None) -> str:
-    """The symbol of a quantity, with the number of the entry if there are several: EI, EI1, EI2."""
-    symbol = SYMBOLS.get(name, name.replace("_", " "))
-    if entry is None:
-        return symbol
-    return f"{symbol}{entry + 1}" if name in SYMBOLS else f"{symbol}[{entry}]"
+    """The symbol of a quantity, with the number of the entry if there are several: EI, EI1, EI2; anchor[0] (tether)."""
+    if name in SYMBOLS:
+        return SYMBOLS[name] + ("" if entry is None else f"{entry + 1}")
+    kind, _, parameter = name.replace("_", " ").rpartition(".")
+    return parameter + ("" if entry is None else f"[{entry}]") + (f" ({kind})" if kind else "")
 
 
 def change_in_words(value: float, stated: float) -> str:
@@ -124,8 +125,12 @@ def percent(share: float) -> str:
     """A relative change in per cent, to two digits and with its sign."""
     if not np.isfinite(share):
         return "unknown"
-    shown = np.format_float_positional(100.0 * share, precision=2, unique=False, fractional=False, trim="-", sign=True)
-    return f"{shown} %"
+    return f"{two_digits(100.0 * share, sign=True)} %"
+
+
+def two_digits(value: float, sign: bool = False) -> str:
+    """``value`` with two significant digits, never with an exponent, and optionally its sign."""
+    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-", sign=sign)
 
 
 def in_mm(metres: float) -> str:
@@ -182,7 +187,7 @@ def _sensitivity(study, name, influence):
     if not groups:
         return ""
     of = " (at this mass per metre)" if name == "length" and study.known("length_density") is not None else ""
-    return f"1 % of {_WORDS[name]}{of} is " + ", ".join(f"{s:.2g} % of {' and '.join(names)}" for names, s in groups)
+    return f"1 % of {_WORDS[name]}{of} is " + ", ".join(f"{two_digits(s)} % of {' and '.join(names)}" for names, s in groups)
 
 
 def _label(label: str) -> str:
@@ -234,7 +239,7 @@ def _unseen(fit):
     """The error on validate poses; without them, on fitted poses left out in turn."""
     length, poses = fit.problem.length, [p for p in fit.poses.values() if p.role == "validate"]
     rms = fit.rms("validate")
-    if poses and np.isfinite(rms):
+    if poses and np.isfinite(rms) and all(p.stable for p in poses):
         return f"{distance_in_words(rms, length)} in {_count(len(poses))} that the fit never saw"
     if poses:
         return "not known: a validate pose could not be solved"
@@ -266,10 +271,10 @@ def _belief(fit) -> tuple[str, str]:
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
     if not fit.believable:
-        return BAD, f"no: {fit.doubts[0]}"
+        return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
     judged = fit.sentences[-1]
     if fit.valid is False:
-        return BAD, f"no: {judged}; `scan2flex explain` looks for what is missing"
+        return BAD, f"no: {judged}{_EXPLAIN}"
     if fit.doubts:
         return FAIR, f"with care: {fit.doubts[0]}"
     return (FAIR, f"with care: {judged}") if fit.valid is None else (GOOD, f"yes: {judged}")

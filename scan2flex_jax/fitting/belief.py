@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from scan2flex_jax.fitting.answer import two_digits
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
@@ -52,10 +53,10 @@ def validity(
         return None, ("no validate pose: whether the model predicts other poses is not known",)
     bad = [n for n, v in rms.items() if not v <= settings.predicted * np.hypot(floor, poses[n].spread)]
     worst = max(bad or rms, key=lambda n: np.inf if np.isnan(rms[n]) else rms[n])
-    error = f"error {1e3 * rms[worst]:.2g} mm" if np.isfinite(rms[worst]) else "no equilibrium was found"
-    sizes = f"{error}, noise {1e3 * floor:.2g} mm"
+    error = f"error {two_digits(1e3 * rms[worst])} mm" if np.isfinite(rms[worst]) else "no equilibrium was found"
+    sizes = f"{error}, noise {two_digits(1e3 * floor)} mm"
     if poses[worst].spread > settings.felt * floor:
-        sizes += f", tolerances and errors of the estimates {1e3 * poses[worst].spread:.2g} mm"
+        sizes += f", tolerances and errors of the estimates {two_digits(1e3 * poses[worst].spread)} mm"
     if not bad:
         return True, (f"validate poses are predicted to within the noise ({sizes})",)
     said = f"the model does not predict {', '.join(bad)} to within the noise ({sizes})"

@@ -215,4 +215,5 @@ def _correlation_lines(fit):
     n = len(fit.labels)
     pairs = [(abs(fit.correlation[i, j]), i, j) for i in range(n) for j in range(i)]
     strong = [(c, i, j) for c, i, j in sorted(pairs, reverse=True) if np.isfinite(c) and c > 0.9]
-    return [f"  {fit.labels[j]} and {fit.labels[i]} are correlated: {fit.correlation[i, j]:+.3f}" for _, i, j in strong[:6]]
+    lines = [f"  {fit.labels[j]} and {fit.labels[i]} are correlated: {fit.correlation[i, j]:+.3f}" for _, i, j in strong[:6]]
+    return [*lines, ""] if lines else []

@@ -9,8 +9,9 @@ from typing import Annotated
 
 import numpy as np
 
+from scan2flex_jax.study.curve_warnings import PLANE_LIMIT, curve_warnings, mm
 from scan2flex_jax.study.declared import unknown_formats
-from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts, all_plane, pose_facts
+from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
 from scan2flex_jax.study.repeats import repeats
@@ -18,16 +19,6 @@ from scan2flex_jax.study.sense import knows_a_force, looks_like
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
-GAP_WARNING = 0.01
-"""Of L: a curve that stops further from its clamp misses the strongest bend."""
-LENGTH_WARNING = 0.02
-"""Of L: tape measures and scanners agree better than this."""
-FREE_WARNING = 0.1
-"""Of L: a curve that stops this far from a free end misses a large part of the cable."""
-ANGLE_WARNING = 5.0
-"""Degrees, beyond two standard deviations: careful mounting stays within about 3."""
-PLANE_LIMIT = 0.005
-"""Of L, RMS: a curve with a smaller deviation counts as plane, or as straight."""
 HEAVY = 50.0
 """kg/m: beyond the heaviest cables that are laid by hand."""
 DENSE = 20000.0
@@ -154,7 +145,7 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
             lines.append(f"    at end      {_end(facts.end)}")
         elif length is not None:
             short = float(np.max(length)) - facts.covered
-            lines.append(f"    at end      stops {_mm(short)} short of the free end")
+            lines.append(f"    at end      stops {mm(short)} short of the free end")
     if pose.markers is not None:
         s = pose.markers.arc_length
         lines.append(f"    markers     {len(s)}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
@@ -162,7 +153,7 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
         counted = "" if scan is None else f", {scan_in_words(study, scan)}"
         lines.append(f"    scan        {scan_name(study, pose)}{counted}, guide points {guides}")
-    noise = "not stated" if pose.noise is None else f"{_mm(pose.noise)} stated"
+    noise = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
     lines.append(f"    noise       {noise}")
     own = next((group for group in repeats(study) if pose.name in group), ())
     if own:
@@ -186,13 +177,9 @@ def _circumstances(pose: StudyPose) -> list[str]:
     return [*lines, "    before      the cable was taken out and straightened"] if pose.reset else lines
 
 
-def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.3g} mm"
-
-
 def _end(end: EndFacts) -> str:
     """Position and direction of a curve's end at its clamp, in words."""
-    gap = f"{_mm(end.gap)} from the clamp"
+    gap = f"{mm(end.gap)} from the clamp"
     if end.angle is None:
         return gap
     return f"{gap}; tangent {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's axis d3"
@@ -200,18 +187,16 @@ def _end(end: EndFacts) -> str:
 
 def study_warnings(study: Study) -> list[str]:
     """Warnings about a study, one sentence each, likely mistakes first; empty without any."""
-    warnings = [f"{mistake}." for mistake in visible_mistakes(study)]
+    mistakes = visible_mistakes(study)
+    warnings = [f"{mistake}." for mistake in mistakes]
     scale = None if warnings else scale_between(study)
     warnings += [] if scale is None else [f"{scale}."]
     warnings += _of_study(study)
-    facts: list[PoseFacts] = []
-    for pose in study.poses:
-        found = pose_facts(pose)
-        if found is not None:
-            facts.append(found)
-            warnings += [f"{one_line(pose.name)}: {text}" for text in _of_pose(study, pose, found)]
+    facts = {pose.name: found for pose in study.poses if (found := pose_facts(pose)) is not None}
+    another_axis = any(mistake.axis for mistake in mistakes)  # it is the reason for every tangent
+    warnings += curve_warnings(study, facts, tangents=not another_axis)
     measured = len(facts) == len(study.poses)
-    if measured and all_plane(study, facts, PLANE_LIMIT * max(f.covered for f in facts)):
+    if measured and all_plane(study, list(facts.values()), PLANE_LIMIT * max(f.covered for f in facts.values())):
         sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
         warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
     return warnings
@@ -265,37 +250,3 @@ def _odd_weight(study: Study) -> list[str]:
         return []
     other = f"{weight / 1000:.4g} kg/m if it was written in g/m" if weight > most else f"{1000 * weight:.4g} kg/m if in t/m"
     return [f"the cable weighs {weight:.4g} kg/m: check the unit, it is kg/m ({other})."]
-
-
-def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[str]:
-    """Warnings about one measured curve."""
-    length = study.known("length")
-    scale = facts.covered if length is None else float(np.max(length))
-    warnings = []
-    for name, clamp, end in (("start", pose.start, facts.start), ("end", pose.end, facts.end)):
-        if clamp is None or end is None:
-            continue
-        if end.gap > GAP_WARNING * scale:
-            verb = "starts" if name == "start" else "ends"
-            mend = "scan up to the clamp, where the cable bends most, or correct its position"
-            warnings.append(f"the curve {verb} {_mm(end.gap)} from the {name} clamp: {mend}.")
-        if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
-            mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
-            warnings.append(f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}.")
-    if length is not None:
-        warnings += _length_warnings(facts, scale)
-    if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
-        mend = "bring its clamps nearer to each other, or give the pose more sag"
-        warnings.append(f"the curve is nearly straight and says little about stiffness: {mend}.")
-    return warnings
-
-
-def _length_warnings(facts: PoseFacts, length: float) -> list[str]:
-    """Warning if curve and gaps do not add up to the cable's length (m)."""
-    off, unseen = facts.covered / length - 1, facts.unseen / length
-    least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
-    if least - unseen <= off <= LENGTH_WARNING:
-        return []
-    way = "longer" if off > 0 else "shorter"
-    mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
-    return [f"the curve with its gaps is {abs(100 * off):.1f} % {way} than the cable's length: {mend}."]

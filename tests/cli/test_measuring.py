@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scan2flex_jax.cli import measuring, options
+from scan2flex_jax.cli import making, options
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_path
@@ -47,7 +47,7 @@ def test_new_with_options_alone(folder):
 
 
 def test_new_asks_until_it_has_an_answer(folder, monkeypatch):
-    for module in (options, measuring):
+    for module in (options, making):
         monkeypatch.setattr(module, "interactive", lambda: True)
     answers = ["long", "1000 mm", "-3", "200 g/m", "n"]
     answers += ["0 0 0 0 90 0", "600 0 0", "0 0", "0 0 0", "free", "sag-2"]

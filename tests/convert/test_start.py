@@ -1,5 +1,7 @@
 """A study from a folder: what is found, converted and asked for, and that it loads and says what was measured."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -99,6 +101,10 @@ def test_a_file_in_the_place_of_the_copy_in_metres_is_kept_beside(tmp_path):
         ({"clamps": {}}, "'aside-45 start'.*there are none"),
         ({"clamps": {"plane start": Clamp(np.zeros(3))}}, "'aside-45 start'.*there are 'plane start'"),
         ({"clamps": {**clamps(), "sag start": Clamp(np.zeros(3))}}, "'sag start' belongs to no pose"),
+        ({"clamps": {**clamps(), "Plane end": Clamp(np.zeros(3))}}, "'Plane end' belongs to no pose: did you mean plane end"),
+        ({"clamps": clamps(), "validate": ("unsen",)}, "no pose is called 'unsen': did you mean unseen"),
+        ({"clamps": clamps(), "markers": True}, "aside-45.csv: its markers have no arc length: add a column s"),
+        ({"clamps": None, "markers": True}, "markers do not reach the clamps"),
         ({"clamps": clamps(), "validate": ("sag",)}, "no pose is called 'sag'"),
         ({"clamps": clamps(), "validate": ("aside-45", "plane", "twist-90", "unseen")}, "leave at least one"),
     ],
@@ -135,3 +141,54 @@ def test_the_file_of_the_clamps_is_no_pose(folder):
     assert len(poses) == 4
     study, _ = new_study(folder, poses, clamps=frames, units="mm", **KNOWN)
     np.testing.assert_allclose(study.pose("plane").end.position, [0.6, 0, 0])
+
+
+def test_a_length_without_its_unit_is_named(folder):
+    with pytest.raises(Scan2FlexError, match=r"aside-45.csv: .* the cable is 900 m: .*name that of the length \('900 mm'\)"):
+        new_study(folder, measured_files(folder), clamps=clamps(), units="mm", length=900.0, length_density=0.2)
+
+
+@pytest.mark.parametrize("header", ["name,x,y,z,a,b,c", "pose;end;x;y;z", '"name","x","y","z"'])
+def test_a_file_of_frames_is_no_curve(folder, header):
+    (folder / "clamps.csv").write_text(f"{header}\n")
+    with pytest.raises(Scan2FlexError, match=r"clamps.csv holds frames, not a curve: name it with --clamps"):
+        measured_files(folder)
+    assert len(measured_files(folder, leave_out=(folder / "clamps.csv",))) == 4
+
+
+def test_an_end_without_a_frame_is_said_to_be_free(folder):
+    held = {name: clamp for name, clamp in clamps().items() if name != "plane end"}
+    study, notes = new_study(folder, measured_files(folder), clamps=held, units="mm", **KNOWN)
+    assert study.pose("plane").end is None
+    assert [note for note in notes if "free" in note] == ["plane: its end is free, as there is no frame 'plane end'"]
+
+
+@pytest.fixture
+def dots(tmp_path):
+    """Nine markers on each curve of the simulated cable, in mm, s first."""
+    for pose in load_study(example_path("simulated-cable")).poses:
+        points = pose.curve.points
+        s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+        rows = 1e3 * np.column_stack([s, points])[8:-8:8]
+        np.savetxt(tmp_path / f"{pose.name}.csv", rows, delimiter=",", header="s,x,y,z", comments="", fmt="%.6f")
+    return tmp_path
+
+
+def test_markers_become_markers(dots):
+    study, notes = new_study(dots, measured_files(dots), clamps=clamps(), units="mm", markers=True, **KNOWN)
+    save_study(study, dots)
+    found = load_study(dots)
+    assert not any("--markers" in note for note in notes)
+    for pose in found.poses:
+        assert pose.curve is None and pose.markers.path.parent == dots.resolve() / "markers"
+        rows = 1e-3 * np.loadtxt(dots / f"{pose.name}.csv", delimiter=",", skiprows=1)
+        np.testing.assert_allclose(np.column_stack([pose.markers.arc_length, pose.markers.points]), rows, atol=1e-12)
+    with pytest.raises(Scan2FlexError, match="name the unit of the files"):
+        (dots / "study.toml").unlink()
+        new_study(dots, measured_files(dots), clamps=clamps(), markers=True, **KNOWN)
+
+
+def test_sparse_points_with_arc_lengths_may_be_markers(dots):
+    _, notes = new_study(dots, measured_files(dots), clamps=clamps(), units="mm", **KNOWN)
+    [said] = [note for note in notes if "--markers" in note]
+    assert re.search(r"up to \d+(\.\d+)? mm apart", said)

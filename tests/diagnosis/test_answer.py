@@ -98,5 +98,6 @@ def test_a_parameter_is_shown_by_its_change(fitted):
     assert parameter_in_words(study, "length_error", "length", 1.00012, 2e-5) == "+0.12 mm from the stated 1 m (+- 0.02 mm)"
     assert parameter_in_words(study, "scan_scale", "factor", 1.0031, 1e-4) == "+0.31 % +- 0.01 %"
     assert parameter_in_words(study, "point_mass", "mass", 0.05, 0.002) == "0.05 +- 0.002 kg"
+    assert parameter_in_words(study, "uniform_load", "force", [0.28, -7.45e-21, 0.539]) == "(0.28, 0, 0.539) N/m"
     vague = parameter_in_words(study, "tether", "anchor", np.array([0.1, 0.0, -0.4]), np.array([1e22, 1e17, 1e22]))
     assert vague == "(0.1, 0, -0.4) m"  # an error of kilometres says that nothing is known, and no more

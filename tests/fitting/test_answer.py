@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting import fit
-from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD, digits_of, in_mm, number, percent
+from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD, digits_of, in_mm, number, percent, symbol_of, two_digits
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.result import in_words
 from scan2flex_jax.study import Tolerance, Unknown, study_warnings
@@ -96,6 +96,20 @@ def test_the_error_on_unseen_poses():
     assert f"{1e3 * left_out:.3g} mm RMS" in alone.answer.unseen and "left out in turn" in alone.answer.unseen
     one = replace(alone, poses=dict([next(iter(alone.poses.items()))]))
     assert one.answer.unseen == "not known: there is one pose only"
+    lost = replace(f, poses={n: replace(p, stable=p.role == "fit") for n, p in f.poses.items()})
+    assert lost.answer.unseen == "not known: a validate pose could not be solved"
+
+
+@pytest.mark.parametrize(("value", "text"), [(123.4, "120"), (0.01234, "0.012"), (3.456, "3.5"), (0.0, "0"), (1e-4, "0.0001")])
+def test_two_digits_without_an_exponent(value, text):
+    assert two_digits(value) == text
+    assert two_digits(value, sign=True) == f"+{text}"
+
+
+def test_a_parameter_is_named_before_its_effect():
+    assert symbol_of("nonlinear_bending.slip_curvature") == "slip curvature (nonlinear bending)"
+    assert symbol_of("tether.anchor", 2) == "anchor[2] (tether)"
+    assert (symbol_of("bending_stiffness"), symbol_of("bending_stiffness", 1)) == ("EI", "EI2")
 
 
 def test_whether_to_believe_it():
@@ -107,6 +121,8 @@ def test_whether_to_believe_it():
     lost = replace(f, poses={**f.poses, name: replace(f.poses[name], stable=False, verdict="no equilibrium found")})
     for bad in (lost, replace(f, converged=False), replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
         assert bad.answer.tone == BAD and bad.answer.belief.startswith("no: ")
+    for what_next in (replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
+        assert what_next.answer.belief.endswith("`scan2flex explain` looks for what is missing")
     turned = replace(f, turned=("pose plane fits with one more turn",))
     assert (turned.answer.tone, "one more turn" in turned.answer.belief) == (FAIR, True)
 

@@ -1,0 +1,138 @@
+"""Warnings about measured curves: their ends at the clamps, their lengths, their bends.
+
+A fault of one or two poses is named with each pose. A fault that three poses or more share has a common cause, and is one
+sentence for all of them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts
+from scan2flex_jax.study.model import Study, StudyPose
+from scan2flex_jax.study.values import one_line
+
+GAP_WARNING = 0.01
+"""Of L: a curve that stops further from its clamp misses the strongest bend."""
+LENGTH_WARNING = 0.02
+"""Of L: tape measures and scanners agree better than this."""
+FREE_WARNING = 0.1
+"""Of L: a curve that stops this far from a free end misses a large part of the cable."""
+ANGLE_WARNING = 5.0
+"""Degrees, beyond two standard deviations: careful mounting stays within about 3."""
+ANGLE_TOLERANCE = 30.0
+"""Degrees: a frame that is further off is described wrongly, and no tolerance of the mounting is its remedy."""
+PLANE_LIMIT = 0.005
+"""Of L, RMS: a curve with a smaller deviation counts as plane, or as straight."""
+COMMON = 3
+"""Poses from which a fault is reported once for all of them."""
+
+_FRAMES = "the convention of their angles, or their axis along the cable (--tangent of new)"
+_Kind = Literal["gap", "tangent", "longer", "shorter", "straight"]
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """One fault of one pose in words; ``size``: the gap or the covered length (m), or the angle (deg); ``off``: per cent of the
+    cable's length that the curve lacks or exceeds."""
+
+    kind: _Kind
+    pose: str
+    size: float
+    text: str
+    off: float = 0.0
+
+
+def curve_warnings(study: Study, facts: Mapping[str, PoseFacts], tangents: bool = True) -> list[str]:
+    """Warnings about the curves with ``facts`` (by pose), one sentence each; without ``tangents``, none about tangents."""
+    faults = [f for pose in study.poses if pose.name in facts for f in _of_pose(study, pose, facts[pose.name])]
+    faults = [f for f in faults if tangents or f.kind != "tangent"]
+    by_kind = {kind: [f for f in faults if f.kind == kind] for kind in dict.fromkeys(f.kind for f in faults)}
+    common = {kind for kind, some in by_kind.items() if len({f.pose for f in some}) >= COMMON}
+    said = [_together(kind, by_kind[kind], len(facts)) for kind in by_kind if kind in common]
+    return said + [f"{one_line(f.pose)}: {f.text}" for f in faults if f.kind not in common]
+
+
+def mm(metres: float) -> str:
+    """A length in millimetres, to three digits."""
+    return f"{1e3 * metres:.3g} mm"
+
+
+def _together(kind: _Kind, faults: list[_Fault], count: int) -> str:
+    """One sentence for a fault that several of ``count`` curves share."""
+    names = list(dict.fromkeys(one_line(f.pose) for f in faults))
+    who = f"all {count} curves" if len(names) == count else f"{len(names)} of {count} curves ({', '.join(names)})"
+    least, most = min(f.size for f in faults), max(f.size for f in faults)
+    if kind == "gap":
+        mend = "scan up to the clamps, where the cable bends most, or correct the positions of the clamps"
+        return f"{who} stop {_span(1e3 * least, 1e3 * most, '.3g')} mm from their clamps: {mend}."
+    if kind == "tangent":
+        return f"{who} leave their clamps {_span(least, most, '.0f')} deg off the axis d3: {_of_frames(most)}."
+    if kind == "straight":
+        mend = "bring the clamps nearer to each other, or give the poses more sag"
+        return f"{who} are nearly straight and say little about stiffness: {mend}."
+    off = sorted(f.off for f in faults)
+    given = _span(least, most, ".4g")
+    mend = f"measure the length again (the curves give {given} m), or look for missing parts of the curves"
+    return f"{who} with their gaps are {_span(off[0], off[-1], '.1f')} % {kind} than the cable's length: {mend}."
+
+
+def _span(least: float, most: float, form: str) -> str:
+    """``9.4 to 11``, or one number if both are the same in this form."""
+    return " to ".join(dict.fromkeys(f"{value:{form}}" for value in (least, most)))
+
+
+def _of_frames(angle: float) -> str:
+    """Remedy for frames of several poses that are off by this angle (deg) at most."""
+    if angle > ANGLE_TOLERANCE:
+        return f"correct the frames: {_FRAMES}"
+    return f"correct the frames, or write clamp_rotation = {np.radians(angle):.2g} under [tolerance]"
+
+
+def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[_Fault]:
+    """The faults of one measured curve."""
+    length = study.known("length")
+    scale = facts.covered if length is None else float(np.max(length))
+    ends = (("start", pose.start, facts.start), ("end", pose.end, facts.end))
+    faults = [
+        fault
+        for name, clamp, end in ends
+        if clamp is not None and end is not None
+        for fault in _of_end(pose.name, name, end, scale)
+    ]
+    if length is not None:
+        faults += _of_length(pose.name, facts, scale)
+    if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
+        mend = "bring its clamps nearer to each other, or give the pose more sag"
+        text = f"the curve is nearly straight and says little about stiffness: {mend}."
+        faults.append(_Fault("straight", pose.name, facts.off_line, text))
+    return faults
+
+
+def _of_end(pose: str, name: str, end: EndFacts, length: float) -> list[_Fault]:
+    """Faults of a curve of a cable of ``length`` (m) at its clamp ``name``."""
+    faults = []
+    if end.gap > GAP_WARNING * length:
+        mend = "scan up to the clamp, where the cable bends most, or correct its position"
+        faults.append(_Fault("gap", pose, end.gap, f"the curve {name}s {mm(end.gap)} from the {name} clamp: {mend}."))
+    if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
+        mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
+        if end.angle > ANGLE_TOLERANCE:
+            mend = "correct its frame (its angles, or the pose that it belongs to)"
+        text = f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}."
+        faults.append(_Fault("tangent", pose, end.angle, text))
+    return faults
+
+
+def _of_length(pose: str, facts: PoseFacts, length: float) -> list[_Fault]:
+    """The fault of a curve that does not add up to the cable's length (m) with its gaps."""
+    off, unseen = facts.covered / length - 1, facts.unseen / length
+    least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
+    if least - unseen <= off <= LENGTH_WARNING:
+        return []
+    kind: Literal["longer", "shorter"] = "longer" if off > 0 else "shorter"
+    mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
+    text = f"the curve with its gaps is {abs(100 * off):.1f} % {kind} than the cable's length: {mend}."
+    return [_Fault(kind, pose, facts.covered, text, abs(100 * off))]
