@@ -10,7 +10,7 @@ Gains are in nats: half the decrease of the sum of squares against the fit witho
 true order (correlated along the cable), priors included.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -102,7 +102,7 @@ def memory_test(
         >>> memory_test(load_study("my-cable")).named  # doctest: +SKIP
         True
     """
-    plain, remembering = _plain(study, kind), _remembering(study, kind)
+    plain, remembering = _plain(study, kind), declaring(study, kind)
     say = progress or (lambda message: None)
     say(f"with {kind}")
     true = Problem(remembering, elements)
@@ -131,13 +131,19 @@ def _plain(study, kind):
     return replace(study, effects=effects, unknowns=unknowns)
 
 
-def _remembering(study, kind):
-    """The study with the effect declared, its parameters unknown unless they are given."""
+def declaring(study: Study, kind: str, guesses: Mapping[str, float] | None = None) -> Study:
+    """The study with an effect with memory declared, its parameters unknown unless they are given.
+
+    ``guesses``: starts of the unknown parameters, by name. Raises `Scan2FlexError` for an effect without memory, and where the
+    study lacks what the effect needs (the times of its poses).
+    """
+    guesses = guesses or {}
     form = kind_format(kind)
     if form.memory == "none":
         raise Scan2FlexError(f"{kind} has no memory: test friction, torsion_friction or relaxation.")
     if all(e.kind != kind for e in study.effects):
-        unknowns = tuple(Unknown(f"{kind}.{p.name}") for p in form.parameters if p.estimable)
+        own = [p.name for p in form.parameters if p.estimable and not p.optional]
+        unknowns = tuple(Unknown(f"{kind}.{name}", guess=guesses.get(name)) for name in own)
         study = replace(study, effects=(*study.effects, EffectDeclaration(kind)), unknowns=(*study.unknowns, *unknowns))
     check_study(study)
     return study
@@ -145,11 +151,16 @@ def _remembering(study, kind):
 
 def _permuted(study, rng):
     """The study with its poses in a random other order; times and resets stay where they were."""
-    order = np.arange(len(study.poses))
-    while len(order) > 1 and np.all(order == np.arange(len(order))):
-        order = rng.permutation(len(order))
-    shown = zip((study.poses[i] for i in order), study.poses, strict=True)
+    shown = zip((study.poses[i] for i in other_order(len(study.poses), rng)), study.poses, strict=True)
     return replace(study, poses=tuple(replace(pose, time=place.time, reset=place.reset) for pose, place in shown))
+
+
+def other_order(count: int, rng: np.random.Generator) -> np.ndarray:
+    """A random order of so many poses that is not the order of measurement; that order for a single pose."""
+    order = np.arange(count)
+    while count > 1 and np.all(order == np.arange(count)):
+        order = rng.permutation(count)
+    return order
 
 
 def _with_priors(problem, minimum, noise):

@@ -1,0 +1,140 @@
+"""Memory that a study does not declare: its score without refits, and what `explain` answers about it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.diagnosis import explain, plan, remembered, verdict
+from scan2flex_jax.diagnosis.memory import MemoryTest
+from scan2flex_jax.effects import Friction, Relaxation
+from scan2flex_jax.study import load_study, save_study
+from tests.diagnosis.test_memory import study_with
+
+K = np.diag([1e5, 1e5, 1e4, 0.02, 0.02, 0.015])
+NAMED = MemoryTest("friction", 80.0, (20.0,) * 19, {"share": 0.5}, 6.0)
+DENIED = replace(NAMED, others=(20.0,) * 18 + (79.0,))
+
+
+def natural(effect, path, places, reset=(False, False), held=(0.0, 0.0)):
+    """Natural curvature about d2 of one element, per order and pose, for poses of these curvatures."""
+    excess = np.zeros((len(path), 1, 6))
+    excess[:, 0, 4] = path
+    known = excess, np.tile(K, (len(path), 1, 1, 1)), np.array(places), np.array(held), np.array(reset)
+    return np.asarray(remembered._natural(effect, *known))[:, :, 0, 4]
+
+
+def test_a_slider_acts_like_the_natural_curvature_that_it_takes_off_the_moment():
+    """Of share 1 it leaves the moment EI clip(k - q, -slip, slip) of EI k: the difference is that of a natural curvature."""
+    effect = Friction(1.0, 1.0, spread=(1.0,), rounding=1e-9)
+    found = natural(effect, [3.0, 1.0], [[0, 1], [1, 0]])
+    np.testing.assert_allclose(found, [[2.0, 2.0], [2.0, 0.0]], atol=1e-7)  # after 3.0 it pulls back with all its force
+    straightened = natural(effect, [3.0, 1.0], [[0, 1]], reset=(False, True))
+    np.testing.assert_allclose(straightened, [[2.0, 0.0]], atol=1e-7)
+
+
+def test_relaxation_acts_like_the_part_of_the_last_bend_that_crept_away():
+    found = natural(Relaxation(1.0, 60.0), [2.0, 0.5], [[0, 1]], held=(60.0, 0.0))
+    np.testing.assert_allclose(found, [[0.0, 2.0 * (1.0 - np.exp(-1.0))]])
+
+
+@pytest.mark.parametrize(
+    ("scored", "worth"),
+    [
+        ([9.0] + [1.0] * 19, True),
+        ([9.0] + [9.5] * 3 + [1.0] * 16, True),
+        ([9.0] + [9.5] * 4 + [1.0] * 15, False),
+        ([2.0] + [0.0] * 19, False),
+    ],
+)
+def test_few_other_orders_may_score_as_well(monkeypatch, scored, worth):
+    """The score is blunter than the test by refits, and only decides whether that is run."""
+    monkeypatch.setattr(remembered, "scores", lambda stage, kind: np.array(scored))
+    assert remembered._worth(None, "friction") is worth
+
+
+def searched(said, kinds=(), poses=6, remembers=False):
+    study = SimpleNamespace(remembers=remembers, fit_poses=[None] * poses)
+    stage = SimpleNamespace(bench=SimpleNamespace(problem=SimpleNamespace(study=study)))
+    return SimpleNamespace(stage=stage, verdict=said, tied=[SimpleNamespace(kinds=kinds)])
+
+
+@pytest.mark.parametrize(
+    ("found", "matters"),
+    [
+        (searched(verdict.UNEXPLAINED), True),
+        (searched(verdict.PARTLY, ("kink",)), True),
+        (searched(verdict.TIE, ("memory_set",)), True),
+        (searched(verdict.EXPLAINED, ("memory_set",)), True),
+        (searched(verdict.EXPLAINED, ("kink",)), False),
+        (searched(verdict.TIE, ("kink",)), False),
+        (searched(verdict.NONE), False),
+        (searched(verdict.UNSOLVED), False),
+        (searched(verdict.UNEXPLAINED, poses=4), False),
+        (searched(verdict.UNEXPLAINED, remembers=True), False),
+    ],
+)
+def test_memory_is_tried_where_more_than_noise_is_left_or_a_set_is_found(found, matters):
+    assert remembered._may_matter(found) is matters
+
+
+def test_the_answer_says_what_the_orders_show_and_how_a_set_compares():
+    found, kept = searched(verdict.UNEXPLAINED), searched(verdict.EXPLAINED, ("memory_set",))
+    say, Remembering = remembered.said_of, remembered.Remembering
+    assert say(None, found) == ()
+    (denied,) = say(Remembering(DENIED), kept)
+    assert denied.startswith("memory is not established, other orders of the poses fit as well")
+    assert say(Remembering(NAMED, None, True), found)[1] == "the best model without memory leaves more than friction"
+    set_ = "memory_set, which keeps a part of the pose before only,"
+    assert say(Remembering(NAMED, None, True), kept)[1] == f"{set_} leaves more than friction"
+    assert say(Remembering(NAMED, None, False), kept)[1] == f"{set_} leaves hardly more than friction"
+
+
+def test_an_answer_without_memory_stays_where_memory_leaves_no_less():
+    answer = object()
+    assert remembered.answered(answer, remembered.Remembering(NAMED, None, False), ()) is answer
+    assert remembered.answered(answer, remembered.Remembering(DENIED), ()) is answer
+
+
+@pytest.fixture(scope="module")
+def explanation():
+    return explain(study_with(0.6))
+
+
+@pytest.mark.slow
+def test_explain_finds_friction_that_nobody_declared(explanation, tmp_path):
+    """Poses of the independent solver: friction is named with its parameters, and the study that is saved declares it."""
+    (found,) = explanation.chosen
+    assert found.kind == "friction"
+    assert found.verdict == verdict.NAMED
+    assert explanation.ranking[0] is found
+    assert explanation.verdict in (verdict.EXPLAINED, verdict.PARTLY)
+    assert found.parameters["share"] == pytest.approx(0.6, rel=0.3)
+    assert 0 < found.std["share"] < 0.2
+    assert explanation.rms() < 0.3 * explanation.rms(after=False)
+    assert explanation.rms_left_out() < 0.7 * explanation.rms_left_out(after=False)
+    assert any(s.startswith("the cable remembers: friction gains") for s in explanation.sentences)
+    assert set(explanation.estimates) == {"bending_stiffness"}
+    assert explanation.influence is explanation.remembering.influence
+    assert explanation.to_json()["chosen"][0]["kind"] == "friction"
+    save_study(explanation.study, tmp_path / "found")
+    saved = load_study(tmp_path / "found")
+    assert [e.kind for e in saved.effects] == ["friction"]
+    assert {"friction.share", "friction.slip_curvature"} <= set(saved.unknown_names)
+
+
+@pytest.mark.slow
+def test_explain_names_no_memory_in_another_order_of_the_same_poses():
+    study = study_with(0.6)
+    shuffled = explain(replace(study, poses=tuple(study.poses[i] for i in (3, 0, 5, 2, 4, 1))))
+    assert not any(r.kind == "friction" for r in shuffled.chosen)
+    assert shuffled.remembering is None
+
+
+@pytest.mark.slow
+def test_the_next_pose_is_planned_with_the_memory_that_was_found(explanation):
+    found = plan(explanation)
+    assert found.rivals == ()
+    assert sum(c.words.endswith("again, last") for c in found.candidates) == 6
+    assert all(np.isfinite(c.parameters) for c in found.candidates)
