@@ -39,16 +39,15 @@ TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can s
 
 @dataclass(frozen=True)
 class Remembering:
-    """The ``test`` of memory that `explain` ran by itself, and the ``fit`` that declares it, if it is named and its residual is
-    ``smaller`` than that of the best model without memory."""
+    """The ``test`` of memory that `explain` ran by itself; where it is named, and leaves less than the best model without it,
+    the fit that declares it is the ``answer``."""
 
     test: MemoryTest
-    fit: Fit | None = None
-    smaller: bool = False
+    answer: Fit | None = None
 
 
 def search(found: Found, progress: Progress) -> Remembering | None:
-    """The test of the likeliest memory, and the fit with it where it is named; None where no memory shows."""
+    """The test of the likeliest memory, with the fit that is the answer where it is one; None where no memory shows."""
     if not _may_matter(found):
         return None
     study, elements = found.stage.bench.problem.study, found.stage.bench.elements
@@ -65,8 +64,8 @@ def search(found: Found, progress: Progress) -> Remembering | None:
         fitted = fit(declaring(study, best.kind, best.parameters), elements=elements)
     except NotSettledError:
         return Remembering(best)
-    left = report.rms(found.stage.bench, found.best.shapes)
-    return Remembering(best, fitted, bool(fitted.converged and fitted.rms() < found.stage.settings.outdone * left))
+    most = found.stage.settings.outdone * report.rms(found.stage.bench, found.best.shapes)
+    return Remembering(best, fitted if fitted.converged and fitted.rms() < most else None)
 
 
 def _may_matter(found) -> bool:
@@ -170,16 +169,16 @@ def said_of(memory: Remembering | None, found: Found) -> tuple[str, ...]:
     rival = "the best model without memory"
     if found.verdict in verdict.FOUND and any(MemorySet.kind in r.kinds for r in found.tied):
         rival = f"{MemorySet.kind}, which keeps a part of the pose before only,"
-    compared = "leaves more than" if memory.smaller else "leaves hardly more than"
+    compared = "leaves hardly more than" if memory.answer is None else "leaves more than"
     return said, f"{rival} {compared} {kind}"
 
 
 def answered(explanation: Explanation, memory: Remembering, more: tuple[str, ...]) -> Explanation:
     """The explanation with memory in the place of the best model without it; ``more``: sentences at its end."""
-    fitted = memory.fit
-    if fitted is None or not memory.smaller:
+    fitted = memory.answer
+    if fitted is None:
         return explanation
-    added, poses = (_ranked(memory),), _poses(explanation, fitted)
+    added, poses = (_ranked(memory.test, fitted),), _poses(explanation, fitted)
     complete = not (fitted.discrepancy.curvature or fitted.misfits)
     others = (replace(r, verdict=verdict.TOO_LITTLE, tied_with=()) if r.verdict in _LEADING else r for r in explanation.ranking)
     return replace(
@@ -198,12 +197,11 @@ def answered(explanation: Explanation, memory: Remembering, more: tuple[str, ...
 _LEADING = (verdict.NAMED, verdict.FAVOURED, verdict.TIED)
 
 
-def _ranked(memory) -> Ranked:
+def _ranked(test, fitted) -> Ranked:
     """The effect with memory: its evidence is its gain less the cost of its parameters, its p-value that of the orders."""
-    test, estimates = memory.test, memory.fit.estimates
-    own = {name.partition(".")[2]: e for name, e in estimates.items() if name.startswith(f"{test.kind}.")}
+    own = {name.partition(".")[2]: e for name, e in fitted.estimates.items() if name.startswith(f"{test.kind}.")}
     std = {name: e.std for name, e in own.items() if e.std is not None}
-    rms = {"rms_fit": memory.fit.rms(), "rms_validate": memory.fit.rms("validate")}
+    rms = {"rms_fit": fitted.rms(), "rms_validate": fitted.rms("validate")}
     values = {name: e.value for name, e in own.items()}
     return Ranked(test.kind, values, test.gain - test.cost, test.p_value, verdict.NAMED, std=std, **rms)
 

@@ -98,7 +98,7 @@ def explain(
     warnings = base.fit.mesh
     memory = remembered.search(found, say)
     if base.fit.mistakes:
-        if not _outdone(base.fit.mistakes, found, memory, settings):
+        if not _outdone(base.fit.mistakes, found, settings, memory):
             return _mistaken(base.fit, began, settings)
         warnings += tuple(f"a mistake of the input explains less: {mistake}" for mistake in base.fit.mistakes)
     _free(found, say)
@@ -218,12 +218,17 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
 
 
 def _outdone(
-    likely: tuple[Mistake, ...], found: search.Found, memory: remembered.Remembering | None, settings: DiagnosisSettings
+    likely: tuple[Mistake, ...], found: search.Found, settings: DiagnosisSettings,
+    memory: remembered.Remembering | None = None,
 ) -> bool:
     """Whether an effect, with memory or without, explains the shapes better than likely mistakes of the input do."""
-    left = report.rms(found.stage.bench, found.best.shapes) if found.verdict in verdict.FOUND else np.inf
-    if memory is not None and memory.fit is not None and memory.smaller:
-        left = memory.fit.rms()
+    if memory is not None and memory.answer is not None:
+        left = memory.answer.rms()
+    elif found.verdict in verdict.FOUND:
+        pairs = list(zip(found.best.shapes, found.stage.bench.real, strict=True))
+        left = np.sqrt(sum(np.sum(s.residual[k] ** 2) for s, k in pairs) / sum(np.sum(k) for _, k in pairs))
+    else:
+        return False
     return bool(left < settings.outdone * min((m.after for m in likely if m.after is not None), default=0.0))
 
 

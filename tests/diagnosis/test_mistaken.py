@@ -41,3 +41,12 @@ def likely():
 )  # fmt: skip
 def test_an_effect_must_be_found_and_leave_less_than_the_corrected_study(likely, said, left, outdone):
     assert run._outdone(likely, answer(said, left), USUAL) is outdone
+
+
+@pytest.mark.parametrize(("left", "outdone"), [(0.8 * AFTER, True), (0.95 * AFTER, False)])
+def test_memory_may_outdo_a_mistake_too(likely, left, outdone):
+    """Poses that depend on those before them look like poses whose input is wrong."""
+    fitted = SimpleNamespace(rms=lambda: left)
+    found = answer(verdict.UNEXPLAINED, AFTER)
+    assert run._outdone(likely, found, USUAL, SimpleNamespace(answer=fitted)) is outdone
+    assert run._outdone(likely, found, USUAL, SimpleNamespace(answer=None)) is False

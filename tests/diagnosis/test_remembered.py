@@ -85,15 +85,15 @@ def test_the_answer_says_what_the_orders_show_and_how_a_set_compares():
     assert say(None, found) == ()
     (denied,) = say(Remembering(DENIED), kept)
     assert denied.startswith("memory is not established, other orders of the poses fit as well")
-    assert say(Remembering(NAMED, None, True), found)[1] == "the best model without memory leaves more than friction"
+    assert say(Remembering(NAMED, object()), found)[1] == "the best model without memory leaves more than friction"
     set_ = "memory_set, which keeps a part of the pose before only,"
-    assert say(Remembering(NAMED, None, True), kept)[1] == f"{set_} leaves more than friction"
-    assert say(Remembering(NAMED, None, False), kept)[1] == f"{set_} leaves hardly more than friction"
+    assert say(Remembering(NAMED, object()), kept)[1] == f"{set_} leaves more than friction"
+    assert say(Remembering(NAMED), kept)[1] == f"{set_} leaves hardly more than friction"
 
 
 def test_an_answer_without_memory_stays_where_memory_leaves_no_less():
     answer = object()
-    assert remembered.answered(answer, remembered.Remembering(NAMED, None, False), ()) is answer
+    assert remembered.answered(answer, remembered.Remembering(NAMED), ()) is answer
     assert remembered.answered(answer, remembered.Remembering(DENIED), ()) is answer
 
 
