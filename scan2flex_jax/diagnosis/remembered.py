@@ -39,10 +39,11 @@ TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can s
 
 @dataclass(frozen=True)
 class Remembering:
-    """The ``test`` of memory that `explain` ran by itself; where it is named, and leaves less than the best model without it,
-    the fit that declares it is the ``answer``."""
+    """The ``test`` of memory that `explain` ran by itself; where it is named, the RMS distances (m) that the best model
+    without it and the fit with it leave (``errors``), and that fit, if it is the ``answer``."""
 
     test: MemoryTest
+    errors: tuple[float, float] | None = None
     answer: Fit | None = None
 
 
@@ -55,7 +56,7 @@ def search(found: Found, progress: Progress) -> Remembering | None:
     for kind in _possible(found.stage):
         progress(f"score of {kind}")
         if _worth(found.stage, kind):
-            tried.append(memory_test(study, kind, elements=elements, progress=progress))
+            tried.append(memory_test(study, kind, elements=elements, until_denied=True, progress=progress))
     best = max(tried, key=lambda test: (test.named, test.gain - test.cost), default=None)
     if best is None or not best.named:
         return None if best is None else Remembering(best)
@@ -64,8 +65,9 @@ def search(found: Found, progress: Progress) -> Remembering | None:
         fitted = fit(declaring(study, best.kind, best.parameters), elements=elements)
     except NotSettledError:
         return Remembering(best)
-    most = found.stage.settings.outdone * report.rms(found.stage.bench, found.best.shapes)
-    return Remembering(best, fitted if fitted.converged and fitted.rms() < most else None)
+    errors = report.rms(found.stage.bench, found.best.shapes), fitted.rms()
+    better = fitted.converged and errors[1] < found.stage.settings.outdone * errors[0]
+    return Remembering(best, errors, fitted if better else None)
 
 
 def _may_matter(found) -> bool:
@@ -164,13 +166,13 @@ def said_of(memory: Remembering | None, found: Found) -> tuple[str, ...]:
     if memory is None:
         return ()
     said, kind = memory.test.sentence(), memory.test.kind
-    if not memory.test.named:
+    if memory.errors is None:
         return (said,)
     rival = "the best model without memory"
     if found.verdict in verdict.FOUND and any(MemorySet.kind in r.kinds for r in found.tied):
         rival = f"{MemorySet.kind}, which keeps a part of the pose before only,"
-    compared = "leaves hardly more than" if memory.answer is None else "leaves more than"
-    return said, f"{rival} {compared} {kind}"
+    without, left = (1e3 * error for error in memory.errors)
+    return said, f"{rival} leaves {without:.2f} mm, {kind} {left:.2f} mm"
 
 
 def answered(explanation: Explanation, memory: Remembering, more: tuple[str, ...]) -> Explanation:

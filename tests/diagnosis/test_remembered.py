@@ -85,15 +85,14 @@ def test_the_answer_says_what_the_orders_show_and_how_a_set_compares():
     assert say(None, found) == ()
     (denied,) = say(Remembering(DENIED), kept)
     assert denied.startswith("memory is not established, other orders of the poses fit as well")
-    assert say(Remembering(NAMED, object()), found)[1] == "the best model without memory leaves more than friction"
-    set_ = "memory_set, which keeps a part of the pose before only,"
-    assert say(Remembering(NAMED, object()), kept)[1] == f"{set_} leaves more than friction"
-    assert say(Remembering(NAMED), kept)[1] == f"{set_} leaves hardly more than friction"
+    tested = Remembering(NAMED, (4.0e-3, 0.5e-3))
+    assert say(tested, found)[1] == "the best model without memory leaves 4.00 mm, friction 0.50 mm"
+    assert say(tested, kept)[1] == "memory_set, which keeps a part of the pose before only, leaves 4.00 mm, friction 0.50 mm"
 
 
 def test_an_answer_without_memory_stays_where_memory_leaves_no_less():
     answer = object()
-    assert remembered.answered(answer, remembered.Remembering(NAMED), ()) is answer
+    assert remembered.answered(answer, remembered.Remembering(NAMED, (1e-3, 1e-3)), ()) is answer
     assert remembered.answered(answer, remembered.Remembering(DENIED), ()) is answer
 
 
