@@ -111,8 +111,8 @@ def in_place():
     }  # fmt: skip
     ranking = (Ranked("kink", {"position": 0.5}, 9.0, 0.01, verdict.TIED, ("point_mass",)),)
     before = Explanation(
-        study=study, verdict=verdict.UNEXPLAINED, fit=plain, p_value=0.01, ranking=ranking, estimates=plain.estimates, poses=poses,
-        gates={"elements": 40, "constancy": 0.3}, settle=("kink: look at it",),
+        study=study, verdict=verdict.UNEXPLAINED, fit=plain, p_value=0.01, ranking=ranking, estimates=plain.estimates,
+        poses=poses, gates={"elements": 40, "constancy": 0.3}, settle=("kink: look at it",),
     )  # fmt: skip
     memory = remembered.Remembering(NAMED, (plain.rms(), fitted.rms()), fitted)
     return plain, fitted, remembered.answered(before, memory, ("told",))
