@@ -71,7 +71,8 @@ def test_derivatives_by_the_set_before_the_first_pose_go_through_the_order():
     exact, by_differences = e.jacobian[..., : len(x)], differences(problem, x, e)
     scale = np.abs(exact).max(axis=(0, 1, 2))
     assert np.all(np.abs(exact[1:]).max(axis=(0, 1, 2))[-2:] > 1e-4)  # m per 1/m, in the poses after the first
-    assert np.all(np.abs(exact - by_differences).max(axis=(0, 1, 2)) < 1e-6 * scale)
+    noise = 3e-8  # of the differences, m per 1/m: the solver's residual over their step
+    assert np.all(np.abs(exact - by_differences).max(axis=(0, 1, 2)) < np.maximum(1e-6 * scale, noise))
 
 
 def test_a_set_acts_from_the_first_pose_until_the_cable_is_straightened():
