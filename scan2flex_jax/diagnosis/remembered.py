@@ -88,10 +88,10 @@ def _possible(stage) -> list[str]:
     return [Friction.kind, *[TorsionFriction.kind] * twisted, *[Relaxation.kind] * timed]
 
 
-def _worth(stage: Stage, kind: str) -> bool:
+def _worth(stage, kind) -> bool:
     """Whether memory gains in the order of measurement, and few other orders score as well."""
     true, *others = scores(stage, kind)
-    return true > LEAD and sum(other >= true for other in others) <= AS_GOOD
+    return bool(true > LEAD and sum(other >= true for other in others) <= AS_GOOD)
 
 
 def scores(stage: Stage, kind: str, orders: int = ORDERS, seed: int = 0) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 from scan2flex_jax.diagnosis import explain, plan, remembered, verdict
 from scan2flex_jax.diagnosis.memory import MemoryTest, declaring
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
+from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.effects import Friction, Relaxation
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.study import load_study, save_study
@@ -59,7 +60,9 @@ def test_few_other_orders_may_score_as_well(monkeypatch, scored, worth):
 def searched(said, kinds=(), poses=6, remembers=False):
     study = SimpleNamespace(remembers=remembers, fit_poses=[None] * poses)
     stage = SimpleNamespace(bench=SimpleNamespace(problem=SimpleNamespace(study=study)))
-    return SimpleNamespace(stage=stage, verdict=said, tied=[SimpleNamespace(kinds=kinds)])
+    found = object.__new__(Found)
+    found.stage, found.verdict, found.tied = stage, said, [SimpleNamespace(kinds=kinds)]
+    return found
 
 
 @pytest.mark.parametrize(
@@ -93,7 +96,7 @@ def test_the_answer_says_what_the_orders_show_and_how_a_set_compares():
 
 
 def test_an_answer_without_memory_stays_where_memory_leaves_no_less():
-    answer = object()
+    answer = object.__new__(Explanation)
     assert remembered.answered(answer, remembered.Remembering(NAMED, (1e-3, 1e-3)), ()) is answer
     assert remembered.answered(answer, remembered.Remembering(DENIED), ()) is answer
 
