@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, start_along
+from scan2flex_jax.rod.memory import straightened
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 from scan2flex_jax.statics.mesh import Mesh, shortest_bend
@@ -90,7 +91,8 @@ def _settled(study, pose, elements, after=None, held=0.0):
     if pose.curve is not None or pose.markers is not None:
         start = start_along(study, pose, float(model.cable.length), elements)
     given = {"start": start, "turns": pose.turns, "elements": elements, "after": after, "held": held}
-    return model, equilibrium(model, boundary_of(pose), **given)
+    effects = straightened(model.effects, elements) if pose.reset else model.effects
+    return model, equilibrium(CableModel(model.cable, model.gravity, effects), boundary_of(pose), **given)
 
 
 def predict(study: Study, *, elements: int | None = None) -> dict[str, Prediction]:

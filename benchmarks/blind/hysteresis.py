@@ -114,8 +114,9 @@ class Chain:
         return None
 
 
-def hanging(length: float, weight: float, law: Law, grip: Grip) -> Chain | None:
-    """A new cable between the clamps: brought there elastically, so that it remembers nothing but this pose."""
+def hanging(length: float, weight: float, law: Law, grip: Grip, kept: float = 0.0) -> Chain | None:
+    """A new cable between the clamps: brought there elastically, so that it remembers nothing but this pose, and that it was
+    at a curvature ``kept`` (1/m) before."""
     elastic = Law(law.EI, 0.0, 1.0)
     chain = Chain(length, weight, elastic, np.zeros(SEGMENTS), np.zeros(2))
     bowed = replace(chain, theta=np.linspace(-0.05, 0.05, SEGMENTS))
@@ -125,13 +126,13 @@ def hanging(length: float, weight: float, law: Law, grip: Grip) -> Chain | None:
         found = None if found is None else found.moved(straight.towards(grip, float(part)))
     if found is None:
         return None
-    fresh = replace(found, law=law, k=np.zeros(SEGMENTS + 1), z=np.zeros(SEGMENTS + 1))
+    fresh = replace(found, law=law, k=np.full(SEGMENTS + 1, kept), z=np.zeros(SEGMENTS + 1))
     return fresh.moved(grip)
 
 
-def posed(length: float, weight: float, law: Law, grips: list[Grip]) -> list[Chain] | None:
-    """The chain in each pose, in their order; None if a pose has no equilibrium on the way."""
-    chain = hanging(length, weight, law, grips[0])
+def posed(length: float, weight: float, law: Law, grips: list[Grip], kept: float = 0.0) -> list[Chain] | None:
+    """The chain in each pose, in their order, first as `hanging`; None if a pose has no equilibrium on the way."""
+    chain = hanging(length, weight, law, grips[0], kept)
     found = [chain]
     for before, grip in pairwise(grips):
         for part in np.linspace(0.0, 1.0, STEPS + 1)[1:]:

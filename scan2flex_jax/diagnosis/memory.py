@@ -10,7 +10,7 @@ Gains are in nats: half the decrease of the sum of squares against the fit witho
 true order (correlated along the cable), priors included.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -57,7 +57,8 @@ class MemoryTest:
 
     def sentence(self) -> str:
         """The result in words."""
-        best = f"the best of {len(self.others)} other orders gains {max(self.others, default=0.0):.1f}"
+        orders = f"{len(self.others)} other orders" if len(self.others) > 1 else "one other order"
+        best = f"the best of {orders} gains {max(self.others, default=0.0):.1f}"
         tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"
         if self.named:
             return f"the cable remembers: {tested}"
@@ -79,6 +80,7 @@ def memory_test(
     orders: int = ORDERS,
     elements: int = FIT_ELEMENTS,
     seed: int = 0,
+    until_denied: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> MemoryTest:
     """Test whether the poses of a study depend on those before them.
@@ -89,6 +91,8 @@ def memory_test(
         orders: Random orders to compare with; 19 or more can name memory.
         elements: Elements of the rod.
         seed: Draws the orders.
+        until_denied: Stop at the first order that fits as well as that of measurement: memory cannot be named any more. The
+            p-value is then that of a sequential test (Besag and Clifford, "Sequential Monte Carlo p-values", 1991), or larger.
         progress: Called with a line of text now and then.
 
     Returns:
@@ -102,7 +106,7 @@ def memory_test(
         >>> memory_test(load_study("my-cable")).named  # doctest: +SKIP
         True
     """
-    plain, remembering = _plain(study, kind), _remembering(study, kind)
+    plain, remembering = _plain(study, kind), declaring(study, kind)
     say = progress or (lambda message: None)
     say(f"with {kind}")
     true = Problem(remembering, elements)
@@ -113,15 +117,27 @@ def memory_test(
     say(f"without {kind}")
     linear = Problem(plain, elements)
     without = _cost(linear, _with_priors(linear, linear.minimise("least-squares"), noise), noise)
-    gain, others, rng = without - least, [], np.random.default_rng(seed)
-    for k in range(orders):
-        say(f"order {k + 1} of {orders}")
-        others.append(without - _least(_permuted(remembering, rng), elements, minimum, noise))
+    gain = without - least
+    others = _in_other_orders(
+        remembering, lambda study: without - _least(study, elements, minimum, noise), orders, seed,
+        gain - LEAD if until_denied else np.inf, say,
+    )  # fmt: skip
     own = [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
     values = true.layout.slots
     told = {s.name.partition(".")[2]: float(s.value(minimum.shared[s.at : s.at + s.size])) for s in values if s.name in own}
     count = int(np.count_nonzero(minimum.evaluation.residual))
-    return MemoryTest(kind, gain, tuple(others), told, 0.5 * len(own) * float(np.log(max(count, 2))))
+    return MemoryTest(kind, gain, others, told, 0.5 * len(own) * float(np.log(max(count, 2))))
+
+
+def _in_other_orders(study, gain_of, orders, seed, enough, say) -> tuple[float, ...]:
+    """Gains (nats) of a study with its poses in random orders, up to the first one above ``enough``."""
+    rng, others = np.random.default_rng(seed), []
+    for k in range(orders):
+        say(f"order {k + 1} of {orders}")
+        others.append(gain_of(_permuted(study, rng)))
+        if others[-1] > enough:
+            break
+    return tuple(others)
 
 
 def _plain(study, kind):
@@ -131,13 +147,19 @@ def _plain(study, kind):
     return replace(study, effects=effects, unknowns=unknowns)
 
 
-def _remembering(study, kind):
-    """The study with the effect declared, its parameters unknown unless they are given."""
+def declaring(study: Study, kind: str, guesses: Mapping[str, float] | None = None) -> Study:
+    """The study with an effect with memory declared, its parameters unknown unless they are given.
+
+    ``guesses``: starts of the unknown parameters, by name. Raises `Scan2FlexError` for an effect without memory, and where the
+    study lacks what the effect needs (the times of its poses).
+    """
+    guesses = guesses or {}
     form = kind_format(kind)
     if form.memory == "none":
         raise Scan2FlexError(f"{kind} has no memory: test friction, torsion_friction or relaxation.")
     if all(e.kind != kind for e in study.effects):
-        unknowns = tuple(Unknown(f"{kind}.{p.name}") for p in form.parameters if p.estimable)
+        own = [p.name for p in form.parameters if p.estimable and not p.optional]
+        unknowns = tuple(Unknown(f"{kind}.{name}", guess=guesses.get(name)) for name in own)
         study = replace(study, effects=(*study.effects, EffectDeclaration(kind)), unknowns=(*study.unknowns, *unknowns))
     check_study(study)
     return study
@@ -145,11 +167,16 @@ def _remembering(study, kind):
 
 def _permuted(study, rng):
     """The study with its poses in a random other order; times and resets stay where they were."""
-    order = np.arange(len(study.poses))
-    while len(order) > 1 and np.all(order == np.arange(len(order))):
-        order = rng.permutation(len(order))
-    shown = zip((study.poses[i] for i in order), study.poses, strict=True)
+    shown = zip((study.poses[i] for i in other_order(len(study.poses), rng)), study.poses, strict=True)
     return replace(study, poses=tuple(replace(pose, time=place.time, reset=place.reset) for pose, place in shown))
+
+
+def other_order(count: int, rng: np.random.Generator) -> np.ndarray:
+    """A random order of so many poses that is not the order of measurement; that order for a single pose."""
+    order = np.arange(count)
+    while count > 1 and np.all(order == np.arange(count)):
+        order = rng.permutation(count)
+    return order
 
 
 def _with_priors(problem, minimum, noise):

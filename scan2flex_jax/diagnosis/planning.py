@@ -19,7 +19,9 @@ from scan2flex_jax.diagnosis.refit import configurations
 from scan2flex_jax.diagnosis.residual import Law, Whitened, orthonormal, whiten
 from scan2flex_jax.diagnosis.result import Explanation
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers
+from scan2flex_jax.diagnosis.stage import Stage
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting import Fit
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
 from scan2flex_jax.statics.solve import equilibrium
@@ -91,7 +93,7 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     """Rank candidate poses by the information that they would add.
 
     Args:
-        explanation: The result of `explain`. Rivals are the effects of its tie, or the best two.
+        explanation: The result of `explain`. Rivals are the effects of its tie, or the best two; none where memory was found.
         candidates: Study poses (their curves, if any, are ignored). Default: variations of the fitted ones, with the end clamp
             twisted, both clamps rolled, the clamps nearer to each other, or the end clamp moved aside; with memory also each
             fitted pose again, last: approached from another side, or after it has crept.
@@ -108,9 +110,9 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     found = explanation.search
     if found is None:
         raise Scan2FlexError("There is no plan without a solved baseline fit: the explanation has the reason.")
-    stage = found.stage
+    stage = found.stage if explanation.remembering is None else _of_memory(found.stage, explanation.remembering)
     given = [(p.name, p) for p in candidates] if candidates is not None else variations(stage.bench.problem.study)
-    rivals = _rivals(found)
+    rivals = _rivals(found) if explanation.remembering is None else []
     old = stage.white
     columns = {c.kind: -old.stack(_columns(stage.bench, stage, c)) for c, _ in rivals}
     leads = _leads(rivals, columns, old.J)
@@ -155,6 +157,15 @@ def _rolled(clamp, degrees):
     w, x, y, z = clamp.quaternion
     a, b = np.cos(h), np.sin(h)
     return Clamp(clamp.position, np.array([w * a - z * b, x * a + y * b, y * a - x * b, z * a + w * b]))
+
+
+def _of_memory(stage: Stage, fitted: Fit) -> Stage:
+    """The stage of the fit with the memory that was found, in which poses follow one another."""
+    bench, minimum = Bench(fitted.problem, fitted.minimum), fitted.minimum
+    vector = np.r_[minimum.shared, minimum.local.ravel()]
+    shapes, law = bench.shapes((), vector), Law(fitted.noise)
+    white = whiten(shapes, bench.real, Numbers(bench, ()), vector, law)
+    return replace(stage, bench=bench, law=law, base=replace(stage.base, vector=vector, shapes=shapes), white=white)
 
 
 def _rivals(found):

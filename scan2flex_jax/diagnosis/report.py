@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import confirm, locate
+from scan2flex_jax.diagnosis import confirm, floors, locate
 from scan2flex_jax.diagnosis.families import DESCRIBED
 from scan2flex_jax.diagnosis.refit import Refit, configurations
 from scan2flex_jax.diagnosis.result import PoseChange, Ranked
@@ -86,6 +86,12 @@ def rms(bench, shapes) -> float:
     if not all(ok for *_, ok in rows):
         return float("nan")
     return float(np.sqrt(sum(np.sum(r**2) for r, *_ in rows) / sum(len(r) for r, *_ in rows)))
+
+
+def nearest_rms(stage, found: Refit) -> float:
+    """Root mean square distance (m) of the shapes of a model nearest to the curves: under a large discrepancy of each pose its
+    refit may leave more."""
+    return rms(stage.bench, floors.nearest(stage.of, found).shapes)
 
 
 def predicted(bench, found: Refit, near: Refit | None = None):

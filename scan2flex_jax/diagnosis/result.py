@@ -95,7 +95,8 @@ class Explanation:
     ``load`` is the equivalent load field (N/m) shared by all poses, ``pose_loads`` that of each fitted pose: where an effect
     acts, not which. ``description`` replaces an effect if none explains the shapes: a field that is not physics. ``laws``: the
     moment laws among the effects of the refitted model, with their bands and readings. ``study`` has the effects declared;
-    ``search`` is the search result, from which `plan` continues. ``mistakes``: likely mistakes of the input that no effect
+    ``search`` is the search result without memory, from which `plan` continues; ``remembering`` the fit with an effect with
+    memory, where that is the answer. ``mistakes``: likely mistakes of the input that no effect
     outdoes; ``fit`` is then None.
 
     Every log evidence is in nats over the baseline model with the same noise, that of families too. ``fit``, ``noise`` and
@@ -125,6 +126,7 @@ class Explanation:
     description: Ranked | None = None
     laws: tuple[Law, ...] = ()
     search: Found | None = field(repr=False, default=None)
+    remembering: Fit | None = field(repr=False, default=None)
     mistakes: tuple[Mistake, ...] = ()
     settings: DiagnosisSettings = USUAL
 
@@ -160,6 +162,8 @@ class Explanation:
 
         The first access solves the poses twice more.
         """
+        if self.remembering is not None:
+            return self.remembering.influence
         if self.search is None:
             return None
         return influence_of_refit(self.search.stage, self.search.best if self.added else self.search.stage.base)

@@ -15,6 +15,7 @@ from scan2flex_jax.diagnosis import (
     locate,
     moment_laws,
     partial,
+    remembered,
     report,
     search,
     sentences,
@@ -97,8 +98,9 @@ def explain(
     found = _searched(base, say)
     base, found, warnings = _on_likelier_turns(begin, study, base, found, say)
     warnings += base.fit.mesh
+    memory = remembered.search(found, say)
     if base.fit.mistakes:
-        if not _outdone(base.fit.mistakes, found, settings):
+        if not _outdone(base.fit.mistakes, found, settings, memory):
             return _mistaken(base.fit, began, settings)
         warnings += tuple(f"a mistake of the input explains less: {mistake}" for mistake in base.fit.mistakes)
     _free(found, say)
@@ -106,9 +108,11 @@ def explain(
         warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
         warnings += sentences.if_fine(found)
-    warnings += _remembered(study, base.fit.problem.elements, say)
+    warnings += (*_remembered(study, base.fit.problem.elements, say), *remembered.said_of(memory, found))
     say("before and after")
-    return _explanation(base, found, warnings, began)
+    told = (*repeat_sentences(base.fit.problem.study), *base.fit.turned, *warnings)
+    answer = _explanation(base, found, told, began)
+    return answer if memory is None else remembered.answered(answer, memory, told)
 
 
 def _searched(base: "_Base", say: Progress) -> search.Found:
@@ -245,14 +249,17 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
     return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
 
 
-def _outdone(likely: tuple[Mistake, ...], found: search.Found, settings: DiagnosisSettings) -> bool:
-    """Whether an effect was found that explains the shapes better than likely mistakes of the input do.
-
-    The effect is judged by the shapes nearest to the curves: under a large discrepancy of each pose the refit may leave more.
-    """
-    if found.verdict not in verdict.FOUND:
+def _outdone(
+    likely: tuple[Mistake, ...], found: search.Found, settings: DiagnosisSettings,
+    memory: remembered.Remembering | None = None,
+) -> bool:
+    """Whether an effect, with memory or without, explains the shapes better than likely mistakes of the input do."""
+    if memory is not None and memory.answer is not None:
+        left = memory.answer.rms()
+    elif found.verdict in verdict.FOUND:
+        left = report.nearest_rms(found.stage, found.best)
+    else:
         return False
-    left = report.rms(found.stage.bench, floors.nearest(found.stage.of, found.best).shapes)
     return bool(left < settings.outdone * min((m.after for m in likely if m.after is not None), default=0.0))
 
 
@@ -296,7 +303,8 @@ def _stated(study) -> float | None:
     return float(np.sqrt(np.mean(np.square(stated)))) if stated else None
 
 
-def _explanation(base, found, warnings, began):
+def _explanation(base, found, told, began):
+    """The explanation of a search, with the sentences ``told`` at its end."""
     bench, fitted = found.stage.bench, base.fit
     study, other = fitted.problem.study, None
     if study.validate_poses:
@@ -306,7 +314,8 @@ def _explanation(base, found, warnings, began):
     refitted, ranking = _refitted(found), _ranking(found, other, predicted)
     law_of = found.floor if found.floor is not None and not refitted.components else refitted
     added = _chosen(bench, refitted, ranking)
-    chosen = added if found.verdict in verdict.FOUND else ()
+    established, concluded = found.verdict in verdict.FOUND, found.verdict in (*verdict.FOUND, verdict.UNEXPLAINED)
+    chosen = added if established else ()
     estimates = report.estimates(bench, _likely(found), refitted, alike=_alike(found))
     poses = _poses(study, found, other, refitted, predicted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
@@ -329,9 +338,9 @@ def _explanation(base, found, warnings, began):
         families=found.test.family_gain,
         settle=report.settle_sentences({k for r in found.tied for k in r.kinds}) if found.verdict == verdict.TIE else (),
         sentences=(
-            *sentences.of_search(found, chosen, description), *sentences.before_and_after(poses, added, found),
-            *(s for law in laws for s in law.sentences()), *sentences.of_discrepancy(found, discrepancy),
-            *sentences.left_out(poses, chosen), *repeat_sentences(study), *fitted.turned, *warnings,
+            *sentences.of_search(found, chosen, description), *sentences.before_and_after(poses, added, established),
+            *(s for law in laws for s in law.sentences()), *(sentences.of_discrepancy(discrepancy) if concluded else ()),
+            *sentences.left_out(poses, chosen), *told,
         ),
         gates=base.gates | ({} if constancy is None else {"constancy": constancy}),
         seconds=time.perf_counter() - began,

@@ -189,6 +189,17 @@ class Bench:
 
         return self._each(columns)
 
+    def natural_columns(self, vector, natural, start) -> list[np.ndarray]:
+        """Per pose the columns (m, 3, K) of natural strains ``natural`` (poses, K, n, 6) at the equilibrium ``start``."""
+        numbers = Numbers(self, ())
+
+        def columns(i):
+            state, _ = self._state((), vector[numbers.of_pose(i)], i)
+            along = eqx.tree_at(lambda t: t.rod.section.natural, states.still(state, len(natural[i])), np.asarray(natural[i]))
+            return self._solve(state, along, i, one(start, i)).columns
+
+        return self._each(columns)
+
     def scatter(self, components, vector, start) -> tuple[np.ndarray, ...]:
         """Per pose the columns (m, 3, k) of its discrepancy at an equilibrium (`fitting.discrepancy`), in m per 1/m."""
         numbers = Numbers(self, components)

@@ -20,14 +20,17 @@ def of_search(found, chosen, description):
         tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), a description, not a cause" if gain > 0 else ""
         field = f"{description.kind} describes it along the cable: a field with a band, not a cause"
         return (text + tail, *_not_enough(found), field)
+    return (explains(p, chosen, not found.best.law.curvature), *_indistinguishable(chosen))
+
+
+def explains(p_value, chosen, complete):
+    """The finding: the effects, and whether what they leave is noise."""
     names = f"{' and '.join(r.kind for r in chosen)} {'explains' if len(chosen) == 1 else 'explain'}"
-    if found.best.law.curvature:
-        return (f"something is missing (p = {p:.3f}); {names} most of it; the remaining error exceeds the noise",
-                *_indistinguishable(chosen))  # fmt: skip
-    return (f"something is missing (p = {p:.3f}); {names} it; the remaining error is noise", *_indistinguishable(chosen))
+    rest = "it; the remaining error is noise" if complete else "most of it; the remaining error exceeds the noise"
+    return f"something is missing (p = {p_value:.3f}); {names} {rest}"
 
 
-def before_and_after(poses, added, found):
+def before_and_after(poses, added, established):
     """The error before and after with the added effects, and whether they are established."""
     fitted = [p for p in poses.values() if p.role == "fit"]
     count = np.array([len(p.residual) for p in fitted])
@@ -42,13 +45,13 @@ def before_and_after(poses, added, found):
     unseen = [(p.left_out_before, p.left_out) for p in fitted]
     if len(fitted) > 1 and all(b is not None and np.isfinite(b) and np.isfinite(a) for b, a in unseen):
         text += f", in poses left out from {over([b for b, _ in unseen]):.2f} to {over([a for _, a in unseen]):.2f} mm"
-    standing = "" if found.verdict in verdict.FOUND else "; this best model is not established"
+    standing = "" if established else "; this best model is not established"
     return (text + standing,)
 
 
-def of_discrepancy(found, discrepancy):
+def of_discrepancy(discrepancy):
     """The discrepancy of the poses, in words."""
-    if not discrepancy.curvature or found.verdict not in (*verdict.FOUND, verdict.UNEXPLAINED):
+    if not discrepancy.curvature:
         return ()
     size = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
     return (f"beyond the sensor's noise each pose differs in its own way ({size}): friction, handling, or unlisted physics",)

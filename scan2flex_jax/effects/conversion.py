@@ -25,7 +25,7 @@ def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str]
     are ``clamped_ends``, or two.
     """
     cls, format = effect_class(kind), kind_format(kind)
-    missing = [name for name in format.names if name not in parameters]
+    missing = [p.name for p in format.parameters if p.name not in parameters and not p.optional]
     unknown = [name for name in parameters if name not in format.names]
     if missing or unknown:
         fault = f"lacks {', '.join(missing)}" if missing else f"has no parameter {', '.join(unknown)}"
@@ -35,7 +35,8 @@ def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str]
         given = ", ".join(f"{count} of {name}" for name, count in counts.items())
         raise Scan2FlexError(f"The effect {kind} has {given}: give as many of each.")
     inert = getattr(cls, "inert", INERT)
-    return cls(**{p.name: _given(p, parameters[p.name], clamped_ends, inert, format) for p in format.parameters})
+    stated = [p for p in format.parameters if p.name in parameters]
+    return cls(**{p.name: _given(p, parameters[p.name], clamped_ends, inert, format) for p in stated})
 
 
 def parameters_of(effect: AbstractEffect, clamped_ends: Sequence[str] = ENDS) -> dict[str, Any]:

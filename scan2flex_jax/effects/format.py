@@ -30,18 +30,20 @@ def parameter(
     per_point: bool = False,
     estimable: bool = True,
     walk: float = 0.0,
+    optional: bool = False,
 ) -> Any:
     """A field that a study may declare: its ``unit``, the shape of one value, and the rest as in `ParameterFormat`.
 
     ``per_end``: the field has leading axis 2 (start, end). ``per_point``: its number of rows is arbitrary. A ``default`` may
-    be a scalar that fills the field, or None, which stays None; such a field is keyword-only. Raises `Scan2FlexError` for an
-    unknown domain.
+    be a scalar that fills the field, or None, which stays None; such a field is keyword-only. That of an ``optional`` one is 0.
+    Raises `Scan2FlexError` for an unknown domain.
     """
     _check("domain of a parameter", domain, get_args(Domain))
     said = {
         "unit": unit, "shape": shape, "domain": domain, "per_end": per_end, "per_point": per_point, "estimable": estimable,
-        "walk": walk,
+        "walk": walk, "optional": optional,
     }  # fmt: skip
+    default = 0.0 if optional else default
     convert = _of_rows(shape) if per_point else _of_shape((2, *shape) if per_end else shape)
     return eqx.field(converter=convert, default=default, kw_only=default is None, metadata={_FORMAT: said})
 

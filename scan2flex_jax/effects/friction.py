@@ -5,7 +5,8 @@
 stiffnesses that is ``sqrt(k' K k / EI)``, EI their mean. ``bending_stiffness`` is that before anything slips, and
 ``share EI slip_curvature`` the full moment of friction. Null: share 0.
 
-The poses of a study act in their order, from a cable without history on, and again after a pose with ``reset``.
+The poses of a study act in their order, from a cable without history on or from one with the curvature ``initial_set`` (1/m,
+about d1 and d2, in excess of the natural one) as its set, and from a pose with ``reset`` without history again.
 """
 
 from typing import ClassVar
@@ -18,10 +19,11 @@ from jaxtyping import Float
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.effects.sliders import BEGUN_AT, BEGUN_SHARE, AbstractSliders
+from scan2flex_jax.study.kinds import INITIAL
 
 
 class Friction(AbstractSliders):
-    """``share`` (-) of the bending stiffness slips at a mean ``slip_curvature`` (1/m)."""
+    """``share`` (-) of the bending stiffness slips at a mean ``slip_curvature`` (1/m), at first from ``initial_set`` (1/m)."""
 
     kind: ClassVar[str] = "friction"
     place: ClassVar[str] = "energy"
@@ -29,6 +31,7 @@ class Friction(AbstractSliders):
     size: ClassVar[int] = 2
     share: Float[Array, ""] = parameter("-", domain="fraction")
     slip_curvature: Float[Array, ""] = parameter("1/m", domain="positive")
+    initial_set: Float[Array, "2"] = parameter("1/m", 2, optional=True)
 
     @classmethod
     def begin(cls, curvature: float, length: float, seconds: float) -> tuple[dict[str, float], ...]:
@@ -50,10 +53,15 @@ class Friction(AbstractSliders):
 ENTRY = CatalogueEntry(
     Friction, ("share",),
     lambda c: np.array([0.3]),  # cables lose between a tenth and nine tenths of their stiffness when strands slip
-    build=lambda a, site, c: (Friction(a[0], jnp.asarray(site["slip_curvature"])),),
-    to_parameters=lambda a, site, c: {"share": float(np.asarray(a)[0]), "slip_curvature": float(site["slip_curvature"])},
-    from_parameters=lambda p, c: (np.array([float(p["share"])]), {"slip_curvature": float(p["slip_curvature"])}),
-    sites=lambda c: ({"slip_curvature": 0.3 * max(c.curvature_range[1], 0.1 / c.length)},),
+    build=lambda a, site, c: (Friction(a[0], jnp.asarray(site["slip_curvature"]), jnp.asarray(site[INITIAL])),),
+    to_parameters=lambda a, site, c: {
+        "share": float(np.asarray(a)[0]), "slip_curvature": float(site["slip_curvature"]),
+        INITIAL: np.asarray(site[INITIAL], float),
+    },
+    from_parameters=lambda p, c: (
+        np.array([float(p["share"])]), {"slip_curvature": float(p["slip_curvature"]), INITIAL: p.get(INITIAL, np.zeros(2))},
+    ),
+    sites=lambda c: ({"slip_curvature": 0.3 * max(c.curvature_range[1], 0.1 / c.length), INITIAL: np.zeros(2)},),
     one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False,
     signature="the same clamps, reached from two sides, hold two shapes",
     settle="go to one pose from both sides, bent more and bent less before",

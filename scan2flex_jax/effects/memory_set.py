@@ -3,6 +3,9 @@
 Natural curvature ``memory * previous``: ``previous`` (1/m, about d1, d2, d3) is the curvature in the previous pose at
 points evenly spaced from s = 0 to L. It is data of the pose, supplied by the caller (`jnp.zeros((m, 3))` in the
 first pose), so a study cannot declare this effect type. Null: memory 0.
+
+It is the `relaxation` that is complete between poses, and knows the pose before only; `friction` knows all turning points.
+Where it is found, `explain` also tests these over the order of poses, and says what each leaves (`diagnosis.remembered`).
 """
 
 from typing import ClassVar

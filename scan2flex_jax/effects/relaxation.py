@@ -9,7 +9,8 @@ their stiffness, that before anything creeps,
 Each pose has its ``time``. It is taken to be reached quickly just before it, and held until the time of the next one at the
 strain that it has then: a pose measured at ``t`` and followed by one at ``t + held`` leaves
 ``v + (x - v) (1 - exp(-held/time_constant))``. What the strain itself creeps while the pose is held is neglected; where the
-clamps fix most of the shape, it is a small part. A cable begins without history, and again after ``reset``. Null: share 0.
+clamps fix most of the shape, it is a small part. A cable begins without history, or with dashpots at the strain ``initial_set``
+(1/m, about d1, d2, d3), and without history again after ``reset``. Null: share 0.
 """
 
 from typing import ClassVar
@@ -22,6 +23,7 @@ from jaxtyping import Float
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.memory import AbstractMemory
+from scan2flex_jax.study.kinds import INITIAL
 
 _BEGUN_SHARE = 0.2  # of the stiffness: share at which a fit begins
 _BEGUN_AT = (0.05, 0.3)  # of the time from the first pose to the last: time constants at which a fit begins
@@ -36,6 +38,7 @@ class Relaxation(AbstractMemory):
     needs: ClassVar[str] = "time"
     share: Float[Array, ""] = parameter("-", domain="fraction")
     time_constant: Float[Array, ""] = parameter("s", domain="positive")
+    initial_set: Float[Array, "3"] = parameter("1/m", 3, optional=True)
 
     @classmethod
     def begin(cls, curvature: float, length: float, seconds: float) -> tuple[dict[str, float], ...]:
@@ -45,6 +48,10 @@ class Relaxation(AbstractMemory):
     def without_history(self, elements: int) -> Float[Array, "n 3"]:
         """Dashpots at the natural shape."""
         return jnp.zeros((elements, 3))
+
+    def at_first(self, elements: int) -> Float[Array, "n 3"]:
+        """Dashpots at the initial set."""
+        return jnp.broadcast_to(self.initial_set, (elements, 3))
 
     def energy_given(
         self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"], left: Float[Array, "3"]
@@ -63,10 +70,15 @@ class Relaxation(AbstractMemory):
 ENTRY = CatalogueEntry(
     Relaxation, ("share",),
     lambda c: np.array([0.2]),  # plastics lose ten to thirty per cent over minutes
-    build=lambda a, site, c: (Relaxation(a[0], jnp.asarray(site["time_constant"])),),
-    to_parameters=lambda a, site, c: {"share": float(np.asarray(a)[0]), "time_constant": float(site["time_constant"])},
-    from_parameters=lambda p, c: (np.array([float(p["share"])]), {"time_constant": float(p["time_constant"])}),
-    sites=lambda c: ({"time_constant": 300.0},),  # s
+    build=lambda a, site, c: (Relaxation(a[0], jnp.asarray(site["time_constant"]), jnp.asarray(site[INITIAL])),),
+    to_parameters=lambda a, site, c: {
+        "share": float(np.asarray(a)[0]), "time_constant": float(site["time_constant"]),
+        INITIAL: np.asarray(site[INITIAL], float),
+    },
+    from_parameters=lambda p, c: (
+        np.array([float(p["share"])]), {"time_constant": float(p["time_constant"]), INITIAL: p.get(INITIAL, np.zeros(3))},
+    ),
+    sites=lambda c: ({"time_constant": 300.0, INITIAL: np.zeros(3)},),  # s
     one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False,
     signature="later poses lean towards those that were held long before them",
     settle="take the first pose again, last",

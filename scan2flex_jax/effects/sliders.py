@@ -12,6 +12,9 @@ spread evenly (`SPREAD`) about their mean, ``threshold``: loading from the start
 full friction moment ``share B threshold``, as strands do that slip one after the other; one slider (``spread=(1.0,)``) makes a
 sharp knee. Whatever the thresholds, Masing's rule holds: a return branch is the first loading, twice as large.
 
+Before the first pose all sliders sit at ``initial_set`` (1/m), alike along the cable: zero for a new cable. One that comes from
+a drum, free of loads, is bent by ``share initial_set`` as long as no slider slips, and by less where they do.
+
 Huber's knee, in which the stiffness jumps, is rounded over `ROUNDING` of the threshold on either side by a parabola in ``g``:
 the energy is twice continuously differentiable, so that Newton's method converges and derivatives exist in every pose. Only a
 short range is rounded because a rounded knee is not idempotent: a slider that has just slipped loses a quarter of the rounding
@@ -57,6 +60,7 @@ class AbstractSliders(AbstractMemory):
     """Base of friction effects: ``share`` (-) of the stiffness that slips, at a mean ``threshold`` (1/m)."""
 
     share: eqx.AbstractVar[Float[Array, ""]]
+    initial_set: eqx.AbstractVar[Float[Array, "..."]]
     spread: tuple[float, ...] = eqx.field(default=SPREAD, kw_only=True, static=True)
     rounding: float = eqx.field(default=ROUNDING, kw_only=True, static=True)
     size: ClassVar[int]
@@ -73,6 +77,10 @@ class AbstractSliders(AbstractMemory):
     def without_history(self, elements: int) -> Float[Array, "n sliders k"]:
         """All sliders at the natural shape."""
         return jnp.zeros((elements, len(self.spread), self.size))
+
+    def at_first(self, elements: int) -> Float[Array, "n sliders k"]:
+        """All sliders at the initial set."""
+        return jnp.broadcast_to(self.initial_set, (elements, len(self.spread), self.size))
 
     def energy_given(
         self, strain: Float[Array, "6"], stiffness: Float[Array, "6 6"], left: Float[Array, "sliders k"]

@@ -1,7 +1,7 @@
 """Friction in torsion: part of the torsional stiffness is carried by strands that slip, as `friction` in bending.
 
 ``share`` (-) of GJ slips, at twists about ``slip_twist`` (rad/m) away from where it last stuck (`sliders`), in excess of the
-natural twist. Null: share 0.
+natural twist; before the first pose it stuck at the twist ``initial_set`` (rad/m). Null: share 0.
 """
 
 from typing import ClassVar
@@ -14,10 +14,11 @@ from jaxtyping import Float
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.effects.sliders import BEGUN_AT, BEGUN_SHARE, AbstractSliders
+from scan2flex_jax.study.kinds import INITIAL
 
 
 class TorsionFriction(AbstractSliders):
-    """``share`` (-) of the torsional stiffness slips at a mean ``slip_twist`` (rad/m)."""
+    """``share`` (-) of the torsional stiffness slips at a mean ``slip_twist`` (rad/m), first from ``initial_set`` (rad/m)."""
 
     kind: ClassVar[str] = "torsion_friction"
     place: ClassVar[str] = "energy"
@@ -25,6 +26,7 @@ class TorsionFriction(AbstractSliders):
     size: ClassVar[int] = 1
     share: Float[Array, ""] = parameter("-", domain="fraction")
     slip_twist: Float[Array, ""] = parameter("1/m", domain="positive")
+    initial_set: Float[Array, ""] = parameter("1/m", optional=True)
 
     @classmethod
     def begin(cls, curvature: float, length: float, seconds: float) -> tuple[dict[str, float], ...]:
@@ -44,10 +46,15 @@ class TorsionFriction(AbstractSliders):
 ENTRY = CatalogueEntry(
     TorsionFriction, ("share",),
     lambda c: np.array([0.3]),  # as in bending
-    build=lambda a, site, c: (TorsionFriction(a[0], jnp.asarray(site["slip_twist"])),),
-    to_parameters=lambda a, site, c: {"share": float(np.asarray(a)[0]), "slip_twist": float(site["slip_twist"])},
-    from_parameters=lambda p, c: (np.array([float(p["share"])]), {"slip_twist": float(p["slip_twist"])}),
-    sites=lambda c: ({"slip_twist": 0.6 * np.pi / c.length},),  # a third of a turn along the cable
+    build=lambda a, site, c: (TorsionFriction(a[0], jnp.asarray(site["slip_twist"]), jnp.asarray(site[INITIAL])),),
+    to_parameters=lambda a, site, c: {
+        "share": float(np.asarray(a)[0]), "slip_twist": float(site["slip_twist"]),
+        INITIAL: float(site[INITIAL]),
+    },
+    from_parameters=lambda p, c: (
+        np.array([float(p["share"])]), {"slip_twist": float(p["slip_twist"]), INITIAL: p.get(INITIAL, 0.0)},
+    ),
+    sites=lambda c: ({"slip_twist": 0.6 * np.pi / c.length, INITIAL: 0.0},),  # a third of a turn along the cable
     one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False,
     signature="the same clamps, twisted there from two sides, hold two shapes",
     settle="twist one clamp to the same angle from both sides",

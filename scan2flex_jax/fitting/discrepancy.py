@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from scan2flex_jax.fitting import states
@@ -80,7 +79,7 @@ def directions(state: states.State) -> states.State:
     for k, (end, axis) in enumerate(np.ndindex(2, 3)):
         turn = SEAT * length * held[end, axis] * np.asarray(boundary.rotation)[end] @ _HAT[axis]
         rotation[len(field) + k, end] = turn
-    still = jax.tree.map(lambda x: np.zeros((count, *np.shape(x))), eqx.filter(state, eqx.is_inexact_array))
+    still = states.still(state, count)
     return eqx.tree_at(lambda t: (t.rod.section.natural, t.rod.boundary.rotation), still, (natural, rotation))
 
 

@@ -7,8 +7,9 @@ parameter vector to the state of a pose (`states`), which compiles quickly.
 The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
 the factors of the solve. A call without derivatives compiles and runs without it.
 
-With memory each pose begins from the state that the one before it left, whether that belongs to the poses evaluated or not,
-and the derivative of that state is a tangent of the next pose: forward mode through the order, linear in the number of poses.
+With memory each pose begins from the state that the one before it left (the first from the initial set of the cable), whether
+that belongs to the poses evaluated or not, and the derivative of that state is a tangent of the next pose: forward mode through
+the order, linear in the number of poses.
 Derivatives of a pose by nuisance parameters of the clamps of earlier poses are left out: a clamp within its tolerance moves the
 history by a small part of a threshold, and they would cost the square of the number of poses.
 """
@@ -82,7 +83,15 @@ class _Before(NamedTuple):
         return tuple(still)
 
 
-NO_HISTORY = _Before()
+STRAIGHTENED = _Before()
+
+
+def _entered(state, tangents, before: _Before | None) -> tuple[Left, Left]:
+    """State before a pose, and its derivatives: that of the first pose, of a straightened cable, or left by the last one."""
+    if before is None:
+        return states.at_first(state, tangents)
+    left = before.left or states.without_history(state)
+    return left, before.moved(left, 0 if tangents is None else len(tangents.view))
 
 
 class Evaluator:
@@ -104,8 +113,8 @@ class Evaluator:
         if p.history is None:
             found = each_pose(lambda i: self._pose(p, i, shared, local[i], one(start, i), derivative), p.count)
         else:
-            found = [shape for _, shape in self._in_order(p.history, shared, local, start, derivative)]
-        found = [each._replace(marked=None, left=(), leaving=()) for each in found]
+            found = self._in_order(p.history, shared, local, start, derivative)
+        found = [each._replace(marked=None, left=(), leaving=(), entered=()) for each in found]
         r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)[:5]
         return Evaluation(r, jacobian, s, configuration, verdict)
 
@@ -114,28 +123,29 @@ class Evaluator:
         wanted = derivative or bool(self.slots)  # with placeholders, one compiled function serves all calls
         return -(-len(x) // self.width) * self.width if wanted else 0
 
-    def _pose(self, poses, i, shared, local, start, derivative, before=NO_HISTORY, held=None):
+    def _pose(self, poses, i, shared, local, start, derivative, before=None, held=None):
+        """One pose; with memory ``before`` is what the one before it left, None for the first pose."""
         x = np.concatenate([shared, local])
         given = self.layout, poses.template(i), one(poses.boundary, i), x, self.slots, self.elements
         state, tangents = _state(*given, self._rows(x, derivative))
+        left: Left = ()
         if held is not None:  # the first pose has a state too, so that one compiled function serves all
-            left = before.left or states.without_history(state)
-            moved = before.moved(left, 0 if tangents is None else len(tangents.view))
+            left, moved = _entered(state, tangents, before)
             state, tangents = states.after(state, left), None if tangents is None else states.after(tangents, moved)
         found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, self.width, held)
+        found = found._replace(entered=left)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
-    def _in_order(self, history: History, shared, local, start, derivative) -> list[tuple[Left, states.Shape]]:
-        """For each pose, the state before it and its shape; poses of the history that are not of these have no part of
-        their own but what they leave."""
-        found: dict[int, tuple[Left, states.Shape]] = {}
-        own, before = {int(q): i for i, q in enumerate(history.at)}, NO_HISTORY
+    def _in_order(self, history: History, shared, local, start, derivative) -> list[states.Shape]:
+        """The shape of each pose; poses of the history that are not of these have no part of their own but what they leave."""
+        found: dict[int, states.Shape] = {}
+        own, before = {int(q): i for i, q in enumerate(history.at)}, None
         for q in range(max(own) + 1):
-            before = NO_HISTORY if history.reset[q] else before
+            before = STRAIGHTENED if history.reset[q] else before
             i, poses = own.get(q, q), self.poses if q in own else history.poses
             z, begin = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
             shape = self._pose(poses, i, shared, z, begin, derivative, before, np.asarray(history.held[q]))
-            found[q] = before.left or tuple(np.zeros_like(left) for left in shape.left), shape
+            found[q] = shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]
 
@@ -145,7 +155,7 @@ class Evaluator:
         if history is None:
             return [()] * self.poses.count
         found = self._in_order(history, shared, local, start, derivative=True)  # by the functions that a fit has compiled
-        return [left for left, _ in found]
+        return [shape.entered for shape in found]
 
     def remembered(self, shared, local, start) -> Poses:
         """The poses with the states that those before them left at these numbers in their models; unchanged without memory."""

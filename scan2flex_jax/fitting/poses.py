@@ -106,15 +106,16 @@ def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elem
     if not study.remembers:
         return found
     whole = found if tuple(study_poses) == study.poses else _without_history(study, study.poses, length, elements)
-    return replace(found, history=_history(study, study_poses, whole))
+    return replace(found, history=History(whole, *places_of(study, study_poses)))
 
 
-def _history(study, study_poses, whole):
+def places_of(study: Study, study_poses: Sequence[StudyPose]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places of poses among all of a study; of these, whether each begins without history, and how long (s) it is held."""
     names, last = [pose.name for pose in study.poses], study.poses[-1]
     pairs = [(p.time, q.time) for p, q in zip(study.poses, (*study.poses[1:], last), strict=True)]
     held = np.array([0.0 if a is None or b is None else b - a for a, b in pairs])
     at = np.array([names.index(pose.name) for pose in study_poses], int)
-    return History(whole, at, np.array([pose.reset for pose in study.poses]), held)
+    return at, np.array([pose.reset for pose in study.poses]), held
 
 
 def _without_history(study, study_poses, length, elements):

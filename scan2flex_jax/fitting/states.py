@@ -20,7 +20,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.compilation import compiled
+from scan2flex_jax.compilation import compiled, lightly_compiled
 from scan2flex_jax.fitting.distance import (
     closest_residuals,
     hausdorff_residuals,
@@ -56,7 +56,8 @@ class Shape(NamedTuple):
     """One solved pose: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, status, and the mask
     of markers (m,), None if the study has none.
 
-    With memory also the state that the pose ``left`` and its derivatives ``leaving`` (leading axis K)."""
+    With memory also the state that the pose ``entered`` with, the one that it ``left``, and the derivatives ``leaving`` of the
+    latter (leading axis K)."""
 
     residual: np.ndarray
     columns: np.ndarray | None
@@ -66,6 +67,7 @@ class Shape(NamedTuple):
     marked: Float[Array | np.ndarray, " m"] | None = None
     left: Left = ()
     leaving: Left = ()
+    entered: Left = ()
 
 
 def slots_of(effects) -> tuple[AbstractEffect, ...]:
@@ -74,8 +76,22 @@ def slots_of(effects) -> tuple[AbstractEffect, ...]:
 
 
 def without_history(state: State) -> Left:
-    """What a pose without history begins from, for each effect with memory."""
+    """The state of a straightened cable, for each effect with memory."""
     return tuple(np.asarray(m.without_history(state.rod.elements)) for m in memories(state.rod.effects))
+
+
+def at_first(state: State, tangents: State | None) -> tuple[Left, Left]:
+    """The state before the first pose, for each effect with memory, and its derivatives along ``tangents`` (None: none)."""
+    of, along = memories(state.rod.effects), () if tangents is None else memories(tangents.rod.effects)
+    return jax.tree.map(np.asarray, _at_first(of, along, state.rod.elements))
+
+
+@lightly_compiled
+def _at_first(of, along, elements):
+    def begun(of):
+        return tuple(m.at_first(elements) for m in of)
+
+    return begun(of), jax.vmap(lambda t: jax.jvp(begun, (of,), (t,))[1])(along) if along else ()
 
 
 def after(state: State, left: Left) -> State:
@@ -186,7 +202,12 @@ def evaluate(
 
 def no_tangents(state: State) -> State:
     """An empty set of tangents for `evaluate`."""
-    return jax.tree.map(lambda x: np.zeros((0, *x.shape)), eqx.filter(state, eqx.is_inexact_array))
+    return still(state, 0)
+
+
+def still(state: State, count: int) -> State:
+    """So many zero tangents of a state, to be filled in."""
+    return jax.tree.map(lambda x: np.zeros((count, *np.shape(x))), eqx.filter(state, eqx.is_inexact_array))
 
 
 def _as_numpy(residual, columns, s, configuration, verdict) -> Shape:

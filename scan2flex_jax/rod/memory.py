@@ -26,8 +26,9 @@ Left = tuple[Float[Array | np.ndarray, "..."], ...]
 class AbstractMemory(AbstractEffect):
     """Base of effects with memory.
 
-    ``left`` is the state of every element before the pose, data of the pose that `remembering` inserts; None is the state of
-    a cable without history. ``needs`` is what the poses have to tell: their "order", or the "time" of each.
+    ``left`` is the state of every element before the pose, data of the pose that `remembering` inserts; None is the state
+    before the first pose, that of a cable without history unless the cable came with a set (`at_first`).
+    ``needs`` is what the poses have to tell: their "order", or the "time" of each.
     """
 
     needs: ClassVar[str] = "order"
@@ -36,6 +37,10 @@ class AbstractMemory(AbstractEffect):
     @abc.abstractmethod
     def without_history(self, elements: int) -> Float[Array, "n ..."]:
         """State of a new cable, or of one that was taken out and straightened."""
+
+    def at_first(self, elements: int) -> Float[Array, "n ..."]:
+        """State before the first pose: none, unless the cable came with a set."""
+        return self.without_history(elements)
 
     @abc.abstractmethod
     def energy_given(
@@ -61,7 +66,7 @@ class AbstractMemory(AbstractEffect):
 
     def before(self, elements: int) -> Float[Array | np.ndarray, "n ..."]:
         """State of every element before the pose."""
-        return self.without_history(elements) if self.left is None else self.left
+        return self.at_first(elements) if self.left is None else self.left
 
 
 def memories(effects: Sequence[AbstractEffect]) -> tuple[AbstractMemory, ...]:
@@ -70,9 +75,14 @@ def memories(effects: Sequence[AbstractEffect]) -> tuple[AbstractMemory, ...]:
 
 
 def remembering(effects: Sequence[AbstractEffect], left: Left | None) -> tuple[AbstractEffect, ...]:
-    """The effects with the states ``left`` by the pose before; None: a cable without history."""
+    """The effects with the states ``left`` by the pose before; None: the state before the first pose."""
     states = iter(left) if left is not None else None
     return tuple(_with_state(e, states) if isinstance(e, AbstractMemory) else e for e in effects)
+
+
+def straightened(effects: Sequence[AbstractEffect], elements: int) -> tuple[AbstractEffect, ...]:
+    """The effects of a cable of so many ``elements`` that was taken out and straightened."""
+    return remembering(effects, tuple(m.without_history(elements) for m in memories(effects)))
 
 
 def _with_state(effect, states):

@@ -167,7 +167,7 @@ def equilibrium(
         solver: `MixedNewton` (default), another `AbstractRodSolver`, or an optimistix minimiser.
         max_steps: Largest number of steps; None is the solver's default.
         throw: Raise if the solve fails; otherwise the failure stands in the verdict of the result.
-        after: The pose before, for a model with memory (`friction`, `relaxation`); by default the cable has no history.
+        after: The pose before, for a model with memory (`friction`, `relaxation`); by default this is the first pose.
         held: How long (s) the pose before was held.
 
     Returns:

@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import CABLE, KindFormat, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
 from scan2flex_jax.study.values import Where
 
@@ -41,7 +41,7 @@ def check_effects(study: Study, where: Where) -> None:
             name, key = parameter.name, here.at(parameter.name)
             if name in effect.parameters:
                 v.quantity(effect.parameters[name], parameter, key, ends, longest, points)
-            elif f"{effect.kind}.{name}" not in study.unknown_names:
+            elif not parameter.optional and f"{effect.kind}.{name}" not in study.unknown_names:
                 asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
         _coupled(effect, here)
@@ -82,6 +82,15 @@ def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, whe
         raise where.fail(f"two effects are of kind {form.kind}: leave one of them out.")
     if form.memory == "time":
         _check_times(form, study, where)
+    _check_initial(effect, study, where.at(INITIAL))
+
+
+def _check_initial(effect: EffectDeclaration, study: Study, where: Where) -> None:
+    """A set before the first pose is not that of a cable straightened before this pose."""
+    unknown = f"{effect.kind}.{INITIAL}" in study.unknown_names
+    if study.poses[0].reset and (unknown or np.any(effect.parameters.get(INITIAL, 0.0))):
+        said = f"the cable was straightened before its first pose, {v.shown(study.poses[0].name)}, and has no set"
+        raise where.fail(f"{said}: leave {INITIAL} out, or the reset = true of this pose.")
 
 
 def _check_times(form: KindFormat, study: Study, where: Where) -> None:

@@ -21,6 +21,8 @@ Place = Literal["clamps", "energy", "observation"]
 Domain = Literal["any", "positive", "nonnegative", "fraction", "along_cable", "unit"]
 Memory = Literal["none", "order", "time"]
 ENDS = ("start", "end")
+INITIAL = "initial_set"
+"""Parameter of effects with memory: the state before the first pose."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class ParameterFormat:
     order start, end. `per_point`: one value of `shape` for each point of a field, along the cable or over a strain.
     `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
     of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
+    `optional`: a study may leave it out, and it is then zero.
     """
 
     name: str
@@ -42,6 +45,7 @@ class ParameterFormat:
     per_point: bool = False
     estimable: bool = True
     walk: float = 0.0
+    optional: bool = False
 
     def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
         """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""

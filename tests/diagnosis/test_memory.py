@@ -8,7 +8,7 @@ import pytest
 from benchmarks.blind import hysteresis
 from benchmarks.memory import remembering, study_of_chains
 from scan2flex_jax.diagnosis import memory_test, planning
-from scan2flex_jax.diagnosis.memory import MemoryTest, _permuted
+from scan2flex_jax.diagnosis.memory import LEAD, MemoryTest, _in_other_orders, _permuted
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import Problem
@@ -51,6 +51,16 @@ def test_another_order_keeps_times_and_resets_in_their_places():
         assert sorted(p.name for p in other) == [p.name for p in poses]
         assert [p.name for p in other] != [p.name for p in poses]
         assert [(p.time, p.reset) for p in other] == [(p.time, p.reset) for p in poses]
+
+
+def test_a_test_may_end_with_the_first_order_that_fits_as_well():
+    """Memory is then not named, however the orders that were not tried fit."""
+    gains, study, say = iter([20.0, 79.0, 10.0, 85.0]), study_with(0.5, 3), lambda said: None
+    others = _in_other_orders(study, lambda study: next(gains), 19, 0, 80.0 - LEAD, say)
+    assert others == (20.0, 79.0)
+    assert not found(80.0, *others).named
+    assert "the best of one other order gains 79.0 (p = 0.50)" in found(80.0, 79.0).sentence()
+    assert len(_in_other_orders(study, lambda study: 79.0, 19, 0, np.inf, say)) == 19
 
 
 def test_a_kind_without_memory_is_refused():

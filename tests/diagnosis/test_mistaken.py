@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import run, verdict
+from scan2flex_jax.diagnosis.memory import MemoryTest
+from scan2flex_jax.diagnosis.remembered import Remembering
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL
 from scan2flex_jax.examples import example_path
+from scan2flex_jax.fitting import Fit
 from scan2flex_jax.study import load_study
 from scan2flex_jax.study.mistakes import Mistake
 
@@ -53,3 +56,17 @@ def likely():
 )  # fmt: skip
 def test_an_effect_must_be_found_and_leave_less_than_the_corrected_study(likely, said, left, outdone):
     assert run._outdone(likely, answer(said, left), USUAL) is outdone
+
+
+@pytest.mark.parametrize(("left", "outdone"), [(0.8 * AFTER, True), (0.95 * AFTER, False)])
+def test_memory_may_outdo_a_mistake_too(likely, left, outdone):
+    """Poses that depend on those before them look like poses whose input is wrong."""
+
+    class Fitted(Fit):
+        def rms(self, role: str = "fit") -> float:
+            return left
+
+    found, test = answer(verdict.UNEXPLAINED, AFTER), MemoryTest("friction", 80.0, (20.0,) * 19, {"share": 0.5}, 6.0)
+    memory = Remembering(test, (AFTER, left), object.__new__(Fitted))
+    assert run._outdone(likely, found, USUAL, memory) is outdone
+    assert run._outdone(likely, found, USUAL, Remembering(test, (AFTER, left))) is False

@@ -33,7 +33,7 @@ def driven(effect, strains, held=0.0):
         extra = jax.grad(effect.energy_given)(strain, STIFFNESS, left)
         return effect.leaves(strain, STIFFNESS, left, jnp.asarray(held)), STIFFNESS @ strain + extra
 
-    return jax.lax.scan(pose, effect.without_history(1)[0], strains)[1]
+    return jax.lax.scan(pose, effect.at_first(1)[0], strains)[1]
 
 
 def bent(effect, curvatures, axis=4):
@@ -50,6 +50,22 @@ def test_one_slider_loads_and_unloads_as_its_closed_form(cls, axis):
     slider = [0.5, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -0.5, 1.0]
     expected = [rest * k + SHARE * s for k, s in zip(path, slider, strict=True)]
     np.testing.assert_allclose(bent(one_slider(cls), path, axis), expected, atol=1e-8)
+
+
+@pytest.mark.parametrize(("cls", "axis"), [(Friction, 4), (TorsionFriction, 5)])
+def test_a_slider_with_a_set_begins_from_it(cls, axis):
+    """Loading begins at the set in place of zero, and is forgotten once the slider has slipped."""
+    first = jnp.array([0.0, 0.8]) if cls is Friction else jnp.array(0.8)
+    effect = cls(SHARE, SLIP, first, spread=(1.0,), rounding=SHARP)
+    path, slider = [0.0, 0.5, 2.0, 0.5], [-0.8, -0.3, 1.0, -0.5]
+    expected = [(1 - SHARE) * k + SHARE * s for k, s in zip(path, slider, strict=True)]
+    np.testing.assert_allclose(bent(effect, path, axis), expected, atol=1e-8)
+
+
+def test_dashpots_with_a_set_pull_towards_it():
+    effect = Relaxation(SHARE, 60.0, jnp.array([0.3, -0.2, 0.5]))
+    (still,) = np.asarray(driven(effect, jnp.zeros((1, 6))))
+    np.testing.assert_allclose(still[3:], -SHARE * np.array([EI, EI, GJ]) * [0.3, -0.2, 0.5], atol=1e-12)
 
 
 @pytest.mark.parametrize("spread", [(1.0,), SPREAD])
@@ -169,6 +185,17 @@ def test_a_whole_rod_in_pure_bending_follows_the_closed_form():
         moment, _ = in_pure_bending(one_slider(rounding=ROUNDING), now, before)
         expected = EI * abs((1 - SHARE) * now + SHARE * slider)
         np.testing.assert_allclose(np.linalg.norm(moment, axis=1), expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("first", "spread", "expected"), [(0.2, SPREAD, SHARE * 0.2), (5.0, (1.0,), SHARE / (1 - SHARE) * SLIP)]
+)
+def test_a_cable_from_a_drum_without_loads_keeps_the_bend_that_its_sliders_hold(first, spread, expected):
+    """Its moment is zero: (1 - share) k = share (set - k) while nothing slips, and share slip once all have slipped."""
+    model = CableModel(scene.CABLE, jnp.zeros(3), Friction(SHARE, SLIP, jnp.array([0.0, first]), spread=spread))
+    free = equilibrium(model, scene.straight(), elements=scene.ELEMENTS)
+    turned = np.asarray(lie.so3_log(free.configuration.R[0].T @ free.configuration.R[-1]))
+    np.testing.assert_allclose(turned, [0.0, expected * float(scene.CABLE.length), 0.0], atol=1e-6)
 
 
 def test_a_pose_after_another_model_is_refused():

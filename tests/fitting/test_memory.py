@@ -13,6 +13,7 @@ from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.traced import traced_problem
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown
+from scan2flex_jax.study.sense import check_study
 
 from . import scenes
 
@@ -58,6 +59,46 @@ def test_derivatives_go_through_the_order_of_poses():
     assert np.all(np.abs(exact - by_differences).max(axis=(0, 1, 2)) < 1e-6 * scale)
     fresh = evaluated(ordered(poses=NAMES[:3], twist_90={"reset": True}, aside_45={"reset": True}))[2]
     assert np.all(np.abs(exact - fresh.jacobian[..., : len(x)])[1:].max(axis=(0, 1, 2)) > 1e-3 * scale)
+
+
+SET = (*OF_FRICTION, Unknown("friction.initial_set"))
+AT_SET = {**AT, "friction.initial_set": np.array([0.4, -0.9])}
+
+
+def test_derivatives_by_the_set_before_the_first_pose_go_through_the_order():
+    study = ordered(unknowns=SET, poses=NAMES[:3])
+    problem, x, e = evaluated(scenes.measured(study, scenes.exact_curves(study, AT_SET)), AT_SET)
+    exact, by_differences = e.jacobian[..., : len(x)], differences(problem, x, e)
+    scale = np.abs(exact).max(axis=(0, 1, 2))
+    assert np.all(np.abs(exact[1:]).max(axis=(0, 1, 2))[-2:] > 1e-4)  # m per 1/m, in the poses after the first
+    noise = 3e-8  # of the differences, m per 1/m: the solver's residual over their step
+    assert np.all(np.abs(exact - by_differences).max(axis=(0, 1, 2)) < np.maximum(1e-6 * scale, noise))
+
+
+def test_a_set_acts_from_the_first_pose_until_the_cable_is_straightened():
+    """In fits as in predictions; a cable that was straightened has none."""
+    known = AT_SET["friction.initial_set"]
+    new, bent = (evaluated(ordered(unknowns=SET), {**AT_SET, "friction.initial_set": q})[2] for q in (0.0, known))
+    assert np.abs(new.configuration.r[0] - bent.configuration.r[0]).max() > 1e-3
+    straightened = ordered(unknowns=SET, aside_45={"reset": True})
+    reset = evaluated(straightened, AT_SET)[2]
+    np.testing.assert_array_equal(reset.configuration.r[:2], bent.configuration.r[:2])
+    alone = evaluated(ordered(poses=("aside-45",)))[2].configuration.r
+    np.testing.assert_allclose(reset.configuration.r[2], alone[0], atol=1e-12)
+    values = {"share": 0.4, "slip_curvature": 1.0, "initial_set": known}
+    cable = {**straightened.cable, **{k: AT[k] for k in list(AT)[:2]}}
+    told = predict(
+        replace(straightened, unknowns=(), cable=cable, effects=(EffectDeclaration("friction", values),)),
+        elements=scenes.ELEMENTS,
+    )
+    np.testing.assert_allclose(told["plane"].points, bent.configuration.r[0], atol=1e-9)
+    np.testing.assert_allclose(told["aside-45"].points, alone[0], atol=1e-9)
+
+
+def test_a_set_before_a_straightened_first_pose_is_refused():
+    study = ordered(unknowns=SET, plane={"reset": True})
+    with pytest.raises(Scan2FlexError, match="the cable was straightened before its first pose, 'plane', and has no set"):
+        check_study(study)
 
 
 def test_a_straightened_cable_is_a_new_one():
@@ -121,7 +162,7 @@ class Sliders(hysteresis.Law):
 
     def stepped(self, k, before, z):
         thresholds = self.slip * np.array([0.25, 0.75, 1.25, 1.75])[:, None]
-        z = np.zeros((4, len(k))) if np.ndim(z) == 1 else z
+        z = np.tile(before, (4, 1)) if np.ndim(z) == 1 else z
         pull = np.clip(k - z, -thresholds, thresholds)
         stuck = np.mean(np.abs(k - z) < thresholds, axis=0)
         moment = self.EI * ((1 - self.share) * k + self.share * pull.mean(axis=0))
@@ -150,6 +191,22 @@ def test_a_fit_recovers_friction_from_the_poses_of_another_solver(recovered):
     assert moment == pytest.approx(0.05 * 0.6 * 2.0, rel=0.15), e
     assert all(found.estimates[name].identifiable for name in e)
     assert found.minimum.cost < 0.5 * plain.cost
+
+
+def test_a_fit_recovers_the_set_that_a_cable_came_with():
+    """The chain of the other solver, kept at a curvature before its first pose; the set has a prior about zero."""
+    law, grips = Sliders(0.05, 0.6, 2.0), [hysteresis.Grip(*g) for g in GRIPS]
+    chains = hysteresis.posed(1.0, 1.0, law, grips, kept=1.5)
+    study = study_of_chains(chains, grips, noise=3e-4, seed=1)
+    prior = Unknown("friction.initial_set", prior={"mean": 0.0, "std": 3.0})
+    found, new = (
+        fit(replace(study, effects=(FRICTION,), unknowns=(*study.unknowns, *OF_FRICTION[2:], *more))) for more in ((prior,), ())
+    )
+    about_d1, about_d2 = found.estimates["friction.initial_set"].value
+    assert about_d2 == pytest.approx(-1.5, rel=0.15)  # the plane of the chain is that across -d2
+    assert abs(about_d1) < 0.1
+    assert found.minimum.cost < 0.5 * new.minimum.cost
+    assert found.estimates["friction.share"].value == pytest.approx(0.6, rel=0.15)
 
 
 def test_what_cannot_follow_the_order_says_so():
