@@ -1,8 +1,5 @@
 """Likely mistakes of the input beside missing effects: which of the two explains the shapes (`diagnosis.run`)."""
 
-from types import SimpleNamespace
-
-import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import run, verdict
@@ -21,22 +18,14 @@ AFTER = 10e-3  # m: what the corrected study leaves
 def answer(said, left):
     """A search that ended with this verdict and this RMS distance (m) of the shapes of its best model nearest to the curves."""
     found = object.__new__(Found)
-    found.verdict, found.best = said, model(2.0 * left)
-    found.stage = SimpleNamespace(bench=SimpleNamespace(real=[np.arange(50) < 40]), of=left)
+    found.verdict, found.best, found.stage = said, None, left
     return found
-
-
-def model(left):
-    """A refit of one pose with this RMS distance (m)."""
-    return SimpleNamespace(shapes=[SimpleNamespace(
-        residual=np.full((50, 3), left / 3**0.5), s=np.zeros(50), verdict=SimpleNamespace(code=0),
-    )])  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
 def nearest(monkeypatch):
-    """The refit with unweighted distances comes as close as `answer` says."""
-    monkeypatch.setattr(run.floors, "nearest", lambda of, found: model(of))
+    """The shapes nearest to the curves are as near as `answer` says."""
+    monkeypatch.setattr(run.report, "nearest_rms", lambda stage, found: stage)
 
 
 @pytest.fixture(scope="module")
