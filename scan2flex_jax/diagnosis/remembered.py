@@ -1,6 +1,7 @@
 """Memory that the study does not declare: does the order of the poses explain what no effect without memory does?
 
-It is tried where the answer leaves more than noise, or holds a set kept from the pose before (`memory_set`), in three steps.
+It is tried where the answer leaves more than noise, or an estimated noise, or holds a set kept from the pose before
+(`memory_set`), in three steps.
 
 1. A *score* without refits. At ``share`` zero the states of an effect with memory follow from the strains of the baseline
    poses, and its moment ``m`` per ``share`` acts like a natural strain ``-K^-1 m``. One back-substitution gives the column of
@@ -71,12 +72,13 @@ def search(found: Found, progress: Progress) -> Remembering | None:
 
 
 def _may_matter(found) -> bool:
-    """Whether the answer leaves more than noise, or holds a set of the pose before; in enough poses, none declared."""
+    """Whether the answer leaves more than the noise of the sensor, or may, or holds a set of the pose before; in enough poses,
+    none declared. An estimated noise may contain what friction does to each pose."""
     study = found.stage.bench.problem.study
-    if study.remembers or len(study.fit_poses) < FEWEST:
+    if study.remembers or len(study.fit_poses) < FEWEST or found.verdict in (verdict.NONE, verdict.UNSOLVED):
         return False
     kept = any(MemorySet.kind in r.kinds for r in found.tied)
-    return found.verdict in (verdict.UNEXPLAINED, verdict.PARTLY) or (found.verdict in verdict.FOUND and kept)
+    return kept or found.verdict in (verdict.UNEXPLAINED, verdict.PARTLY) or found.stage.of.stated is None
 
 
 def _possible(stage) -> list[str]:

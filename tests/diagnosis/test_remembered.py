@@ -57,9 +57,9 @@ def test_few_other_orders_may_score_as_well(monkeypatch, scored, worth):
     assert remembered._worth(None, "friction") is worth
 
 
-def searched(said, kinds=(), poses=6, remembers=False):
+def searched(said, kinds=(), poses=6, remembers=False, stated=3e-4):
     study = SimpleNamespace(remembers=remembers, fit_poses=[None] * poses)
-    stage = SimpleNamespace(bench=SimpleNamespace(problem=SimpleNamespace(study=study)))
+    stage = SimpleNamespace(bench=SimpleNamespace(problem=SimpleNamespace(study=study)), of=SimpleNamespace(stated=stated))
     found = object.__new__(Found)
     found.stage, found.verdict, found.tied = stage, said, [SimpleNamespace(kinds=kinds)]
     return found
@@ -74,6 +74,8 @@ def searched(said, kinds=(), poses=6, remembers=False):
         (searched(verdict.EXPLAINED, ("memory_set",)), True),
         (searched(verdict.EXPLAINED, ("kink",)), False),
         (searched(verdict.TIE, ("kink",)), False),
+        (searched(verdict.EXPLAINED, ("kink",), stated=None), True),  # an estimated noise may contain what friction does
+        (searched(verdict.NONE, stated=None), False),
         (searched(verdict.NONE), False),
         (searched(verdict.UNSOLVED), False),
         (searched(verdict.UNEXPLAINED, poses=4), False),
