@@ -167,7 +167,8 @@ def _judged(found: Found) -> Found:
     if len(found.tied) > 1 or outside(best):
         found.lead, found.verdict = verdict.TIED, verdict.TIE
     else:
-        found.verdict = verdict.PARTLY if best.law.curvature else verdict.EXPLAINED
+        rest = best.law.curvature or stage.of.exceeds(best.law.noise)
+        found.verdict = verdict.PARTLY if rest else verdict.EXPLAINED
     return found
 
 

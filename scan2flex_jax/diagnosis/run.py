@@ -246,7 +246,11 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
 
     In a single pose, discrepancy and effect are the same.
     """
-    return of.bench.poses.count > 1 and floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
+    if of.bench.poses.count == 1:
+        return False
+    return of.exceeds(found.stage.noise) or (
+        floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
+    )
 
 
 def _outdone(

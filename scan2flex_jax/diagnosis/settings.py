@@ -27,7 +27,8 @@ class DiagnosisSettings(NoiseSettings):
     since few poses, or poses of which one alone shows the effect, hardly predict one another.
 
     Poses that differ: log evidence (nats) of a discrepancy of each pose above which models are compared at their own floors,
-    ``differing`` given effects without remaining structure, and ``scattered`` given the best pair of effects.
+    ``differing`` given effects without remaining structure, and ``scattered`` given the best pair of effects;
+    ``beyond_stated``, the ratio of the estimated noise to the stated one above which it is not noise of the sensor alone.
 
     Intervals: if no effect is found, they include all models within ``likely`` nats of the likeliest, and for a single pose
     all whose squares are within ``near`` times those of the best.
@@ -56,6 +57,7 @@ class DiagnosisSettings(NoiseSettings):
     most_scatter: float = 0.6
     differing: float = 5.0
     scattered: float = 30.0
+    beyond_stated: float = 2.0
     likely: float = 8.0
     near: float = 4.0
     least_evidence: float = 1.0

@@ -81,6 +81,10 @@ class Signatures:
     scales: tuple[float, ...] = ()
     settings: DiagnosisSettings = USUAL
 
+    def exceeds(self, noise: Noise) -> bool:
+        """Whether a noise is far above the stated one: not that of the sensor alone, whatever its correlation."""
+        return self.stated is not None and noise.total > self.settings.beyond_stated * self.stated
+
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of a model, given its own columns and all signatures."""
         bench = self.bench

@@ -1,0 +1,42 @@
+"""A stated noise stays the noise: what is left far beyond it is not noise, whatever its correlation."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from scan2flex_jax.diagnosis import run, verdict
+from scan2flex_jax.diagnosis.search import Found
+from scan2flex_jax.diagnosis.settings import DiagnosisSettings
+from scan2flex_jax.diagnosis.stage import Signatures
+from scan2flex_jax.fitting.noise import Noise
+
+STATED = 3e-4  # m
+
+
+def signatures(stated, poses=6, **settings):
+    of = object.__new__(Signatures)
+    of.stated, of.settings = stated, DiagnosisSettings(**settings)
+    of.bench = SimpleNamespace(poses=SimpleNamespace(count=poses))
+    return of
+
+
+@pytest.mark.parametrize(
+    ("white", "correlated", "exceeds"),
+    [(1.0, 0.0, False), (1.0, 1.5, False), (1.0, 2.6, True), (0.0, 2.1, True), (2.1, 0.0, True)],
+)
+def test_white_or_correlated_noise_beyond_twice_the_stated_one_is_not_the_sensor_s(white, correlated, exceeds):
+    noise = Noise(white * STATED, correlated * STATED, 0.1)
+    assert signatures(STATED).exceeds(noise) is exceeds
+    assert signatures(None).exceeds(noise) is False
+    assert signatures(STATED, beyond_stated=4.0).exceeds(noise) is False
+
+
+def test_an_effect_that_leaves_more_than_the_stated_noise_does_not_explain_all(monkeypatch):
+    """The answer is then left to the search at each model's own floor, where poses may differ and memory is tried."""
+    monkeypatch.setattr(run.floors, "gain_of_discrepancy", lambda of, best, noise: 0.0)
+    found = object.__new__(Found)
+    found.best, found.verdict = None, verdict.EXPLAINED
+    found.stage = SimpleNamespace(noise=Noise(STATED, 2.6 * STATED, 0.1))
+    assert run._poses_differ(signatures(STATED), found)
+    assert not run._poses_differ(signatures(STATED, poses=1), found)  # in a single pose, discrepancy and effect are the same
+    assert not run._poses_differ(signatures(None), found)
