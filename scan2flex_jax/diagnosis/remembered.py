@@ -85,7 +85,7 @@ def _possible(stage) -> list[str]:
     """The effects with memory that these poses can show."""
     study, length = stage.bench.problem.study, stage.bench.context.length
     twist = np.mean(_strained(stage)[0][..., 5], axis=1) * length
-    twisted = np.sqrt(np.mean(twist**2)) > TWISTED
+    twisted = bool(np.sqrt(np.mean(twist**2)) > TWISTED)
     timed = all(pose.time is not None for pose in study.poses)
     return [Friction.kind, *[TorsionFriction.kind] * twisted, *[Relaxation.kind] * timed]
 

@@ -86,6 +86,25 @@ def test_memory_is_tried_where_more_than_noise_is_left_or_a_set_is_found(found, 
     assert remembered._may_matter(found) is matters
 
 
+@pytest.mark.parametrize(
+    ("turn", "times", "kinds"),
+    [
+        (0.1, [None, None], ["friction"]),
+        (1.0, [None, None], ["friction", "torsion_friction"]),
+        (0.0, [0.0, 60.0], ["friction", "relaxation"]),
+        (0.0, [0.0, None], ["friction"]),
+    ],
+)
+def test_twist_and_times_decide_which_memory_the_poses_can_show(monkeypatch, turn, times, kinds):
+    """``turn`` (rad) over the length, in both poses."""
+    strained = np.zeros((2, 10, 6))
+    strained[..., 5] = turn / 0.8
+    monkeypatch.setattr(remembered, "_strained", lambda stage: (strained, None))
+    study = SimpleNamespace(poses=[SimpleNamespace(time=time) for time in times])
+    bench = SimpleNamespace(problem=SimpleNamespace(study=study), context=SimpleNamespace(length=0.8))
+    assert remembered._possible(SimpleNamespace(bench=bench)) == kinds
+
+
 def test_the_answer_says_what_the_orders_show_and_how_a_set_compares():
     found, kept = searched(verdict.UNEXPLAINED), searched(verdict.EXPLAINED, ("memory_set",))
     say, Remembering = remembered.said_of, remembered.Remembering
