@@ -1,10 +1,10 @@
-"""Limits of what can be known of an effect above a background: fits that are given its type and start at the true values.
+"""An effect above a background, fitted by `fit` that is given its type and starts at the true values.
 
     python -m benchmarks.background_told CASES ANSWERS --json FILE [--only b001,b002] [--record]
 
 The cases are those of `benchmarks.blind.generate --background` with one effect. Each is fitted with the true effect type
-declared, its parameters and the stiffnesses unknown. What `explain` reaches on the same cases has its limit here: it has to
-find the type too. Results of an earlier run in the file are kept.
+declared, its parameters and the stiffnesses unknown. `fit` takes unweighted distances; `explain` has to find the type, but
+weighs the discrepancy of each pose. Results of an earlier run in the file are kept.
 """
 
 import argparse

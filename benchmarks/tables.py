@@ -104,8 +104,8 @@ _BACKGROUND = (
 )
 
 _TOLD = (
-    ("size_within_15_percent", "a fit that is given the effect type and starts at its true values: size within 15 %", "-"),
-    ("validate_within_1.3", "the same fit: poses never fitted within 1.3 of the error of the true model", "-"),
+    ("size_within_15_percent", "`fit`, given the effect type and started at its true values: size within 15 %", "-"),
+    ("validate_within_1.3", "the same: poses never fitted within 1.3 of the error of the true model", "-"),
 )
 
 _SCANS = (
