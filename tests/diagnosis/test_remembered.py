@@ -142,6 +142,7 @@ def in_place():
     return plain, fitted, remembered.answered(before, memory, ("told",))
 
 
+@pytest.mark.slow
 def test_memory_in_the_place_of_an_answer_has_parameters_errors_and_poses(in_place):
     plain, fitted, answer = in_place
     (found,) = answer.chosen
@@ -157,6 +158,7 @@ def test_memory_in_the_place_of_an_answer_has_parameters_errors_and_poses(in_pla
     assert answer.settle == ()
 
 
+@pytest.mark.slow
 def test_memory_is_the_whole_explanation_only_where_it_leaves_noise(in_place):
     _, fitted, answer = in_place
     noise = not fitted.discrepancy.curvature and not fitted.misfits
@@ -167,6 +169,7 @@ def test_memory_is_the_whole_explanation_only_where_it_leaves_noise(in_place):
     assert answer.answer.belief.startswith("yes, with friction" if noise else "with care: friction removes most of the error")
 
 
+@pytest.mark.slow
 def test_the_study_of_the_answer_declares_the_memory_for_another_search(in_place, tmp_path):
     save_study(in_place[2].study, tmp_path / "found")
     saved = load_study(tmp_path / "found")

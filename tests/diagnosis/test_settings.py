@@ -48,7 +48,7 @@ def test_bad_settings_are_refused_by_name(wrong, said):
 
 
 def test_they_are_kept_where_nothing_is_concluded(monkeypatch):
-    def unsettled(*_):
+    def unsettled(*_, **__):
         raise NotSettledError("no pose settles", "try others", {})
 
     monkeypatch.setattr(import_module("scan2flex_jax.diagnosis.run"), "_base", unsettled)

@@ -218,6 +218,7 @@ def test_a_field_is_the_natural_spline_of_its_places():
     np.testing.assert_allclose(two[:, 0], np.interp(rod.section.s, s[:2], rows[:2, 0]), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
     """Curvature k s about d2: the tip is at the Fresnel integrals, R(L) turned by k L^2 / 2.
 
@@ -233,6 +234,7 @@ def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
     assert np.linalg.norm(points[-1] - tip_at) < k * (L / scene.ELEMENTS) ** 2 * L / 12
 
 
+@pytest.mark.slow
 def test_a_load_that_grows_along_the_cable():
     """A line load q s / L bends the tip of a cantilever by 11 q L^4 / (120 EI)."""
     q = 1e-4

@@ -34,8 +34,9 @@ def test_table_and_effect_agree(kind):
 def test_there_and_back(kind):
     given = {**scene.VALUES[kind][0], **scene.VALUES[kind][1]}
     back = fx.parameters_of(fx.effect_of(kind, given))
-    assert back.keys() == given.keys()
-    for name, value in given.items():
+    optional = {p.name: 0.0 for p in kind_format(kind).parameters if p.optional}
+    assert back.keys() == (optional | given).keys()
+    for name, value in (optional | given).items():
         np.testing.assert_allclose(back[name], value, rtol=1e-12)
 
 

@@ -193,6 +193,7 @@ def test_a_fit_recovers_friction_from_the_poses_of_another_solver(recovered):
     assert found.minimum.cost < 0.5 * plain.cost
 
 
+@pytest.mark.slow
 def test_a_fit_recovers_the_set_that_a_cable_came_with():
     """The chain of the other solver, kept at a curvature before its first pose; the set has a prior about zero."""
     law, grips = Sliders(0.05, 0.6, 2.0), [hysteresis.Grip(*g) for g in GRIPS]

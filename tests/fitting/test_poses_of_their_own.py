@@ -154,6 +154,7 @@ def test_the_residual_function_solves_each_pose_with_its_own_model():
     assert np.max(np.abs(function(x))) < 0.2  # of a noise of 1 mm
 
 
+@pytest.mark.slow
 def test_the_search_for_effects_sees_each_pose_with_its_own_model():
     problem, minimum = fitted().problem, fitted().minimum
     bench = Bench(problem, minimum)

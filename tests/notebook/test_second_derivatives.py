@@ -29,6 +29,7 @@ def curvature():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", range(6), ids=rods.NAMES)
 def test_hessian_is_the_difference_of_gradients(curvature, k):
     scale = np.sqrt(np.abs(np.outer(np.diag(curvature), np.diag(curvature))))[k]
