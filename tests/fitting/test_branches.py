@@ -91,6 +91,7 @@ def test_a_fit_that_a_wrong_turn_drew_far_from_the_truth_finds_back(name, turned
     assert f.believable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "turned"), [(7, {"p3"}), (1, {"p2", "p3"})], ids=["far from noise", "almost noise"])
 def test_turns_of_simulated_studies_are_found_where_other_stiffnesses_imitate_them(number, turned):
     """In the first a residual is left, in the second other turns and a GJ of a third make almost the same torques."""

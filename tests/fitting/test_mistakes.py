@@ -86,6 +86,7 @@ def test_a_good_fit_solves_nothing_more():
     assert f.problem.evaluator.equilibria == solved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MISSING)
 def test_missing_physics_is_no_mistake(name):
     f = fit(right((MISSING[name],)))
