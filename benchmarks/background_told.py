@@ -7,17 +7,13 @@ declared, its parameters and the stiffnesses unknown. `fit` takes unweighted dis
 weighs the discrepancy of each pose. Results of an earlier run in the file are kept.
 """
 
-import argparse
-import json
-import sys
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.background_score import SIZE, SIZES, STIFFNESSES, VALIDATE, share, size_off_by
-from benchmarks.record import record
+from benchmarks.each_case import run
 
 
 def fitted(folder: Path, answer: dict) -> dict:
@@ -56,30 +52,5 @@ def table(rows: list[dict]) -> dict:
     }  # fmt: skip
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases", type=Path)
-    parser.add_argument("answers", type=Path)
-    parser.add_argument("--json", type=Path, required=True, help="results so far: a run that was stopped goes on from it")
-    parser.add_argument("--only", default="", help="names of cases, such as b001,b002")
-    parser.add_argument("--record", action="store_true", help="write benchmarks/results/background_told.json")
-    args = parser.parse_args()
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
-    prepare_jax()
-    rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
-    only = set(filter(None, args.only.split(",")))
-    for path in sorted(args.answers.glob("*.toml")):
-        answer = tomllib.loads(path.read_text())
-        if path.stem in rows or (only and path.stem not in only) or len(answer["kinds"]) != 1:
-            continue
-        rows[path.stem] = fitted(args.cases / path.stem, answer)
-        args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows}, indent=1) + "\n")
-        sys.stderr.write(f"{path.stem} {rows[path.stem]}\n")
-    if args.record:
-        record("background_told", {"table": table(list(rows.values())), "rows": rows})
-    sys.stdout.write(json.dumps(table(list(rows.values())), indent=1) + "\n")
-
-
 if __name__ == "__main__":
-    main()
+    run("background_told", __doc__, fitted, table, lambda answer: len(answer["kinds"]) == 1)

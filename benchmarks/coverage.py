@@ -8,15 +8,11 @@ without an interval, or that the fit itself doubts, is counted separately: an in
 is worth less than one without. Results of an earlier run in the file are kept.
 """
 
-import argparse
-import json
-import sys
-import tomllib
 from pathlib import Path
 from statistics import median
 
 from benchmarks.background_score import STIFFNESSES, covered, share
-from benchmarks.record import record
+from benchmarks.each_case import run
 
 
 def fitted(folder: Path, answer: dict) -> dict:
@@ -53,29 +49,5 @@ def table(rows: list[dict]) -> dict:
     return out
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases", type=Path)
-    parser.add_argument("answers", type=Path)
-    parser.add_argument("--json", type=Path, required=True, help="results so far: a run that was stopped goes on from it")
-    parser.add_argument("--only", default="", help="names of cases, such as b001,b002")
-    parser.add_argument("--record", action="store_true", help="write benchmarks/results/coverage.json")
-    args = parser.parse_args()
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
-    prepare_jax()
-    rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
-    only = set(filter(None, args.only.split(",")))
-    for path in sorted(args.answers.glob("*.toml")):
-        if path.stem in rows or (only and path.stem not in only):
-            continue
-        rows[path.stem] = fitted(args.cases / path.stem, tomllib.loads(path.read_text()))
-        args.json.write_text(json.dumps({"table": table(list(rows.values())), "rows": rows}, indent=1) + "\n")
-        sys.stderr.write(f"{path.stem} {({k: v for k, v in rows[path.stem].items() if k.startswith('covers')})}\n")
-    if args.record:
-        record("coverage", {"table": table(list(rows.values())), "rows": rows})
-    sys.stdout.write(json.dumps(table(list(rows.values())), indent=1) + "\n")
-
-
 if __name__ == "__main__":
-    main()
+    run("coverage", __doc__, fitted, table)

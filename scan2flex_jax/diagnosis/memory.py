@@ -17,7 +17,7 @@ import numpy as np
 
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.noise import Noise, stated_noise
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.statistics import noise_of
 from scan2flex_jax.fitting.threads import threaded
@@ -200,9 +200,7 @@ def _least(study, elements, found, noise) -> float:
 
 
 def _noise(problem, minimum) -> Noise:
-    stated = [pose.noise for pose in problem.study.fit_poses if pose.noise is not None]
-    known = float(np.sqrt(np.mean(np.square(stated)))) if len(stated) == problem.poses.count else None
-    return noise_of(minimum.evaluation, problem.poses, problem.length, known)
+    return noise_of(minimum.evaluation, problem.poses, problem.length, stated_noise(problem.study))
 
 
 def _cost(problem, minimum, noise) -> float:

@@ -167,8 +167,7 @@ def _judged(found: Found) -> Found:
     if len(found.tied) > 1 or outside(best):
         found.lead, found.verdict = verdict.TIED, verdict.TIE
     else:
-        rest = best.law.curvature or stage.of.exceeds(best.law.noise)
-        found.verdict = verdict.PARTLY if rest else verdict.EXPLAINED
+        found.verdict = verdict.PARTLY if stage.of.more_than_noise(best.law) else verdict.EXPLAINED
     return found
 
 

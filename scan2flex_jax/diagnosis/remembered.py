@@ -183,7 +183,8 @@ def answered(explanation: Explanation, memory: Remembering, more: tuple[str, ...
     if fitted is None:
         return explanation
     added, poses = (_ranked(memory.test, fitted),), _poses(explanation, fitted)
-    complete = not (fitted.discrepancy.curvature or fitted.misfits)
+    exceeds = explanation.search is not None and explanation.search.stage.of.exceeds(fitted.noise)
+    complete = not (fitted.discrepancy.curvature or fitted.misfits or exceeds)
     others = (replace(r, verdict=verdict.TOO_LITTLE, tied_with=()) if r.verdict in _LEADING else r for r in explanation.ranking)
     return replace(
         explanation,

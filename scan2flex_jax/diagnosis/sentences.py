@@ -20,7 +20,8 @@ def of_search(found, chosen, description):
         tail = f"; it behaves like {WORDS[family]} ({gain:.1f} nats), a description, not a cause" if gain > 0 else ""
         field = f"{description.kind} describes it along the cable: a field with a band, not a cause"
         return (text + tail, *_not_enough(found), field)
-    return (explains(p, chosen, not found.best.law.curvature), *_indistinguishable(chosen))
+    complete = found.verdict == verdict.EXPLAINED or not found.stage.of.more_than_noise(found.best.law)
+    return (explains(p, chosen, complete), *_indistinguishable(chosen))
 
 
 def explains(p_value, chosen, complete):

@@ -85,6 +85,11 @@ class Signatures:
         """Whether a noise is far above the stated one: not that of the sensor alone, whatever its correlation."""
         return self.stated is not None and noise.total > self.settings.beyond_stated * self.stated
 
+    def more_than_noise(self, law: Law) -> bool:
+        """Whether a law of the residual is more than noise of the sensor: each pose has a discrepancy, or a stated noise is far
+        exceeded."""
+        return bool(law.curvature) or self.exceeds(law.noise)
+
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of a model, given its own columns and all signatures."""
         bench = self.bench

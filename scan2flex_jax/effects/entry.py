@@ -16,11 +16,12 @@ from dataclasses import dataclass
 from dataclasses import field as default
 from typing import Any, Literal
 
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.study.kinds import ENDS
+from scan2flex_jax.study.kinds import ENDS, INITIAL
 
 Site = dict[str, Any]
 Varied = Literal["stiffness", "mass"]  # properties of the cable that may vary along it
@@ -200,6 +201,26 @@ class CatalogueEntry:
         """Amplitudes at one step of the ``continuation``, of the last one beyond it; within the bounds."""
         factor = self.continuation[min(step, len(self.continuation) - 1)]
         return np.minimum(factor * self.size(context), self.bounds(context)[1])
+
+
+def entry_of_memory(
+    effect: Any, at: str, value: Callable[[Context], float], *, share: float, none: Any, **words: Any
+) -> CatalogueEntry:
+    """The entry of an effect with memory: its ``share`` of usual size as amplitude, and as site its threshold or time ``at``,
+    with a ``value`` to begin from, and the initial set, ``none`` without one.
+
+    It relates poses, so the search, which treats them one by one, does not try it (`diagnosis.remembered` does).
+    """
+    return CatalogueEntry(
+        effect, ("share",), lambda c: np.array([share]),
+        build=lambda a, site, c: (effect(a[0], jnp.asarray(site[at]), jnp.asarray(site[INITIAL])),),
+        to_parameters=lambda a, site, c: {
+            "share": float(np.asarray(a)[0]), at: float(site[at]), INITIAL: np.asarray(site[INITIAL], float)[()],
+        },
+        from_parameters=lambda p, c: (np.array([float(p["share"])]), {at: float(p[at]), INITIAL: p.get(INITIAL, none)}),
+        sites=lambda c: ({at: value(c), INITIAL: none},),
+        one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False, **words,
+    )  # fmt: skip
 
 
 def positions(context: Context, count: int = 19) -> np.ndarray:

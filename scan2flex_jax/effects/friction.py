@@ -11,15 +11,13 @@ about d1 and d2, in excess of the natural one) as its set, and from a pose with 
 
 from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.entry import SameShapes, entry_of_memory
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.effects.sliders import BEGUN_AT, BEGUN_SHARE, AbstractSliders
-from scan2flex_jax.study.kinds import INITIAL
 
 
 class Friction(AbstractSliders):
@@ -50,19 +48,10 @@ class Friction(AbstractSliders):
         return strain[3:5], EI, bending / EI
 
 
-ENTRY = CatalogueEntry(
-    Friction, ("share",),
-    lambda c: np.array([0.3]),  # cables lose between a tenth and nine tenths of their stiffness when strands slip
-    build=lambda a, site, c: (Friction(a[0], jnp.asarray(site["slip_curvature"]), jnp.asarray(site[INITIAL])),),
-    to_parameters=lambda a, site, c: {
-        "share": float(np.asarray(a)[0]), "slip_curvature": float(site["slip_curvature"]),
-        INITIAL: np.asarray(site[INITIAL], float),
-    },
-    from_parameters=lambda p, c: (
-        np.array([float(p["share"])]), {"slip_curvature": float(p["slip_curvature"]), INITIAL: p.get(INITIAL, np.zeros(2))},
-    ),
-    sites=lambda c: ({"slip_curvature": 0.3 * max(c.curvature_range[1], 0.1 / c.length), INITIAL: np.zeros(2)},),
-    one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False,
+ENTRY = entry_of_memory(
+    Friction, "slip_curvature", lambda c: 0.3 * max(c.curvature_range[1], 0.1 / c.length),
+    share=0.3,  # cables lose between a tenth and nine tenths of their stiffness when strands slip
+    none=np.zeros(2),
     signature="the same clamps, reached from two sides, hold two shapes",
     settle="go to one pose from both sides, bent more and bent less before",
     same_shapes=(SameShapes("nonlinear_bending", "poses that are all reached from a straight cable"),),

@@ -20,10 +20,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.entry import entry_of_memory
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.rod.memory import AbstractMemory
-from scan2flex_jax.study.kinds import INITIAL
 
 _BEGUN_SHARE = 0.2  # of the stiffness: share at which a fit begins
 _BEGUN_AT = (0.05, 0.3)  # of the time from the first pose to the last: time constants at which a fit begins
@@ -67,19 +66,10 @@ class Relaxation(AbstractMemory):
         return left - (strain[3:] - left) * jnp.expm1(-held / self.time_constant)
 
 
-ENTRY = CatalogueEntry(
-    Relaxation, ("share",),
-    lambda c: np.array([0.2]),  # plastics lose ten to thirty per cent over minutes
-    build=lambda a, site, c: (Relaxation(a[0], jnp.asarray(site["time_constant"]), jnp.asarray(site[INITIAL])),),
-    to_parameters=lambda a, site, c: {
-        "share": float(np.asarray(a)[0]), "time_constant": float(site["time_constant"]),
-        INITIAL: np.asarray(site[INITIAL], float),
-    },
-    from_parameters=lambda p, c: (
-        np.array([float(p["share"])]), {"time_constant": float(p["time_constant"]), INITIAL: p.get(INITIAL, np.zeros(3))},
-    ),
-    sites=lambda c: ({"time_constant": 300.0, INITIAL: np.zeros(3)},),  # s
-    one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False,
+ENTRY = entry_of_memory(
+    Relaxation, "time_constant", lambda c: 300.0,  # s
+    share=0.2,  # plastics lose ten to thirty per cent over minutes
+    none=np.zeros(3),
     signature="later poses lean towards those that were held long before them",
     settle="take the first pose again, last",
 )  # fmt: skip

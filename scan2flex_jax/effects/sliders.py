@@ -35,8 +35,6 @@ from scan2flex_jax.rod.memory import AbstractMemory
 
 SPREAD = (0.25, 0.75, 1.25, 1.75)  # thresholds of the sliders over their mean: evenly from 0 to 2, by the midpoint rule
 ROUNDING = 0.04  # of a threshold, on either side of it
-
-
 BEGUN_SHARE = 0.4  # of the stiffness: share at which a fit begins
 BEGUN_AT = (0.15, 0.5, 1.5)  # of a typical strain: thresholds at which a fit begins, since a cost has a minimum at several
 

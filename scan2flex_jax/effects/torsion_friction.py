@@ -11,10 +11,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.entry import entry_of_memory
 from scan2flex_jax.effects.format import parameter
 from scan2flex_jax.effects.sliders import BEGUN_AT, BEGUN_SHARE, AbstractSliders
-from scan2flex_jax.study.kinds import INITIAL
 
 
 class TorsionFriction(AbstractSliders):
@@ -43,19 +42,10 @@ class TorsionFriction(AbstractSliders):
         return strain[5:6], stiffness[5, 5], jnp.ones((1, 1))
 
 
-ENTRY = CatalogueEntry(
-    TorsionFriction, ("share",),
-    lambda c: np.array([0.3]),  # as in bending
-    build=lambda a, site, c: (TorsionFriction(a[0], jnp.asarray(site["slip_twist"]), jnp.asarray(site[INITIAL])),),
-    to_parameters=lambda a, site, c: {
-        "share": float(np.asarray(a)[0]), "slip_twist": float(site["slip_twist"]),
-        INITIAL: float(site[INITIAL]),
-    },
-    from_parameters=lambda p, c: (
-        np.array([float(p["share"])]), {"slip_twist": float(p["slip_twist"]), INITIAL: p.get(INITIAL, 0.0)},
-    ),
-    sites=lambda c: ({"slip_twist": 0.6 * np.pi / c.length, INITIAL: 0.0},),  # a third of a turn along the cable
-    one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False,
+ENTRY = entry_of_memory(
+    TorsionFriction, "slip_twist", lambda c: 0.6 * np.pi / c.length,  # a third of a turn along the cable
+    share=0.3,  # as in bending
+    none=0.0,
     signature="the same clamps, twisted there from two sides, hold two shapes",
     settle="twist one clamp to the same angle from both sides",
 )  # fmt: skip

@@ -156,6 +156,14 @@ def _regular(noise: Noise, length: float) -> Noise:
     return replace(noise, white=max(noise.white, _FINEST * length, _REGULAR * noise.correlated))
 
 
+def stated_noise(study, of_all: bool = True) -> float | None:
+    """The stated noise (m, one coordinate), pooled over the fitted poses; None if not all of them state it, or not ``of_all``
+    but none does."""
+    stated = [pose.noise for pose in study.fit_poses if pose.noise is not None]
+    missing = len(stated) < len(study.fit_poses) if of_all else not stated
+    return None if missing else float(np.sqrt(np.mean(np.square(stated))))
+
+
 def white_noise(pose) -> float:
     """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from fourth differences.
 

@@ -18,6 +18,7 @@ from scan2flex_jax.fitting.estimate import estimate_of
 from scan2flex_jax.fitting.law import laws_of
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.mesh import Found, on_enough_elements
+from scan2flex_jax.fitting.noise import stated_noise
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.result import Fit, PoseFit, unsettled
@@ -89,7 +90,7 @@ def fit(
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
         minimum, said = problem.seen_by_normals(minimum), (*said, _HAUSDORFF)
-    stated = _stated_noise(study)
+    stated = stated_noise(study)
     if scans is None:
         minimum, noise, sensor, discrepancy, known = _from_curves(problem, minimum, stated, progress, settings)
         poses, solved = _pose_fits(problem, minimum, known.covariance), problem.evaluator.equilibria
@@ -213,11 +214,6 @@ def _check(study, method, distance, data="curve"):
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     check_study(study)
     check_distance(study, distance)
-
-
-def _stated_noise(study):
-    stated = [p.noise for p in study.fit_poses if p.noise is not None]
-    return float(np.sqrt(np.mean(np.square(stated)))) if len(stated) == len(study.fit_poses) else None
 
 
 def _pose_fits(problem, minimum, covariance):

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from scan2flex_jax.diagnosis import run, verdict
+from scan2flex_jax.diagnosis import run, sentences, verdict
+from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import DiagnosisSettings
 from scan2flex_jax.diagnosis.stage import Signatures
@@ -40,3 +41,20 @@ def test_an_effect_that_leaves_more_than_the_stated_noise_does_not_explain_all(m
     assert run._poses_differ(signatures(STATED), found)
     assert not run._poses_differ(signatures(STATED, poses=1), found)  # in a single pose, discrepancy and effect are the same
     assert not run._poses_differ(signatures(None), found)
+
+
+@pytest.mark.parametrize(
+    ("said", "correlated", "ends"),
+    [
+        (verdict.EXPLAINED, 1.0, "explains it; the remaining error is noise"),
+        (verdict.TIE, 1.0, "explains it; the remaining error is noise"),
+        (verdict.PARTLY, 2.6, "explains most of it; the remaining error exceeds the noise"),
+        (verdict.TIE, 2.6, "explains most of it; the remaining error exceeds the noise"),
+    ],
+)
+def test_sentence_and_verdict_agree_on_whether_the_rest_is_noise(said, correlated, ends):
+    found = object.__new__(Found)
+    found.verdict, found.test = said, SimpleNamespace(p_value=0.001)
+    found.stage = SimpleNamespace(of=signatures(STATED))
+    found.best = SimpleNamespace(law=Law(Noise(STATED, correlated * STATED, 0.1)))
+    assert sentences.of_search(found, [SimpleNamespace(kind="point_mass", tied_with=())], None)[0].endswith(ends)
