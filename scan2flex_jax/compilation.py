@@ -13,6 +13,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from scan2flex_jax import programs
+
 try:  # the public test costs an operation, a tenth of a warm solve
     from jax._src.core import trace_state_clean as _outside
 except ImportError:
@@ -48,11 +50,11 @@ def _compiled_with(function: _Function, more: dict, in_parts: bool = False) -> _
         top = _outside()
         if not top and (in_parts or isinstance(jnp.zeros(()), jax.core.Tracer)):  # inside jit every operation is traced
             return function(*args, **kwargs)
-        if top not in jitted:  # an eager transformation (`jax.grad`) takes no compiler options
-            options = {"compiler_options": _options() | more} if top else {}
-            jitted[top] = eqx.filter_jit(function, **options)  # type: ignore[call-overload]  # jax.jit's, not declared
+        options = _options() | more if top else {}  # an eager transformation (`jax.grad`) takes no compiler options
+        if top not in jitted:
+            jitted[top] = eqx.filter_jit(function, compiler_options=options)  # type: ignore[call-overload]  # jax.jit's, not declared
             _OURS.append(jitted[top])
-        return jitted[top](*args, **kwargs)
+        return programs.call(function, options, jitted[top], args, kwargs) if top else jitted[top](*args, **kwargs)
 
     return cast(_Function, call)
 
@@ -95,4 +97,5 @@ def make_room(full: float = _FULL) -> bool:
         return False
     for function in _OURS:
         function._cached.clear_cache()  # no public way in equinox; `jax.clear_caches` would clear the caller's functions too
+    programs.forget()
     return True

@@ -98,6 +98,8 @@ def keep_compiled(folder: Path) -> None:
     """Make JAX store compiled functions in a folder, through `Entries` where its version has a hook for another storage."""
     import jax  # noqa: PLC0415
 
+    from scan2flex_jax import programs  # noqa: PLC0415
+
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)  # reading a small one is still ten times faster
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
@@ -106,3 +108,4 @@ def keep_compiled(folder: Path) -> None:
 
         if hasattr(own, "get_file_cache"):
             own.get_file_cache = _entries  # type: ignore[assignment]  # same interface
+    programs.keep(Entries(folder))

@@ -80,6 +80,8 @@ def law(cls: Callable[..., AbstractEffect], grid: str, axis: int, most: Callable
         return np.diff(steps, prepend=0.0), {"most": end}
 
     def like(effects, stiffness, site):
+        stiffness = jnp.asarray(stiffness)
+
         def energy(q):
             strain = jnp.zeros(6).at[axis].set(q)
             return 0.5 * stiffness[axis, axis] * q**2 + sum(e.strain_energy(strain, stiffness) for e in effects)
