@@ -1,9 +1,13 @@
-"""The generator of cables that remember: Dahl's loop in closed form, and what a chain of it remembers between its clamps."""
+"""The generator of cables that remember: its loops in closed form, what a chain remembers between its clamps, and whether it
+stays in its plane."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
-from benchmarks.blind.hysteresis import Grip, Law, hanging, posed, without_memory
+from benchmarks.blind.hysteresis import SEGMENTS, BoucWen, Chain, Grip, Law, hanging, posed, without_memory
 
 GRIPS = [Grip(0.7, 0.0, 0.0), Grip(0.45, 0.05, 0.5), Grip(0.7, 0.0, 0.0)]
 
@@ -34,3 +38,43 @@ def test_a_chain_ends_at_its_clamp_in_balance():
     np.testing.assert_allclose(chain.points[-1], [0.45, 0.05], atol=1e-9)
     again = chain.moved(GRIPS[1])
     np.testing.assert_allclose(again.points, chain.points, atol=1e-9)
+
+
+@pytest.mark.parametrize("most", [0.5, 2.0, 8.0])
+def test_the_area_of_a_steady_loop_is_that_of_bouc_and_wens_law(most):
+    """From -z0 the state comes back to zero over slip z0, and grows to z0 = 1 - exp(-x/slip) over the rest x = 2A - slip z0."""
+    law = BoucWen(0.05, 0.6, 1.5)
+    z0 = brentq(lambda z: 1 - np.exp(-(2 * most / law.slip - z)) - z, 0.0, min(1.0, most / law.slip))
+    x = 2 * most - law.slip * z0
+    way = -0.5 * law.slip * z0**2 + x - law.slip * (1 - np.exp(-x / law.slip))
+    assert law.loop_area(most) == pytest.approx(2 * law.share * law.EI * law.slip * way, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", [Law, BoucWen])
+def test_a_step_in_curvature_is_the_rate_law_integrated(kind):
+    law, z, k = kind(1.0, 0.5, 1.5), np.zeros(1), 0.0
+    for target in (0.5, 1.5, 1.0, 0.0, -1.0, -2.0, 1.0):
+        fine, step = float(z[0]), (target - k) / 20_000
+        for _ in range(20_000):
+            back = kind is BoucWen and fine * step < 0
+            fine += step / law.slip * (1 - (0.0 if back else fine * np.sign(step)))
+        (low, _, _), (high, _, _) = (law.stepped(np.array([target + e]), k, z) for e in (-1e-6, 1e-6))
+        _, slope, z = law.stepped(np.array([target]), k, z)
+        k = target
+        assert z[0] == pytest.approx(fine, abs=2e-4)
+        assert slope[0] == pytest.approx((high[0] - low[0]) / 2e-6, rel=1e-5)
+
+
+@pytest.mark.parametrize(("bending", "torsion"), [(1.0, 1.0), (2.0, 0.5), (0.3, 100.0)])
+def test_a_clamped_strut_leaves_its_plane_at_eulers_force(bending, torsion):
+    """4 pi^2 EI/L^2, whatever the torsional stiffness, here to the second order of 120 segments."""
+    strut = Chain(1.0, 0.0, Law(1.0, 0.0, 1.0), np.zeros(SEGMENTS), np.zeros(2))
+    euler = 4 * np.pi**2 * bending
+    for part, stays in ((-2.0, True), (0.9, True), (0.998, True), (1.002, False), (2.0, False)):
+        assert replace(strut, force=np.array([-part * euler, 0.0])).stays_plane(bending, torsion) is stays
+
+
+def test_an_arch_that_twists_easily_falls_out_of_its_plane():
+    arch = hanging(1.0, 0.0, Law(0.05, 0.0, 1.5), Grip(0.8, 0.0, 0.0))
+    assert arch.stays_plane(0.05, 0.05)
+    assert not arch.stays_plane(0.05, 0.0005)
