@@ -97,7 +97,8 @@ def one(i: int) -> dict:
     remembers = i % 2 == 0
     kind = LAWS[i // 2 % 2]
     law, grips, chains, moved = drawn(rng, remembers, kind)
-    facts = {"case": i, "remembers": remembers, "law": kind.__name__, "poses": len(chains), "moved over noise": moved / (NOISE * LENGTH)}
+    facts = {"case": i, "remembers": remembers, "law": kind.__name__, "poses": len(chains)}
+    facts["moved over noise"] = moved / (NOISE * LENGTH)
     facts |= {"EI": law.EI, "share": law.share, "slip": law.slip}
     study = study_of_chains(chains, grips, NOISE * LENGTH, (SEED + 1) * 1000 + i, torsion=law.EI)
     last = replace(study.poses[-1], role="validate")

@@ -166,7 +166,8 @@ class Chain:
             theta, force = theta + move[:n], force + move[n:]
             if np.abs(move[:n]).max() < _SETTLED:
                 # a minimum on the two constraints: as many negative eigenvalues of the bordered matrix as constraints
-                stable = np.sum(np.linalg.eigvalsh(np.block([[H[:n, :n], H[:n, n:]], [H[:n, n:].T, np.zeros((2, 2))]])) < 0) == 2
+                bordered = np.block([[H[:n, :n], H[:n, n:]], [H[:n, n:].T, np.zeros((2, 2))]])
+                stable = np.sum(np.linalg.eigvalsh(bordered) < 0) == 2
                 return replace(self, theta=theta, force=force, k=k, z=z) if stable else None
         return None
 
