@@ -76,7 +76,7 @@ def test_a_clamped_strut_leaves_its_plane_at_eulers_force(bending, torsion):
 
 @pytest.mark.parametrize("span", [0.9, 0.6])
 def test_a_weightless_arch_turns_about_its_ends_if_it_bends_as_easily_out_of_its_plane(span):
-    """The shape may turn about the line through its clamps, without twist and at no cost, if both bending stiffnesses are equal."""
+    """It may turn about the line through its clamps, without twist and at no cost, if both bending stiffnesses are equal."""
     arch = hanging(1.0, 0.0, Law(0.05, 0.0, 1.5), Grip(span, 0.0, 0.0))
     assert arch.stays_plane(1.002 * 0.05, 1.0)
     assert not arch.stays_plane(0.998 * 0.05, 1.0)
