@@ -274,16 +274,18 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
 
 def _over_scales(n, prior, A, vector, free, components, converged):
     """``-1/2 log |A|``, averaged over the scales of each effect's prior, with the changes of the cost (to second order) and of
-    the determinants. The parameters are kept if the refit has not converged: a step would not be due to the prior."""
-    values = []
+    the determinants. The parameters are kept if the refit has not converged: a step would not be due to the prior. Those at a
+    bound are kept always: a step past it would gain what no parameters can."""
+    values, movable = [], ((vector > prior.low) & (vector < prior.high))[free]
     for scales in product(SCALES, repeat=len(components)):
         change = np.zeros(n.count)
         for k, t in enumerate(scales):
             change[n.amplitudes(k)] = prior.precision[n.amplitudes(k)] * (t**-2 - 1.0)
         lost, x = change[free], vector[free]
         correlation, scale = _scaled(A + np.diag(lost))
-        moved = np.linalg.solve(correlation, lost * x / scale)
-        cost = lost @ x**2 - ((lost * x / scale) @ moved if converged else 0.0)
+        pull = (lost * x / scale)[movable]
+        gained = pull @ np.linalg.solve(correlation[np.ix_(movable, movable)], pull) if converged else 0.0
+        cost = lost @ x**2 - gained
         dimensions = [np.sum((change[n.amplitudes(k)] != 0) & free[n.amplitudes(k)]) for k in range(len(components))]
         normal = -sum(d * np.log(t) for d, t in zip(dimensions, scales, strict=True))
         values.append(normal - 0.5 * cost - 0.5 * np.linalg.slogdet(correlation)[1] - np.sum(np.log(scale)))

@@ -27,7 +27,7 @@ def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
     P = np.diag(1.0 / size**2)
     x = np.linalg.solve(J.T @ J + P, J.T @ y)
     numbers = SimpleNamespace(count=count, amplitudes=lambda k: np.array([k]))
-    prior = SimpleNamespace(precision=np.diag(P))
+    prior = SimpleNamespace(precision=np.diag(P), low=np.full(count, -np.inf), high=np.full(count, np.inf))
     found = refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(count, bool), [None] * count, True)
     cost = np.sum((y - J @ x) ** 2) + x @ P @ x
     ratios = []
@@ -35,6 +35,27 @@ def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
         C = np.eye(30) + J @ np.diag((np.array(scales) * size) ** 2) @ J.T
         ratios.append(np.exp(0.5 * y @ y - 0.5 * y @ np.linalg.solve(C, y) - 0.5 * np.linalg.slogdet(C)[1]))
     assert 0.5 * (y @ y - cost) + found + 0.5 * np.log(np.linalg.det(P)) == pytest.approx(np.log(np.mean(ratios)), abs=1e-9)
+
+
+def test_evidence_over_wider_scales_does_not_step_past_a_bound():
+    """A tether's stiffness at zero: below zero, it could make up for any pull along a direction that the data hardly feel."""
+    rng = np.random.default_rng(0)
+    column = rng.standard_normal(40)
+    J = np.column_stack([column, column + 1e-4 * rng.standard_normal(40)])
+    P, x = np.diag([25.0, 25.0]), np.array([0.0, 0.8])
+    numbers = SimpleNamespace(count=2, amplitudes=lambda k: np.arange(2))
+
+    def scales(low):
+        prior = SimpleNamespace(precision=np.diag(P), low=np.array([low, -np.inf]), high=np.full(2, np.inf))
+        return refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(2, bool), [None], True)
+
+    expected = []
+    for t in evidence.SCALES:
+        less = 25.0 * (1 - t**-2)
+        gained = 0.5 * less * x[1] ** 2 * (1 + less / (J[:, 1] @ J[:, 1] + 25.0 / t**2))
+        expected.append(gained - 2 * np.log(t) - 0.5 * np.linalg.slogdet(J.T @ J + P / t**2)[1])
+    assert scales(0.0) == pytest.approx(evidence.averaged(expected), abs=1e-6)
+    assert scales(-np.inf) > scales(0.0) + 10
 
 
 def first_stage(study):
@@ -94,3 +115,14 @@ def test_what_was_compiled_ahead_is_not_compiled_again():
     first_stage(study)
     listening = False
     assert not {"jit(_evaluate)", "jit(_scan)", "jit(_state)"} & set(names)
+
+
+@pytest.mark.slow
+def test_a_tether_that_only_pulls_is_no_likelier_than_a_point_load(wire):
+    """The same shapes, with a stiffness at its bound of zero: hundreds of nats had come from a step below it."""
+    found = {}
+    for kind in ("tether", "point_load"):
+        g = next(g for g, c in enumerate(wire.components) if c.kind == kind and abs(c.site["position"] - 0.57) < 0.05)
+        found[kind] = search.relative(wire, [wire.components[g]], [stage.one_step(wire)[1][g]])
+    assert found["tether"].chi2 == pytest.approx(found["point_load"].chi2, rel=1e-3)
+    assert abs(found["tether"].log_evidence - found["point_load"].log_evidence) < 5
