@@ -12,7 +12,7 @@ from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
-from scan2flex_jax.fitting.answer import Answer, change_in_words, moved_in_words, percent
+from scan2flex_jax.fitting.answer import Answer, change_in_words, in_mm, moved_in_words, noise_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence
@@ -239,9 +239,8 @@ class Explanation:
             tied = f" with {', '.join(r.tied_with)}" if r.tied_with else ""
             lines.append(f"  {r.kind:<26}{r.log_evidence:11.1f}   {self.in_words(r)}{tied}")
         lines += ["", *self._estimate_lines(), "", *self._pose_lines()]
-        n = self.noise
-        lines.append(f"\n  noise {1e3 * np.sqrt(2) * n.total:.3f} mm RMS (white {1e3 * n.white:.3f}, correlated "
-                     f"{1e3 * n.correlated:.3f} over {1e3 * n.correlation_length:.0f} mm, per normal)")  # fmt: skip
+        size = in_mm(np.sqrt(2) * self.noise.total)
+        lines += ["", f"  noise {size} mm RMS ({noise_in_words(self.noise, self.fit.problem.length)})"]
         return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
 
     def _estimate_lines(self):
@@ -283,8 +282,8 @@ def _effect_line(r, study):
 
 
 def _pose_line(name, p):
-    line = f"  {name:<20} {p.role:<9}{1e3 * p.rms_before:11.3f}{1e3 * p.rms:11.3f}"
-    return line if p.left_out is None else f"{line}{1e3 * p.left_out_before:19.3f}{1e3 * p.left_out:11.3f}"
+    line = f"  {name:<20} {p.role:<9}{in_mm(p.rms_before):>11}{in_mm(p.rms):>11}"
+    return line if p.left_out is None else f"{line}{in_mm(p.left_out_before):>19}{in_mm(p.left_out):>11}"
 
 
 def _shown(value):

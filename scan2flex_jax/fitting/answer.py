@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2flex_jax.fitting.influence import STATED, Influence
+from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.study.check import NO_VALIDATE, study_warnings
 from scan2flex_jax.study.model import Study
 
@@ -136,6 +137,13 @@ def two_digits(value: float, sign: bool = False) -> str:
 def in_mm(metres: float) -> str:
     """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
     return f"{1e3 * metres:.3f}" if metres >= 1e-3 or not metres else number(1e3 * metres, 3)
+
+
+def noise_in_words(noise: Noise, length: float) -> str:
+    """The noise of one normal component in millimetres; ``length`` (m) is that of the cable."""
+    over = f"{1e3 * noise.correlation_length:.0f} mm, per normal"
+    said = f"white {in_mm(noise.white)} mm, correlated {in_mm(noise.correlated)} mm over {over}"
+    return f"{said}; the least that is assumed: the shapes show less" if noise.assumed(length) else said
 
 
 def rests_on(study: Study, influence: Influence | None) -> str:

@@ -53,6 +53,10 @@ class Noise:
         """Standard deviation of one normal component (m), without the constant part."""
         return float(np.hypot(self.white, self.correlated))
 
+    def assumed(self, length: float) -> bool:
+        """Whether the white part is that of the finest sensor assumed on a cable of this ``length`` (m): the data show less."""
+        return self.white <= (1.0 + 1e-9) * _FINEST * length
+
     def to_json(self) -> dict:
         """As in the study format (m)."""
         return {"white": self.white, "correlated": self.correlated, "correlation_length": self.correlation_length}
@@ -79,7 +83,8 @@ def most_likely(negative, size: float, length: float, alike: float = 0.0) -> Noi
     """The noise that minimises ``negative(noise, u)``, ``u`` the logarithms of its white, correlated (m) and length (m).
 
     ``size`` (m) and the cable's ``length`` (m) give the starts and bound the noise from both sides; ``alike`` (m) is that of
-    `Noise`.
+    `Noise`. The white part is at least that of the finest sensor, so that errors of the mesh in data without noise are none of
+    the physics.
     """
     def objective(u, smoothness):
         noise = Noise.at(u, smoothness, alike)
@@ -91,7 +96,7 @@ def most_likely(negative, size: float, length: float, alike: float = 0.0) -> Noi
     for smoothness in _SMOOTHNESS[1:]:  # other kernels have similar parameters
         found.append(_nearest(objective, smoothness, min(found, key=lambda f: f[0])[2], _NARROW))
     _, smoothness, u = min(found, key=lambda f: f[0])
-    return Noise.at(u, smoothness, alike)
+    return _regular(Noise.at(u, smoothness, alike), length)
 
 
 def nearest(negative, noise: Noise, length: float) -> Noise:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scan2flex_jax.fitting.answer import Answer, answer_of, digits_of, in_mm, moved_in_words, number
+from scan2flex_jax.fitting.answer import Answer, answer_of, digits_of, in_mm, moved_in_words, noise_in_words, number
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence, influence
@@ -164,11 +164,8 @@ class Fit:
         lines = [self.study.title, *(f"  {s}" for s in self.doubts if self.mistakes), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
         lines += [*_correlation_lines(self), *self._pose_lines()]
-        n, to = self.noise, "to point clouds" if self.data == "cloud" else "to centre curves"
-        lines.append(
-            f"\n  residual as noise: white {in_mm(n.white)} mm, correlated {in_mm(n.correlated)} mm over "
-            f"{1e3 * n.correlation_length:.0f} mm (per normal)"
-        )
+        to = "to point clouds" if self.data == "cloud" else "to centre curves"
+        lines += ["", f"  residual as noise: {noise_in_words(self.noise, self.problem.length)}"]
         said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}
         lines += [f"  {s}" for s in self.sentences if s not in said and s not in answer.belief]
         return "\n".join([*lines, f"  {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"])

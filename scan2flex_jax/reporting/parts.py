@@ -12,7 +12,7 @@ from scan2flex_jax.diagnosis import Explanation
 from scan2flex_jax.diagnosis.answer import found_in_words
 from scan2flex_jax.diagnosis.result import parameter_in_words
 from scan2flex_jax.fitting import Fit
-from scan2flex_jax.fitting.answer import in_mm
+from scan2flex_jax.fitting.answer import in_mm, noise_in_words
 from scan2flex_jax.reporting.contents import Contents
 from scan2flex_jax.reporting.figures import svg
 from scan2flex_jax.reporting.html import Html, Part, joined, section, table, tag
@@ -234,10 +234,7 @@ def details(c: Contents) -> Iterator[Html]:
 
 def _noise(c: Contents) -> str:
     n = c.explanation.noise if c.explanation else c.fit.noise if c.fit else None
-    if n is None:
-        return ""
-    return f" Noise of one normal component: white {mm(n.white)} mm, correlated {mm(n.correlated)} mm over " \
-           f"{number(1e3 * n.correlation_length, 3)} mm."  # fmt: skip
+    return "" if n is None or c.fit is None else f" Noise: {noise_in_words(n, c.fit.problem.length)}."
 
 
 def again(c: Contents) -> Html:

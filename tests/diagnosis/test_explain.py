@@ -13,6 +13,7 @@ from scan2flex_jax.diagnosis.residual import whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import one_step
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.examples import example_path
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.study import load_study, save_study
 from scan2flex_jax.study.model import MeasuredCurve
@@ -43,6 +44,15 @@ def clip():
 @pytest.fixture(scope="module")
 def stage(clip):
     return clip.search.stage
+
+
+def test_curves_without_noise_are_explained_to_the_mesh():
+    """The curves of the packaged study solve the continuous equations to 1e-9 m; no refinement of the mesh reaches that."""
+    found = explain(load_study(example_path("simulated-cable")))
+    assert found.verdict == "no missing effect"
+    assert found.answer.tone == "good"
+    assert found.gates["mesh_error"] < 1e-5 * 0.2
+    assert found.estimates["bending_stiffness"].value == pytest.approx(0.1, rel=1e-5)
 
 
 def test_a_clip_is_found(clip):

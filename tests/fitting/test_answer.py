@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting import fit
-from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD, digits_of, in_mm, number, percent, symbol_of, two_digits
+from scan2flex_jax.fitting.answer import (
+    BAD,
+    FAIR,
+    GOOD,
+    digits_of,
+    in_mm,
+    noise_in_words,
+    number,
+    percent,
+    symbol_of,
+    two_digits,
+)
 from scan2flex_jax.fitting.estimate import Estimate
+from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import in_words
 from scan2flex_jax.study import Tolerance, Unknown, study_warnings
 
@@ -148,6 +160,10 @@ def test_numbers():
     assert percent(0.0412) == "+4.1 %" and percent(-1.2345e-6) == "-0.00012 %" and percent(1.5) == "+150 %"
     assert number(0.1, 3) == "0.100" and number(123.0, 3) == "123" and number(1.2e-7, 2) == "1.2e-07"
     assert in_mm(2.71828e-7) == "0.000272" and in_mm(1.6e-4) == "0.160"
+    said, assumed = noise_in_words(Noise(1e-5, 2e-6, 0.03), 1.0).split("; ")
+    assert said == "white 0.0100 mm, correlated 0.00200 mm over 30 mm, per normal"
+    assert assumed == "the least that is assumed: the shapes show less"
+    assert noise_in_words(Noise(1e-4, 2e-6, 0.03), 1.0).endswith("over 30 mm, per normal")
     assert in_mm(0.01234567) == "12.346" and in_mm(0.0) == "0.000"
     assert digits_of(0.318, 0.308, 0.331) == 3 and digits_of(0.1, 0.09999, 0.10001) == 5 and digits_of(0.0, -1.0, 1.0) == 3
 

@@ -161,6 +161,14 @@ def test_no_discrepancy_is_found_where_there_is_none(seed, stated):
     assert size == 0.0 and noise is alone
 
 
+def test_errors_of_the_mesh_are_below_the_noise_that_is_assumed():
+    """Residuals of 1e-9 m, as where curves come from a simulator, are no sensor's: the white part is 1e-5 of the length."""
+    curves = [(s, 1e-9 / 3e-4 * r, X) for s, r, X in drawn_with_discrepancy(0.0, 0)]
+    noise = estimate_noise(residuals(curves), LENGTH)
+    assert noise.white == pytest.approx(1e-5 * LENGTH) and noise.assumed(LENGTH)
+    assert not estimate_noise(residuals(drawn_with_discrepancy(0.0, 0)), LENGTH).assumed(LENGTH)
+
+
 def test_most_likely_part_of_a_residual_is_the_discrepancy():
     """Against the dense formula ``K (K + C)^-1 r``; far above the noise it is the discrepancy itself."""
     rng, Z, noise = np.random.default_rng(6), smooth_columns(), Noise(3e-4, 1e-4, 0.1)
