@@ -1,14 +1,15 @@
-"""Where the processor time of a first fit goes, by phase, and how many programs it compiles.
+"""Where the processor time of a first command goes, by phase, and how many programs it compiles.
 
-    python -m benchmarks.phases                            # a fit, with an empty and with a filled cache: into the record
+    python -m benchmarks.phases                            # fit and demo, with an empty and a filled cache: into the record
     python -m benchmarks.phases OUT.json explain my-cable  # of any command
 
-Phases of the main thread: importing, tracing (Python to jaxpr), lowering (jaxpr to StableHLO), loading (compiled programs, from
-the cache), and the rest (solving, and Python). XLA compiles on threads of its own. Processor time hardly depends on what else a
-machine does. A phase inside another one counts for the inner one only.
+Phases of all threads of Python: importing, tracing (Python to jaxpr), lowering (jaxpr to StableHLO), compiling (or
+loading from the cache), and the rest: solving, pictures, and what XLA compiles on threads of its own. Processor time hardly
+depends on what else a machine does. A phase inside another one counts for the inner one only.
 """
 
 import builtins
+import itertools
 import json
 import os
 import subprocess
@@ -25,19 +26,19 @@ from scan2flex_jax.examples import example_path
 PHASES = {
     "/jax/core/compile/jaxpr_trace_duration": "tracing",
     "/jax/core/compile/jaxpr_to_mlir_module_duration": "lowering",
-    "/jax/core/compile/backend_compile_duration": "loading",
+    "/jax/core/compile/backend_compile_duration": "compiling",
 }
 
 
 class Stopwatch:
-    """Processor seconds of nested phases of the main thread (exclusive), and the names of the programs."""
+    """Processor seconds of nested phases (exclusive) of all threads of Python, and the names of the programs."""
 
     def __init__(self) -> None:
         """Nothing is measured yet."""
         self.seconds: dict[str, float] = defaultdict(float)
         self.programs: Counter[str] = Counter()
         self.hits = 0
-        self._own = threading.local()
+        self._own, self._one = threading.local(), threading.Lock()
 
     def begin(self, phase: str) -> None:
         """Enter a phase in this thread."""
@@ -56,7 +57,7 @@ class Stopwatch:
             stack[-1][1] = now
 
     def _spend(self, stack: list, now: float) -> None:
-        if threading.current_thread() is threading.main_thread():
+        with self._one:
             self.seconds[stack[-1][0]] += now - stack[-1][1]
 
     @property
@@ -77,7 +78,7 @@ def listen(watch: Stopwatch) -> None:
     def ended(event: str, start: float, end: float, **kwargs: object) -> None:
         if event in PHASES:
             watch.end()
-            if PHASES[event] == "loading":
+            if PHASES[event] == "compiling":
                 watch.programs[str(kwargs.get("fun_name"))] += 1
 
     def happened(event: str, **kwargs: object) -> None:
@@ -117,23 +118,24 @@ def measure(out: Path, words: list[str]) -> None:
     try:
         app(words, standalone_mode=False)
     finally:
-        spent, own = time.process_time(), time.thread_time()
-        rest = own - sum(watch.seconds.values())
-        phases = {**watch.seconds, "rest": rest, "XLA and other threads": spent - own, "all": spent}
+        spent = time.process_time()
+        phases = {**watch.seconds, "rest": spent - sum(watch.seconds.values()), "all": spent}
         programs = {"programs": watch.programs.total(), "from the cache": watch.hits}
         out.write_text(json.dumps(phases | programs | {"by name": dict(watch.programs.most_common())}, indent=1) + "\n")
 
 
 def main() -> None:
-    """The fit of the simulated cable, in a process of its own for each state of the cache."""
-    results = {}
+    """The fit of the simulated cable and the demo, in a process of its own for each state of the cache."""
+    results: dict[str, dict] = {}
     with tempfile.TemporaryDirectory() as folder:
-        for state in ("empty cache", "filled cache"):
+        cable = str(example_path("simulated-cable"))
+        commands = {"fit": ["fit", cable], "demo": ["demo", "--force", "--out", f"{folder}/demo"]}
+        for name, state in itertools.product(commands, ("empty cache", "filled cache")):
             out = Path(folder) / "phases.json"
-            words = [sys.executable, "-m", "benchmarks.phases", str(out), "fit", str(example_path("simulated-cable"))]
-            environment = {**os.environ, "SCAN2FLEX_CACHE": str(Path(folder) / "cache")}
+            words = [sys.executable, "-m", "benchmarks.phases", str(out), *commands[name]]
+            environment = {**os.environ, "SCAN2FLEX_CACHE": str(Path(folder) / f"cache-{name}")}
             subprocess.run(words, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
-            results[state] = json.loads(out.read_text())
+            results.setdefault(name, {})[state] = json.loads(out.read_text())
     record("phases", results)
 
 

@@ -200,6 +200,17 @@ def firstuse() -> str:
     return table(["whole command", "empty cache", "filled cache"], rows) + made_on(entry)
 
 
+def phases() -> str:
+    """Processor seconds of a first command by phase."""
+    entry = load("phases")
+    names = ("importing", "tracing", "lowering", "compiling", "rest", "all")
+    rows = [
+        [f"`{command}`, {state}", *(f"{found.get(name, 0.0):.1f}" for name in names)]
+        for command, states in entry["results"].items() for state, found in states.items()
+    ]  # fmt: skip
+    return table(["processor seconds", *names], rows) + made_on(entry)
+
+
 def sensitivity() -> str:
     """Recovery from grids of guesses, and errors of the estimates under turned clamps."""
     entry = load("sensitivity")
@@ -325,6 +336,7 @@ PAGES = {
         "sensitivity": sensitivity,
         "equilibrium": equilibrium,
         "firstuse": firstuse,
+        "phases": phases,
     },
     DOCS / "compared.md": {"fit": fit},
     DOCS / "theory.md": {"ratios": ratios},
