@@ -19,6 +19,7 @@ _FLOOR = 0.1  # least white part over the size of the residual
 _MOST_OF_SIZE = 3.0  # largest total over the size: a fit absorbs part of a noise that is smooth over the whole cable
 _REGULAR = 1e-3  # of the correlated part: least white part for the factorisation of a smooth kernel's matrix
 _FINEST = 1e-5  # of the length: least noise of a sensor
+_ALONE = 1.1  # times that: no other part counts
 _TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
 _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in units of the size, and the length
@@ -54,8 +55,8 @@ class Noise:
         return float(np.hypot(self.white, self.correlated))
 
     def assumed(self, length: float) -> bool:
-        """Whether the white part is that of the finest sensor assumed on a cable of this ``length`` (m): the data show less."""
-        return self.white <= (1.0 + 1e-9) * _FINEST * length
+        """Whether it is no more than that of the finest sensor assumed on a cable of this ``length`` (m): the data show less."""
+        return self.total <= _ALONE * _FINEST * length
 
     def to_json(self) -> dict:
         """As in the study format (m)."""
