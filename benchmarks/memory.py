@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 from benchmarks.blind import hysteresis
-from benchmarks.blind.hysteresis import BoucWen, Grip, Law
+from benchmarks.blind.hysteresis import BoucWen, Dahl, Grip
 from benchmarks.record import RESULTS, record
 from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.effects import Friction
@@ -32,7 +32,7 @@ from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, 
 
 jax.config.update("jax_enable_x64", True)
 SEED, CASES, LENGTH, POINTS = 31, 40, 1.0, 60
-LAWS = (Law, BoucWen)
+LAWS = (Dahl, BoucWen)
 NOISE = 5e-4  # of the length
 CLEAR = 3.0  # times the noise: RMS that memory moves the poses by, above which it should be named
 FEWEST, MOST = 6, 10
@@ -59,7 +59,7 @@ def study_of_chains(chains, grips, noise: float, seed: int, weight: float = 1.0,
     return Study.from_arrays(cable, poses, ["bending_stiffness"], title="a cable that may remember")
 
 
-def drawn(rng, remembers: bool, kind: type[Law] = Law):
+def drawn(rng, remembers: bool, kind: type[Dahl] = Dahl):
     """Law, grips and chains of a case: clamps that go to and fro between near and far, bent one way and the other."""
     for _ in range(200):
         stiffness = rng.uniform(0.02, 0.08)
@@ -139,7 +139,7 @@ def remembering(study: Study, guess: dict | None = None) -> Study:
 
 def seconds_of_fits() -> dict[str, dict[str, float]]:
     """Seconds of a compiled fit with friction, by the number of its poses: of the clock, and of the processor."""
-    law, out = Law(0.05, 0.5, 1.5), {}
+    law, out = Dahl(0.05, 0.5, 1.5), {}
     way = [Grip(0.75, 0.0, 0.0), Grip(0.45, 0.05, 0.6), Grip(0.7, 0.0, -0.2), Grip(0.5, -0.1, -0.8)]
     grips = [way[k % 4] for k in range(max(TIMED))]
     chains = hysteresis.posed(LENGTH, 1.0, law, grips)
@@ -164,8 +164,14 @@ def summary(rows: list[dict]) -> dict:
         "not named, no memory": [sum(not r["named"] for r in none), len(none)],
         "loop area within 15 %": [sum(r["loop error"] < 0.15 for r in clear), len(clear)],
         "loop area within 15 %, by law": {law: [sum(within), len(within)] for law, within in by_law.items()},
+        "loop area over the true one, median": _median(r["loop"] / r["true loop"] for r in clear),
         "next pose better": [sum(r["next, friction"] < r["next, plain"] for r in clear), len(clear)],
     }  # fmt: skip
+
+
+def _median(values) -> float | None:
+    found = list(values)
+    return float(np.median(found)) if found else None
 
 
 def main() -> None:

@@ -27,7 +27,7 @@ _NEWTON, _SETTLED = 40, 1e-10
 
 
 @dataclass(frozen=True)
-class Law:
+class Dahl:
     """Bending stiffness ``EI`` (N m^2), ``share`` (-) of it that slips, at a curvature ``slip`` (1/m), by Dahl; share 0 is
     elastic."""
 
@@ -60,7 +60,7 @@ class Law:
         return area
 
 
-class BoucWen(Law):
+class BoucWen(Dahl):
     """The same by Bouc and Wen, with equal shape parameters."""
 
     def state(self, k, before, z):
@@ -93,7 +93,7 @@ class Chain:
 
     length: float
     weight: float
-    law: Law
+    law: Dahl
     theta: np.ndarray
     force: np.ndarray
     k: np.ndarray = field(default_factory=lambda: np.zeros(SEGMENTS + 1))
@@ -188,10 +188,10 @@ def _hinge(turn: float, step: float = 1e-3) -> tuple[np.ndarray, np.ndarray]:
     return first, sum(pairs)[..., 1] / (4 * step**2)
 
 
-def hanging(length: float, weight: float, law: Law, grip: Grip, kept: float = 0.0) -> Chain | None:
+def hanging(length: float, weight: float, law: Dahl, grip: Grip, kept: float = 0.0) -> Chain | None:
     """A new cable between the clamps: brought there elastically, so that it remembers nothing but this pose, and that it was
     at a curvature ``kept`` (1/m) before."""
-    elastic = Law(law.EI, 0.0, 1.0)
+    elastic = Dahl(law.EI, 0.0, 1.0)
     chain = Chain(length, weight, elastic, np.zeros(SEGMENTS), np.zeros(2))
     bowed = replace(chain, theta=np.linspace(-0.05, 0.05, SEGMENTS))
     found: Chain | None = bowed
@@ -204,7 +204,7 @@ def hanging(length: float, weight: float, law: Law, grip: Grip, kept: float = 0.
     return fresh.moved(grip)
 
 
-def posed(length: float, weight: float, law: Law, grips: list[Grip], kept: float = 0.0) -> list[Chain] | None:
+def posed(length: float, weight: float, law: Dahl, grips: list[Grip], kept: float = 0.0) -> list[Chain] | None:
     """The chain in each pose, in their order, first as `hanging`; None if a pose has no equilibrium on the way."""
     chain = hanging(length, weight, law, grips[0], kept)
     found = [chain]
@@ -215,7 +215,7 @@ def posed(length: float, weight: float, law: Law, grips: list[Grip], kept: float
     return None if any(c is None for c in found) else found
 
 
-def without_memory(length: float, weight: float, law: Law, grips: list[Grip]) -> list[Chain] | None:
+def without_memory(length: float, weight: float, law: Dahl, grips: list[Grip]) -> list[Chain] | None:
     """Each pose of a new cable."""
     found = [hanging(length, weight, law, grip) for grip in grips]
     return None if any(c is None for c in found) else found

@@ -96,7 +96,8 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
 
 def scatter(stage, found: Refit, k: int) -> float | None:
     """Relative scatter between poses of the size of component ``k``: weighted deviation of the size that fits each pose by
-    itself, over the size; the weights are sensitivities. None where the size is not estimated, or from one pose.
+    itself, over the size; the weights are sensitivities. None where the size is not estimated or without influence, or from one
+    pose.
 
     To first order in the size, with all other parameters fixed.
     """
@@ -108,6 +109,8 @@ def scatter(stage, found: Refit, k: int) -> float | None:
     white = _white(stage, found)
     column = white.J[:, at] @ size  # per relative change of the size
     weight = np.array([column[rows] @ column[rows] for rows in white.rows])
+    if not np.any(weight):
+        return None
     change = np.array([-column[rows] @ white.r[rows] for rows in white.rows]) / np.maximum(weight, 1e-300)
     mean = np.sum(weight * change) / np.sum(weight)
     return float(np.sqrt(np.sum(weight * (change - mean) ** 2) / np.sum(weight)))

@@ -55,7 +55,7 @@ class Noise:
         return float(np.hypot(self.white, self.correlated))
 
     def assumed(self, length: float) -> bool:
-        """Whether it is no more than that of the finest sensor assumed on a cable of this ``length`` (m): the data show less."""
+        """Whether it is no more than that of the finest sensor assumed for this ``length`` (m): the data show less."""
         return self.total <= _ALONE * _FINEST * length
 
     def to_json(self) -> dict:

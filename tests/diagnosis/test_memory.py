@@ -19,7 +19,7 @@ NOISE = 3e-4
 
 def study_with(share, count=6):
     grips = [hysteresis.Grip(*g) for g in GRIPS[:count]]
-    chains = hysteresis.posed(1.0, 1.0, hysteresis.Law(0.05, share, 2.0), grips)
+    chains = hysteresis.posed(1.0, 1.0, hysteresis.Dahl(0.05, share, 2.0), grips)
     return study_of_chains(chains, grips, NOISE, seed=2)
 
 

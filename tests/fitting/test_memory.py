@@ -157,7 +157,7 @@ def test_times_say_how_far_a_pose_relaxed():
 GRIPS = [(0.75, 0.0, 0.0), (0.45, 0.05, 0.6), (0.75, 0.0, 0.0), (0.5, -0.1, -0.8), (0.6, 0.1, 0.3), (0.75, 0.0, 0.0)]
 
 
-class Sliders(hysteresis.Law):
+class Sliders(hysteresis.Dahl):
     """Prandtl's sliders for the solver of the benchmark, with the thresholds of the package."""
 
     def stepped(self, k, before, z):
