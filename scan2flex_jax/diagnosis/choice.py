@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import confirm
+from scan2flex_jax.diagnosis import confirm, floors
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.search import alike, pieces
 from scan2flex_jax.diagnosis.sensitivity import Component
@@ -63,9 +63,13 @@ def of_one_size(stage, r: Refit) -> bool:
 
 
 def established(stage, best: Refit, baseline: Refit) -> bool:
-    """Whether effects of one size in all poses are found: poses left out are predicted much better, or the evidence is
-    overwhelming and they are predicted no worse."""
+    """Whether effects of one size in all poses are found: they come nearer to the curves, and poses left out are predicted much
+    better, or the evidence is overwhelming and they are predicted no worse.
+
+    A law of the residual with a large discrepancy may be likelier than one with a small one, with shapes that are farther off.
+    """
     settings, against = stage.settings, confirm.compared(stage, best, baseline)
     better = against.better and against.ratio <= settings.most_left
     overwhelming = best.log_evidence > settings.overwhelming and not against.worse
-    return best.log_evidence >= settings.lead_named and of_one_size(stage, best) and (better or overwhelming)
+    nearer = floors.squares(stage.of, best) < floors.squares(stage.of, baseline)
+    return nearer and best.log_evidence >= settings.lead_named and of_one_size(stage, best) and (better or overwhelming)

@@ -53,10 +53,11 @@ def nearest(of: Signatures, found: Refit) -> Refit:
         return found
     size = max(np.sqrt(np.mean([np.mean(s.residual[k] ** 2) for s, k in zip(found.shapes, of.bench.real, strict=True)])), 1e-12)
     plain = again(of.bench, found, plain_law(of.bench, size), most=_PLAIN_STEPS)
-    return plain if np.isfinite(plain.cost) and _squares(of, plain) < _squares(of, found) else found
+    return plain if np.isfinite(plain.cost) and squares(of, plain) < squares(of, found) else found
 
 
-def _squares(of, found):
+def squares(of: Signatures, found: Refit) -> float:
+    """Sum of the squared distances (m^2) of a refit from the curves."""
     return sum(float(np.sum(s.residual[k] ** 2)) for s, k in zip(found.shapes, of.bench.real, strict=True))
 
 

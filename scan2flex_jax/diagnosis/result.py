@@ -222,9 +222,10 @@ class Explanation:
 
     def in_words(self, r: Ranked) -> str:
         """The verdict of an effect type in words that stand alone."""
-        if r.verdict == TOO_LITTLE:
-            return "explains too little" if self.verdict == UNEXPLAINED else "less likely"
-        return r.verdict
+        if r.verdict != TOO_LITTLE:
+            return r.verdict
+        likelier = self.chosen and r.log_evidence > max(c.log_evidence for c in self.chosen)
+        return "explains too little" if likelier or self.verdict == UNEXPLAINED else "less likely"
 
     def summary(self) -> str:
         """The explanation in plain text, about one page: answer, findings, and every estimate and pose."""

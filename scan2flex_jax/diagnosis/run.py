@@ -248,7 +248,7 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
     """
     if of.bench.poses.count == 1:
         return False
-    return of.exceeds(found.stage.noise) or (
+    return of.exceeds(found.stage.noise) or of.conspicuous(found.stage.noise) or (
         floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
     )
 

@@ -42,7 +42,8 @@ def before_and_after(poses, added, established):
     if not added:
         return ()
     was, now = over([p.rms_before for p in fitted]), over([p.rms for p in fitted])
-    text = f"with {' and '.join(r.kind for r in added)} the error falls from {was:.2f} to {now:.2f} mm"
+    goes = "falls" if now < was else "rises"
+    text = f"with {' and '.join(r.kind for r in added)} the error {goes} from {was:.2f} to {now:.2f} mm"
     unseen = [(p.left_out_before, p.left_out) for p in fitted]
     if len(fitted) > 1 and all(b is not None and np.isfinite(b) and np.isfinite(a) for b, a in unseen):
         text += f", in poses left out from {over([b for b, _ in unseen]):.2f} to {over([a for _, a in unseen]):.2f} mm"
@@ -60,10 +61,8 @@ def of_discrepancy(discrepancy):
 
 def _if_noise(found):
     """The condition under which smooth errors as large as shapes are noise of the scan."""
-    n, bench, settings = found.stage.noise, found.stage.bench, found.stage.settings
-    stated = all(pose.noise is not None for pose in bench.problem.study.fit_poses)
-    usual = n.correlated < settings.smooth * n.white or n.total < settings.large_noise * bench.context.length
-    if stated or found.best.law.curvature or usual:
+    n = found.stage.noise
+    if found.best.law.curvature or not found.stage.of.conspicuous(n):
         return ()
     errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
     return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)

@@ -85,10 +85,15 @@ class Signatures:
         """Whether a noise is far above the stated one: not that of the sensor alone, whatever its correlation."""
         return self.stated is not None and noise.total > self.settings.beyond_stated * self.stated
 
+    def conspicuous(self, noise: Noise) -> bool:
+        """Whether a noise that is not stated is large and smooth, as the error of a model is."""
+        smooth, length = noise.correlated >= self.settings.smooth * noise.white, self.bench.context.length
+        return self.stated is None and smooth and noise.total >= self.settings.large_noise * length
+
     def more_than_noise(self, law: Law) -> bool:
-        """Whether a law of the residual is more than noise of the sensor: each pose has a discrepancy, or a stated noise is far
-        exceeded."""
-        return bool(law.curvature) or self.exceeds(law.noise)
+        """Whether a law of the residual is more than noise of the sensor: each pose has a discrepancy, a stated noise is far
+        exceeded, or one that is not stated is conspicuous."""
+        return bool(law.curvature) or self.exceeds(law.noise) or self.conspicuous(law.noise)
 
     def complement(self, found_shapes, numbers, vector) -> Complement:
         """The likelihood of the noise in the residual of a model, given its own columns and all signatures."""

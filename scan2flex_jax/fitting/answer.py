@@ -5,7 +5,7 @@ mass are those of `fitting.influence`. A value has as many digits as its interva
 """
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,7 @@ _WORDS = {"length": "length", "length_density": "mass"}
 _MOST = 6  # largest number of entries of an estimate in the answer: a field along the cable is only in the details
 _EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
+_LINEAR = 10.0  # factor beyond which a formula of first order says nothing
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
 
 
@@ -146,10 +147,11 @@ def noise_in_words(noise: Noise, length: float) -> str:
     return f"{said}; the least that is assumed: the shapes show less" if noise.assumed(length) else said
 
 
-def rests_on(study: Study, influence: Influence | None) -> str:
-    """Length and mass with their tolerances, and the change of the estimates per cent of each."""
+def rests_on(study: Study, influence: Influence | None, lost: Collection[str] = ()) -> str:
+    """Length and mass with their tolerances, and the change of the estimates per cent of each, except those ``lost`` (symbols),
+    which the poses do not determine."""
     parts = [part for part in (_stated(study, name) for name in STATED) if part]
-    moved = [_sensitivity(study, name, influence) for name in (STATED[1], STATED[0])] if influence is not None else []
+    moved = [_sensitivity(study, name, influence, lost) for name in (STATED[1], STATED[0])] if influence is not None else []
     said = " and ".join(parts) or "neither a stated length nor a stated mass"
     return ": ".join([said, *filter(None, ["; ".join(filter(None, moved))])])
 
@@ -176,14 +178,14 @@ def _elsewhere(study, name):
     return f"{what} measured as {mean:.4g} +- {100 * std / mean:.2g} % (which is in the intervals)"
 
 
-def _sensitivity(study, name, influence):
+def _sensitivity(study, name, influence, lost):
     """``1 % of mass is 1 % of EI and GJ``."""
     if name not in influence.stated:
         return ""
     found = [
         (_label(label), float(s))
         for label, s, log in zip(influence.labels, influence.stated[name], influence.logs, strict=True)
-        if log and np.isfinite(s) and "." not in label
+        if log and np.isfinite(s) and "." not in label and _label(label) not in lost
     ]
     groups: list[tuple[list[str], float]] = []
     for symbol, s in found:
@@ -220,7 +222,7 @@ def moved_in_words(influence: Influence | None, pose: str) -> str:
     changes, said = influence.of_pose(pose), []
     for (label, change), log in zip(changes.items(), influence.logs, strict=False):
         if log and "." not in label:
-            said.append(f"{_label(label)} {percent(change) if np.isfinite(change) else 'not determined'}")
+            said.append(f"{_label(label)} {percent(change) if 1.0 / _LINEAR < 1.0 + change < _LINEAR else 'not determined'}")
     return ", ".join(said)
 
 
@@ -240,7 +242,7 @@ def compose(
     belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
     doubts = tuple(d for d in doubts if d not in belief)
     warnings = tuple(w for w in warnings_of(study) if w not in doubts)
-    return Answer(rows, rests_on(study, influence), unseen, belief, tone, warnings, doubts)
+    return Answer(rows, rests_on(study, influence, lost), unseen, belief, tone, warnings, doubts)
 
 
 def _unseen(fit):

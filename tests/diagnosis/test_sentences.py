@@ -8,6 +8,7 @@ import pytest
 from scan2flex_jax.diagnosis import sentences
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.settings import USUAL
+from scan2flex_jax.diagnosis.stage import Signatures
 from scan2flex_jax.fitting.noise import Noise
 
 
@@ -17,10 +18,11 @@ def found(left, noise, radius=0.004, stated=None):
     residual[:, 0] = left
     solved = SimpleNamespace(code=np.array(0))
     shapes = [SimpleNamespace(residual=residual, verdict=solved, s=np.linspace(0, 1, 20))]
-    study = SimpleNamespace(fit_poses=[SimpleNamespace(noise=stated)])
     context = SimpleNamespace(length=1.0, radius_or_guess=radius)
-    bench = SimpleNamespace(real=[np.ones(20, bool)], context=context, problem=SimpleNamespace(study=study))
-    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes), settings=USUAL)
+    bench = SimpleNamespace(real=[np.ones(20, bool)], context=context)
+    of = object.__new__(Signatures)
+    of.stated, of.settings, of.bench = stated, USUAL, bench
+    stage = SimpleNamespace(bench=bench, noise=noise, base=SimpleNamespace(shapes=shapes), settings=USUAL, of=of)
     return SimpleNamespace(stage=stage, best=SimpleNamespace(law=Law(noise)))
 
 
@@ -43,3 +45,11 @@ def test_smooth_errors_as_large_as_shapes_are_a_condition(noise, stated, conditi
     said = sentences._if_noise(found(1e-2, noise, stated=stated))
     assert bool(said) == conditional
     assert not conditional or "14.2 mm RMS, alike over 300 mm" in said[0]
+
+
+@pytest.mark.parametrize(("now", "goes"), [(1e-3, "falls from 3.00 to 1.00 mm"), (5e-3, "rises from 3.00 to 5.00 mm")])
+def test_an_error_that_rises_is_not_said_to_fall(now, goes):
+    figures = {"rms_before": 3e-3, "rms": now, "left_out_before": None, "left_out": None}
+    pose = SimpleNamespace(role="fit", residual=np.zeros((20, 3)), **figures)
+    (said,) = sentences.before_and_after({"p1": pose}, [SimpleNamespace(kind="tether")], established=False)
+    assert said == f"with tether the error {goes}; this best model is not established"

@@ -17,8 +17,20 @@ STATED = 3e-4  # m
 def signatures(stated, poses=6, **settings):
     of = object.__new__(Signatures)
     of.stated, of.settings = stated, DiagnosisSettings(**settings)
-    of.bench = SimpleNamespace(poses=SimpleNamespace(count=poses))
+    of.bench = SimpleNamespace(poses=SimpleNamespace(count=poses), context=SimpleNamespace(length=1.0))
     return of
+
+
+@pytest.mark.parametrize(
+    ("white", "correlated", "conspicuous"),
+    [(1e-4, 5e-3, True), (1e-4, 1e-3, False), (2e-3, 5e-3, False)],  # smooth and large; small; not smooth
+)
+def test_smooth_noise_of_some_thousandths_of_the_length_is_not_the_sensor_s_unless_stated(white, correlated, conspicuous):
+    """Two photographs traced to 0.1 mm of a wire of 1.5 m: 11 mm left by a tether, alike over 80 mm, had been "noise"."""
+    noise = Noise(white, correlated, 0.05)
+    assert signatures(None).conspicuous(noise) is conspicuous
+    assert signatures(None).more_than_noise(Law(noise)) is conspicuous
+    assert signatures(noise.total).conspicuous(noise) is False
 
 
 @pytest.mark.parametrize(

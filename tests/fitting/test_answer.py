@@ -14,13 +14,16 @@ from scan2flex_jax.fitting.answer import (
     GOOD,
     digits_of,
     in_mm,
+    moved_in_words,
     noise_in_words,
     number,
     percent,
+    rests_on,
     symbol_of,
     two_digits,
 )
 from scan2flex_jax.fitting.estimate import Estimate
+from scan2flex_jax.fitting.influence import Influence
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.result import in_words
 from scan2flex_jax.study import Tolerance, Unknown, study_warnings
@@ -63,6 +66,19 @@ def test_the_summary_opens_with_the_answer():
         assert float(value) == pytest.approx(e.value, abs=0.2 * (e.high - e.low))
         assert float(low) == pytest.approx(100 * (e.low / e.value - 1), rel=0.06)
         assert float(high) == pytest.approx(100 * (e.high / e.value - 1), rel=0.06)
+
+
+def test_what_the_poses_do_not_determine_has_no_sensitivity():
+    f = fitted()
+    assert "of EI and GJ" in rests_on(f.study, f.influence) and "GJ" not in rests_on(f.study, f.influence, ["GJ"])
+
+
+def test_a_change_beyond_the_first_order_is_not_printed_as_a_number():
+    """A pose left out of two had been said to move EI by a 2 with thirty-three zeros, per cent."""
+    found = np.array([[77.0, np.log(1.12)], [-20.0, 0.0]])
+    moved = Influence(("bending_stiffness", "torsional_stiffness"), np.array([True, True]), ("a", "b"), found, np.zeros(2))
+    assert moved_in_words(moved, "a") == "EI not determined, GJ +12 %"
+    assert moved_in_words(moved, "b") == "EI not determined, GJ +0 %"
 
 
 def test_what_it_rests_on_is_what_the_influence_says():
