@@ -7,11 +7,13 @@ moment last. What fails on the way, is no minimum, is close to buckling, or is b
 Lengths in m; `l_g = (EI / (rhoA g))^(1/3)` is the length over which gravity bends the cable.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from . import effects, rod, stability
 from . import quaternions as qt
-from .scene import Cable, Scene, interpolate, mesh
+from .scene import RIGID, Cable, Scene, interpolate, mesh
 
 GRAVITY = 9.81
 COARSE, FINE = 48, 128  # intervals while travelling, and for the answer
@@ -42,7 +44,8 @@ def draw_cable(rng):
     wide = rng.random() < 0.1
     ratio = np.exp(rng.uniform(*np.log((0.15, 8.0) if wide else (0.4, 3.0))))
     radius = round(min(0.012, length / 60, 0.002 + 0.006 * rng.random() + 0.003 * density), 4)
-    return Cable(length, radius, density, float(f"{bending:.4g}"), float(f"{bending * ratio:.4g}"))
+    found = Cable(length, radius, density, float(f"{bending:.4g}"), float(f"{bending * ratio:.4g}"))
+    return replace(found, shear=RIGID, axial=RIGID) if rng.spawn(1)[0].random() < 0.5 else found
 
 
 def _candidate(rng, L, home, kind):

@@ -16,6 +16,9 @@ from . import rod
 EDGE = 0.02  # of L: the edges of a span are smoothed over this length
 
 
+RIGID = 1e9  # N: GA and EA that change a length by less than 1e-7 under a cable's weight; a study does not state them
+
+
 @dataclass
 class Cable:
     length: float

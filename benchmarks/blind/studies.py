@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from . import rod
+from .scene import RIGID
 
 
 def value(v):
@@ -42,7 +43,7 @@ def study_text(rng, case):
     """`study.toml` of a case."""
     scene, cable = case["nominal"], case["nominal"].cable
     known = {"length": cable.length, "radius": cable.radius, "length_density": cable.density}
-    if rng.random() < 0.5:
+    if cable.axial < RIGID:
         known |= {"shear_stiffness": cable.shear, "axial_stiffness": cable.axial}
     lines = table({"format": "scan2flex-study/1", "title": f"Cable {case['id']}"})
     lines += table({"gravity": np.round(scene.gravity, 9)})
