@@ -19,6 +19,7 @@ from benchmarks.record import record
 # What a photograph with hand-made clamps leaves open: length and scale by some per cent, clamps by some degrees.
 LOOSE = {"length": 0.02, "clamp_position": 0.003, "clamp_rotation": 0.09, "gravity": 0.02}
 BUCKLED = {"black-wire": [470, 500, 480, 470, 490], "red-wire": [430, 470, 445, 445, 460]}  # degrees, five repeats each
+GRID, TOLD = np.geomspace(0.5, 40.0, 12), (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # 1/m: of the law of the strip, and in its table
 RATIOS = (0.5, 0.77, 1.0, 1.5)  # of GJ to EI; 0.77 is that of a solid round wire of Poisson's ratio 0.3
 MOST_TWIST = 1800  # degrees
 _JUMP = 0.03  # of the length: by which a node moves in 10 degrees only when the loop jumps
@@ -59,6 +60,35 @@ def told(e) -> dict:
     poses = {n: p.to_json() for n, p in e.poses.items()}
     noise = {"total": e.noise.total, "correlation_length": e.noise.correlation_length}
     return out | {"p_value": e.p_value, "ranking": ranking, "before": before, "after": after, "poses": poses, "noise": noise}
+
+
+def measured_laws(study, plot, picture: Path | None) -> dict:
+    """The bending law of each photograph by itself: moments (N m) with their 95 % bands, and a picture of all."""
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    from scan2flex_jax import EffectDeclaration, Unknown, fit  # noqa: PLC0415
+
+    figure, axes = plt.subplots(1, len(study.poses), figsize=(4.6 * len(study.poses), 3.6), layout="constrained", sharey=True)
+    out = {}
+    for pose, ax in zip(study.poses, axes, strict=True):
+        declared = (*study.effects, EffectDeclaration("bending_law", {"curvature": GRID}))
+        alone = (replace(pose, role="fit"),)
+        found = fit(replace(study, poses=alone, effects=declared, unknowns=(*study.unknowns, Unknown("bending_law.factor"))))
+        (law,) = found.laws
+        at = [int(np.argmin(np.abs(law.at - k))) for k in TOLD]
+        rms = found.poses[pose.name].rms
+        out[pose.name] = {
+            "rms": rms, "converged": found.converged, "readings": [str(reading) for reading in law.readings],
+            "moments": [[float(x[i]) for x in (law.at, law.moment, law.low, law.high)] for i in at],
+            "reached": [bool(law.reached[i]) for i in at],
+        }  # fmt: skip
+        plot.law(found, ax=ax)
+        ax.set_title(f"{pose.name}: {1e3 * rms:.2f} mm RMS", fontsize=10, pad=34)
+        sys.stderr.write(f"{pose.name}, law: {1e3 * rms:.2f} mm\n")
+    if picture is not None:
+        plot.save(figure, picture)
+    plt.close(figure)
+    return out
 
 
 def buckling(study, bending_stiffness: float, ratio: float) -> float | None:
@@ -110,6 +140,19 @@ def page(name, entry, picture) -> str:
             open_end = "" if x["identifiable"] else " (not determined)"
             lines.append(f"- {n}: {r['before'][n]:.3g} before, {x['value']:.3g} after{open_end}")
         lines += [f"- to settle it: {s}" for s in r["settle"]] + [""]
+    if "laws" in entry:
+        about = "A law of any form, fitted to each photograph by itself: moment over curvature, in mN m with its 95 % band."
+        lines += ["## The measured bending law", "", about, "", f"![bending law of each photograph]({name}-law.png)", ""]
+        lines += ["| curvature, 1/m | " + " | ".join(entry["laws"]) + " |", "| --- |" + " --- |" * len(entry["laws"])]
+        for i in range(len(TOLD)):
+            cells = [_moment(*found["moments"][i][1:], found["reached"][i]) for found in entry["laws"].values()]
+            lines.append(f"| {next(iter(entry['laws'].values()))['moments'][i][0]:.1f} | {' | '.join(cells)} |")
+        lines.append("")
+        for pose, found in entry["laws"].items():
+            read = "; ".join(found["readings"]) or "nothing is read off"
+            settled = "" if found["converged"] else ", not settled"
+            lines.append(f"- {pose}: {1e3 * found['rms']:.2f} mm RMS are left{settled}; {read}")
+        lines.append("")
     if "buckling" in entry:
         b = entry["buckling"]
         said = ", ".join(f"{k}: {f'none up to {MOST_TWIST}' if v is None else f'{v:.0f}'}" for k, v in b["predicted"].items())
@@ -118,6 +161,11 @@ def page(name, entry, picture) -> str:
                   f"{b['bending_stiffness']:.3g} N m^2 (straight wire, baseline fit) by the ratio GJ/EI, which plane shapes "
                   f"do not determine: {said} degrees.", ""]  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+def _moment(value, low, high, reached):
+    band = f"{1e3 * value:.3g} ({1e3 * low:.3g} to {1e3 * high:.3g})"
+    return band if reached else f"{band}, not reached"
 
 
 def _millimetres(value):
@@ -148,6 +196,8 @@ def main() -> None:
             sys.stderr.write(f"{name}, {words}: {e.verdict}, {e.seconds:.0f} s\n")
             if args.pages and e.fit is not None:  # the last one: with all that a user could declare
                 plot.save(plot.explained(e), args.pages / f"{name}.png")
+        if name == "textile-strip":
+            entry["laws"] = measured_laws(study, plot, args.pages / f"{name}-law.png" if args.pages else None)
         if name in BUCKLED:
             EI = entry["variants"]["as declared"]["before"]["bending_stiffness"]
             predicted = {str(r): buckling(study, EI, r) for r in RATIOS}

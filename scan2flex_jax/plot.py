@@ -275,7 +275,7 @@ def law(fit: "Fit | Explanation", kind: str | None = None, ax: Axes | None = Non
             ax.fill_between(q, found.low, found.high, where=wide, color=_MODELLED, alpha=alpha, lw=0, label=label)
     ax.plot(q, found.moment, "--", color=_MODELLED, lw=1.0)
     ax.plot(q, told, color=_MODELLED, lw=1.5, label="law")
-    top = ax.get_ylim()[1]
+    top = min(ax.get_ylim()[1], 2.0 * float(np.max(found.moment)))  # a band that is open at small strains would hide the law
     ax.plot(q, found.stiffness * q, color="#999999", lw=0.8, label="linear")
     ax.set(xlabel=f"{found.strain} (1/m)", ylabel="moment (N m)", xlim=(0.0, q[-1]), ylim=(0.0, top))
     _legend(ax)
