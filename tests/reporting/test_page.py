@@ -184,8 +184,9 @@ def test_estimates_versions_and_inputs_are_there(fitted, shown):
     words = shown.words()
     for name, estimate in fitted.estimates.items():
         rounded = [float(v) for v in re.search(rf"{name} (\S+) (\S+) to (\S+)", words).groups()]
-        np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=1e-5)
-        assert rounded[1] < rounded[0] < rounded[2]  # digits enough to show the interval
+        width = estimate.high - estimate.low  # digits enough to show the interval
+        np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=0, atol=0.15 * width)
+        assert rounded[1] < rounded[0] < rounded[2]
     assert "scan2flex report simulated-cable -o report.html --no-explain --elements 40" in words
     for name in ("jax", "numpy", "plotly", "plane.csv", "study.toml"):
         assert name in words
