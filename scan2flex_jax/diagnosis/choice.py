@@ -17,9 +17,11 @@ from scan2flex_jax.diagnosis.sensitivity import Component
 def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
     """The likeliest refit of ``count`` effects, or one about as likely that predicts poses left out better or is simpler.
 
-    Refits with sizes homogeneous across poses come first. Without any refit, the baseline model.
+    Refits nearer to the curves than the baseline model come first, and of these the ones with sizes homogeneous across poses.
+    Without any refit, the baseline model.
     """
     own = [r for r in refits if len(r.components) == count and np.isfinite(r.log_evidence)]
+    own = [r for r in own if nearer(stage, r, stage.base)] or own
     own = [r for r in own if of_one_size(stage, r) and not pieces(r)] or own
     if not own:
         return stage.base
@@ -64,12 +66,15 @@ def of_one_size(stage, r: Refit) -> bool:
 
 def established(stage, best: Refit, baseline: Refit) -> bool:
     """Whether effects of one size in all poses are found: they come nearer to the curves, and poses left out are predicted much
-    better, or the evidence is overwhelming and they are predicted no worse.
-
-    A law of the residual with a large discrepancy may be likelier than one with a small one, with shapes that are farther off.
-    """
+    better, or the evidence is overwhelming and they are predicted no worse."""
     settings, against = stage.settings, confirm.compared(stage, best, baseline)
     better = against.better and against.ratio <= settings.most_left
     overwhelming = best.log_evidence > settings.overwhelming and not against.worse
-    nearer = floors.squares(stage.of, best) < floors.squares(stage.of, baseline)
-    return nearer and best.log_evidence >= settings.lead_named and of_one_size(stage, best) and (better or overwhelming)
+    certain = best.log_evidence >= settings.lead_named and (better or overwhelming)
+    return certain and nearer(stage, best, baseline) and of_one_size(stage, best)
+
+
+def nearer(stage, r: Refit, baseline: Refit) -> bool:
+    """Whether the shapes of a refit are nearer to the curves than those of the baseline model: under a large discrepancy of
+    each pose, shapes that are farther off may be likelier."""
+    return floors.squares(stage.of, r) < floors.squares(stage.of, baseline)
