@@ -78,7 +78,7 @@ def measured_laws(study, plot, picture: Path | None) -> dict:
         at = [int(np.argmin(np.abs(law.at - k))) for k in TOLD]
         rms = found.poses[pose.name].rms
         out[pose.name] = {
-            "rms": rms, "converged": found.converged, "readings": [str(reading) for reading in law.readings],
+            "rms": rms, "converged": found.converged, "sentences": list(law.sentences()),
             "moments": [[float(x[i]) for x in (law.at, law.moment, law.low, law.high)] for i in at],
             "reached": [bool(law.reached[i]) for i in at],
         }  # fmt: skip
@@ -149,9 +149,8 @@ def page(name, entry, picture) -> str:
             lines.append(f"| {next(iter(entry['laws'].values()))['moments'][i][0]:.1f} | {' | '.join(cells)} |")
         lines.append("")
         for pose, found in entry["laws"].items():
-            read = "; ".join(found["readings"]) or "nothing is read off"
             settled = "" if found["converged"] else ", not settled"
-            lines.append(f"- {pose}: {1e3 * found['rms']:.2f} mm RMS are left{settled}; {read}")
+            lines.append(f"- {pose}: {1e3 * found['rms']:.2f} mm RMS are left{settled}; {'; '.join(found['sentences'])}")
         lines.append("")
     if "buckling" in entry:
         b = entry["buckling"]
