@@ -11,10 +11,11 @@ licence, so nothing of them is kept here: the record holds what this package mak
 How a row is read (x to the side, z up, metres, radians): the clamp is turned by `Gamma` about y from a cable that hangs down,
 `X, Z` are the markers in the turned frame, at L/2 and L. The baseline fit checks this reading: with the other sign of
 `Gamma`, or of gravity, it must be worse (`reading` in the record). Poses are planar, so GJ is a given number without
-influence on them. Sorted by angle, every third pose is fitted from the first on; the others have no part in anything but
-`validate`.
+influence on them. By angle, every third pose is fitted from the first on; the others have no part in anything but `validate`.
+Poses stand in the order of the file, to both sides by turns and further each time, which is that of no column: it is taken for
+the order of measurement, and effects with memory need it.
 
-Seven questions per cable, each with the noise of a marker unstated and as 1 mm:
+Eight questions per cable, each with the noise of a marker unstated and as 1 mm:
 
 * `without`: what is missing when only the fitting is on (it is known, 0.03 kg of point mass at the tip);
 * `carried over`: prediction of the poses with the weight by the answer to that, nothing fitted;
@@ -22,6 +23,7 @@ Seven questions per cable, each with the noise of a marker unstated and as 1 mm:
 * `with, alone`: the same poses with nothing carried over;
 * `both`: both series in one study, the weight an unknown point mass that acts in its own poses;
 * `both, softening`: the same with bending that softens with curvature, which bears on the mass;
+* `both, friction`: the same with inner friction, each series from a cable without history on;
 * `known weight`: both series, the weight declared and the cable never weighed.
 """
 
@@ -44,15 +46,21 @@ EVERY = 3  # of the poses, sorted by angle, is fitted
 NOISE = {"noise unstated": None, "noise 1 mm": 1e-3}
 GRAVITY = 9.81
 GJ = 0.1  # N m^2
-SOFTENING = {"slip_curvature": 2.0, "ratio": 0.6}  # starts: 1/m, -
+STARTS = {"nonlinear_bending": {"slip_curvature": 2.0, "ratio": 0.6}, "friction": {"share": 0.4, "slip_curvature": 0.7}}  # 1/m
 CARRIED = 0.04  # relative standard deviation with which EI is carried over to another series
-TOGETHER = {"both": {}, "both, softening": {"softening": True}, "known weight": {"known_weight": True}}
+TOGETHER = {
+    "both": {},
+    "both, softening": {"beside": "nonlinear_bending"},
+    "both, friction": {"beside": "friction"},
+    "known weight": {"known_weight": True},
+}
 HANGING = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])  # columns d1, d2, d3: down; d2 = y bends it in plane
 
 
 @dataclass(frozen=True)
 class Series:
-    """One cable with one weight: what is stated of it (kg, kg, m, m, 1/m), and per pose angle (rad) and markers (n, 2, 2)."""
+    """One cable with one weight: what is stated of it (kg, kg, m, m, 1/m), and per pose its rank by angle, angle (rad) and
+    markers (n, 2, 2)."""
 
     name: str
     mass: float
@@ -60,12 +68,13 @@ class Series:
     length: float
     diameter: float
     rest_curvature: float
+    ranks: np.ndarray
     angles: np.ndarray
     markers: np.ndarray
 
 
 def read(cable, weighted, measured: Path, stated: Path) -> Series:
-    """A series of the clones, its poses sorted by angle; its rest curvature is the authors', averaged along the cable."""
+    """A series of the clones in the order of its file; its rest curvature is the authors', averaged along the cable."""
     name = f"{cable}_{'' if weighted else 'un'}weighted"
     table = measured / FOLDER / f"{name}_equilibria" / "theta_equilibria.csv"
     numbers = stated / "object_parameters" / f"{name}.txt"
@@ -74,11 +83,12 @@ def read(cable, weighted, measured: Path, stated: Path) -> Series:
             sys.exit(f"{path} is missing: name the clones of PAC_model_matlab and, with --parameters, floating_PAC_model")
     mass, end_mass, length, diameter, _, constant, linear, *_ = map(float, numbers.read_text().strip().split(","))
     with table.open(newline="") as file:
-        rows = sorted(csv.DictReader(file), key=lambda row: float(row["Gamma"]))
+        rows = list(csv.DictReader(file))
     markers = [[[float(row[f"{axis}_{place}"]) for axis in "XZ"] for place in ("mid", "end")] for row in rows]
     angles = np.array([float(row["Gamma"]) for row in rows])
     bent = (constant + linear / 2) / length
-    return Series(name, mass, end_mass, length, diameter, bent, angles, np.array(markers))
+    ranks = np.argsort(np.argsort(angles))
+    return Series(name, mass, end_mass, length, diameter, bent, ranks, angles, np.array(markers))
 
 
 def turned(angle):
@@ -92,7 +102,7 @@ def poses_of(series: Series, noise, sign=1.0) -> list[dict]:
     from scan2flex_jax.study import Markers  # noqa: PLC0415 - the environment must be set first
 
     out, s = [], [series.length / 2, series.length]
-    for k, (angle, seen) in enumerate(zip(series.angles, series.markers, strict=True)):
+    for k, angle, seen in zip(series.ranks.tolist(), series.angles, series.markers, strict=True):
         R = turned(sign * angle)
         points = np.stack([seen[:, 0], np.zeros(2), seen[:, 1]], axis=1) @ R.T
         role = "validate" if k % EVERY else "fit"
@@ -162,7 +172,7 @@ def complete(answers: dict, without: Series, weighed: Series, noise) -> None:
         told |= {k: v for k, v in seen.items() if k != "after"}
 
 
-def together(without: Series, with_weight: Series, noise, known_weight=False, softening=False):
+def together(without: Series, with_weight: Series, noise, known_weight=False, beside=None):
     """Both series in one study: natural curvature unknown, and the weight's mass or, where it is known, the cable's.
 
     Two point masses cannot share an unknown's name, so the fitting is declared as the dead load that it is.
@@ -178,14 +188,15 @@ def together(without: Series, with_weight: Series, noise, known_weight=False, so
         weight.pop("mass")
         unknowns.append(Unknown("point_mass.mass", guess=extra))
     heavy = poses_of(with_weight, noise)
+    heavy[0]["reset"] = True
     effects = [
         EffectDeclaration("point_load", {"position": L, "force": [0.0, 0.0, -GRAVITY * without.end_mass]}),
         EffectDeclaration("point_mass", weight, tuple(p["name"] for p in heavy)),
         EffectDeclaration("natural_curvature", {}),
     ]
-    if softening:
-        effects.append(EffectDeclaration("nonlinear_bending", {}))
-        unknowns += [Unknown(f"nonlinear_bending.{name}", guess=value) for name, value in SOFTENING.items()]
+    if beside:
+        effects.append(EffectDeclaration(beside, {}))
+        unknowns += [Unknown(f"{beside}.{name}", guess=value) for name, value in STARTS[beside].items()]
     unknowns.append(Unknown("natural_curvature.curvature", guess=[0.0, without.rest_curvature, 0.0]))
     poses = [*poses_of(without, noise), *heavy]
     return Study.from_arrays(cable, poses, unknowns, title=f"{without.name}, both", effects=effects)

@@ -13,6 +13,7 @@ WORDS = {
     "with": "with it, undeclared; EI to 4 % and effects carried over",
     "with, alone": "with it, undeclared, nothing carried over",
     "both": "both series in one fit, mass unknown", "both, softening": "the same, and bending that softens",
+    "both, friction": "the same, and inner friction in place of softening",
     "known weight": "both series in one fit, weight known, cable not weighed",
 }  # fmt: skip
 UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "width": "m", "slip_curvature": "1/m"}

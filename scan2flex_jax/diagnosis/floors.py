@@ -17,14 +17,13 @@ from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
 from scan2flex_jax.diagnosis.stage import Signatures
 from scan2flex_jax.effects.catalogue import fields
 from scan2flex_jax.fitting.discrepancy import usual_size
-from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.noise import FINEST, Noise
 
 _ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each refit
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # factors on the discrepancy and noise of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # further ones if the noise is not stated
 _SETTLED, _FOLLOWED = 1.0, 2.0  # nats gained in the last round; mean square above which a refit lost track
 _PLAIN_STEPS = 16  # iterations of a refit with unweighted distances
-_SMALLEST = 1e-5  # of the length: least noise of a rung
 
 
 def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -> Refit:
@@ -141,7 +140,7 @@ def scores(of: Signatures, found: Refit) -> Scores:
 
 def _ladder(of, law):
     rungs = _RUNGS if of.stated else _RUNGS + _FINER
-    usual, least = usual_size(of.bench.start, of.settings), _SMALLEST * of.bench.context.length
+    usual, least = usual_size(of.bench.start, of.settings), FINEST * of.bench.context.length
     b = law.curvature or usual
     scatter = law.scatter or of.bench.scatter((), of.vector, of.bench.start)
     out = [law]

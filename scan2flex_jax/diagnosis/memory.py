@@ -57,6 +57,10 @@ class MemoryTest:
 
     def sentence(self) -> str:
         """The result in words."""
+        if not self.others:
+            gains = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement"
+            little = self.gain - self.cost < LEAD
+            return f"no memory is seen: {gains}" if little else f"memory is not tested: {gains}, but effects without it leave less"
         orders = f"{len(self.others)} other orders" if len(self.others) > 1 else "one other order"
         best = f"the best of {orders} gains {max(self.others, default=0.0):.1f}"
         tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"
@@ -81,6 +85,7 @@ def memory_test(
     elements: int = FIT_ELEMENTS,
     seed: int = 0,
     until_denied: bool = False,
+    at_most: float = np.inf,
     progress: Callable[[str], None] | None = None,
 ) -> MemoryTest:
     """Test whether the poses of a study depend on those before them.
@@ -91,8 +96,10 @@ def memory_test(
         orders: Random orders to compare with; 19 or more can name memory.
         elements: Elements of the rod.
         seed: Draws the orders.
-        until_denied: Stop at the first order that fits as well as that of measurement: memory cannot be named any more. The
-            p-value is then that of a sequential test (Besag and Clifford, "Sequential Monte Carlo p-values", 1991), or larger.
+        until_denied: Stop as soon as memory cannot be named any more: before the first random order if that of measurement
+            gains too little, else at the first that fits as well. The p-value is then that of a sequential test (Besag and
+            Clifford, "Sequential Monte Carlo p-values", 1991), or larger.
+        at_most: RMS distance (m) above which a fit in the order of measurement is of no use: no other order is tried then.
         progress: Called with a line of text now and then.
 
     Returns:
@@ -117,16 +124,17 @@ def memory_test(
     say(f"without {kind}")
     linear = Problem(plain, elements)
     without = _cost(linear, _with_priors(linear, linear.minimise("least-squares"), noise), noise)
-    gain = without - least
-    others = _in_other_orders(
+    gain, own = without - least, [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
+    count = int(np.count_nonzero(minimum.evaluation.residual))
+    cost = 0.5 * len(own) * float(np.log(max(count, 2)))
+    denied = (until_denied and gain - cost < LEAD) or true.rms(minimum) > at_most
+    others = () if denied else _in_other_orders(
         remembering, lambda study: without - _least(study, elements, minimum, noise), orders, seed,
         gain - LEAD if until_denied else np.inf, say,
     )  # fmt: skip
-    own = [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
     values = true.layout.slots
     told = {s.name.partition(".")[2]: float(s.value(minimum.shared[s.at : s.at + s.size])) for s in values if s.name in own}
-    count = int(np.count_nonzero(minimum.evaluation.residual))
-    return MemoryTest(kind, gain, others, told, 0.5 * len(own) * float(np.log(max(count, 2))))
+    return MemoryTest(kind, gain, others, told, cost)
 
 
 def _in_other_orders(study, gain_of, orders, seed, enough, say) -> tuple[float, ...]:

@@ -6,9 +6,9 @@ It is tried where the answer leaves more than noise, or an estimated noise, or h
 1. A *score* without refits. At ``share`` zero the states of an effect with memory follow from the strains of the baseline
    poses, and its moment ``m`` per ``share`` acts like a natural strain ``-K^-1 m``. One back-substitution gives the column of
    each pose, for each threshold and each order of the poses; the score of an order is the gain (nats) of its best column.
-2. Where few other orders score as well, the permutation test by refits (`memory.memory_test`).
-3. Where that names memory, a fit with the effect declared. It is the answer if its residual is smaller than that of the best
-   model without memory (`DiagnosisSettings.outdone`).
+2. Where few other orders score as well, the permutation test by refits (`memory.memory_test`); its other orders only if the
+   refit in the order of measurement leaves less than the best model without memory (`DiagnosisSettings.outdone`).
+3. Where that names memory, a fit with the effect declared: the answer, if its residual is smaller too.
 """
 
 from dataclasses import dataclass, replace
@@ -53,11 +53,13 @@ def search(found: Found, progress: Progress) -> Remembering | None:
     if not _may_matter(found):
         return None
     study, elements = found.stage.bench.problem.study, found.stage.bench.elements
-    tried = []
+    left, tried = report.nearest_rms(found.stage, found.best), []
+    useful = found.stage.settings.outdone * left
     for kind in _possible(found.stage):
         progress(f"score of {kind}")
         if _worth(found.stage, kind):
-            tried.append(memory_test(study, kind, elements=elements, until_denied=True, progress=progress))
+            test = memory_test(study, kind, elements=elements, until_denied=True, at_most=useful, progress=progress)
+            tried.append(test)
     best = max(tried, key=lambda test: (test.named, test.gain - test.cost), default=None)
     if best is None or not best.named:
         return None if best is None else Remembering(best)
@@ -66,9 +68,8 @@ def search(found: Found, progress: Progress) -> Remembering | None:
         fitted = fit(declaring(study, best.kind, best.parameters), elements=elements)
     except NotSettledError:
         return Remembering(best)
-    errors = report.nearest_rms(found.stage, found.best), fitted.rms()
-    better = fitted.converged and errors[1] < found.stage.settings.outdone * errors[0]
-    return Remembering(best, errors, fitted if better else None)
+    better = fitted.converged and fitted.rms() < useful
+    return Remembering(best, (left, fitted.rms()), fitted if better else None)
 
 
 def _may_matter(found) -> bool:

@@ -18,7 +18,7 @@ _SMOOTHNESS = (1.5, 2.5, np.inf)
 _FLOOR = 0.1  # least white part over the size of the residual
 _MOST_OF_SIZE = 3.0  # largest total over the size: a fit absorbs part of a noise that is smooth over the whole cable
 _REGULAR = 1e-3  # of the correlated part: least white part for the factorisation of a smooth kernel's matrix
-_FINEST = 1e-5  # of the length: least noise of a sensor
+FINEST = 1e-5  # of the length: least noise of a sensor
 _ALONE = 1.1  # times that: no other part counts
 _TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
@@ -56,7 +56,7 @@ class Noise:
 
     def assumed(self, length: float) -> bool:
         """Whether it is no more than that of the finest sensor assumed for this ``length`` (m): the data show less."""
-        return self.total <= _ALONE * _FINEST * length
+        return self.total <= _ALONE * FINEST * length
 
     def to_json(self) -> dict:
         """As in the study format (m)."""
@@ -125,7 +125,7 @@ def most_likely_with_discrepancy(
     ``near``: a noise and a curvature to start from.
     """
     u = logarithms(noise)
-    least = np.log(_FINEST * length)
+    least = np.log(FINEST * length)
 
     def objective(v):
         found = _regular(noise.moved(v[:3]), length)
@@ -159,7 +159,7 @@ def logarithms(noise: Noise) -> np.ndarray:
 
 def _regular(noise: Noise, length: float) -> Noise:
     """The noise with a white part large enough to factorise its covariance."""
-    return replace(noise, white=max(noise.white, _FINEST * length, _REGULAR * noise.correlated))
+    return replace(noise, white=max(noise.white, FINEST * length, _REGULAR * noise.correlated))
 
 
 def stated_noise(study, of_all: bool = True) -> float | None:

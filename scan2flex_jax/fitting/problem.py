@@ -139,9 +139,11 @@ class Problem:
     def _beyond_doubt(self, minimum, goal):
         """Whether a minimum needs no second start: converged, at no bound, and close to the measured shapes."""
         inside = np.all((minimum.shared > goal.low) & (minimum.shared < goal.high))
-        own = np.asarray(self.poses.mask).sum()
-        rms = np.sqrt(np.sum(minimum.evaluation.residual**2) / own)
-        return bool(minimum.converged and inside and rms < CREDIBLE * self.length)
+        return bool(minimum.converged and inside and self.rms(minimum) < CREDIBLE * self.length)
+
+    def rms(self, minimum: Minimum) -> float:
+        """Root mean square distance (m) of the fitted poses at a minimum."""
+        return float(np.sqrt(np.sum(minimum.evaluation.residual**2) / np.asarray(self.poses.mask).sum()))
 
     def logs(self) -> np.ndarray:
         """Mask of the shared numbers that are logarithms."""

@@ -63,6 +63,17 @@ def test_a_test_may_end_with_the_first_order_that_fits_as_well():
     assert len(_in_other_orders(study, lambda study: 79.0, 19, 0, np.inf, say)) == 19
 
 
+def test_no_other_order_is_tried_where_the_order_of_measurement_gains_too_little_or_leaves_too_much():
+    study = study_with(0.6, 3)
+    used = memory_test(study, at_most=1e-9)
+    assert not used.others
+    assert not used.named
+    assert used.sentence().startswith("memory is not tested: friction gains")
+    assert used.sentence().endswith("effects without it leave less")
+    assert not memory_test(study_with(0.0, 3), until_denied=True).others
+    assert found(2.0).sentence() == "no memory is seen: friction gains 2.0 nats in the order of measurement"
+
+
 def test_a_kind_without_memory_is_refused():
     with pytest.raises(Scan2FlexError, match="point_mass has no memory: test friction"):
         memory_test(study_with(0.5), "point_mass")
