@@ -15,7 +15,7 @@ influence on them. By angle, every third pose is fitted from the first on; the o
 Poses stand in the order of the file, to both sides by turns and further each time, which is that of no column: it is taken for
 the order of measurement, and effects with memory need it.
 
-Eight questions per cable, each with the noise of a marker unstated and as 1 mm:
+Nine questions per cable, each with the noise of a marker unstated and as 1 mm:
 
 * `without`: what is missing when only the fitting is on (it is known, 0.03 kg of point mass at the tip);
 * `carried over`: prediction of the poses with the weight by the answer to that, nothing fitted;
@@ -24,6 +24,7 @@ Eight questions per cable, each with the noise of a marker unstated and as 1 mm:
 * `both`: both series in one study, the weight an unknown point mass that acts in its own poses;
 * `both, softening`: the same with bending that softens with curvature, which bears on the mass;
 * `both, friction`: the same with inner friction, each series from a cable without history on;
+* `both, as found`: the same with the effects of `without` in place of a uniform natural curvature, their values unknown;
 * `known weight`: both series, the weight declared and the cable never weighed.
 """
 
@@ -59,8 +60,8 @@ HANGING = np.array([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])  # col
 
 @dataclass(frozen=True)
 class Series:
-    """One cable with one weight: what is stated of it (kg, kg, m, m, 1/m), and per pose its rank by angle, angle (rad) and
-    markers (n, 2, 2)."""
+    """One cable with one weight: what is stated of it (kg, kg, m, m, 1/m, N m^2), and per pose its rank by angle, angle (rad)
+    and markers (n, 2, 2)."""
 
     name: str
     mass: float
@@ -68,27 +69,29 @@ class Series:
     length: float
     diameter: float
     rest_curvature: float
+    bending_stiffness: float
     ranks: np.ndarray
     angles: np.ndarray
     markers: np.ndarray
 
 
 def read(cable, weighted, measured: Path, stated: Path) -> Series:
-    """A series of the clones in the order of its file; its rest curvature is the authors', averaged along the cable."""
+    """A series of the clones in the order of its file; its rest curvature is the authors', averaged along the cable, its
+    bending stiffness the authors' stiffness against curvature times the length, times that length."""
     name = f"{cable}_{'' if weighted else 'un'}weighted"
     table = measured / FOLDER / f"{name}_equilibria" / "theta_equilibria.csv"
     numbers = stated / "object_parameters" / f"{name}.txt"
     for path in (table, numbers):
         if not path.is_file():
             sys.exit(f"{path} is missing: name the clones of PAC_model_matlab and, with --parameters, floating_PAC_model")
-    mass, end_mass, length, diameter, _, constant, linear, *_ = map(float, numbers.read_text().strip().split(","))
+    mass, end_mass, length, diameter, k, constant, linear, *_ = map(float, numbers.read_text().strip().split(","))
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     markers = [[[float(row[f"{axis}_{place}"]) for axis in "XZ"] for place in ("mid", "end")] for row in rows]
     angles = np.array([float(row["Gamma"]) for row in rows])
     bent = (constant + linear / 2) / length
     ranks = np.argsort(np.argsort(angles))
-    return Series(name, mass, end_mass, length, diameter, bent, ranks, angles, np.array(markers))
+    return Series(name, mass, end_mass, length, diameter, bent, k * length, ranks, angles, np.array(markers))
 
 
 def turned(angle):
@@ -129,13 +132,32 @@ def study_of(series: Series, fitting: float, noise, unknowns=("bending_stiffness
     )  # fmt: skip
 
 
-def carried_over(found) -> dict:
-    """EI with its prior, and the effects, of an explanation of the series without the weight."""
-    from scan2flex_jax.study import EffectDeclaration, Unknown  # noqa: PLC0415
+def carried_over(told: dict) -> dict:
+    """EI with its prior, and the effects, of an explanation of the series without the weight (`of_explanation`)."""
+    from scan2flex_jax.study import Unknown  # noqa: PLC0415
 
-    EI = found.estimates["bending_stiffness"].value
-    known = tuple(EffectDeclaration(c.kind, c.parameters) for c in found.added)
-    return {"unknowns": [Unknown("bending_stiffness", prior={"mean": EI, "std": CARRIED * EI})], "effects": known}
+    EI = told["estimates"]["bending_stiffness"]["value"]
+    return {"unknowns": [Unknown("bending_stiffness", prior={"mean": EI, "std": CARRIED * EI})], "effects": added(told)}
+
+
+def added(told: dict) -> tuple:
+    """The effects of an explanation as declarations."""
+    from scan2flex_jax.study import EffectDeclaration  # noqa: PLC0415
+
+    return tuple(EffectDeclaration(c["kind"], c["parameters"]) for c in told.get("added", []))
+
+
+def freed(told: dict) -> tuple[list, list]:
+    """Declarations of the effects of an explanation, and unknowns that start at their values."""
+    from scan2flex_jax.study import EffectDeclaration, Unknown  # noqa: PLC0415
+    from scan2flex_jax.study.kinds import kind_format  # noqa: PLC0415
+
+    effects, unknowns = [], []
+    for c in told.get("added", []):
+        own = {p.name for p in kind_format(c["kind"]).parameters if p.estimable}
+        effects.append(EffectDeclaration(c["kind"], {k: v for k, v in c["parameters"].items() if k not in own}))
+        unknowns += [Unknown(f"{c['kind']}.{k}", guess=v) for k, v in c["parameters"].items() if k in own]
+    return effects, unknowns
 
 
 def predicted(study, EI: float) -> dict:
@@ -157,14 +179,12 @@ def predicted(study, EI: float) -> dict:
 
 def complete(answers: dict, without: Series, weighed: Series, noise) -> None:
     """Each answer of `explain` with its predictions of the poses never fitted."""
-    from scan2flex_jax.study import EffectDeclaration  # noqa: PLC0415
-
     carried: tuple = ()
     for words, series in (("without", without), ("carried over", weighed), ("with", weighed), ("with, alone", weighed)):
         told = answers.get(words, {})
         if "failed" in told or not (words == "carried over" or "estimates" in told):
             continue
-        own = tuple(EffectDeclaration(c["kind"], c["parameters"]) for c in told.get("added", []))
+        own = added(told)
         effects = own if words == "with, alone" else (*carried, *own)
         carried = own if words == "without" else carried
         EI = answers["without" if words == "carried over" else words]["estimates"]["bending_stiffness"]["value"]
@@ -172,8 +192,9 @@ def complete(answers: dict, without: Series, weighed: Series, noise) -> None:
         told |= {k: v for k, v in seen.items() if k != "after"}
 
 
-def together(without: Series, with_weight: Series, noise, known_weight=False, beside=None):
-    """Both series in one study: natural curvature unknown, and the weight's mass or, where it is known, the cable's.
+def together(without: Series, with_weight: Series, noise, known_weight=False, beside=None, told=None):
+    """Both series in one study: natural curvature unknown, or the effects ``told`` of the series without the weight, and the
+    weight's mass or, where it is known, the cable's.
 
     Two point masses cannot share an unknown's name, so the fitting is declared as the dead load that it is.
     """
@@ -192,12 +213,16 @@ def together(without: Series, with_weight: Series, noise, known_weight=False, be
     effects = [
         EffectDeclaration("point_load", {"position": L, "force": [0.0, 0.0, -GRAVITY * without.end_mass]}),
         EffectDeclaration("point_mass", weight, tuple(p["name"] for p in heavy)),
-        EffectDeclaration("natural_curvature", {}),
     ]
+    own = freed(told) if told else (
+        [EffectDeclaration("natural_curvature", {})],
+        [Unknown("natural_curvature.curvature", guess=[0.0, without.rest_curvature, 0.0])],
+    )  # fmt: skip
+    effects += own[0]
     if beside:
         effects.append(EffectDeclaration(beside, {}))
         unknowns += [Unknown(f"{beside}.{name}", guess=value) for name, value in STARTS[beside].items()]
-    unknowns.append(Unknown("natural_curvature.curvature", guess=[0.0, without.rest_curvature, 0.0]))
+    unknowns += own[1]
     poses = [*poses_of(without, noise), *heavy]
     return Study.from_arrays(cable, poses, unknowns, title=f"{without.name}, both", effects=effects)
 
@@ -219,14 +244,14 @@ def of_fit(found, seconds) -> dict:
     return out | {"after": after, "sentences": list(found.sentences), "valid": found.valid, "seconds": seconds}
 
 
-def asked(call, tell) -> tuple:
-    """`call()` and its figures, or the sentence with which it failed."""
+def asked(call, tell) -> dict:
+    """The figures of `call()`, or the sentence with which it failed."""
     began = perf_counter()
     try:
         found = call()
     except Exception as fault:  # a benchmark counts failures
-        return None, {"failed": f"{type(fault).__name__}: {fault}"[:300], "seconds": perf_counter() - began}
-    return found, tell(found, perf_counter() - began)
+        return {"failed": f"{type(fault).__name__}: {fault}"[:300], "seconds": perf_counter() - began}
+    return tell(found, perf_counter() - began)
 
 
 def reading(series: Series) -> dict:
@@ -235,28 +260,33 @@ def reading(series: Series) -> dict:
 
     out = {}
     for words, how in {"as read": {}, "angles reversed": {"sign": -1.0}, "gravity upward": {"down": -1.0}}.items():
-        _, told = asked(lambda how=how: fit(study_of(series, series.end_mass, None, **how)), of_fit)
+        told = asked(lambda how=how: fit(study_of(series, series.end_mass, None, **how)), of_fit)
         out[words] = told.get("after", told)
     return out
 
 
-def questions(without: Series, weighed: Series, noise) -> dict:
-    """All of one cable."""
+def questions(without: Series, weighed: Series, noise, out: dict) -> None:
+    """All of one cable, into ``out``; answers that are there are kept."""
     from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
     from scan2flex_jax.fitting import fit  # noqa: PLC0415
 
-    fitting, out = without.end_mass, {}
-    found, out["without"] = asked(lambda: explain(study_of(without, fitting, noise)), of_explanation)
-    if found is not None and found.estimates:
-        known, EI = carried_over(found), found.estimates["bending_stiffness"].value
-        _, out["carried over"] = asked(lambda: predicted(study_of(weighed, fitting, noise, **known), EI), lambda told, _: told)
-        _, out["with"] = asked(lambda: explain(study_of(weighed, fitting, noise, **known)), of_explanation)
-    _, out["with, alone"] = asked(lambda: explain(study_of(weighed, fitting, noise)), of_explanation)
+    def ask(words, call, tell):
+        if words not in out:
+            out[words] = asked(call, tell)
+            sys.stderr.write(f"{without.name}, {words}: {line(out[words], fitting)}\n")
+
+    fitting = without.end_mass
+    ask("without", lambda: explain(study_of(without, fitting, noise)), of_explanation)
+    told = out["without"]
+    if told.get("estimates"):
+        known, EI = carried_over(told), told["estimates"]["bending_stiffness"]["value"]
+        ask("carried over", lambda: predicted(study_of(weighed, fitting, noise, **known), EI), lambda told, _: told)
+        ask("with", lambda: explain(study_of(weighed, fitting, noise, **known)), of_explanation)
+    ask("with, alone", lambda: explain(study_of(weighed, fitting, noise)), of_explanation)
     for words, how in TOGETHER.items():
-        _, out[words] = asked(lambda how=how: fit(together(without, weighed, noise, **how)), of_fit)
-    for name, told in out.items():
-        sys.stderr.write(f"{without.name}, {name}: {line(told, fitting)}\n")
-    return out
+        ask(words, lambda how=how: fit(together(without, weighed, noise, **how)), of_fit)
+    if told.get("added"):
+        ask("both, as found", lambda: fit(together(without, weighed, noise, told=told)), of_fit)
 
 
 def line(told, fitting) -> str:
@@ -304,8 +334,7 @@ def main() -> None:
         entry = out.setdefault(cable, {"stated": stated_of(without, weighed), "reading": {}})
         entry["reading"] = entry["reading"] or reading(without)
         for words in [args.noise] if args.noise else NOISE:
-            if words not in entry:
-                entry[words] = questions(without, weighed, NOISE[words])
+            questions(without, weighed, NOISE[words], entry.setdefault(words, {}))
             complete(entry[words], without, weighed, NOISE[words])
             if args.json:
                 args.json.write_text(json.dumps(out, indent=1) + "\n")
@@ -316,8 +345,10 @@ def main() -> None:
 def stated_of(without: Series, weighed: Series) -> dict:
     """Values stated by the authors, for comparison."""
     bent = {s.name: s.rest_curvature for s in (without, weighed)}
+    stiff = {s.name: s.bending_stiffness for s in (without, weighed)}
     masses = {s.name: s.end_mass for s in (without, weighed)}
-    return {"length": without.length, "mass": without.mass, "end_mass": masses, "rest_curvature": bent}
+    return {"length": without.length, "mass": without.mass, "end_mass": masses, "rest_curvature": bent,
+            "bending_stiffness": stiff}  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -60,7 +60,8 @@ class MemoryTest:
         if not self.others:
             gains = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement"
             little = self.gain - self.cost < LEAD
-            return f"no memory is seen: {gains}" if little else f"memory is not tested: {gains}, but effects without it leave less"
+            seen = "no memory is seen: {}" if little else "memory is not tested: {}, but effects without it leave less"
+            return seen.format(gains)
         orders = f"{len(self.others)} other orders" if len(self.others) > 1 else "one other order"
         best = f"the best of {orders} gains {max(self.others, default=0.0):.1f}"
         tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"

@@ -30,25 +30,35 @@ def explains(p_value, chosen, complete):
     rest = "it; the remaining error is noise" if complete else "most of it; the remaining error exceeds the noise"
     return f"something is missing (p = {p_value:.3f}); {names} {rest}"
 
+_FALLEN = 3.0  # times the error before: a validate pose that is much worse with an effect
+
 
 def before_and_after(poses, added, established):
-    """The error before and after with the added effects, and whether they are established."""
-    fitted = [p for p in poses.values() if p.role == "fit"]
-    count = np.array([len(p.residual) for p in fitted])
-
-    def over(values):
-        return 1e3 * float(np.sqrt(np.sum(np.array(values) ** 2 * count) / np.sum(count)))
-
+    """The error before and after with the added effects, whether they are established, and validate poses that get worse."""
     if not added:
         return ()
-    was, now = over([p.rms_before for p in fitted]), over([p.rms for p in fitted])
-    goes = "falls" if now < was else "rises"
-    text = f"with {' and '.join(r.kind for r in added)} the error {goes} from {was:.2f} to {now:.2f} mm"
-    unseen = [(p.left_out_before, p.left_out) for p in fitted]
-    if len(fitted) > 1 and all(b is not None and np.isfinite(b) and np.isfinite(a) for b, a in unseen):
-        text += f", in poses left out from {over([b for b, _ in unseen]):.2f} to {over([a for _, a in unseen]):.2f} mm"
-    standing = "" if established else "; this best model is not established"
-    return (text + standing,)
+    fitted, unseen = ({n: p for n, p in poses.items() if p.role == role} for role in ("fit", "validate"))
+    was, now = (_over(fitted, field) for field in ("rms_before", "rms"))
+    effects = " and ".join(r.kind for r in added)
+    text = f"with {effects} the error {'falls' if now < was else 'rises'} from {was:.2f} to {now:.2f} mm"
+    for group, fields, words in (
+        (fitted if len(fitted) > 1 else {}, ("left_out_before", "left_out"), "poses left out"),
+        (unseen, ("rms_before", "rms"), "validate poses"),
+    ):
+        was, now = (_over(group, field) for field in fields)
+        text += f", in {words} from {was:.2f} to {now:.2f} mm" if np.isfinite(was) and np.isfinite(now) else ""
+    fallen = {n: p for n, p in unseen.items() if p.rms > _FALLEN * p.rms_before}
+    listed = ", ".join(f"{n} ({1e3 * p.rms_before:.1f} to {1e3 * p.rms:.1f} mm)" for n, p in fallen.items())
+    worse = f"much worse with {effects}, perhaps on another branch: {listed}"
+    return (text + ("" if established else "; this best model is not established"), *([worse] if fallen else []))
+
+
+def _over(poses, field):
+    """RMS (mm) over all points of some poses of a distance of each; NaN without poses or where one is unknown."""
+    values = [getattr(p, field) for p in poses.values()]
+    count = np.array([len(p.residual) for p in poses.values()])
+    known = values and all(v is not None for v in values)
+    return 1e3 * float(np.sqrt(np.sum(np.array(values) ** 2 * count) / np.sum(count))) if known else np.nan
 
 
 def of_discrepancy(discrepancy):

@@ -53,3 +53,17 @@ def test_an_error_that_rises_is_not_said_to_fall(now, goes):
     pose = SimpleNamespace(role="fit", residual=np.zeros((20, 3)), **figures)
     (said,) = sentences.before_and_after({"p1": pose}, [SimpleNamespace(kind="tether")], established=False)
     assert said == f"with tether the error {goes}; this best model is not established"
+
+
+def test_validate_poses_are_told_and_those_that_get_much_worse_are_named():
+    def pose(role, before, after):
+        figures = {"rms_before": before, "rms": after, "left_out_before": None, "left_out": None}
+        return SimpleNamespace(role=role, residual=np.zeros((20, 3)), **figures)
+
+    poses = {"p1": pose("fit", 9e-3, 1e-3), "p2": pose("validate", 4e-3, 3e-3), "p3": pose("validate", 3e-3, 40e-3)}
+    said, worse = sentences.before_and_after(poses, [SimpleNamespace(kind="tether")], established=True)
+    assert said == "with tether the error falls from 9.00 to 1.00 mm, in validate poses from 3.54 to 28.36 mm"
+    assert worse == "much worse with tether, perhaps on another branch: p3 (3.0 to 40.0 mm)"
+    lost = poses | {"p3": pose("validate", 3e-3, np.nan)}  # without an equilibrium
+    (said,) = sentences.before_and_after(lost, [SimpleNamespace(kind="tether")], established=True)
+    assert said == "with tether the error falls from 9.00 to 1.00 mm"
