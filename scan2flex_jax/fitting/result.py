@@ -159,9 +159,11 @@ class Fit:
         }
 
     def summary(self) -> str:
-        """The fit in plain text: the answer, then every estimate, every pose, and further sentences."""
-        answer = self.answer
-        lines = [self.study.title, *(f"  {s}" for s in self.doubts if self.mistakes), "", *answer.lines(), ""]
+        """The fit in plain text: what was mistaken in the input, the answer, then every estimate, every pose, and further
+        sentences."""
+        answer, first = self.answer, self.doubts if self.mistakes else self.turned
+        answer = replace(answer, doubts=tuple(s for s in answer.doubts if s not in first))
+        lines = [self.study.title, *(f"  {s}" for s in first), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
         lines += [*_correlation_lines(self), *self._pose_lines()]
         to = "to point clouds" if self.data == "cloud" else "to centre curves"

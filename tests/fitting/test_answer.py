@@ -152,7 +152,10 @@ def test_whether_to_believe_it():
     for what_next in (replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
         assert what_next.answer.belief.endswith("`scan2flex explain` looks for what is missing")
     turned = replace(f, turned=("pose plane fits with one more turn",))
-    assert (turned.answer.tone, "one more turn" in turned.answer.belief) == (FAIR, True)
+    assert (turned.answer.tone, "full turns" in turned.answer.belief) == (FAIR, True)
+    assert turned.answer.doubts[:1] == turned.turned
+    assert turned.summary().splitlines()[1].strip() == turned.turned[0]
+    assert turned.summary().count(turned.turned[0]) == 1
 
 
 def test_the_warnings_of_check_are_repeated():
