@@ -285,7 +285,7 @@ def questions(without: Series, weighed: Series, noise, out: dict) -> None:
     ask("with, alone", lambda: explain(study_of(weighed, fitting, noise)), of_explanation)
     for words, how in TOGETHER.items():
         ask(words, lambda how=how: fit(together(without, weighed, noise, **how)), of_fit)
-    if told.get("added"):
+    if {c["kind"] for c in told.get("added", [])} - {"natural_curvature"}:  # which is what `both` has
         ask("both, as found", lambda: fit(together(without, weighed, noise, told=told)), of_fit)
 
 
@@ -320,8 +320,8 @@ def main() -> None:
     parser.add_argument("clone", type=Path, help="work tree of PAC_model_matlab")
     parser.add_argument("--parameters", type=Path, help="work tree of floating_PAC_model; left out: it lies beside the other")
     parser.add_argument("--json", type=Path, help="results so far: a run that was stopped goes on from it")
-    parser.add_argument("--only", choices=CABLES, help="one of the cables")
-    parser.add_argument("--noise", choices=NOISE, help="one of the noises")
+    parser.add_argument("--only", choices=CABLES, nargs="+", default=CABLES, help="some of the cables")
+    parser.add_argument("--noise", choices=NOISE, nargs="+", default=NOISE, help="one of the noises")
     parser.add_argument("--record", action="store_true", help="write benchmarks/results/tip_weights.json")
     args = parser.parse_args()
     from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
@@ -329,11 +329,11 @@ def main() -> None:
     prepare_jax()
     stated = args.parameters or args.clone.resolve().parent / "floating_PAC_model"
     out = json.loads(args.json.read_text()) if args.json and args.json.exists() else {}
-    for cable in [args.only] if args.only else CABLES:
+    for cable in args.only:
         without, weighed = (read(cable, weighted, args.clone, stated) for weighted in (False, True))
-        entry = out.setdefault(cable, {"stated": stated_of(without, weighed), "reading": {}})
+        entry = out[cable] = {"reading": {}} | out.get(cable, {}) | {"stated": stated_of(without, weighed)}
         entry["reading"] = entry["reading"] or reading(without)
-        for words in [args.noise] if args.noise else NOISE:
+        for words in args.noise:
             questions(without, weighed, NOISE[words], entry.setdefault(words, {}))
             complete(entry[words], without, weighed, NOISE[words])
             if args.json:

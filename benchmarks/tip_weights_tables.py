@@ -14,7 +14,7 @@ WORDS = {
     "with, alone": "with it, undeclared, nothing carried over",
     "both": "both series in one fit, mass unknown", "both, softening": "the same, and bending that softens",
     "both, friction": "the same, and inner friction in place of softening",
-    "both, as found": "the same with the effects found without the weight, their values unknown",
+    "both, as found": "both series in one fit, mass unknown, with the effects found without the weight",
     "known weight": "both series in one fit, weight known, cable not weighed",
 }  # fmt: skip
 UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "width": "m", "slip_curvature": "1/m"}
