@@ -35,7 +35,8 @@ def test_what_is_stated_is_read_with_its_units(series):
     assert (without.end_mass, weighed.end_mass) == (0.02, 0.12)
     assert without.rest_curvature == pytest.approx((0.2 + 1.2 / 2) / LENGTH)  # the mean of an affine curvature
     assert tw.cable_of(without)["length_density"] == pytest.approx(0.5)
-    assert np.all(np.diff(without.angles) > 0)
+    assert without.bending_stiffness == pytest.approx(0.1 * LENGTH)
+    assert without.ranks.tolist() == [3, 6, 0, 4, 2, 5, 1]  # the poses keep the order of the file
 
 
 def test_the_cable_leaves_along_its_tangent_and_a_positive_angle_turns_it_to_minus_x(series):
@@ -58,24 +59,37 @@ def test_positive_curvature_about_d2_bends_a_hanging_cable_to_minus_x():
 
 
 def test_every_third_pose_by_angle_is_fitted(series):
-    roles = [p.role for p in tw.study_of(series[0], 0.02, None).poses]
-    assert roles == ["fit", "validate", "validate", "fit", "validate", "validate", "fit"]
+    roles = {p.name[-2:]: p.role for p in tw.study_of(series[0], 0.02, None).poses}
+    assert list(roles) == ["03", "06", "00", "04", "02", "05", "01"]
+    assert [rank for rank, role in roles.items() if role == "fit"] == ["03", "06", "00"]
 
 
 @pytest.mark.parametrize("how", tw.TOGETHER.values(), ids=tw.TOGETHER)
 def test_both_series_make_one_study(series, how):
     study = tw.together(*series, None, **how)
     check_study(study)
-    load, weight, curved, *soft = study.effects
+    load, weight, curved, *more = study.effects
     known_weight = how.get("known_weight", False)
     assert load.parameters["force"] == pytest.approx([0, 0, -9.81 * 0.02])
     assert set(weight.poses) == {p.name for p in study.poses if p.name.startswith("black_weighted")}
     assert curved.kind == "natural_curvature"
     asked = "length_density" if known_weight else "point_mass.mass"
-    law = {f"nonlinear_bending.{name}" for name in tw.SOFTENING} if soft else set()
-    assert set(study.unknown_names) == {"bending_stiffness", asked, "natural_curvature.curvature"} | law
+    own = {f"{e.kind}.{name}" for e in more for name in tw.STARTS[e.kind]}
+    assert {e.kind for e in more} == {how["beside"]} if "beside" in how else not more
+    assert set(study.unknown_names) == {"bending_stiffness", asked, "natural_curvature.curvature"} | own
+    assert [p.reset for p in study.poses] == [False] * 7 + [True] + [False] * 6  # each series without history before it
     if known_weight:
         assert weight.parameters["mass"] == pytest.approx(0.1)
+
+
+def test_both_series_are_joined_with_the_effects_found_in_one(series):
+    kink = {"kind": "kink", "parameters": {"position": 0.3, "angle": [0.0, 0.5, 0.0], "width": 0.1}}
+    study = tw.together(*series, None, told={"added": [kink]})
+    check_study(study)
+    assert [e.kind for e in study.effects] == ["point_load", "point_mass", "kink"]
+    unknowns = {u.name: u.guess for u in study.unknowns}
+    assert unknowns["kink.angle"] == pytest.approx([0.0, 0.5, 0.0])
+    assert "natural_curvature.curvature" not in unknowns
 
 
 def test_a_folder_that_is_no_clone_is_named(tmp_path):
