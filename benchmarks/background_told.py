@@ -14,28 +14,28 @@ import numpy as np
 
 from benchmarks.background_score import SIZE, SIZES, STIFFNESSES, VALIDATE, share, size_off_by
 from benchmarks.each_case import run
+from benchmarks.unknowns import freed
 
 
 def fitted(folder: Path, answer: dict) -> dict:
     """Errors of size and of validate poses, of a fit that is given the effect type of the case and starts at the truth."""
     from scan2flex_jax.errors import Scan2FlexError  # noqa: PLC0415 - the environment must be set first
     from scan2flex_jax.fitting import fit  # noqa: PLC0415
-    from scan2flex_jax.study import EffectDeclaration, Unknown, load_study  # noqa: PLC0415
-    from scan2flex_jax.study.kinds import kind_format  # noqa: PLC0415
+    from scan2flex_jax.study import EffectDeclaration, load_study  # noqa: PLC0415
 
     true = dict(answer["effect"][0])
     kind = true.pop("kind")
-    estimable = {p.name for p in kind_format(kind).parameters if p.estimable}
     study = load_study(folder)
     own = tuple(replace(u, guess=answer[f"true_{u.name}"]) if u.name in STIFFNESSES else u for u in study.unknowns)
-    more = tuple(Unknown(f"{kind}.{name}", guess=value) for name, value in true.items() if name in estimable)
+    more = freed(kind, true)
     effects = (*study.effects, EffectDeclaration(kind, true))
     out = {"kind": kind}
     try:
         found = fit(replace(study, effects=effects, unknowns=(*own, *more)))
     except Scan2FlexError as fault:
         return out | {"fault": str(fault)}
-    values = {name: found.estimates[f"{kind}.{name}"].value if name in estimable else value for name, value in true.items()}
+    estimated = {u.name.partition(".")[2]: found.estimates[u.name].value for u in more}
+    values = true | estimated
     if kind in SIZES:
         out["size_off_by"] = size_off_by(kind, values, true, answer["true_length"])
     attained = found.rms("validate") / answer["attained_validate"]

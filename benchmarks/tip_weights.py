@@ -39,6 +39,7 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.record import record
+from benchmarks.unknowns import freed
 
 CABLES = ("orange", "black", "orange_short", "black_short")
 FALLEN = 0.3  # of the length: a pose further off than this has fallen over to another branch
@@ -47,7 +48,8 @@ EVERY = 3  # of the poses, sorted by angle, is fitted
 NOISE = {"noise unstated": None, "noise 1 mm": 1e-3}
 GRAVITY = 9.81
 GJ = 0.1  # N m^2
-STARTS = {"nonlinear_bending": {"slip_curvature": 2.0, "ratio": 0.6}, "friction": {"share": 0.4, "slip_curvature": 0.7}}  # 1/m
+# Starts, curvatures in 1/m
+STARTS = {"nonlinear_bending": {"slip_curvature": 2.0, "ratio": 0.6}, "friction": {"share": 0.4, "slip_curvature": 0.7}}
 CARRIED = 0.04  # relative standard deviation with which EI is carried over to another series
 TOGETHER = {
     "both": {},
@@ -147,19 +149,6 @@ def added(told: dict) -> tuple:
     return tuple(EffectDeclaration(c["kind"], c["parameters"]) for c in told.get("added", []))
 
 
-def freed(told: dict) -> tuple[list, list]:
-    """Declarations of the effects of an explanation, and unknowns that start at their values."""
-    from scan2flex_jax.study import EffectDeclaration, Unknown  # noqa: PLC0415
-    from scan2flex_jax.study.kinds import kind_format  # noqa: PLC0415
-
-    effects, unknowns = [], []
-    for c in told.get("added", []):
-        own = {p.name for p in kind_format(c["kind"]).parameters if p.estimable}
-        effects.append(EffectDeclaration(c["kind"], {k: v for k, v in c["parameters"].items() if k not in own}))
-        unknowns += [Unknown(f"{c['kind']}.{k}", guess=v) for k, v in c["parameters"].items() if k in own]
-    return effects, unknowns
-
-
 def predicted(study, EI: float) -> dict:
     """Distances (m) of the markers of a study from the cable of this EI: RMS of each role, and of the poses never seen
     the median and those that fall over."""
@@ -193,8 +182,8 @@ def complete(answers: dict, without: Series, weighed: Series, noise) -> None:
 
 
 def together(without: Series, with_weight: Series, noise, known_weight=False, beside=None, told=None):
-    """Both series in one study: natural curvature unknown, or the effects ``told`` of the series without the weight, and the
-    weight's mass or, where it is known, the cable's.
+    """Both series in one study: natural curvature and an effect ``beside`` it, or the effects ``told`` of the series without
+    the weight, with unknown values, and the weight's mass or, where it is known, the cable's.
 
     Two point masses cannot share an unknown's name, so the fitting is declared as the dead load that it is.
     """
@@ -214,15 +203,10 @@ def together(without: Series, with_weight: Series, noise, known_weight=False, be
         EffectDeclaration("point_load", {"position": L, "force": [0.0, 0.0, -GRAVITY * without.end_mass]}),
         EffectDeclaration("point_mass", weight, tuple(p["name"] for p in heavy)),
     ]
-    own = freed(told) if told else (
-        [EffectDeclaration("natural_curvature", {})],
-        [Unknown("natural_curvature.curvature", guess=[0.0, without.rest_curvature, 0.0])],
-    )  # fmt: skip
-    effects += own[0]
-    if beside:
-        effects.append(EffectDeclaration(beside, {}))
-        unknowns += [Unknown(f"{beside}.{name}", guess=value) for name, value in STARTS[beside].items()]
-    unknowns += own[1]
+    curved = {"kind": "natural_curvature", "parameters": {"curvature": [0.0, without.rest_curvature, 0.0]}}
+    told = told or {"added": [curved, *([{"kind": beside, "parameters": STARTS[beside]}] if beside else [])]}
+    effects += added(told)
+    unknowns += [unknown for c in told["added"] for unknown in freed(c["kind"], c["parameters"])]
     poses = [*poses_of(without, noise), *heavy]
     return Study.from_arrays(cable, poses, unknowns, title=f"{without.name}, both", effects=effects)
 

@@ -55,13 +55,16 @@ class MemoryTest:
         lead = self.gain - max(self.others, default=0.0)
         return self.p_value <= LEVEL and lead >= LEAD and self.gain - self.cost >= LEAD
 
+    @property
+    def untried(self) -> bool:
+        """Whether memory gains in the order of measurement, and was compared with no other."""
+        return not self.others and self.gain - self.cost >= LEAD
+
     def sentence(self) -> str:
         """The result in words."""
         if not self.others:
-            gains = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement"
-            little = self.gain - self.cost < LEAD
-            seen = "no memory is seen: {}" if little else "memory is not tested: {}, but effects without it leave less"
-            return seen.format(gains)
+            seen = "memory is not tested" if self.untried else "no memory is seen"
+            return f"{seen}: {self.kind} gains {self.gain:.1f} nats in the order of measurement"
         orders = f"{len(self.others)} other orders" if len(self.others) > 1 else "one other order"
         best = f"the best of {orders} gains {max(self.others, default=0.0):.1f}"
         tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"
@@ -125,7 +128,8 @@ def memory_test(
     say(f"without {kind}")
     linear = Problem(plain, elements)
     without = _cost(linear, _with_priors(linear, linear.minimise("least-squares"), noise), noise)
-    gain, own = without - least, [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
+    gain = without - least
+    own = [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
     count = int(np.count_nonzero(minimum.evaluation.residual))
     cost = 0.5 * len(own) * float(np.log(max(count, 2)))
     denied = (until_denied and gain - cost < LEAD) or true.rms(minimum) > at_most

@@ -53,16 +53,20 @@ def search(found: Found, progress: Progress) -> Remembering | None:
     if not _may_matter(found):
         return None
     study, elements = found.stage.bench.problem.study, found.stage.bench.elements
-    left, tried = report.nearest_rms(found.stage, found.best), []
-    useful = found.stage.settings.outdone * left
+    kinds = []
     for kind in _possible(found.stage):
         progress(f"score of {kind}")
-        if _worth(found.stage, kind):
-            test = memory_test(study, kind, elements=elements, until_denied=True, at_most=useful, progress=progress)
-            tried.append(test)
-    best = max(tried, key=lambda test: (test.named, test.gain - test.cost), default=None)
-    if best is None or not best.named:
-        return None if best is None else Remembering(best)
+        kinds += [kind] if _worth(found.stage, kind) else []
+    if not kinds:
+        return None
+    left = report.nearest_rms(found.stage, found.best)
+    useful = found.stage.settings.outdone * left
+    tests = [
+        memory_test(study, kind, elements=elements, until_denied=True, at_most=useful, progress=progress) for kind in kinds
+    ]
+    best = max(tests, key=lambda test: (test.named, test.gain - test.cost))
+    if not best.named:
+        return Remembering(best)
     progress(f"fit with {best.kind}")
     try:
         fitted = fit(declaring(study, best.kind, best.parameters), elements=elements)
@@ -164,13 +168,16 @@ def _natural(effect, excess, stiffness, places, held, reset):
     return jax.vmap(order)(jnp.asarray(places))
 
 
+_OF_NO_USE = "other orders were not tried, since the best model without memory leaves less"
+
+
 def said_of(memory: Remembering | None, found: Found) -> tuple[str, ...]:
     """The test in words; where it names memory, also its relation to the answer without memory."""
     if memory is None:
         return ()
     said, kind = memory.test.sentence(), memory.test.kind
     if memory.errors is None:
-        return (said,)
+        return (said, *([_OF_NO_USE] if memory.test.untried else []))
     rival = "the best model without memory"
     if found.verdict in verdict.FOUND and any(MemorySet.kind in r.kinds for r in found.tied):
         rival = f"{MemorySet.kind}, which keeps a part of the pose before only,"

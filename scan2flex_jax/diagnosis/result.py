@@ -84,6 +84,15 @@ class PoseChange:
         return {"role": self.role, "stable": self.stable} | figures
 
 
+def rms_over(poses, figure: str) -> float:
+    """Root mean square distance (m) over all points of some `PoseChange`, by a ``figure`` of each (``"rms"``, ``"left_out"``);
+    NaN without poses or where one is not known."""
+    values = [getattr(p, figure) for p in poses]
+    if not values or any(v is None for v in values):
+        return float("nan")
+    return float(np.sqrt(np.average(np.square(values), weights=[len(p.residual) for p in poses])))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
     """Missing physics: verdict, evidence, refitted model, and the error before and after.
@@ -143,11 +152,8 @@ class Explanation:
 
     def rms_left_out(self, after: bool = True) -> float:
         """Root mean square distance (m) over the fitted poses, each predicted from the others; NaN with a single one."""
-        own = [(p.left_out if after else p.left_out_before, len(p.residual)) for p in self.poses.values() if p.role == "fit"]
-        known = [(v, n) for v, n in own if v is not None]
-        if len(own) < 2 or len(known) < len(own):
-            return float("nan")
-        return float(np.sqrt(sum(v**2 * n for v, n in known) / sum(n for _, n in known)))
+        fitted = [p for p in self.poses.values() if p.role == "fit"]
+        return rms_over(fitted, "left_out" if after else "left_out_before") if len(fitted) > 1 else float("nan")
 
     def shifts(self) -> dict[str, Any]:
         """Change of each estimate over its final standard error; estimates with unknown errors are omitted."""

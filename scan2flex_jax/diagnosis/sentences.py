@@ -4,7 +4,10 @@ import numpy as np
 
 from scan2flex_jax.diagnosis import confirm, report, search, verdict
 from scan2flex_jax.diagnosis.families import WORDS
+from scan2flex_jax.diagnosis.result import rms_over
 from scan2flex_jax.effects.catalogue import entry_of
+
+_FALLEN = 3.0  # times the error before: a validate pose that is much worse with an effect
 
 
 def of_search(found, chosen, description):
@@ -30,35 +33,25 @@ def explains(p_value, chosen, complete):
     rest = "it; the remaining error is noise" if complete else "most of it; the remaining error exceeds the noise"
     return f"something is missing (p = {p_value:.3f}); {names} {rest}"
 
-_FALLEN = 3.0  # times the error before: a validate pose that is much worse with an effect
-
 
 def before_and_after(poses, added, established):
     """The error before and after with the added effects, whether they are established, and validate poses that get worse."""
     if not added:
         return ()
     fitted, unseen = ({n: p for n, p in poses.items() if p.role == role} for role in ("fit", "validate"))
-    was, now = (_over(fitted, field) for field in ("rms_before", "rms"))
+    was, now = (1e3 * rms_over([*fitted.values()], figure) for figure in ("rms_before", "rms"))
     effects = " and ".join(r.kind for r in added)
     text = f"with {effects} the error {'falls' if now < was else 'rises'} from {was:.2f} to {now:.2f} mm"
-    for group, fields, words in (
+    for group, figures, words in (
         (fitted if len(fitted) > 1 else {}, ("left_out_before", "left_out"), "poses left out"),
         (unseen, ("rms_before", "rms"), "validate poses"),
     ):
-        was, now = (_over(group, field) for field in fields)
+        was, now = (1e3 * rms_over([*group.values()], figure) for figure in figures)
         text += f", in {words} from {was:.2f} to {now:.2f} mm" if np.isfinite(was) and np.isfinite(now) else ""
     fallen = {n: p for n, p in unseen.items() if p.rms > _FALLEN * p.rms_before}
     listed = ", ".join(f"{n} ({1e3 * p.rms_before:.1f} to {1e3 * p.rms:.1f} mm)" for n, p in fallen.items())
     worse = f"much worse with {effects}, perhaps on another branch: {listed}"
     return (text + ("" if established else "; this best model is not established"), *([worse] if fallen else []))
-
-
-def _over(poses, field):
-    """RMS (mm) over all points of some poses of a distance of each; NaN without poses or where one is unknown."""
-    values = [getattr(p, field) for p in poses.values()]
-    count = np.array([len(p.residual) for p in poses.values()])
-    known = values and all(v is not None for v in values)
-    return 1e3 * float(np.sqrt(np.sum(np.array(values) ** 2 * count) / np.sum(count))) if known else np.nan
 
 
 def of_discrepancy(discrepancy):

@@ -226,9 +226,6 @@ def moved_in_words(influence: Influence | None, pose: str) -> str:
     return ", ".join(said)
 
 
-_TURNED = "one pose has another number of full turns than the study states"
-
-
 def answer_of(fit) -> Answer:
     """The answer of a `Fit`."""
     doubts = () if fit.mistakes else fit.doubts
@@ -289,6 +286,5 @@ def _belief(fit) -> tuple[str, str]:
     if fit.valid is False:
         return BAD, f"no: {judged}{_EXPLAIN}"
     if fit.doubts:
-        first = fit.doubts[0]
-        return FAIR, f"with care: {_TURNED if first in fit.turned else first}"
+        return FAIR, f"with care: {fit.doubts[0]}"
     return (FAIR, f"with care: {judged}") if fit.valid is None else (GOOD, f"yes: {judged}")

@@ -100,7 +100,8 @@ class Fit:
             first, *others = map(str, self.mistakes)
             return (f"likely mistake: {first}", _AS_IT_STANDS, *(f"or: {other}" for other in others))
         units = [s for s in self.sentences if s in unit_warnings(self.study)]
-        turned = self.turned if len(self.turned) < 2 else (_SEVERAL_TURNED.format(len(self.turned)), *self.turned)
+        several = _SEVERAL_TURNED.format(len(self.turned)) if len(self.turned) > 1 else _ONE_TURNED
+        turned = (several, *self.turned) if self.turned else ()
         judged = [s for s in self.sentences[-1:] if self.valid is False]
         return (*(() if self.converged else (unsettled(self.minimum),)), *self.misfits[:1], *units, *turned, *judged)
 
@@ -185,6 +186,7 @@ class Fit:
 UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
 STALLED = "the fit has stalled: no step lowers its cost as predicted; its values and intervals are not to be believed"
 _AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
+_ONE_TURNED = "one pose fits only with another number of full turns than the study states"
 _SEVERAL_TURNED = (
     "{} poses fit only with other turns than the study states: look at the rolls of their clamps before believing the values"
 )

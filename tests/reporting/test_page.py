@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from decimal import Decimal
 from html.parser import HTMLParser
 
 import numpy as np
@@ -183,7 +184,10 @@ def test_section_forces_carry_the_weight(shown):
 def test_estimates_versions_and_inputs_are_there(fitted, shown):
     words = shown.words()
     for name, estimate in fitted.estimates.items():
-        rounded = [float(v) for v in re.search(rf"{name} (\S+) (\S+) to (\S+)", words).groups()]
+        shown_as = re.search(rf"{name} (\S+) (\S+) to (\S+)", words).groups()
+        rounded = [float(v) for v in shown_as]
+        for text, true in zip(shown_as, (estimate.value, estimate.low, estimate.high), strict=True):
+            assert abs(float(text) - true) <= 0.501 * 10.0 ** Decimal(text).as_tuple().exponent  # half of the last digit
         width = estimate.high - estimate.low  # digits enough to show the interval
         np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=0, atol=0.15 * width)
         assert rounded[1] < rounded[0] < rounded[2]
