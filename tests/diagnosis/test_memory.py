@@ -9,6 +9,8 @@ from benchmarks.blind import hysteresis
 from benchmarks.memory import remembering, study_of_chains
 from scan2flex_jax.diagnosis import memory_test, planning
 from scan2flex_jax.diagnosis.memory import LEAD, MemoryTest, _in_other_orders, _permuted
+from scan2flex_jax.diagnosis.remembered import Remembering, said_of
+from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import Problem
@@ -70,6 +72,7 @@ def test_no_other_order_is_tried_where_the_order_of_measurement_gains_too_little
     assert not used.named
     assert used.sentence().startswith("memory is not tested: friction gains")
     assert used.untried
+    assert "the best model without memory leaves less" in said_of(Remembering(used), object.__new__(Found))[1]
     assert not memory_test(study_with(0.0, 3), until_denied=True).others
     assert found(2.0).sentence() == "no memory is seen: friction gains 2.0 nats in the order of measurement"
 
