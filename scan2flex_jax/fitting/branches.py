@@ -11,8 +11,10 @@ first has ended:
 3. a curve determines the torque ``GJ phi / L``, not the twist ``phi``: turns ``k`` and a stiffness ``GJ'`` that keep the
    torques of all poses nearly the same, ``GJ' (phi + 2 pi k) = GJ phi``, are a choice to fit, however small the residual.
 
-The turns of a fit that is far closer, or closer by more than the noise explains, are adopted and reported. If poses remain far
-from their curves even so, the model lacks physics for which other turns compensate, and the turns of the study are kept.
+The turns of a fit that is far closer, or closer by more than the noise explains, are adopted and reported, if they are likelier
+although few poses are a turn off: each pose may deviate from the model by itself, and turns with another torsional stiffness
+follow such deviations. If poses remain far from their curves even so, the model lacks physics for which other turns compensate,
+and the turns of the study are kept.
 """
 
 from collections.abc import Iterator
@@ -26,9 +28,10 @@ import numpy as np
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt, prefixed
-from scan2flex_jax.fitting.noise import white_noise
+from scan2flex_jax.fitting.noise import stated_noise, white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
+from scan2flex_jax.fitting.statistics import ACROSS, log_likelihood
 
 FAR = 0.003  # of the length: RMS distance above which a pose may be on another branch
 ASTRAY = 0.01  # of the length: RMS distance above which a wrong branch may have displaced the minimum
@@ -44,6 +47,7 @@ _RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiff
 _TRIED = 4  # largest number of choices of turns, the nearest ones, that a search fits
 _ALIKE = 0.4  # largest relative change of the torques by a choice of turns (third search)
 _TINY = 1.0e-9  # rad
+_TURNED = np.log(40.0)  # nats: prior odds against one turn more in a pose, and against one less: 5 % of poses are a turn off
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit (third search)
 
 
@@ -100,10 +104,11 @@ class _Choice(NamedTuple):
 
 def on_its_branches(problem, minimum, method, progress):
     """The problem and its minimum with every fitted pose on the measured branch."""
+    declared = problem.study
     while True:
-        problem, minimum = full_turns(problem, minimum, method, progress)
+        problem, minimum = full_turns(problem, minimum, method, progress, declared)
         before = problem
-        problem, minimum = _beyond_doubt(problem, minimum, method, progress)
+        problem, minimum = _beyond_doubt(problem, minimum, method, progress, declared)
         if problem is before:
             return problem, minimum
 
@@ -123,8 +128,10 @@ def believed(problem, minimum, declared):
     return problem, minimum
 
 
-def full_turns(problem, minimum, method, progress):
-    """The first search, at the values of the fit, repeated from each better fit."""
+def full_turns(problem, minimum, method, progress, declared=None):
+    """The first search, at the values of the fit, repeated from each better fit; ``declared``: the study whose turns are those
+    stated, by default that of the problem."""
+    declared = declared or problem.study
     while True:
         own = distances(minimum.evaluation, problem.poses.mask) / problem.length
         vectors = [minimum.shared]
@@ -135,9 +142,10 @@ def full_turns(problem, minimum, method, progress):
             nearer = nearest(problem, problem.study.fit_poses, own > FAR, x)
             turns += [nearer, *({name: n} for name, n in nearer.items())]
         choices = [_Choice(t, None, 0.0) for i, t in enumerate(turns) if t and t not in turns[:i]]
-        found = list(_fitted(problem, choices, method, progress, BETTER * minimum.cost))
-        tried, best = min(found, key=lambda pair: pair[1].cost, default=(problem, minimum))
-        if tried is problem or best.cost > BETTER * minimum.cost:
+        fitted = _fitted(problem, choices, method, progress, BETTER * minimum.cost)
+        found = [(tried, m) for tried, m in fitted if m.cost <= BETTER * minimum.cost]
+        tried, best = _likeliest(declared, [(problem, minimum), *found])
+        if tried is problem:
             return problem, minimum
         tried.evaluator.equilibria = problem.evaluator.equilibria
         problem, minimum = tried, best
@@ -153,7 +161,16 @@ def _fitted(problem, choices, method, progress, beat):
         problem.evaluator.equilibria = tried.evaluator.equilibria
 
 
-def _beyond_doubt(problem, minimum, method, progress):
+def _likeliest(declared, found):
+    """The likeliest of some problems with their minima, given how rarely a pose is a turn off from what is ``declared``; the
+    nearest to the curves where the distance is not that of the likelihood."""
+    if len(found) == 1 or found[0][0].evaluator.distance not in ACROSS:
+        return min(found, key=lambda pair: pair[1].cost)
+    stated = stated_noise(declared)
+    return max(found, key=lambda pair: log_likelihood(*pair, stated) - _TURNED * _changes(declared, pair[0].study))
+
+
+def _beyond_doubt(problem, minimum, method, progress, declared):
     """The searches on the grid and by torques; minima are compared with the nuisance parameters free under their priors."""
     if problem.evaluator.distance == "hausdorff":  # not a sum of squares
         return problem, minimum
@@ -173,6 +190,8 @@ def _beyond_doubt(problem, minimum, method, progress):
     alike = [f for f in found if f[0] <= least + _EQUAL]
     least, tried, m = min(alike, key=lambda f: _changes(problem.study, f[1].study))
     if least >= BETTER * cost and (least > noise or cost - least <= _CLEAR):
+        return problem, minimum
+    if least > noise and _likeliest(declared, [(problem, minimum), (tried, m)])[0] is problem:
         return problem, minimum
     tried.evaluator.equilibria = problem.evaluator.equilibria
     if method != "least-squares":

@@ -137,13 +137,14 @@ def _felt(poses: list[Residual]) -> list[Residual]:
 
 def noise_and_discrepancy(
     poses: list[Residual], noise: Noise, length: float, stated: float | None, usual: float, settings: NoiseSettings = USUAL
-) -> tuple[Noise, float]:
-    """Noise and size (1/m) of the discrepancy by restricted maximum likelihood, starting from the most likely ``noise`` alone.
+) -> tuple[Noise, float, float]:
+    """Noise and size (1/m) of the discrepancy by restricted maximum likelihood, starting from the most likely ``noise`` alone,
+    and the negative logarithm (nats) of that likelihood with the priors.
 
     ``usual`` (1/m): the median of the prior of that size.
     """
     likelihood = _of_fit(_felt([p.thinned() for p in poses]), length, stated, settings)
-    return most_likely_with_discrepancy(likelihood.with_discrepancy, noise, usual, length, settings=settings)[:2]
+    return most_likely_with_discrepancy(likelihood.with_discrepancy, noise, usual, length, settings=settings)
 
 
 def _of_fit(poses, length, stated, settings) -> RestrictedLikelihood:

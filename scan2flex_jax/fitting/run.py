@@ -24,7 +24,7 @@ from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.result import Fit, PoseFit, unsettled
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.fitting.states import DISTANCES
-from scan2flex_jax.fitting.statistics import discrepancy_of, noise_of, uncertainty, unseen_spread
+from scan2flex_jax.fitting.statistics import ACROSS, discrepancy_of, noise_of, uncertainty, unseen_spread
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
@@ -181,7 +181,7 @@ def _from_curves(problem, minimum, stated, progress, settings):
         minimum = problem.with_priors(minimum, noise, progress)
         noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated, settings)
     sensor, discrepancy = noise, Discrepancy(length=problem.length)
-    if problem.evaluator.distance in _ACROSS:
+    if problem.evaluator.distance in ACROSS:
         sensor, discrepancy = discrepancy_of(problem, minimum, noise, stated, settings)
     known = uncertainty(minimum, problem.poses, problem.layout, problem.scale(noise), sensor, discrepancy)
     return minimum, noise, sensor, discrepancy, known
@@ -197,7 +197,6 @@ def _in_logs(layout, covariance):
     return out
 
 
-_ACROSS = ("normal", "closest")  # distances whose residuals are across the cable, as those of a discrepancy
 _HAUSDORFF = "fitted to the largest distance of each pose: the intervals are those of a least-squares fit at these values"
 
 

@@ -19,6 +19,7 @@ from scan2flex_jax.fitting.parameters import Layout
 from scan2flex_jax.fitting.quadratic import UNSEEN
 from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 
+ACROSS = ("normal", "closest")  # distances whose residuals are across the cable, as those of a discrepancy
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
 _PART = 0.05  # of the largest component of an open direction: entries with a larger one are not determined
 
@@ -44,18 +45,38 @@ def discrepancy_of(
 ) -> tuple[Noise, Discrepancy]:
     """Noise of the sensor and discrepancy, estimated together, starting from the most likely ``noise`` without one."""
     poses, length, e = problem.poses, problem.length, minimum.evaluation
-    columns = problem.evaluator.scatter(minimum.shared, minimum.local, e.configuration)
-    columns = tuple(Z[np.asarray(mask) > 0] for Z, mask in zip(columns, poses.mask, strict=True))
-    points = np.concatenate([np.asarray(p)[np.asarray(m) > 0] for p, m in zip(poses.points, poses.mask, strict=True)])
-    planes, usual = planes_of(points, problem.study.gravity), usual_size(e.configuration, settings)
-    residuals = _residuals(e, poses, columns)
-    residuals = [r.in_plane() for r in residuals] if planes == 1 else residuals
-    found, curvature = noise_and_discrepancy(residuals, noise, length, stated, usual, settings)
+    columns = _scatter(problem, minimum)
+    found, curvature, _ = _noise_and_discrepancy(problem, minimum, columns, noise, stated, settings)
     if not curvature:
         return found, Discrepancy(length=length)
     parts = zip(columns, _residuals(e, poses), strict=True)
     moved = [most_likely_part(curvature, Z, pose.r, found.covariance(pose.s)) for Z, pose in parts]
     return found, Discrepancy(curvature, length, columns, tuple(moved))
+
+
+def log_likelihood(problem, minimum, stated: float | None, settings: NoiseSettings = USUAL) -> float:
+    """Log likelihood (nats, up to a constant) of the residual at a minimum, with the likeliest noise and discrepancy.
+
+    The parameters are free to first order; the minimum need not be that under this noise.
+    """
+    noise = noise_of(minimum.evaluation, problem.poses, problem.length, stated, settings)
+    return -_noise_and_discrepancy(problem, minimum, _scatter(problem, minimum), noise, stated, settings)[2]
+
+
+def _scatter(problem, minimum) -> tuple[np.ndarray, ...]:
+    """Columns (m, 3, k) of a unit discrepancy of each pose at a minimum."""
+    columns = problem.evaluator.scatter(minimum.shared, minimum.local, minimum.evaluation.configuration)
+    return tuple(Z[np.asarray(mask) > 0] for Z, mask in zip(columns, problem.poses.mask, strict=True))
+
+
+def _noise_and_discrepancy(problem, minimum, columns, noise, stated, settings):
+    """`likelihood.noise_and_discrepancy` of the residual at a minimum."""
+    poses, e = problem.poses, minimum.evaluation
+    points = np.concatenate([np.asarray(p)[np.asarray(m) > 0] for p, m in zip(poses.points, poses.mask, strict=True)])
+    planes, usual = planes_of(points, problem.study.gravity), usual_size(e.configuration, settings)
+    residuals = _residuals(e, poses, columns)
+    residuals = [r.in_plane() for r in residuals] if planes == 1 else residuals
+    return noise_and_discrepancy(residuals, noise, problem.length, stated, usual, settings)
 
 
 def _residuals(evaluation, poses, discrepancy=None) -> list[Residual]:
