@@ -22,6 +22,7 @@ from scan2flex_jax.fitting.least_squares import Progress
 SINGLES, WIDER, PER_ROUND = 5, 3, 3  # refits of single types and of sets that are kept, and refits per round
 _WORTH = 25.0  # nats of one-step evidence behind the best type: a refit does not catch up
 _STEPS = 20  # iterations of a refit
+_NEAR = 2.0  # times the least sum of squares: refits that may be as likely
 
 
 def search(before: Found, progress: Progress) -> Found:
@@ -44,6 +45,7 @@ def search(before: Found, progress: Progress) -> Found:
     for kind in (k for k in likeliest if frozenset([k]) not in found.refits):
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
+    _add_near(found, scores, table, progress)
     _add_parts(found, progress)
     _settle(found, progress)
     found.best = best_of(stage, found.refits.values(), 1)
@@ -74,6 +76,19 @@ def leads(stage: Stage, wider: Refit, best: Refit) -> bool:
     return against.better and (likelier or certain)
 
 
+def _add_near(found, scores, table, progress) -> None:
+    """Refit the other effect types with unweighted distances, and keep those that come about as near to the curves as the nearest
+    one known: where the baseline model is far off, the one-step score of a strong effect may be the lowest of all."""
+    stage = found.stage
+    rest = [k for k in sorted(found.table, key=lambda k: -table[k][0]) if frozenset([k]) not in found.refits]
+    progress(f"refits with {', '.join(rest)}")
+    for kind in rest:
+        near = _NEAR * min(floors.squares(stage.of, r) for r in (stage.base, *found.singles))
+        begun = _plain(found, [scores.components[table[kind][1]]], stage.base, [scores.amplitudes[table[kind][1]]])
+        if np.isfinite(begun.cost) and floors.squares(stage.of, begun) < near:
+            found.add([_at_own_floor(found, begun)])
+
+
 def _add_parts(found, progress) -> None:
     """Refit each effect of a set that is likelier than all single ones, starting from the set: one-step evidence may rank a
     strong effect far too low."""
@@ -95,7 +110,7 @@ def _settle(found, progress) -> None:
     for r in [r for r in found.singles if not r.converged and r.log_evidence > least]:
         progress(f"refit with {r.kinds[0]}, continued")
         end = again(stage.bench, r, r.law, most=_STEPS)
-        found.add([floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.baseline, stage.bench.context)])
+        found.add([_at_own_floor(found, end)])
 
 
 def _refitted(found, near: Refit, scores, g) -> Refit:
@@ -106,10 +121,20 @@ def _refitted(found, near: Refit, scores, g) -> Refit:
 
 def refit_from(found: Found, components, near: Refit, begin) -> Refit:
     """A refit from the base parameters of another: with unweighted distances, then at its own floor."""
-    stage, numbers = found.stage, Numbers(found.stage.bench, near.components)
-    plain = plain_law(stage.bench, stage.bench.off)
-    end = refit(stage.bench, components, plain, near.vector[: numbers.base], begin, most=_STEPS)
-    return floors.own_floor(stage.of, end, stage.noise, plain=True).over(found.baseline, stage.bench.context)
+    return _at_own_floor(found, _plain(found, components, near, begin))
+
+
+def _plain(found, components, near: Refit, begin) -> Refit:
+    """A refit with unweighted distances from the base parameters of another."""
+    bench = found.stage.bench
+    base = near.vector[: Numbers(bench, near.components).base]
+    return refit(bench, components, plain_law(bench, bench.off), base, begin, most=_STEPS)
+
+
+def _at_own_floor(found, plain: Refit) -> Refit:
+    """A refit with unweighted distances, continued at its own floor."""
+    stage = found.stage
+    return floors.own_floor(stage.of, plain, stage.noise, plain=True).over(found.baseline, stage.bench.context)
 
 
 def _simplified(found, of, progress) -> Refit:

@@ -38,6 +38,7 @@ ENTRY = CatalogueEntry(
     BendTwistCoupling, ("with d1", "with d2"),
     lambda c: np.full(2, 0.1),  # of sqrt(EI GJ): typical of the lay of a stranded core
     **plain("coupling", BendTwistCoupling, 2), bounds_of=lambda c: (np.full(2, -0.7), np.full(2, 0.7)),
+    other_starts=lambda a, site, c, places: [(-a, site, {})],  # the opposite sign has a minimum of its own
     signature="bending turns the cable out of its plane, the more the stronger it is bent",
     settle="scan one pose with both clamps rolled by 180 degrees, and one almost straight with a free end",
     same_shapes=(SameShapes("natural_curvature", "in fewer than four poses of like curvature"),),
