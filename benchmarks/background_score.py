@@ -63,6 +63,16 @@ def row(result: dict, answer: dict, in_tie_set: bool) -> dict:
     return out
 
 
+def about_the_same_axis(answer: dict, chosen: list[dict]) -> dict:
+    """The answer with the bending stiffness about the axis that the result takes as the first: a quarter turn of the axes with
+    the inverse ratio is the same cable."""
+    true = next((e for e in answer.get("effect", []) if e["kind"] == "anisotropic_bending"), None)
+    found = next((c["parameters"] for c in chosen if c["kind"] == "anisotropic_bending"), None)
+    if true is None or found is None or np.log(true["ratio"]) * np.log(found["ratio"]) > 0:
+        return answer
+    return answer | {"true_bending_stiffness": answer["true_bending_stiffness"] * true["ratio"]}
+
+
 def covered(prefix: str, estimates: dict, answer: dict) -> dict:
     """Whether the intervals of the stiffnesses contain the truth, if there are intervals."""
     out = {}

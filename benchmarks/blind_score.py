@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from benchmarks import background_score
-from benchmarks.background_score import NAMED, covered, share
+from benchmarks.background_score import NAMED, about_the_same_axis, covered, share
 from benchmarks.record import record
 
 os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
@@ -112,7 +112,8 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
     if off_by:
         worst, error = max(off_by)
         out |= {"place_off_by": worst, "place_std": error, "place_covered": worst <= 1.96 * error}
-    out |= covered("covers", result.get("estimates", {}), answer)
+    same_axis = about_the_same_axis(answer, result.get("chosen", []))
+    out |= covered("covers", result.get("estimates", {}), same_axis)
     if "background" in answer:
         out |= background_score.row(result, answer, out["in_tie_set"]) | {"class": f"background {out['class']}"}
     return out

@@ -64,6 +64,17 @@ def test_a_row_says_what_was_asked_for():
     assert "plain_covers_torsional_stiffness" not in row  # withheld
 
 
+@pytest.mark.parametrize(("found", "covers"), [((2.0, 0.1), True), ((0.5, 0.1 + np.pi / 2), False)], ids=["turned", "as drawn"])
+def test_the_same_anisotropic_cable_may_be_told_by_its_other_axis(found, covers):
+    """EI = 2 about one axis and 1 about the other: the interval [0.9, 1.1] is that of the second."""
+    true = {"kind": "anisotropic_bending", "ratio": 0.5, "angle": 0.1 + np.pi / 2}
+    known = answer(["anisotropic_bending"], effect=[true], true_bending_stiffness=2.0)
+    told = [{"kind": "anisotropic_bending", "parameters": dict(zip(("ratio", "angle"), found, strict=True))}]
+    row = blind_score.score(result("partly explained") | {"chosen": told}, known)
+    assert row["covers_bending_stiffness"] is covers
+    assert row["size_off_by"] == pytest.approx(0.0, abs=1e-12)
+
+
 def test_partly_explained_is_a_name_that_can_be_wrong():
     kink = [{"kind": "kink", "parameters": {"position": 0.5, "angle": [0, 0, 1], "width": 0.1}}]
     row = blind_score.score(result("partly explained", chosen=False) | {"chosen": kink}, answer())

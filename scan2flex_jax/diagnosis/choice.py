@@ -1,8 +1,7 @@
 """Choice between refits: likelihood, leave-one-pose-out error, and simplicity.
 
 The likelihood depends on the assumed covariance of the discrepancy. Between an effect and a wider one that contains it, the
-leave-one-pose-out error therefore decides: the simpler one is kept unless the wider one has a smaller error, or no larger one
-and overwhelming evidence.
+leave-one-pose-out error therefore decides: the simpler one is kept unless the wider one has a smaller error.
 """
 
 from collections.abc import Iterable
@@ -36,15 +35,9 @@ def best_of(stage, refits: Iterable[Refit], count: int) -> Refit:
     if stage.bench.poses.count < stage.settings.telling_poses:
         return best
     for other in order:
-        if contains(best, other) and not _outdoes(stage, best, other):
+        if contains(best, other) and not confirm.compared(stage, best, other).better:
             best = other
     return best
-
-
-def _outdoes(stage, wider: Refit, simpler: Refit) -> bool:
-    """Whether an effect predicts poses left out better than a simpler one, or no worse with overwhelming evidence."""
-    against = confirm.compared(stage, wider, simpler)
-    return against.better or (wider.log_evidence > simpler.log_evidence + stage.settings.overwhelming and not against.worse)
 
 
 def contains(wider: Refit, simpler: Refit) -> bool:
