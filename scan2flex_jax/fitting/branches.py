@@ -167,7 +167,12 @@ def _likeliest(declared, found):
     if len(found) == 1 or found[0][0].evaluator.distance not in ACROSS:
         return min(found, key=lambda pair: pair[1].cost)
     stated = stated_noise(declared)
-    return max(found, key=lambda pair: log_likelihood(*pair, stated) - _TURNED * _changes(declared, pair[0].study))
+
+    def likelihood(pair):
+        problem, minimum = pair
+        return log_likelihood(problem, minimum, stated) - _TURNED * _changes(declared, problem.study)
+
+    return max(found, key=likelihood)
 
 
 def _beyond_doubt(problem, minimum, method, progress, declared):

@@ -67,6 +67,16 @@ def test_distances_are_those_of_solved_poses():
     assert np.isinf(branches.distances(unsolved, problem.poses.mask)).tolist() == [False, True, False]
 
 
+@pytest.mark.parametrize(("turned", "gain", "adopted"), [(1, 3.0, False), (1, 4.5, True), (2, 6.6, False), (2, 9.0, True)])
+def test_other_turns_that_follow_deviations_of_the_poses_have_to_be_likelier(monkeypatch, turned, gain, adopted):
+    """Few poses are a turn off: two in four that halve the squares of a background may be likelier by 6.6 nats and still wrong."""
+    declared = with_turns({})
+    other = branches.with_turns(declared, {p.name: p.turns + 1 for p in declared.poses[:turned]})
+    found = [(SimpleNamespace(study=s, evaluator=SimpleNamespace(distance="normal")), None) for s in (declared, other)]
+    monkeypatch.setattr(branches, "log_likelihood", lambda problem, *_: gain * (problem.study is other))
+    assert branches._likeliest(declared, found)[0].study is (other if adopted else declared)
+
+
 def folder_of(*names):
     folder = Path(os.environ.get("SCAN2FLEX_DATA", "-")).joinpath(*names)
     if not folder.is_dir():
