@@ -77,8 +77,8 @@ def leads(stage: Stage, wider: Refit, best: Refit) -> bool:
 
 
 def _add_near(found, scores, table, progress) -> None:
-    """Refit the other effect types with unweighted distances, and keep those about as near to the curves as the nearest one known:
-    where the baseline model is far off, the one-step score of a strong effect may be the lowest of all."""
+    """Refit the other effect types with unweighted distances, and keep those about as near to the curves as the nearest known
+    one: where the baseline model is far off, the one-step score of a strong effect may be the lowest of all."""
     stage = found.stage
     rest = [k for k in sorted(found.table, key=lambda k: -table[k][0]) if frozenset([k]) not in found.refits]
     progress(f"refits with {', '.join(rest)}")

@@ -69,7 +69,7 @@ def test_distances_are_those_of_solved_poses():
 
 @pytest.mark.parametrize(("turned", "gain", "adopted"), [(1, 3.0, False), (1, 4.5, True), (2, 6.6, False), (2, 9.0, True)])
 def test_other_turns_that_follow_deviations_of_the_poses_have_to_be_likelier(monkeypatch, turned, gain, adopted):
-    """Few poses are a turn off: two in four that halve the squares of a background may be likelier by 6.6 nats and still wrong."""
+    """Few poses are a turn off: two in four that halve the squares of a background may gain 6.6 nats and still be wrong."""
     declared = with_turns({})
     other = branches.with_turns(declared, {p.name: p.turns + 1 for p in declared.poses[:turned]})
     found = [(SimpleNamespace(study=s, evaluator=SimpleNamespace(distance="normal")), None) for s in (declared, other)]
