@@ -21,7 +21,7 @@ from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 from scan2flex_jax.geometry.fields import POINTS, hats, smooth_root
 
-SEAT = 0.1  # of b L: standard deviation (rad) of the rotation of a clamp
+SEAT = 0.05  # of b L: standard deviation (rad) of the rotation of a clamp
 _FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
 _NEAR = 0.05  # of the length
 _TINY = 1e-12  # of the largest square of a direction: below it a direction moves no point
