@@ -23,6 +23,8 @@ from scan2flex_jax.diagnosis.residual import orthonormal, whiten
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.settings import USUAL
 
+_LEFT = 1e-4  # share of a direction of a pose's residual that the parameters leave free; below it they follow the pose
+
 
 def left_out(stage, found: Refit) -> np.ndarray:
     """Per pose the RMS distance (m) between its measured points and its prediction from the others: by refits where these
@@ -92,6 +94,27 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
     logs = np.log(b / a)
     ratio, std = float(np.sqrt(np.sum(a**2) / np.sum(b**2))), float(np.std(logs, ddof=1) / np.sqrt(len(logs)))
     return Comparison(float(np.mean(logs)), std, ratio, stage.settings.least_gain)
+
+
+def inflation(stage, found: Refit) -> np.ndarray:
+    """Per parameter its standard error from the scatter between poses over that from the law of the residual, at least 1.
+
+    The covariance of a discrepancy is an assumption. The scatter of the poses' gradients needs none:
+    ``A^-1 (sum_i g_i g_i') A^-1`` with ``g_i = J_i' (I - H_i)^(-1/2) r_i``, ``H_i = J_i A^-1 J_i'`` and ``A`` the precision, but
+    has few poses. Intervals take the larger of both; 1 without a discrepancy. Reference: Bell and McCaffrey, "Bias reduction in
+    standard errors for linear regression with multi-stage samples" (2002).
+    """
+    covariance = np.nan_to_num(found.covariance)
+    own = np.diag(covariance)
+    if not found.law.curvature:
+        return np.ones(len(own))
+    white, moved = _white(stage, found), np.zeros(len(own))
+    for rows in white.rows:
+        J = white.J[rows]
+        free, U = np.linalg.eigh(np.eye(len(rows)) - J @ covariance @ J.T)
+        y = (U.T @ white.r[rows])[free > _LEFT] / np.sqrt(free[free > _LEFT])
+        moved += (covariance @ (J.T @ (U[:, free > _LEFT] @ y))) ** 2
+    return np.sqrt(np.maximum(moved / np.where(own > 0, own, np.inf), 1.0))
 
 
 def scatter(stage, found: Refit, k: int) -> float | None:

@@ -31,7 +31,7 @@ def spreads_of(bench, found: Refit, k: int) -> dict:
     """Standard errors of the parameters of component ``k``, by differences along its amplitudes and sites."""
     c, numbers = found.components[k], Numbers(bench, found.components)
     at = np.r_[numbers.amplitudes(k), numbers.site(k)]
-    cov = np.nan_to_num(found.covariance[np.ix_(at, at)])
+    cov = np.nan_to_num(found.uncertainty[np.ix_(at, at)])
     split = len(c.entry.amplitudes)
 
     def flat(x):
@@ -62,7 +62,7 @@ def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dic
         S = slot.sums
         centre = S @ best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
         moves = [S @ r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
-        variances = [np.diag(S @ r.covariance[here, here] @ S.T) for r in tied]
+        variances = [np.diag(S @ r.uncertainty[here, here] @ S.T) for r in tied]
         spread = np.sqrt(sum(w * (v + m**2) for w, v, m in zip(weights, variances, moves, strict=True)))
         out[slot.name] = estimate_of(slot, centre, spread, own=best.vector[here])
     return out
@@ -173,7 +173,7 @@ def laws(found, refitted: Refit) -> tuple[Law, ...]:
         effects = (*study.effects, EffectDeclaration(c.kind, given))
         declared = replace(study, effects=effects, unknowns=(*study.unknowns, Unknown(f"{c.kind}.{form.name}")))
         at = np.r_[base, Numbers(bench, refitted.components).amplitudes(k)]
-        known = refitted.vector[at], refitted.covariance[np.ix_(at, at)], bench.rods(refitted)
+        known = refitted.vector[at], refitted.uncertainty[np.ix_(at, at)], bench.rods(refitted)
         out.append(law_at(c.kind, declared, layout_of(declared), *known, lambda secant: found.test.p_value))
     return tuple(out)
 

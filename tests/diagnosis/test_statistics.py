@@ -1,9 +1,11 @@
 """The statistics on synthetic numbers: only linear algebra, no cable."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import evidence, families, pairs, score, verdict
+from scan2flex_jax.diagnosis import confirm, evidence, families, pairs, score, verdict
 from scan2flex_jax.diagnosis.residual import orthonormal, signature_basis
 
 ROWS = 120
@@ -171,3 +173,18 @@ def test_an_exact_class_is_a_tie_whatever_sizes_were_assumed():
     assert verdict.leading([twist, roll]) == "tied"
     other = verdict.Candidate(("clamp_rotation",), 10.0, chi2=120.0)
     assert verdict.leading([twist, other]) == "named"
+
+
+@pytest.mark.parametrize("between", [0.0, 3.0])
+def test_intervals_widen_to_the_scatter_between_poses(monkeypatch, between):
+    """Of a mean over poses of as many points the scatter gives the textbook variance of a mean of their means."""
+    rng, poses, points = np.random.default_rng(4), 6, 20
+    y = rng.standard_normal((poses, points)) + between * rng.standard_normal((poses, 1))
+    own = np.var(y.mean(axis=1), ddof=1) / poses
+    rows = np.split(np.arange(poses * points), poses)
+    white = SimpleNamespace(r=(y - y.mean()).ravel(), J=np.ones((poses * points, 1)), rows=rows)
+    monkeypatch.setattr(confirm, "_white", lambda stage, found: white)
+    given = 1.0 / (poses * points)
+    found = SimpleNamespace(covariance=np.array([[given]]), law=SimpleNamespace(curvature=1.0))
+    assert confirm.inflation(None, found) == pytest.approx([np.sqrt(max(own / given, 1.0))])
+    assert confirm.inflation(None, SimpleNamespace(**vars(found) | {"law": SimpleNamespace(curvature=0.0)})) == [1.0]
