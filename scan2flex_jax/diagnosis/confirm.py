@@ -100,9 +100,9 @@ def inflation(stage, found: Refit) -> np.ndarray:
     """Per parameter its standard error from the scatter between poses over that from the law of the residual, at least 1.
 
     The covariance of a discrepancy is an assumption. The scatter of the poses' gradients needs none:
-    ``A^-1 (sum_i g_i g_i') A^-1`` with ``g_i = J_i' (I - H_i)^(-1/2) r_i``, ``H_i = J_i A^-1 J_i'`` and ``A`` the precision, but
-    has few poses. Intervals take the larger of both; 1 without a discrepancy. Reference: Bell and McCaffrey, "Bias reduction in
-    standard errors for linear regression with multi-stage samples" (2002).
+    ``A^-1 (sum_i g_i g_i') A^-1`` with ``g_i = J_i' (I - H_i)^(-1/2) r_i``, ``H_i = J_i A^-1 J_i'`` and the precision ``A``;
+    but poses are few. Intervals take the larger of both; 1 without a discrepancy. Reference: Bell and McCaffrey, "Bias reduction
+    in standard errors for linear regression with multi-stage samples" (2002).
     """
     covariance = np.nan_to_num(found.covariance)
     own = np.diag(covariance)

@@ -243,7 +243,8 @@ def _with_intervals(found: search.Found, say: Progress) -> None:
         final[id(r)] = replace(end, inflation=confirm.inflation(found.stage, end))
         if end is r and r in known:
             known[final[id(r)]] = known[r]
-    found.floor, found.best = (None if r is None else final.get(id(r), r) for r in (found.floor, found.best))
+    found.best = final.get(id(found.best), found.best)
+    found.floor = None if found.floor is None else final[id(found.floor)]
     found.tied = [final.get(id(r), r) for r in found.tied]
     found.refits = {kinds: final.get(id(r), r) for kinds, r in found.refits.items()}
 

@@ -1,12 +1,15 @@
 """The statistics on synthetic numbers: only linear algebra, no cable."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import confirm, evidence, families, pairs, score, verdict
-from scan2flex_jax.diagnosis.residual import orthonormal, signature_basis
+from scan2flex_jax.diagnosis.refit import Refit
+from scan2flex_jax.diagnosis.residual import Law, orthonormal, signature_basis
+from scan2flex_jax.fitting.noise import Noise
 
 ROWS = 120
 
@@ -185,6 +188,9 @@ def test_intervals_widen_to_the_scatter_between_poses(monkeypatch, between):
     white = SimpleNamespace(r=(y - y.mean()).ravel(), J=np.ones((poses * points, 1)), rows=rows)
     monkeypatch.setattr(confirm, "_white", lambda stage, found: white)
     given = 1.0 / (poses * points)
-    found = SimpleNamespace(covariance=np.array([[given]]), law=SimpleNamespace(curvature=1.0))
+    law, rest = Law(Noise(1e-3, 0.0, 0.1), curvature=1.0), {"cost": 0.0, "chi2": 0.0, "log_marginal": 0.0, "log_evidence": 0.0}
+    found = Refit(
+        components=(), vector=np.zeros(1), shapes=[], covariance=np.array([[given]]), converged=True, law=law, **rest
+    )  # fmt: skip
     assert confirm.inflation(None, found) == pytest.approx([np.sqrt(max(own / given, 1.0))])
-    assert confirm.inflation(None, SimpleNamespace(**vars(found) | {"law": SimpleNamespace(curvature=0.0)})) == [1.0]
+    assert confirm.inflation(None, replace(found, law=replace(law, curvature=0.0))) == [1.0]
