@@ -101,8 +101,8 @@ def inflation(stage, found: Refit) -> np.ndarray:
 
     The covariance of a discrepancy is an assumption. The scatter of the poses' gradients needs none:
     ``A^-1 (sum_i g_i g_i') A^-1`` with ``g_i = J_i' (I - H_i)^(-1/2) r_i``, ``H_i = J_i A^-1 J_i'`` and the precision ``A``;
-    but poses are few. Intervals take the larger of both; 1 without a discrepancy. Reference: Bell and McCaffrey, "Bias reduction
-    in standard errors for linear regression with multi-stage samples" (2002).
+    but poses are few. Intervals take the larger of both; 1 without a discrepancy. Reference: Bell and McCaffrey, "Bias
+    reduction in standard errors for linear regression with multi-stage samples" (2002).
     """
     covariance = np.nan_to_num(found.covariance)
     own = np.diag(covariance)
