@@ -42,7 +42,7 @@ def test_turned_clamps_of_a_new_pose_are_no_fault_of_the_model(turned):
 
 def test_without_the_tolerance_they_are(turned):
     f = fit(replace(turned, tolerance=scenes.EXACT))
-    assert f.poses["unseen"].spread < f.poses["unseen"].rms / 3
+    assert f.poses["unseen"].rms > 2.0 * f.poses["unseen"].spread  # beyond what the discrepancy of the poses leads to expect
     assert f.valid is False
 
 
