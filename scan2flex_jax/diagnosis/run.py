@@ -110,7 +110,7 @@ def explain(
         warnings += sentences.if_fine(found)
     warnings += (*_remembered(study, base.fit.problem.elements, say), *remembered.said_of(memory, found))
     say("before and after")
-    told = (*repeat_sentences(base.fit.problem.study), *base.fit.turned, *warnings)
+    told = (*repeat_sentences(base.fit.problem.study), *base.fit.turned, *base.fit.in_doubt, *warnings)
     answer = explanation_of(base, found, told, began)
     return answer if memory is None else remembered.answered(answer, memory, told)
 

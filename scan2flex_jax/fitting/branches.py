@@ -48,6 +48,7 @@ _TRIED = 4  # largest number of choices of turns, the nearest ones, that a searc
 _ALIKE = 0.4  # largest relative change of the torques by a choice of turns (third search)
 _TINY = 1.0e-9  # rad
 _TURNED = np.log(40.0)  # nats: prior odds against one turn more in a pose, and against one less: 5 % of poses are a turn off
+_CLOSE = 5.0  # nats behind those kept: turns that are named beside them
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit (third search)
 
 
@@ -103,14 +104,15 @@ class _Choice(NamedTuple):
 
 
 def on_its_branches(problem, minimum, method, progress):
-    """The problem and its minimum with every fitted pose on the measured branch."""
+    """The problem and its minimum with every fitted pose on the measured branch, and a sentence on turns that are about as
+    likely, or none."""
     declared = problem.study
     while True:
         problem, minimum = full_turns(problem, minimum, method, progress, declared)
         before = problem
-        problem, minimum = _beyond_doubt(problem, minimum, method, progress, declared)
+        problem, minimum, doubt = _beyond_doubt(problem, minimum, method, progress, declared)
         if problem is before:
-            return problem, minimum
+            return problem, minimum, doubt
 
 
 def believed(problem, minimum, declared):
@@ -162,30 +164,33 @@ def _fitted(problem, choices, method, progress, beat):
 
 
 def _likeliest(declared, found):
-    """The likeliest of some problems with their minima, given how rarely a pose is a turn off from what is ``declared``; the
-    nearest to the curves where the distance is not that of the likelihood."""
+    """The likeliest of some problems with their minima; the nearest to the curves where the distance is not that of the
+    likelihood."""
     if len(found) == 1 or found[0][0].evaluator.distance not in ACROSS:
         return min(found, key=lambda pair: pair[1].cost)
-    stated = stated_noise(declared)
+    return max(found, key=lambda pair: _log_posterior(declared, *pair))
 
-    def likelihood(pair):
-        problem, minimum = pair
-        return log_likelihood(problem, minimum, stated) - _TURNED * _changes(declared, problem.study)
 
-    return max(found, key=likelihood)
+def _log_posterior(declared, problem, minimum) -> float:
+    """Log likelihood (nats) of a minimum, given how rarely a pose is a turn off from what is ``declared``."""
+    return log_likelihood(problem, minimum, stated_noise(declared)) - _TURNED * _changes(declared, problem.study)
 
 
 def _beyond_doubt(problem, minimum, method, progress, declared):
-    """The searches on the grid and by torques; minima are compared with the nuisance parameters free under their priors."""
+    """The searches on the grid and by torques; minima are compared with the nuisance parameters free under their priors.
+
+    Returns the problem, its minimum, and a sentence on turns that are about as likely.
+    """
+    kept = problem, minimum, ""
     if problem.evaluator.distance == "hausdorff":  # not a sum of squares
-        return problem, minimum
+        return kept
     finest, coarsest = _FINEST * problem.length, ASTRAY * problem.length
     sigma = np.clip([white_noise(p) for p in problem.study.fit_poses], finest, coarsest)
     noise = _NOISE**2 * NORMALS * np.sum(np.asarray(problem.poses.mask))
     choices = _by_torques(problem, minimum)
     doubt = np.any(distances(minimum.evaluation, problem.poses.mask) > _NOISE * np.sqrt(NORMALS) * sigma)
     if not (doubt or choices):
-        return problem, minimum
+        return kept
     cost = _cost_within_tolerances(problem, minimum, sigma)
     choices += _on_a_grid(problem, minimum.shared) if doubt and cost > noise else []
     found = [(cost, problem, minimum)]
@@ -195,13 +200,24 @@ def _beyond_doubt(problem, minimum, method, progress, declared):
     alike = [f for f in found if f[0] <= least + _EQUAL]
     least, tried, m = min(alike, key=lambda f: _changes(problem.study, f[1].study))
     if least >= BETTER * cost and (least > noise or cost - least <= _CLEAR):
-        return problem, minimum
-    if least > noise and _likeliest(declared, [(problem, minimum), (tried, m)])[0] is problem:
-        return problem, minimum
+        return kept
+    if least > noise and problem.evaluator.distance in ACROSS:
+        lead = _log_posterior(declared, problem, minimum) - _log_posterior(declared, tried, m)
+        if lead >= 0.0:
+            return problem, minimum, _in_doubt(problem, tried, m) if lead < _CLOSE else ""
     tried.evaluator.equilibria = problem.evaluator.equilibria
     if method != "least-squares":
         m = tried.minimise(method, progress, start=m.shared[: problem.layout.unknowns])
-    return tried, m
+    return tried, m, ""
+
+
+def _in_doubt(problem, tried, minimum) -> str:
+    """A sentence on turns that are about as likely."""
+    pairs = zip(problem.study.fit_poses, tried.study.fit_poses, strict=True)
+    changed = [f"turns = {b.turns} in pose {b.name}" for a, b in pairs if a.turns != b.turns]
+    torsion = _slot(tried, STIFFNESSES[1])
+    changed += [] if torsion is None else [f"{STIFFNESSES[1]} = {np.exp(minimum.shared[torsion]).item():.3g} N m^2"]
+    return f"the shapes are about as likely with {' and '.join(changed)}: count the turns of twist before believing the values"
 
 
 def _changes(before, after) -> int:

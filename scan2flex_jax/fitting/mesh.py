@@ -34,11 +34,13 @@ def mesh_at(problem: Problem, shared: np.ndarray) -> Mesh:
 
 
 class Found(NamedTuple):
-    """Result of a stage of a fit: the problem, its minimum, and likely mistakes of the input."""
+    """Result of a stage of a fit: the problem, its minimum, likely mistakes of the input, and a sentence on turns that are
+    about as likely, if there are any."""
 
     problem: Problem
     minimum: Minimum
     mistakes: tuple[Mistake, ...] = ()
+    doubt: str = ""
 
 
 Stage = Callable[[Problem, Found | None], Found]

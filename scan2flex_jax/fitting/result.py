@@ -48,7 +48,8 @@ class Fit:
     ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
     bound, and whether the validate poses are predicted, which is ``valid`` (None without such poses). ``data``: "curve"
     (distances to centre curves) or "cloud" (to the points of the scans; the distances of poses are then those of the cable's
-    axis at stations along it). ``turned``: sentences on poses whose turns differ from the study's (`fitting.branches`).
+    axis at stations along it). ``turned``: sentences on poses whose turns differ from the study's (`fitting.branches`);
+    ``in_doubt``: on turns that are about as likely as those of the fit.
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
     (`fitting.mistakes`). ``cost`` is that of the ``minimum`` of the ``problem``: weighted squares of residuals and priors.
@@ -75,6 +76,7 @@ class Fit:
     cost: float
     data: str
     turned: tuple[str, ...] = ()
+    in_doubt: tuple[str, ...] = ()
     mesh: tuple[str, ...] = ()
     misfits: tuple[str, ...] = ()
     mistakes: tuple[Mistake, ...] = ()
@@ -103,7 +105,8 @@ class Fit:
         several = _SEVERAL_TURNED.format(len(self.turned)) if len(self.turned) > 1 else _ONE_TURNED
         turned = (several, *self.turned) if self.turned else ()
         judged = [s for s in self.sentences[-1:] if self.valid is False]
-        return (*(() if self.converged else (unsettled(self.minimum),)), *self.misfits[:1], *units, *turned, *judged)
+        open_ = () if self.converged else (unsettled(self.minimum),)
+        return (*open_, *self.misfits[:1], *units, *turned, *self.in_doubt, *judged)
 
     @cached_property
     def influence(self) -> Influence | None:

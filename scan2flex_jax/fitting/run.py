@@ -85,8 +85,9 @@ def fit(
     later = _on_branches if other_turns else _as_stated
     stages = [partial(stage, method=method, progress=progress) for stage in (_minimum, later)]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
-    problem, minimum, likely = found
+    problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
+    in_doubt = (doubt,) if doubt else ()
     study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
     if distance == "hausdorff":
         minimum, said = problem.seen_by_normals(minimum), (*said, _HAUSDORFF)
@@ -120,13 +121,17 @@ def fit(
         poses=poses,
         noise=sensor,
         discrepancy=discrepancy,
-        sentences=(*map(str, likely), *misfits, *said, *mesh.sentences(), *turned, *_known(known, laws, estimates), *verdict),
+        sentences=(
+            *map(str, likely), *misfits, *said, *mesh.sentences(), *turned, *in_doubt,
+            *_known(known, laws, estimates), *verdict,
+        ),  # fmt: skip
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,
         cost=minimum.cost,
         turned=turned,
+        in_doubt=in_doubt,
         mesh=mesh.sentences(),
         misfits=misfits,
         mistakes=likely,
@@ -153,10 +158,10 @@ def _on_branches(declared, first, method, progress):
     """Problem and minimum on the measured branches, and mistakes of the input that show there."""
     if first.mistakes:
         return first
-    problem, minimum = branches.on_its_branches(declared, first.minimum, method, progress)
+    problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
     likely = mistakes.hidden(declared.study, problem, minimum, progress)
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
-    return Found(problem, minimum, likely)
+    return Found(problem, minimum, likely, doubt)
 
 
 def _as_stated(declared, first, method, progress):

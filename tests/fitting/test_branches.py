@@ -77,6 +77,14 @@ def test_other_turns_that_follow_deviations_of_the_poses_have_to_be_likelier(mon
     assert branches._likeliest(declared, found)[0].study is (other if adopted else declared)
 
 
+def test_turns_that_are_about_as_likely_are_named_before_the_values(right):
+    other = Problem(branches.with_turns(right.study, {"plane": 1, "aside-45": -1}), elements=right.problem.elements)
+    said = branches._in_doubt(right.problem, other, right.minimum)
+    assert "turns = 1 in pose plane and turns = -1 in pose aside-45 and torsional_stiffness = 0.25 N m^2" in said
+    assert said in replace(right, in_doubt=(said,)).doubts
+    assert right.in_doubt == ()
+
+
 def folder_of(*names):
     folder = Path(os.environ.get("SCAN2FLEX_DATA", "-")).joinpath(*names)
     if not folder.is_dir():
