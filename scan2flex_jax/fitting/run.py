@@ -108,6 +108,7 @@ def fit(
     verdict = (*belief.of_discrepancy(discrepancy), *verdict)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
+    said = (*said, *mesh.sentences(), *turned, *in_doubt)
     return Fit(
         study=study if scans else whole,
         problem=problem,
@@ -121,10 +122,7 @@ def fit(
         poses=poses,
         noise=sensor,
         discrepancy=discrepancy,
-        sentences=(
-            *map(str, likely), *misfits, *said, *mesh.sentences(), *turned, *in_doubt,
-            *_known(known, laws, estimates), *verdict,
-        ),  # fmt: skip
+        sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
         valid=valid,
         converged=minimum.converged,
         equilibria=solved,
