@@ -81,7 +81,7 @@ def _add_near(found, scores, table, progress) -> None:
     one: where the baseline model is far off, the one-step score of a strong effect may be the lowest of all."""
     stage = found.stage
     rest = [k for k in sorted(found.table, key=lambda k: -table[k][0]) if frozenset([k]) not in found.refits]
-    progress(f"refits with {', '.join(rest)}")
+    progress("refits with all other effect types")
     for kind in rest:
         near = _NEAR * min(floors.squares(stage.of, r) for r in (stage.base, *found.singles))
         begun = _plain(found, [scores.components[table[kind][1]]], stage.base, [scores.amplitudes[table[kind][1]]])

@@ -233,10 +233,10 @@ def _continued(found: search.Found, coarse: bool, say: Progress) -> search.Found
 def _with_intervals(found: search.Found, say: Progress) -> None:
     """Refit the models of the answer with wide priors of the effects that exceed their usual sizes (`refit.freed`), and widen
     their intervals by the scatter between poses (`confirm.inflation`)."""
-    models = [r for r in (found.best, *found.tied, *likely_models(found), found.floor) if r is not None]
-    if found.verdict == verdict.UNSOLVED or not any(r.components for r in models):
+    if found.verdict in (verdict.NONE, verdict.UNSOLVED):
         return
     say("estimates")
+    models = (found.best, *found.tied, *likely_models(found), found.baseline)
     known, final = found.stage.unseen, {}
     for r in {id(r): r for r in models}.values():
         end = freed(found.stage.bench, r)
