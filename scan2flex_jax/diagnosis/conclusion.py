@@ -23,10 +23,10 @@ def explanation_of(base, found: Found, told: tuple[str, ...], began: float) -> E
     predicted = functools.cache(lambda r: report.predicted(other, r, found.stage.base))
     refitted, ranking = _refitted(found), _ranking(found, other, predicted)
     law_of = found.floor if found.floor is not None and not refitted.components else refitted
-    added = _chosen(bench, refitted, ranking)
+    added = _chosen(found.stage, refitted, ranking)
     established, concluded = found.verdict in verdict.FOUND, found.verdict in (*verdict.FOUND, verdict.UNEXPLAINED)
     chosen = added if established else ()
-    estimates = report.estimates(bench, likely_models(found), refitted, alike=_alike(found))
+    estimates = report.estimates(found.stage, likely_models(found), refitted, alike=_alike(found))
     poses = _poses(study, found, other, refitted, predicted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None
@@ -96,13 +96,13 @@ def _alike(found):
     return found.verdict == verdict.UNEXPLAINED and found.floor is None and bool(found.best.components)
 
 
-def _chosen(bench, refitted, ranking) -> tuple[Ranked, ...]:
+def _chosen(stage, refitted, ranking) -> tuple[Ranked, ...]:
     """The effects of the refitted model as ranked; several effects have the parameters and evidence of their joint refit."""
     chosen = tuple(next(r for r in ranking if r.kind == kind) for kind in refitted.kinds)
     if len(chosen) < 2:
         return chosen
     return tuple(
-        report.ranked(bench, refitted, k, log_evidence=refitted.log_evidence, p_value=r.p_value, verdict=r.verdict,
+        report.ranked(stage, refitted, k, log_evidence=refitted.log_evidence, p_value=r.p_value, verdict=r.verdict,
                       tied_with=r.tied_with) for k, r in enumerate(chosen)
     )  # fmt: skip
 
@@ -133,7 +133,7 @@ def _ranking(found, other, predicted):
         judged = _judged(kind, best, tie_kinds, found, r.log_evidence)
         shapes = predicted(r) if other else None
         out[kind] = report.ranked(
-            bench, r, 0, log_evidence=r.log_evidence, p_value=p, verdict=judged[0], tied_with=judged[1],
+            stage, r, 0, log_evidence=r.log_evidence, p_value=p, verdict=judged[0], tied_with=judged[1],
             rms_fit=report.rms(bench, r.shapes), rms_validate=None if shapes is None else report.rms(other, shapes),
         )  # fmt: skip
     for kind, (value, g) in sorted(found.table.items(), key=lambda item: -item[1][0]):

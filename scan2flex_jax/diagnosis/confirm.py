@@ -96,6 +96,12 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
     return Comparison(float(np.mean(logs)), std, ratio, stage.settings.least_gain)
 
 
+def uncertainty(stage, found: Refit) -> np.ndarray:
+    """Covariance of all parameters of a refit, for intervals: with the standard errors of `inflation`."""
+    factor = inflation(stage, found)
+    return found.covariance * np.outer(factor, factor)
+
+
 def inflation(stage, found: Refit) -> np.ndarray:
     """Per parameter its standard error from the scatter between poses over that from the law of the residual, at least 1.
 
@@ -106,7 +112,7 @@ def inflation(stage, found: Refit) -> np.ndarray:
     """
     covariance = np.nan_to_num(found.covariance)
     own = np.diag(covariance)
-    if not found.law.curvature:
+    if not found.law.curvature or not np.isfinite(found.cost):
         return np.ones(len(own))
     white, moved = _white(stage, found), np.zeros(len(own))
     for rows in white.rows:

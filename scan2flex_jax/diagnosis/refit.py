@@ -44,8 +44,7 @@ class Refit:
     ``log_evidence`` (nats): over the baseline model with the same noise; 0 for that model itself, NaN until `over` compares a
     refit with its base. ``log_marginal``: log marginal likelihood under the ``law`` of the residual, with the prior
     of that law's sizes, up to a constant shared by all models. ``wider``: factors on the usual sizes of the effects in their
-    prior (`freed`); empty for the prior of the evidence. ``inflation``: factor on the standard error of each parameter where
-    the poses scatter more than the law says (`confirm.inflation`).
+    prior (`freed`); empty for the prior of the evidence.
     """
 
     components: tuple[Component, ...]
@@ -59,13 +58,6 @@ class Refit:
     law: Law
     log_evidence: float
     wider: tuple[float, ...] = ()
-    inflation: np.ndarray | float = 1.0
-
-    @property
-    def uncertainty(self) -> np.ndarray:
-        """Covariance of all parameters, for intervals."""
-        factor = np.broadcast_to(self.inflation, len(self.covariance))
-        return self.covariance * np.outer(factor, factor)
 
     @property
     def kinds(self) -> tuple[str, ...]:

@@ -27,11 +27,12 @@ def parameters_of(bench, found: Refit, k: int) -> dict:
     return c.entry.to_parameters(found.amplitudes(bench, k), c.site, bench.context)
 
 
-def spreads_of(bench, found: Refit, k: int) -> dict:
+def spreads_of(stage, found: Refit, k: int) -> dict:
     """Standard errors of the parameters of component ``k``, by differences along its amplitudes and sites."""
-    c, numbers = found.components[k], Numbers(bench, found.components)
+    bench, c = stage.bench, found.components[k]
+    numbers = Numbers(bench, found.components)
     at = np.r_[numbers.amplitudes(k), numbers.site(k)]
-    cov = np.nan_to_num(found.uncertainty[np.ix_(at, at)])
+    cov = np.nan_to_num(confirm.uncertainty(stage, found)[np.ix_(at, at)])
     split = len(c.entry.amplitudes)
 
     def flat(x):
@@ -49,20 +50,21 @@ def spreads_of(bench, found: Refit, k: int) -> dict:
     return {name: np.sqrt(t) for name, t in total.items()}
 
 
-def estimates(bench, tied: list[Refit], best: Refit, alike: bool = False) -> dict[str, Estimate]:
+def estimates(stage, tied: list[Refit], best: Refit, alike: bool = False) -> dict[str, Estimate]:
     """Values at the best refit; intervals include those tied with it, weighted by evidence or, if ``alike``, equally."""
-    layout, out = bench.layout, {}
+    bench, layout, out = stage.bench, stage.bench.layout, {}
     weights = np.exp([0.0 if alike else min(r.log_evidence - best.log_evidence, 0.0) for r in tied])
     weights /= weights.sum()
     rescale = [_rescaled(bench, r) for r in tied]
     own = _rescaled(bench, best)
+    covariances = [confirm.uncertainty(stage, r) for r in tied]
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
         shift = [np.log(f.get(slot.name, 1.0)) if slot.log else 0.0 for f in rescale]
         S = slot.sums
         centre = S @ best.vector[here] + (np.log(own.get(slot.name, 1.0)) if slot.log else 0.0)
         moves = [S @ r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
-        variances = [np.diag(S @ r.uncertainty[here, here] @ S.T) for r in tied]
+        variances = [np.diag(S @ C[here, here] @ S.T) for C in covariances]
         spread = np.sqrt(sum(w * (v + m**2) for w, v, m in zip(weights, variances, moves, strict=True)))
         out[slot.name] = estimate_of(slot, centre, spread, own=best.vector[here])
     return out
@@ -138,9 +140,9 @@ def pose_changes(study_poses, bench, before, after, unseen=None) -> dict[str, Po
     return out
 
 
-def ranked(bench, found: Refit, k: int, **known) -> Ranked:
+def ranked(stage, found: Refit, k: int, **known) -> Ranked:
     """A refitted effect type."""
-    return Ranked(found.components[k].kind, parameters_of(bench, found, k), std=spreads_of(bench, found, k), **known)
+    return Ranked(found.components[k].kind, parameters_of(stage.bench, found, k), std=spreads_of(stage, found, k), **known)
 
 
 def declared(study, estimates_after, chosen):
@@ -163,7 +165,7 @@ def description(found) -> Ranked:
 
 def laws(found, refitted: Refit) -> tuple[Law, ...]:
     """The moment laws of a refit with their bands and what is read off them; their p-value is that of the baseline model."""
-    bench, out = found.stage.bench, []
+    bench, out, covariance = found.stage.bench, [], confirm.uncertainty(found.stage, refitted)
     study, base = bench.problem.study, np.arange(bench.layout.unknowns)
     for k, c in enumerate(refitted.components):
         if c.kind not in KINDS:
@@ -173,7 +175,7 @@ def laws(found, refitted: Refit) -> tuple[Law, ...]:
         effects = (*study.effects, EffectDeclaration(c.kind, given))
         declared = replace(study, effects=effects, unknowns=(*study.unknowns, Unknown(f"{c.kind}.{form.name}")))
         at = np.r_[base, Numbers(bench, refitted.components).amplitudes(k)]
-        known = refitted.vector[at], refitted.uncertainty[np.ix_(at, at)], bench.rods(refitted)
+        known = refitted.vector[at], covariance[np.ix_(at, at)], bench.rods(refitted)
         out.append(law_at(c.kind, declared, layout_of(declared), *known, lambda secant: found.test.p_value))
     return tuple(out)
 

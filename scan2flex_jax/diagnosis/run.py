@@ -9,7 +9,6 @@ import numpy as np
 
 from scan2flex_jax.compilation import make_room
 from scan2flex_jax.diagnosis import (
-    confirm,
     floors,
     gates,
     moment_laws,
@@ -103,7 +102,7 @@ def explain(
         if not _outdone(base.fit.mistakes, found, settings, memory):
             return _mistaken(base.fit, began, settings)
         warnings += tuple(f"a mistake of the input explains less: {mistake}" for mistake in base.fit.mistakes)
-    _with_intervals(found, say)
+    _free(found, say)
     if base.coarse:
         warnings += (f"the mesh error reaches the noise in {', '.join(base.coarse)}: nothing is concluded",)
     if scanned and found.verdict not in (verdict.NONE, verdict.UNSOLVED):
@@ -230,23 +229,16 @@ def _continued(found: search.Found, coarse: bool, say: Progress) -> search.Found
     return found if coarse else moment_laws.search_on(found, say)
 
 
-def _with_intervals(found: search.Found, say: Progress) -> None:
-    """Refit the models of the answer with wide priors of the effects that exceed their usual sizes (`refit.freed`), and widen
-    their intervals by the scatter between poses (`confirm.inflation`)."""
-    if found.verdict in (verdict.NONE, verdict.UNSOLVED):
+def _free(found: search.Found, say: Progress) -> None:
+    """Refit the models of the answer with wide priors of the effects that exceed their usual sizes (`refit.freed`)."""
+    models = {id(r): r for r in (found.best, *found.tied, *likely_models(found)) if r.components}
+    if not models or found.verdict == verdict.UNSOLVED:
         return
     say("estimates")
-    models = (found.best, *found.tied, *likely_models(found), found.baseline)
-    known, final = found.stage.unseen, {}
-    for r in {id(r): r for r in models}.values():
-        end = freed(found.stage.bench, r)
-        final[id(r)] = replace(end, inflation=confirm.inflation(found.stage, end))
-        if end is r and r in known:
-            known[final[id(r)]] = known[r]
-    found.best = final.get(id(found.best), found.best)
-    found.floor = None if found.floor is None else final[id(found.floor)]
-    found.tied = [final.get(id(r), r) for r in found.tied]
-    found.refits = {kinds: final.get(id(r), r) for kinds, r in found.refits.items()}
+    free = {key: freed(found.stage.bench, r) for key, r in models.items()}
+    found.best = free.get(id(found.best), found.best)
+    found.tied = [free.get(id(r), r) for r in found.tied]
+    found.refits = {kinds: free.get(id(r), r) for kinds, r in found.refits.items()}
 
 
 def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
