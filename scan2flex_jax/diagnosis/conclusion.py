@@ -112,9 +112,8 @@ def _poses(study, found, other, refitted, predicted) -> dict[str, PoseChange]:
     ``predicted``: function of a refit to their shapes."""
     stage, unseen = found.stage, None
     if stage.bench.poses.count > 1:
-        errors = confirm.left_out if found.floor is None else confirm.predicted
         models = (found.baseline, refitted if refitted.components else found.baseline)
-        unseen = np.transpose([errors(stage, r) for r in models])
+        unseen = np.transpose([confirm.left_out(stage, r) for r in models])
     poses = report.pose_changes(study.fit_poses, stage.bench, stage.base.shapes, refitted.shapes, unseen)
     if other:
         before = report.predicted(other, stage.base)

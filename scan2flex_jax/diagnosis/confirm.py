@@ -1,13 +1,13 @@
 """Confirmation: leave-one-pose-out prediction error, and homogeneity of an effect's size across poses.
 
-A whole pose is left out, since its points share their noise. A model that is close to linear needs no new fit: with the
-whitened residual ``r``, columns ``J`` and the precision ``A`` of all parameters at a minimum, the residual of pose ``i``
-predicted from the others is, to first order,
+A whole pose is left out, since its points share their noise, and the model is refitted to the others
+(`diagnosis.left_out`). With the whitened residual ``r``, columns ``J`` and the precision ``A`` of all parameters at a minimum,
+the residual of pose ``i`` predicted from the others is, to first order,
 
     (I - J_i A^-1 J_i')^-1 r_i.
 
-For a comparison of models, each is refitted to the other poses in turn (`diagnosis.left_out`), since without the one pose that
-reaches a support, or pulls a tether taut, the model is far from linear.
+That needs no refit. It has no bound where one pose nearly alone determines a parameter, and fails without the one pose that
+reaches a support, or pulls a tether taut.
 Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), eq. 2.2.24; a test holds it against refits.
 """
 
@@ -27,10 +27,17 @@ _LEFT = 1e-4  # share of a direction of a pose's residual that the parameters le
 
 
 def left_out(stage, found: Refit) -> np.ndarray:
-    """Per pose the RMS distance (m) between its measured points and its prediction from the others: by refits where these
-    exist, otherwise to first order."""
-    if found in stage.unseen:
-        return stage.unseen[found]
+    """Per pose the RMS distance (m) between its measured points and its prediction by a refit to the others, computed once; to
+    first order where that refit is not solved."""
+    if found not in stage.unseen:
+        exact = refitted(stage.bench, found)
+        solved = np.isfinite(exact)
+        stage.unseen[found] = exact if np.all(solved) else np.where(solved, exact, to_first_order(stage, found))
+    return stage.unseen[found]
+
+
+def to_first_order(stage, found: Refit) -> np.ndarray:
+    """`left_out` without refits."""
     white, covariance = _white(stage, found), np.nan_to_num(found.covariance)
     out = []
     for i, rows in enumerate(white.rows):
@@ -38,14 +45,6 @@ def left_out(stage, found: Refit) -> np.ndarray:
         r = np.linalg.lstsq(np.eye(len(rows)) - H, white.r[rows], rcond=1e-10)[0]
         out.append(np.sqrt(white.squares(i, r) / len(white.metrics[i].factor)))
     return np.array(out)
-
-
-def predicted(stage, found: Refit) -> np.ndarray:
-    """`left_out` by refits, computed once; to first order where a refit is not solved."""
-    if found not in stage.unseen:
-        first, exact = left_out(stage, found), refitted(stage.bench, found)
-        stage.unseen[found] = np.where(np.isfinite(exact), exact, first)
-    return stage.unseen[found]
 
 
 def unseen(stage, found: Refit) -> float | None:
@@ -88,7 +87,7 @@ def compared(stage, found: Refit, other: Refit) -> Comparison:
     """Comparison of two refits, paired over the poses; a single pose decides nothing."""
     if found is other or stage.bench.poses.count < 2:
         return Comparison(0.0, np.inf, 1.0)
-    a, b = predicted(stage, found), predicted(stage, other)
+    a, b = left_out(stage, found), left_out(stage, other)
     if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
         return Comparison(0.0, np.inf, 1.0)
     logs = np.log(b / a)

@@ -1,8 +1,6 @@
 """Leave-one-pose-out error: each pose predicted by the model refitted to the others.
 
-The first-order formula (`confirm.left_out`) needs no refit, but it fails if a single pose shows a contact, or if few poses
-determine several effects. Decisions between models therefore use refits, under the law of the residual that is most likely
-given each model and all poses.
+The refits are under the law of the residual that is most likely given the model and all poses.
 """
 
 from dataclasses import replace

@@ -133,7 +133,7 @@ def _of_one_size(stage, found) -> list[Refit]:
     rivals = list(found.refits.values())
     best = max(r.log_evidence for r in rivals)
     near = [r for r in rivals if r.log_evidence > best - stage.settings.lead_named]
-    unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), len(r.kinds), stage.settings)]
+    unlike = [r for r in near if verdict.varies(confirm.constancy(stage, r), stage.settings)]
     return [r for r in rivals if r not in unlike] if len(unlike) < len(near) else rivals
 
 
@@ -262,9 +262,9 @@ def same_shapes(found: Refit) -> tuple[str, ...]:
 
 
 def pieces(found: Refit) -> bool:
-    """Whether all effects of a refit vary the same property along the cable."""
-    varied = {c.entry.varies for c in found.components}
-    return len(found.components) > 1 and len(varied) == 1 and None not in varied
+    """Whether two effects of a refit vary the same property along the cable."""
+    varied = [c.entry.varies for c in found.components if c.entry.varies is not None]
+    return len(set(varied)) < len(varied)
 
 
 def rival_field(found: Found) -> tuple[str, ...]:

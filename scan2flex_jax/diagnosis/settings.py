@@ -11,7 +11,7 @@ class DiagnosisSettings(NoiseSettings):
     """Priors of the noise (`NoiseSettings`), and thresholds; evidence is in nats over the model before.
 
     The test: ``level`` of the tests of the baseline model and of the residual given an effect, with ``draws`` of noise;
-    ``same_size_level``, the level of the homogeneity test of a single effect.
+    ``same_size_level``, the level of the homogeneity test of the sizes of effects.
 
     Naming: ``lead_named`` and ``lead_favoured``, the least leads over the next effect type to be named and favoured; a smaller
     lead is a tie (13 of 14 wrong first places of the method's prototype led by less than three nats); ``field_lead``, the least
@@ -47,7 +47,7 @@ class DiagnosisSettings(NoiseSettings):
 
     level: float = 0.05
     draws: int = 400
-    same_size_level: float = 0.02
+    same_size_level: float = 0.001
     lead_named: float = 5.0
     lead_favoured: float = 3.0
     field_lead: float = 20.0

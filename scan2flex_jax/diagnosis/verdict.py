@@ -30,12 +30,9 @@ class Candidate:
     pieces: bool = False
 
 
-def varies(constancy: float | None, effects: int, settings: DiagnosisSettings = USUAL) -> bool:
-    """Whether the sizes of a set of effects differ between poses, by the p-value of homogeneity.
-
-    Several effects are tested at the level of all other tests, since the search for them is longer.
-    """
-    return constancy is not None and constancy <= (settings.level if effects > 1 else settings.same_size_level)
+def varies(constancy: float | None, settings: DiagnosisSettings = USUAL) -> bool:
+    """Whether the sizes of a set of effects differ between poses, by the p-value of homogeneity."""
+    return constancy is not None and constancy <= settings.same_size_level
 
 
 def ties(candidates, settings: DiagnosisSettings = USUAL) -> list[int]:
@@ -82,7 +79,7 @@ def whole(
     if test.p_value > settings.level:
         return NONE
     best = max(candidates, key=lambda c: c.log_evidence, default=Candidate((), float("-inf")))
-    fails = varies(constancy, len(best.kinds), settings) or (unseen is not None and unseen > settings.worse)
+    fails = varies(constancy, settings) or (unseen is not None and unseen > settings.worse)
     least = max(settings.least_evidence, field - settings.field_lead)
     if best.log_evidence < least or after.p_value <= settings.level or best.pieces or fails:
         return UNEXPLAINED

@@ -35,7 +35,7 @@ def model(*kinds, nats, errors="equal", scatter=0.0, off=1.0):
 @pytest.fixture
 def stage(monkeypatch):
     """One at which the errors of models in poses left out are given."""
-    monkeypatch.setattr(confirm, "predicted", lambda stage, r: 1e-3 * np.array(r.errors))
+    monkeypatch.setattr(confirm, "left_out", lambda stage, r: 1e-3 * np.array(r.errors))
     monkeypatch.setattr(confirm, "scatter", lambda stage, r, k: r.scatter)
     monkeypatch.setattr(floors, "squares", lambda of, r: r.off)
     bench = SimpleNamespace(poses=SimpleNamespace(count=4))

@@ -142,6 +142,7 @@ def test_a_users_piece_of_a_field_names_nothing_with_another_piece():
     _ADDED[own.kind] = own
     try:
         assert search.pieces(refitted("own_sleeve", "density_taper"))
+        assert search.pieces(refitted("own_sleeve", "kink", "density_taper"))
         assert not search.pieces(refitted("own_sleeve"))
         assert not search.pieces(refitted("own_sleeve", "stiffness_taper"))
         assert not search.pieces(refitted("kink", "tether"))
