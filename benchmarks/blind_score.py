@@ -25,7 +25,10 @@ os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 _WARM = 20  # cases, after which a process has compiled what most studies need
-BEYOND_THE_TABLE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_taper"}  # in the catalogue, not in the table
+# Effects in the catalogue that are not in the format's table of effects
+BEYOND_THE_TABLE = {
+    "taper_stiffness": "stiffness_taper", "taper_mass": "density_taper", "wavy_curvature": "curvature_profile",
+}  # fmt: skip
 
 
 def prepare() -> None:

@@ -256,12 +256,14 @@ def kinect() -> str:
     for wire, r in entry["results"].items():
         whole, (rod, mujoco) = r["all fitted"], r["published, percent"]
         seen = f"{100 * whole['mean over poses']:.1f} %" if "mean over poses" in whole else "-"
-        unseen = f"{100 * r['mean node error over length']:.1f} % ({r['solved']} of {len(r['poses'])} poses)"
-        after = r.get("explained")
-        found = "-" if after is None else f"{100 * after:.1f} % ({r['explained and solved']} of {len(r['poses'])} poses)"
-        rows.append([wire, seen, unseen, found, f"{rod} %, {mujoco} %"])
-    head = ["mean node error over length", "all four fitted", "left out in turn", "the same, with what `explain` finds",
-            "published: adapted rod, MuJoCo"]  # fmt: skip
+        unseen = [
+            "-" if r[name]["mean"] is None else f"{100 * r[name]['mean']:.1f} % ({100 * r[name]['worst']:.1f} %)"
+            for name in ("as read", "within tolerances", "explained, within tolerances")
+        ]
+        rows.append([wire, seen, f"{rod} %, {mujoco} %", *unseen])
+    head = ["mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
+            "left out, clamps as read (worst pose)", "left out, clamps within tolerances",
+            "the same, with what `explain` finds"]  # fmt: skip
     return table(head, rows) + made_on(entry)
 
 

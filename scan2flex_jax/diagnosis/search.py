@@ -24,6 +24,7 @@ from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
 _EXCHANGED = 2  # size of the sets whose effects are exchanged
 _ELSEWHERE = 0.05  # of the length: a refit reaches nearer positions by itself
+_PLACES, _APART = (1 / 6, 1 / 2, 5 / 6), 0.2  # of the length: starts along the cable, and their least distance from a result
 _WORTH = 12.0  # nats behind the best one-step evidence: a refit does not catch up
 _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is the order of effect types
 
@@ -87,10 +88,11 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
     found.add(refit_singles(stage, found, progress))
     found.best = found.widest(1) or stage.base
     found.after = test_after(stage, found.best)
-    if found.after.p_value <= stage.settings.level and (more := refit_more_singles(stage, found, progress)):
-        found.add(more)
-        found.best = found.widest(1) or stage.base
-        found.after = test_after(stage, found.best)
+    for more in (refit_more_singles, _refit_elsewhere):
+        if found.after.p_value <= stage.settings.level and (refits := more(stage, found, progress)):
+            found.add(refits)
+            found.best = found.widest(1) or stage.base
+            found.after = test_after(stage, found.best)
     most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
     while found.after.p_value <= stage.settings.level and len(found.best.kinds) < most:
         count = len(found.best.kinds) + 1
@@ -199,6 +201,23 @@ def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
         return []
     rest = [k for k in order if frozenset([k]) not in found.refits]
     return [_single(stage, found, kind, progress) for kind in rest[:MORE_REFITS]]
+
+
+def _refit_elsewhere(stage, found, progress):
+    """Refits of the likeliest effect type from other places along the cable, if structure remains: where an effect is strong,
+    or acts in some poses only, its minima may be far apart, and the one of the highest score is not the lowest."""
+    reached = found.best.components[0].site.get("position") if found.best.components else None
+    if reached is None:
+        return []
+    kind, length = found.best.kinds[0], stage.bench.context.length
+    own = [g for g, c in enumerate(stage.components) if c.kind == kind]
+    at = np.array([stage.components[g].site["position"] for g in own]) / length
+    out = []
+    for place in (p for p in _PLACES if abs(p - reached / length) > _APART):
+        g = own[np.argmin(np.abs(at - place))]
+        progress(f"refit with {kind} from another place")
+        out.append(relative(stage, [stage.components[g]], [found.amplitudes[g]], stage.base))
+    return out
 
 
 def _single(stage, found, kind, progress):

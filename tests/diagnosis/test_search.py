@@ -43,3 +43,19 @@ def test_log_evidence_is_over_the_base_and_pays_for_the_choice_of_a_site(kind, c
     found = replace(refit(np.nan, log_marginal=-975.0), components=(component,))
     assert found.over(base, scene.CONTEXT).log_evidence == pytest.approx(25.0 - np.log(candidates))
     assert base.over(base, scene.CONTEXT).log_evidence == 0.0
+
+
+@pytest.mark.parametrize(("reached", "expected"), [(0.68, [0.15]), (0.5, [0.15, 0.85]), (0.0, [0.5, 0.85])])
+def test_the_likeliest_effect_is_refitted_from_places_far_from_the_one_reached(monkeypatch, reached, expected):
+    """A string that is slack in some poses has a minimum in each part of the cable, which its scores do not rank."""
+    length, places = 1.2, np.linspace(0.05, 1.0, 20)
+    components = [Component("kink", {"position": 0.3}), *(Component("tether", {"position": length * p}) for p in places)]
+    stage = SimpleNamespace(components=components, bench=SimpleNamespace(context=SimpleNamespace(length=length)), base="base")
+    best = replace(refit(700.0), components=(Component("tether", {"position": length * reached}),))
+    found = SimpleNamespace(best=best, amplitudes=[None] * len(components))
+    monkeypatch.setattr(search, "relative", lambda stage, components, amplitudes, near: (*components, near))
+    started = search._refit_elsewhere(stage, found, lambda message: None)
+    assert [c.site["position"] / length for c, _ in started] == pytest.approx(expected)
+    assert {(c.kind, near) for c, near in started} == {("tether", "base")}
+    found.best = replace(best, components=(Component("clamp_rotation", {}),))
+    assert search._refit_elsewhere(stage, found, lambda message: None) == []
