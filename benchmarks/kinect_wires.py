@@ -117,7 +117,9 @@ def within_tolerances(study, unseen) -> dict:
     """The error of a pose with the cable of ``study``, known from others, while its clamps, length and gravity are fitted."""
     from scan2flex_jax.study import Unknown  # noqa: PLC0415
 
-    EI = study.cable["bending_stiffness"]
+    EI = study.cable.get("bending_stiffness")
+    if EI is None:  # `explain` ends without an estimate where the input is likely mistaken
+        return {"failed": "no stiffness to predict with"}
     held = Unknown("bending_stiffness", guess=EI, prior={"mean": EI, "std": HELD * EI})
     f = fitted(replace(study, poses=(pose_of(unseen, "fit"),), unknowns=(held,)))
     return {"failed": f} if isinstance(f, str) else {"mean node error over length": node_error(f.poses[unseen.stem])}

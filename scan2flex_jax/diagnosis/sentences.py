@@ -67,7 +67,8 @@ def _if_noise(found):
     n = found.stage.noise
     if found.best.law.curvature or not found.stage.of.conspicuous(n):
         return ()
-    errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS, alike over {1e3 * n.correlation_length:.0f} mm"
+    alike = "" if found.stage.of.sparse else f", alike over {1e3 * n.correlation_length:.0f} mm"
+    errors = f"{1e3 * np.sqrt(2) * n.total:.1f} mm RMS{alike}"
     return (f"but only if the measured curves err by {errors}: state the noise of the scan (`noise` of a pose) to decide it",)
 
 

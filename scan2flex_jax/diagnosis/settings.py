@@ -41,8 +41,9 @@ class DiagnosisSettings(NoiseSettings):
     Mistakes of the input: ``outdone``, the ratio of an effect's RMS error to that of the corrected study below which the effect
     is the explanation.
 
-    Doubts: a noise is conspicuous above ``smooth`` (correlated over white part) and ``large_noise`` (over the length), unless
-    stated; a residual of scans below ``fine`` (over the radius) may be an error of their axis.
+    Doubts: a noise is conspicuous above ``smooth`` (correlated over white part; with fewer than ``telling_points`` in a pose
+    any) and ``large_noise`` (over the length), unless stated; a residual of scans below ``fine`` (over the radius) may be an
+    error of their axis.
     """
 
     level: float = 0.05
@@ -73,6 +74,7 @@ class DiagnosisSettings(NoiseSettings):
     mesh_share: float = 0.2
     most_elements: int = 160
     smooth: float = 3.0
+    telling_points: int = 5
     large_noise: float = 0.002
     fine: float = 0.1
     outdone: float = 0.9

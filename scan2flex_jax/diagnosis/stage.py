@@ -86,9 +86,14 @@ class Signatures:
         return self.stated is not None and noise.total > self.settings.beyond_stated * self.stated
 
     def conspicuous(self, noise: Noise) -> bool:
-        """Whether a noise that is not stated is large and smooth, as the error of a model is."""
-        smooth, length = noise.correlated >= self.settings.smooth * noise.white, self.bench.context.length
-        return self.stated is None and smooth and noise.total >= self.settings.large_noise * length
+        """Whether a noise that is not stated is large, and smooth as the error of a model is, or of too few points to know."""
+        smooth = noise.correlated >= self.settings.smooth * noise.white or self.sparse
+        return self.stated is None and smooth and noise.total >= self.settings.large_noise * self.bench.context.length
+
+    @property
+    def sparse(self) -> bool:
+        """Whether each pose has so few points, as of markers, that their errors do not show whether they are smooth."""
+        return max(int(np.sum(real)) for real in self.bench.real) < self.settings.telling_points
 
     def more_than_noise(self, law: Law) -> bool:
         """Whether a law of the residual is more than noise of the sensor: each pose has a discrepancy, a stated noise is far

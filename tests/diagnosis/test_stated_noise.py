@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import run, sentences, verdict
@@ -14,10 +15,11 @@ from scan2flex_jax.fitting.noise import Noise
 STATED = 3e-4  # m
 
 
-def signatures(stated, poses=6, **settings):
+def signatures(stated, poses=6, points=50, **settings):
     of = object.__new__(Signatures)
     of.stated, of.settings = stated, DiagnosisSettings(**settings)
-    of.bench = SimpleNamespace(poses=SimpleNamespace(count=poses), context=SimpleNamespace(length=1.0))
+    real = [np.ones(points, bool)] * poses
+    of.bench = SimpleNamespace(poses=SimpleNamespace(count=poses), context=SimpleNamespace(length=1.0), real=real)
     return of
 
 
@@ -31,6 +33,14 @@ def test_smooth_noise_of_some_thousandths_of_the_length_is_not_the_sensor_s_unle
     assert signatures(None).conspicuous(noise) is conspicuous
     assert signatures(None).more_than_noise(Law(noise)) is conspicuous
     assert signatures(noise.total).conspicuous(noise) is False
+
+
+def test_two_markers_do_not_show_that_millimetres_are_noise():
+    """A weight placed 55 mm from the tip, with 6 mm left at two markers a pose, had been "explained"."""
+    for large, noise in ((True, Noise(3e-3, 0.0, 0.05)), (False, Noise(1e-3, 0.0, 0.05))):
+        assert signatures(None, points=2).conspicuous(noise) is large
+        assert signatures(None, points=20).conspicuous(noise) is False
+        assert signatures(noise.total, points=2).conspicuous(noise) is False
 
 
 @pytest.mark.parametrize(
