@@ -18,7 +18,7 @@ WORDS = {
     "known weight": "both series in one fit, weight known, cable not weighed",
 }  # fmt: skip
 UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "width": "m", "slip_curvature": "1/m"}
-_SIZES = ("mass", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling")
+_SIZES = ("mass", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling", "taper")
 
 
 def weights() -> str:
@@ -81,6 +81,9 @@ def _found(told) -> str:
 def _effect(chosen) -> str:
     """One effect: what tells its size and place."""
     said = []
+    if np.ndim(chosen["parameters"].get("factor", 0.0)):  # a moment law
+        at, factor = chosen["parameters"]["curvature"], chosen["parameters"]["factor"]
+        return f"`{chosen['kind']}` (secant factor {factor[0]:.2g} at {at[0]:.2g} 1/m to {factor[-1]:.2g} at {at[-1]:.2g} 1/m)"
     for name, value in chosen["parameters"].items():
         size, std = float(np.linalg.norm(value)), chosen.get("std", {}).get(name)
         if name in _SIZES:
