@@ -56,12 +56,13 @@ def wire(paths) -> dict:
     from scan2flex_jax.prediction import predict  # noqa: PLC0415
 
     whole = kinect_wires.study_of(WIRE, paths)
-    before = predict(replace(whole, unknowns=(), cable={**whole.cable, "bending_stiffness": GUESS}))
-    found, poses, panels = kinect_wires.fitted(WIRE, paths), {}, []
+    guessed = {"bending_stiffness": GUESS, "torsional_stiffness": GUESS}
+    before = predict(replace(whole, unknowns=(), cable={**whole.cable, **guessed}))
+    found, poses, panels = kinect_wires.fitted(whole), {}, []
     for path in paths:
         pose = found.poses[path.stem]
         first = replace(pose, modelled=before[path.stem].points)
-        unseen = kinect_wires.fitted(WIRE, paths, unseen=path).poses[path.stem]
+        unseen = kinect_wires.fitted(kinect_wires.study_of(WIRE, paths, unseen=path)).poses[path.stem]
         errors = {n: kinect_wires.node_error(p) for n, p in (("before", first), ("fitted", pose), ("left out", unseen))}
         poses[path.stem] = errors
         panels.append((path.stem, pose.measured, first.modelled, pose.modelled, errors))
