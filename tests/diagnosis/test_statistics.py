@@ -150,7 +150,7 @@ def test_an_effect_of_another_size_in_each_pose_explains_nothing():
     two = [verdict.Candidate(("kink", "point_mass"), 40.0)]
     for effects in (one, two):
         assert verdict.whole(before, after, effects, constancy=0.5) == "explained"
-        assert verdict.whole(before, after, effects, constancy=0.003) == "explained"  # a true clamp offset of a blind case had 0.0037
+        assert verdict.whole(before, after, effects, constancy=0.003) == "explained"  # a true blind effect: 0.0037
         assert verdict.whole(before, after, effects, constancy=0.0003) == "unexplained"
 
 
