@@ -60,6 +60,7 @@ def make_case(key, kinds, most_points):
     truth, answer, tables = found
     case = {"nominal": scene, "fit": fit, "tolerance": Tolerance(), "noise": noise, "s": s, "effects": truth, "tables": tables}
     case |= measure(rng, case, seen)
+    case |= {"base": base, "background": under["tolerance"]}
     answer |= facts(scene, scene, noise, s, seen)
     answer |= _scatter(clean, seen["shapes"], fit) | _attained(clean, case["points"], fit)
     answer |= {"background_reach": under["reach"], "background_drawn": under["moves"]}

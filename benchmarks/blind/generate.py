@@ -16,6 +16,7 @@ import numpy as np
 from . import background, cases, effects, studies
 
 ATTEMPTS = 60
+MOST_POINTS = 250  # of a pose
 NEVER_TOGETHER = [{"nonlinear_bending", "anisotropic_bending"}, {"nonlinear_bending", "bend_twist_coupling"}]
 
 
@@ -91,7 +92,7 @@ def main():
     parser.add_argument("--only", nargs="*", help="names of cases, such as b003")
     parser.add_argument("--kinds", nargs="*", help="truths, one per case, instead of the mix")
     parser.add_argument("--background", action="store_true", help="cases with a background")
-    parser.add_argument("--points", type=int, default=250, help="most points per pose")
+    parser.add_argument("--points", type=int, default=MOST_POINTS, help="most points per pose")
     parser.add_argument("--prefix", default="b")
     run(parser.parse_args())
 

@@ -13,6 +13,7 @@ from .shapes import EPS, Model, Tolerance
 
 NATS = 3.0  # a kind is accepted when it leaves less than `2 * NATS`
 MARQUARDT_STEPS, APPROACH_STEPS = 14, 8
+SETTLED = 0.005  # of what is left: a step that gains less is the last
 EDGE_RANGE = 0.03  # of L: places this close to a clamp are not scanned
 
 
@@ -109,7 +110,7 @@ class Fit:
         changes = [fx.build(*self.unpack(z + 1j * EPS * e), model.F.sigma) for e in np.eye(len(z))]
         return self.free(model.columns(self.lens, changes))
 
-    def run(self, enough=NATS, steps=MARQUARDT_STEPS):
+    def run(self, enough=NATS, steps=MARQUARDT_STEPS, settled=SETTLED):
         """Levenberg-Marquardt within bounds; `(left, model, z)`. Stops early when the fit is good, or hopeless."""
         low, high = self.bounds()
         damping = 1e-3
@@ -131,7 +132,7 @@ class Fit:
                 trial = self.at(new, model.y)
                 e = None if trial is None else self.misfit(trial)
                 if e is not None and e @ e < d @ d:
-                    stuck = e @ e > 0.995 * (d @ d)
+                    stuck = e @ e > (1 - settled) * (d @ d)
                     z, model, d, damping = new, trial, e, max(damping / 8, 1e-9)
                     break
                 damping *= 8
