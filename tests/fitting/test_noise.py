@@ -3,6 +3,8 @@
 Known scatter: the inverse of the Fisher information ``1/2 tr(C^-1 C_i C^-1 C_j)`` per normal, in logarithms.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from scan2flex_jax.fitting.likelihood import (
     noise_and_discrepancy,
     restricted_likelihood,
 )
-from scan2flex_jax.fitting.noise import Noise, logarithms, matern, most_likely, nearest
+from scan2flex_jax.fitting.noise import Noise, logarithms, matern, most_likely, nearest, white_noise
 from scan2flex_jax.fitting.settings import FitSettings, NoiseSettings
 
 LENGTH, POINTS, POSES, DRAWS = 1.0, 64, 3, 12
@@ -237,6 +239,39 @@ def test_white_noise_is_called_white():
     noise = estimate_noise(residuals(curves), LENGTH)
     assert noise.correlated < 0.4 * noise.white
     np.testing.assert_allclose(noise.total, 3e-4, rtol=0.1)
+
+
+class Curve(NamedTuple):
+    """What a pose tells of its noise."""
+
+    points: np.ndarray
+    noise: float | None = None
+
+    @property
+    def curve(self):
+        return self
+
+
+@pytest.mark.parametrize("uneven", [0.0, 0.4, 0.8])
+@pytest.mark.parametrize(("sigma", "within"), [(0.0, 0.0), (1e-5, 0.03), (1e-4, 0.03), (5e-4, 0.05), (5e-3, 0.2)])
+def test_uneven_points_are_no_noise(uneven, sigma, within):
+    """A helix at points some 5 mm apart, at distances that vary: its noise is found again, also where it is far smaller."""
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(10):
+        s = (np.arange(200) + uneven * rng.uniform(-0.5, 0.5, 200)) / 200
+        helix = np.stack([0.25 * np.cos(3 * s), 0.25 * np.sin(3 * s), 0.4 * s], axis=1)
+        found.append(white_noise(Curve(helix + sigma * rng.standard_normal(helix.shape))))
+    assert np.mean(found) == pytest.approx(sigma, rel=within, abs=1e-7)
+
+
+def test_white_noise_of_few_or_repeated_points():
+    line = np.linspace([0.0, 0.0, 0.0], [1.0, 0.5, 0.2], 30)
+    repeated = np.repeat(line, 2, axis=0)
+    assert white_noise(Curve(repeated)) < 1e-12
+    assert white_noise(Curve(line[:4])) == np.inf
+    assert white_noise(Curve(np.repeat(line[:2], 10, axis=0))) == np.inf
+    assert white_noise(Curve(line[:4], noise=2e-4)) == 2e-4
 
 
 def test_stated_noise_is_held():
