@@ -92,7 +92,7 @@ def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> 
 def beyond_doubt(problem: Problem, likely: tuple[Mistake, ...]) -> bool:
     """Whether no missing effect could explain the shapes better than these mistakes: they are visible without a solve, or the
     corrected study comes as close as the noise of the curves (unknown for scans: then too)."""
-    noise = np.sqrt(NORMALS) * np.median([white_noise(p) for p in problem.study.fit_poses])
+    noise = np.sqrt(NORMALS) * max(np.median([white_noise(p) for p in problem.study.fit_poses]), _FINEST * problem.length)
     return bool(visible_mistakes(problem.study)) or any(m.after is not None and m.after <= _SENSOR * noise for m in likely)
 
 
