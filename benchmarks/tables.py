@@ -104,8 +104,8 @@ _BACKGROUND = (
 )
 
 _IDEAL = (
-    ("size_within_15_percent", "a fit that knows effect type and background and starts at the truth: size within 15 %", "-"),
-    ("validate_within_1.3", "the same: poses never fitted within 1.3 of the error of the true model", "-"),
+    ("expected_size_within_15_percent", "an efficient estimator that knows effect type and background: size within 15 %", "-"),
+    ("expected_validate_within_1.3", "the same: poses never fitted within 1.3 of the error of the true model", "-"),
 )
 
 _SCANS = (

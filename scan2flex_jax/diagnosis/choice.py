@@ -77,4 +77,4 @@ def established(stage, best: Refit, baseline: Refit) -> bool:
 def nearer(stage, r: Refit, baseline: Refit) -> bool:
     """Whether the shapes of a refit are nearer to the curves than those of the baseline model: under a large discrepancy of
     each pose, shapes that are farther off may be likelier."""
-    return floors.squares(stage.of, r) < floors.squares(stage.of, baseline)
+    return floors.squares(stage.of, confirm.reported(stage, r)) < floors.squares(stage.of, baseline)

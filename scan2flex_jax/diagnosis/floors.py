@@ -23,6 +23,7 @@ _ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each 
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # factors on the discrepancy and noise of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # further ones if the noise is not stated
 _SETTLED, _FOLLOWED = 1.0, 2.0  # nats gained in the last round; mean square above which a refit lost track
+_LAST = 20  # iterations of the last refit, which has to converge
 _PLAIN_STEPS = 16  # iterations of a refit with unweighted distances
 
 
@@ -30,7 +31,8 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -
     """A refit under its most likely law, starting from ``noise``; ``plain``: the refit already minimises unweighted distances.
 
     The likelihood of a law treats the parameters as free to first order. If the refit is too nonlinear for that, such a law is
-    too narrow for the residual, and the law of the residual with fixed parameters is tried.
+    too narrow for the residual, and the law of the residual with fixed parameters is tried. The refit under the last law
+    goes on until it converges: only at its minimum is a strong effect credited with larger prior sizes (`refit`).
     """
     found, ends, law = found if plain else nearest(of, found), [], None
     as_it_stands = False
@@ -43,6 +45,8 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -
         if len(ends) > 1 and abs(found.log_marginal - ends[-2].log_marginal) < _SETTLED:
             break
         as_it_stands = _lost(of, found)
+    if np.isfinite(found.cost) and not found.converged:
+        ends.append(again(of.bench, found, found.law, most=_LAST))
     return max(ends, key=lambda end: end.log_marginal, default=found)
 
 

@@ -29,6 +29,7 @@ from scan2flex_jax.fitting.quadratic import Quadratic
 _MOST = 14  # iterations: a refit starts from the one-step estimate
 _MOST_FREED = 25  # iterations with wide priors of the sizes: the minimum may be far
 _ENOUGH = 1e-2  # decrease of the cost below which a refit has settled: verdicts depend on nats
+_STATIONARY = 1.0  # decrease of the cost by an undamped step below which a refit is at its minimum: half a nat
 _GIVE_UP = 1e7  # damping
 _HOPELESS = 80.0  # excess over the least cost of other refits at which one is given up: 40 nats
 _DAMPING = 1e-4  # initial
@@ -258,7 +259,8 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
         A = white.J.T @ white.J + np.diag(own)
         known = (prior.precision + prior.width)[free]
         whole, added = (A + np.diag(prior.weak))[inside], np.arange(n.count)[free] >= n.base
-        scales = _over_scales(n, prior, whole, vector, free, components, converged)
+        g = white.J.T @ white.r + own * vector + prior.weak * (vector - prior.centre)
+        scales = _over_scales(n, prior, whole, g[free], vector, free, components)
         evidence = 0.5 * np.sum(np.log(known[added])) - 0.5 * cost + scales
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         evidence += law.log_prior - white.log_det
@@ -272,24 +274,34 @@ def _finish(bench, components, n, prior, law, vector, shapes, white, cost, conve
     )  # fmt: skip
 
 
-def _over_scales(n, prior, A, vector, free, components, converged):
+def _over_scales(n, prior, A, g, vector, free, components):
     """``-1/2 log |A|``, averaged over the scales of each effect's prior, with the changes of the cost (to second order) and of
-    the determinants. The parameters are kept if the refit has not converged: a step would not be due to the prior. Those at a
-    bound are kept always: a step past it would gain what no parameters can."""
+    the determinants. ``g``: half the gradient of the cost.
+
+    The parameters are kept where a step under the prior of the usual size would gain too: it would not be due to another prior.
+    Those at a bound are kept always: a step past it would gain what no parameters can."""
     values, movable = [], ((vector > prior.low) & (vector < prior.high))[free]
+    open_ = _decrease(A, g, movable)
     for scales in product(SCALES, repeat=len(components)):
         change = np.zeros(n.count)
         for k, t in enumerate(scales):
             change[n.amplitudes(k)] = prior.precision[n.amplitudes(k)] * (t**-2 - 1.0)
         lost, x = change[free], vector[free]
-        correlation, scale = _scaled(A + np.diag(lost))
-        pull = (lost * x / scale)[movable]
-        gained = pull @ np.linalg.solve(correlation[np.ix_(movable, movable)], pull) if converged else 0.0
+        wide = A + np.diag(lost)
+        gained = _decrease(wide, g + lost * x, movable) - open_ if open_ < _STATIONARY else 0.0
+        correlation, scale = _scaled(wide)
         cost = lost @ x**2 - gained
         dimensions = [np.sum((change[n.amplitudes(k)] != 0) & free[n.amplitudes(k)]) for k in range(len(components))]
         normal = -sum(d * np.log(t) for d, t in zip(dimensions, scales, strict=True))
         values.append(normal - 0.5 * cost - 0.5 * np.linalg.slogdet(correlation)[1] - np.sum(np.log(scale)))
     return averaged(values)
+
+
+def _decrease(A, g, movable):
+    """Decrease of a quadratic cost of the matrix ``A`` and half the gradient ``g`` by its best step, of the movable numbers."""
+    correlation, scale = _scaled(A)
+    pull = (g / scale)[movable]
+    return float(pull @ np.linalg.solve(correlation[np.ix_(movable, movable)], pull))
 
 
 def _scaled(A):

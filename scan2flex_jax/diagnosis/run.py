@@ -24,7 +24,6 @@ from scan2flex_jax.diagnosis.ahead import AheadCompiler
 from scan2flex_jax.diagnosis.choice import best_of
 from scan2flex_jax.diagnosis.conclusion import explanation_of, likely_models
 from scan2flex_jax.diagnosis.memory import memory_test
-from scan2flex_jax.diagnosis.refit import freed
 from scan2flex_jax.diagnosis.result import Explanation
 from scan2flex_jax.diagnosis.sensitivity import Bench
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
@@ -235,7 +234,7 @@ def _free(found: search.Found, say: Progress) -> None:
     if not models or found.verdict == verdict.UNSOLVED:
         return
     say("estimates")
-    free = {key: freed(found.stage.bench, r) for key, r in models.items()}
+    free = {key: found.stage.freed(r) for key, r in models.items()}
     found.best = free.get(id(found.best), found.best)
     found.tied = [free.get(id(r), r) for r in found.tied]
     found.refits = {kinds: free.get(id(r), r) for kinds, r in found.refits.items()}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from scan2flex_jax.diagnosis import evidence, families, score
-from scan2flex_jax.diagnosis.refit import Refit, refit
+from scan2flex_jax.diagnosis.refit import Refit, freed, refit
 from scan2flex_jax.diagnosis.residual import (
     Complement,
     Law,
@@ -32,7 +32,7 @@ class Stage:
 
     ``known``: refits under another estimate of the noise, by their effect types, from which refits of the same types start.
     ``least``: the lowest cost of a refit so far; those far above it are given up early.
-    ``unseen``: leave-one-pose-out errors (m) of the refits for which these were computed.
+    ``unseen``: leave-one-pose-out errors (m) of the refits for which these were computed; ``free``: `refit.freed` of refits.
     """
 
     bench: Bench
@@ -50,6 +50,7 @@ class Stage:
     of: "Signatures"
     least: float = np.inf
     unseen: dict[Refit, np.ndarray] = field(default_factory=dict)
+    free: dict[Refit, Refit] = field(default_factory=dict)
 
     @property
     def noise(self) -> Noise:
@@ -60,6 +61,13 @@ class Stage:
     def settings(self) -> DiagnosisSettings:
         """The thresholds of the diagnosis."""
         return self.of.settings
+
+    def freed(self, found: Refit) -> Refit:
+        """The refit whose parameters are reported (`refit.freed`), computed once."""
+        if found not in self.free:
+            end = freed(self.bench, found)
+            self.free[found] = self.free[end] = end
+        return self.free[found]
 
 
 @dataclass

@@ -28,13 +28,22 @@ def test_evidence_over_all_scales_is_the_mean_of_gaussian_integrals(count):
     x = np.linalg.solve(J.T @ J + P, J.T @ y)
     numbers = SimpleNamespace(count=count, amplitudes=lambda k: np.array([k]))
     prior = SimpleNamespace(precision=np.diag(P), low=np.full(count, -np.inf), high=np.full(count, np.inf))
-    found = refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(count, bool), [None] * count, True)
-    cost = np.sum((y - J @ x) ** 2) + x @ P @ x
+
+    def evidence_at(x):
+        g = J.T @ (J @ x - y) + P @ x
+        found = refit._over_scales(numbers, prior, J.T @ J + P, g, x, np.ones(count, bool), [None] * count)
+        cost = np.sum((y - J @ x) ** 2) + x @ P @ x
+        return 0.5 * (y @ y - cost) + found + 0.5 * np.log(np.linalg.det(P))
+
     ratios = []
     for scales in itertools.product(evidence.SCALES, repeat=count):
         C = np.eye(30) + J @ np.diag((np.array(scales) * size) ** 2) @ J.T
         ratios.append(np.exp(0.5 * y @ y - 0.5 * y @ np.linalg.solve(C, y) - 0.5 * np.linalg.slogdet(C)[1]))
-    assert 0.5 * (y @ y - cost) + found + 0.5 * np.log(np.linalg.det(P)) == pytest.approx(np.log(np.mean(ratios)), abs=1e-9)
+    exact = np.log(np.mean(ratios))
+    assert evidence_at(x) == pytest.approx(exact, abs=1e-9)
+    short = np.full(count, 0.9 / np.sqrt(np.sum(J.T @ J + P)))  # from the minimum: the cost is higher by 0.81
+    assert evidence_at(x + short) == pytest.approx(exact - 0.5 * 0.81, abs=1e-9)
+    assert evidence_at(x + 2 * short) < exact - 0.5 * 4 * 0.81  # too far: no step is credited
 
 
 def test_evidence_over_wider_scales_does_not_step_past_a_bound():
@@ -47,7 +56,7 @@ def test_evidence_over_wider_scales_does_not_step_past_a_bound():
 
     def scales(low):
         prior = SimpleNamespace(precision=np.diag(P), low=np.array([low, -np.inf]), high=np.full(2, np.inf))
-        return refit._over_scales(numbers, prior, J.T @ J + P, x, np.ones(2, bool), [None], True)
+        return refit._over_scales(numbers, prior, J.T @ J + P, np.zeros(2), x, np.ones(2, bool), [None])
 
     expected = []
     for t in evidence.SCALES:
