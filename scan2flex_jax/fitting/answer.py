@@ -54,19 +54,24 @@ class Answer:
     doubts: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
-        """In plain text."""
+        """In plain text; where the answer is not to be believed, that comes before any value."""
         wide = max((len(row.symbol) for row in self.rows), default=0)
         values = max((len(row.value) for row in self.rows), default=0)
         spans = max((len(row.interval) for row in self.rows), default=0)
-        out = [f"  {r.symbol:<{wide}}  {r.value:<{values}}  {r.interval:<{spans}}  {r.note}".rstrip() for r in self.rows]
-        said = [("rests on", self.rest), ("unseen poses", self.unseen), ("believe it?", self.belief)]
-        said += [("", doubt) for doubt in self.doubts]
+        rows = [f"  {r.symbol:<{wide}}  {r.value:<{values}}  {r.interval:<{spans}}  {r.note}".rstrip() for r in self.rows]
+        belief = [("believe it?", self.belief), *(("", doubt) for doubt in self.doubts)]
+        first, last = (belief, []) if self.tone == BAD else ([], belief)
+        said = [("rests on", self.rest), ("unseen poses", self.unseen), *last]
         said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]
-        for label, text in said:
-            out += textwrap.wrap(
-                text, _WIDTH, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16, break_on_hyphens=False
-            )
-        return out
+        return [*_wrapped(first), *rows, *_wrapped(said)]
+
+
+def _wrapped(said) -> list[str]:
+    """Lines of labels with their texts."""
+    out = []
+    for label, text in said:
+        out += textwrap.wrap(text, _WIDTH, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16, break_on_hyphens=False)
+    return out
 
 
 def rows_of(study: Study, estimates: Mapping) -> tuple[Row, ...]:

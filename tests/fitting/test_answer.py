@@ -149,6 +149,8 @@ def test_whether_to_believe_it():
     lost = replace(f, poses={**f.poses, name: replace(f.poses[name], stable=False, verdict="no equilibrium found")})
     for bad in (lost, replace(f, converged=False), replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
         assert bad.answer.tone == BAD and bad.answer.belief.startswith("no: ")
+        assert bad.answer.lines()[0].startswith("  believe it?   no: ")  # before any value
+    assert f.answer.lines()[0].startswith("  EI")
     for what_next in (replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
         assert what_next.answer.belief.endswith("`scan2flex explain` looks for what is missing")
     turned = replace(f, turned=("pose plane fits with one more turn",))
