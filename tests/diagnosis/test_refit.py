@@ -84,7 +84,7 @@ def wire():
 def test_an_unidentifiable_stiffness_stays_at_the_baseline_fit(wire, kind):
     at = next(c.site for c in wire.components if c.kind == kind)
     size = wire.bench.context.force / (1.0 if kind == "point_load" else wire.bench.context.length)
-    found = refit.refit(wire.bench, (Component(kind, at),), wire.noise, wire.base.vector, [np.array([0.1, 0.0, -0.1]) * size])
+    found = refit.refit(wire.bench, (Component(kind, at),), wire.law, wire.base.vector, [np.array([0.1, 0.0, -0.1]) * size])
     assert found.chi2 < 0.8 * wire.base.chi2
     labels = wire.bench.layout.labels
     GJ, EI = labels.index("torsional_stiffness"), labels.index("bending_stiffness")
