@@ -62,7 +62,8 @@ def fitted(_: Path, answer: dict) -> dict:
 def expected(fit: Fit, model: Model, unseen: Model, case: dict, answer: dict) -> dict:
     """What draws from the inverse of the information at the truth give; each number has its range as a wide prior."""
     low, high = fit.bounds()
-    J, z, kind = fit.columns(model, fit.start()), fit.start(), answer["kinds"][0]
+    z, kind = fit.start(), answer["kinds"][0]
+    J = fit.columns(model, z)
     scale = np.sqrt(np.sum(J**2, axis=0) + 12.0 / (high - low) ** 2)
     information = J.T @ J / np.outer(scale, scale) + np.diag(12.0 / ((high - low) * scale) ** 2)
     values, axes = np.linalg.eigh(information)

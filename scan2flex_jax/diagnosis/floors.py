@@ -23,7 +23,7 @@ _ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each 
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # factors on the discrepancy and noise of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # further ones if the noise is not stated
 _SETTLED, _FOLLOWED = 1.0, 2.0  # nats gained in the last round; mean square above which a refit lost track
-_LAST = 20  # iterations of the last refit, which has to converge
+_LAST = 20  # further iterations, at most, of a last refit that has not converged
 _PLAIN_STEPS = 16  # iterations of a refit with unweighted distances
 
 
@@ -32,7 +32,7 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -
 
     The likelihood of a law treats the parameters as free to first order. If the refit is too nonlinear for that, such a law is
     too narrow for the residual, and the law of the residual with fixed parameters is tried. The refit under the last law
-    goes on until it converges: only at its minimum is a strong effect credited with larger prior sizes (`refit`).
+    goes on, to converge: only at its minimum is a strong effect credited with larger prior sizes (`refit`).
     """
     found, ends, law = found if plain else nearest(of, found), [], None
     as_it_stands = False
