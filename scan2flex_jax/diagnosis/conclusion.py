@@ -24,7 +24,7 @@ def explanation_of(base, found: Found, told: tuple[str, ...], began: float) -> E
     refitted, ranking = _refitted(found), _ranking(found, other, predicted)
     law_of = found.floor if found.floor is not None and not refitted.components else refitted
     added = _chosen(found.stage, refitted, ranking)
-    established, concluded = found.verdict in verdict.FOUND, found.verdict in (*verdict.FOUND, verdict.UNEXPLAINED)
+    established, concluded = found.verdict in verdict.FOUND, found.verdict != verdict.UNSOLVED
     chosen = added if established else ()
     estimates = report.estimates(found.stage, likely_models(found), refitted, alike=_alike(found))
     poses = _poses(study, found, other, refitted, predicted)
@@ -81,7 +81,7 @@ def likely_models(found: Found) -> list[Refit]:
     if found.verdict in verdict.FOUND:
         return found.tied
     if found.verdict != verdict.UNEXPLAINED:
-        return [found.stage.base]
+        return [found.baseline]
     if _alike(found):
         return [r for r in found.refits.values() if r.chi2 < found.stage.settings.near * found.best.chi2]
     most = max((r.log_evidence for r in found.refits.values()), default=0.0)

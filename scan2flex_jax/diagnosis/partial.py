@@ -22,6 +22,7 @@ from scan2flex_jax.fitting.least_squares import Progress
 SINGLES, WIDER, PER_ROUND = 5, 3, 3  # refits of single types and of sets that are kept, and refits per round
 _WORTH = 25.0  # nats of one-step evidence behind the best type: a refit does not catch up
 _STEPS = 20  # iterations of a refit
+_PLACE = 0.1  # of the length: effects farther apart are at different places
 _NEAR = 2.0  # times the least sum of squares: refits that may be as likely
 
 
@@ -46,6 +47,7 @@ def search(before: Found, progress: Progress) -> Found:
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
     _add_near(found, scores, table, progress)
+    _add_alike(found, scores, progress)
     _add_parts(found, progress)
     _settle(found, progress)
     found.best = best_of(stage, found.refits.values(), 1)
@@ -87,6 +89,25 @@ def _add_near(found, scores, table, progress) -> None:
         begun = _plain(found, [scores.components[table[kind][1]]], stage.base, [scores.amplitudes[table[kind][1]]])
         if np.isfinite(begun.cost) and floors.squares(stage.of, begun) < near:
             found.add([_at_own_floor(found, begun)])
+
+
+def _add_alike(found, scores, progress) -> None:
+    """Refit the effect types that may give the shapes of the likeliest single one, from its place along the cable and its base
+    parameters, if theirs is another place: the one-step estimate of a strong effect may be at the wrong one."""
+    first = next(iter(found.singles), None)
+    place = first.components[0].site.get("position") if first else None
+    if place is None:
+        return
+    near = _PLACE * found.stage.bench.context.length
+    for kind in (k for k in found.table if alike(k, *first.kinds)):
+        here = [g for g, c in enumerate(scores.components) if c.kind == kind and "position" in c.site]
+        known = found.refits.get(frozenset([kind]))
+        if not here or (known and abs(known.components[0].site["position"] - place) < near):
+            continue
+        progress(f"refit with {kind} at the place of {first.kinds[0]}")
+        away = np.array([abs(scores.components[g].site["position"] - place) for g in here])
+        g = max((g for g, d in zip(here, away, strict=True) if d < away.min() + 1e-9), key=lambda g: scores.values[g])
+        found.add([refit_from(found, [scores.components[g]], first, [scores.amplitudes[g]])])
 
 
 def _add_parts(found, progress) -> None:

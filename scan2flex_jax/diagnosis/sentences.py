@@ -13,6 +13,8 @@ _FALLEN = 3.0  # times the error before: a validate pose that is much worse with
 def of_search(found, chosen, description):
     """The verdict, and the reasons against the likeliest effects."""
     p = found.test.p_value
+    if found.verdict == verdict.NONE and found.floor is not None:  # its discrepancy is said next
+        return (f"no missing effect shows in these shapes (p = {p:.3f})",)
     if found.verdict == verdict.NONE:
         return (f"the baseline model explains these shapes within the noise (p = {p:.3f})", *_if_noise(found))
     if found.verdict == verdict.UNSOLVED:
