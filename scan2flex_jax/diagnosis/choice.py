@@ -74,6 +74,20 @@ def established(stage, best: Refit, baseline: Refit) -> bool:
     return certain and nearer(stage, best, baseline) and of_one_size(stage, best)
 
 
+def fewer_are_likelier(stage, best: Refit, refits: Iterable[Refit]) -> bool:
+    """Whether some of the effects of a model at the sensor's noise, or none of them, are likelier with a discrepancy of each
+    pose than all of them: effects that are not there may bring the residual to noise in the place of a discrepancy."""
+    if stage.bench.poses.count < 2:
+        return False
+
+    def likelihood(r):
+        return floors.own_floor(stage.of, r, stage.noise).log_marginal
+
+    fewer = [r for r in (stage.base, *refits) if set(r.kinds) < set(best.kinds)]
+    least = likelihood(best)
+    return any(likelihood(r) > least for r in sorted(fewer, key=lambda r: -len(r.kinds)))
+
+
 def nearer(stage, r: Refit, baseline: Refit) -> bool:
     """Whether the shapes of a refit are nearer to the curves than those of the baseline model: under a large discrepancy of
     each pose, shapes that are farther off may be likelier."""

@@ -21,7 +21,7 @@ from scan2flex_jax.diagnosis import (
     verdict,
 )
 from scan2flex_jax.diagnosis.ahead import AheadCompiler
-from scan2flex_jax.diagnosis.choice import best_of
+from scan2flex_jax.diagnosis.choice import best_of, fewer_are_likelier
 from scan2flex_jax.diagnosis.conclusion import explanation_of, likely_models
 from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.diagnosis.result import Explanation
@@ -125,7 +125,7 @@ def _searched(base: "_Base", say: Progress) -> search.Found:
         say("again with less noise")
         found = search.search(sharper, say)
     if found.verdict in (verdict.EXPLAINED, verdict.TIE) and (
-        _poses_differ(base.signatures, found) or _fewer_are_likelier(base.signatures, found)
+        _poses_differ(base.signatures, found) or fewer_are_likelier(found.stage, found.best, found.refits.values())
     ):
         found.verdict = verdict.UNEXPLAINED  # left to `partial`
     if found.verdict == verdict.NONE and _poses_differ(base.signatures, found):
@@ -254,17 +254,6 @@ def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
     return of.exceeds(found.stage.noise) or of.conspicuous(found.stage.noise) or (
         floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
     )
-
-
-def _fewer_are_likelier(of: stage.Signatures, found: search.Found) -> bool:
-    """Whether some of the effects of the best model, or none, are likelier with a discrepancy of each pose than all of them: a
-    further effect that takes the place of the discrepancy brings the residual to noise, and is not there."""
-    if of.bench.poses.count == 1:
-        return False
-    best, noise = floors.own_floor(of, found.best, found.stage.noise), found.stage.noise
-    fewer = [r for r in (found.stage.base, *found.refits.values()) if set(r.kinds) < set(found.best.kinds)]
-    fewer.sort(key=lambda r: -len(r.kinds))
-    return any(floors.own_floor(of, r, noise).log_marginal > best.log_marginal for r in fewer)
 
 
 def _outdone(

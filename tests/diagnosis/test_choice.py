@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import confirm, floors, partial
-from scan2flex_jax.diagnosis.choice import best_of, established
+from scan2flex_jax.diagnosis.choice import best_of, established, fewer_are_likelier
 from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
@@ -131,3 +131,55 @@ def test_a_likelier_effect_whose_shapes_are_farther_off_does_not_stand(best):
     """On two photographs a curvature profile that left 10 of 6 mm was likelier by 13 nats than a law that left 3 mm."""
     assert best(model("point_load", nats=90.0, off=2.1), model("kink", nats=77.0)) == ("kink",)
     assert best(model("point_load", nats=90.0, off=2.1)) == ("point_load",)
+
+
+@pytest.mark.parametrize(
+    ("alone", "nothing", "stands"), [(40.0, -100.0, True), (55.0, -100.0, False), (40.0, 55.0, False)],
+)  # fmt: skip
+def test_further_effects_do_not_take_the_place_of_a_discrepancy(stage, monkeypatch, alone, nothing, stands):
+    """A tether and a clamp's turn beside a wrong scale brought the residual to the sensor's noise; the scale alone was likelier
+    by 8 nats, with the discrepancy that each pose truly had."""
+    monkeypatch.setattr(floors, "own_floor", lambda of, r, noise: r)
+    stage.noise, stage.base.log_marginal = None, nothing
+    best, other = model("scan_scale", "tether", nats=50.0), model("kink", nats=90.0)
+    assert fewer_are_likelier(stage, best, [best, other, model("scan_scale", nats=alone)]) is not stands
+    stage.bench.poses.count = 1  # in a single pose, discrepancy and effect are the same
+    assert not fewer_are_likelier(stage, best, [model("scan_scale", nats=90.0)])
+
+
+def refits_made(monkeypatch, *models):
+    """The effect types that `partial._add_alike` refits, with their places."""
+    made = []
+
+    def refit_from(found, components, near, begin):
+        made.append((components[0].kind, components[0].site["position"], near.kinds))
+        return model(components[0].kind, nats=0.0)
+
+    monkeypatch.setattr(partial, "refit_from", refit_from)
+    components = [Component("density_profile", {"position": x, "width": 0.1}) for x in (0.2, 0.58, 0.9)]
+    scores = SimpleNamespace(components=components, values=np.zeros(3), amplitudes=[np.ones(1)] * 3)
+    stage = SimpleNamespace(bench=SimpleNamespace(context=SimpleNamespace(length=1.0)))
+    singles, kept = sorted(models, key=lambda r: -r.log_evidence), []
+    found = SimpleNamespace(
+        singles=singles, table={"density_profile": (0.0, 0), "tether": (0.0, 0), "point_mass": (0.0, 0)}, stage=stage,
+        refits={frozenset(r.kinds): r for r in models}, add=kept.extend,
+    )  # fmt: skip
+    partial._add_alike(found, scores, lambda said: None)
+    assert len(kept) == len(made)
+    return made
+
+
+def at(found, place):
+    """A model whose effect is at another place."""
+    found.components[0].site["position"] = place
+    return found
+
+
+def test_effects_alike_are_refitted_at_the_place_of_the_likeliest(monkeypatch):
+    """The refit of a heavy span of 5 times the density had started, and stayed, at the other end of the cable, and a point mass
+    was named at the span's place."""
+    mass, span = at(model("point_mass", nats=50.0), 0.6), model("density_profile", nats=20.0)
+    assert refits_made(monkeypatch, mass, at(span, 0.2)) == [("density_profile", 0.58, ("point_mass",))]
+    assert refits_made(monkeypatch, mass) == [("density_profile", 0.58, ("point_mass",))]  # not refitted before
+    assert refits_made(monkeypatch, mass, at(span, 0.55)) == []
+    assert refits_made(monkeypatch, model("anisotropic_bending", nats=50.0)) == []
