@@ -63,6 +63,10 @@ def _of_verdict(explanation):
     found, fitted = found_in_words(explanation), explanation.fit
     if explanation.verdict == verdict.NONE and fitted.valid is False:
         return FAIR, f"with care: the fitted poses show no missing effect, but {fitted.sentences[-1]}"
+    differ = explanation.discrepancy
+    if explanation.verdict == verdict.NONE and differ is not None and differ.curvature:
+        size = f"{1e3 * differ.rms:.2g} mm beyond the noise"
+        return FAIR, f"with care: no missing effect shows, but poses differ by {size}; the intervals allow for it"
     belief = {
         verdict.NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {explanation.p_value:.2g})"),
         verdict.EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),

@@ -230,8 +230,13 @@ class Explanation:
         """The verdict of an effect type in words that stand alone."""
         if r.verdict != TOO_LITTLE:
             return r.verdict
+        if self.verdict == UNEXPLAINED:
+            if r.kind in [a.kind for a in self.added]:
+                return "likeliest, but not established"
+            alone = sum(p.role == "fit" for p in self.poses.values()) == 1  # it may explain that one
+            return "not established" if alone else "explains too little"
         likelier = self.chosen and r.log_evidence > max(c.log_evidence for c in self.chosen)
-        return "explains too little" if likelier or self.verdict == UNEXPLAINED else "less likely"
+        return "explains too little" if likelier else "less likely"
 
     def summary(self) -> str:
         """The explanation in plain text, about one page: answer, findings, and every estimate and pose."""

@@ -15,6 +15,7 @@ from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.diagnosis.stage import Stage
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.answer import BAD, FAIR, GOOD
+from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from tests.fitting import scenes
 from tests.reporting.scenes import explained
@@ -80,9 +81,25 @@ def test_whether_to_believe_it(fitted):
     )  # fmt: skip
     assert judged(fitted, verdict.UNSOLVED, chosen=())[0] == BAD
     assert answer_of(Explanation(study=fitted.study, verdict=verdict.UNSOLVED)).tone == BAD
+    differ = Discrepancy(0.3, 1.0, (np.eye(3),), (np.full((1, 2), 2e-3),))
+    tone, belief = judged(fitted, verdict.NONE, chosen=(), discrepancy=differ)
+    assert tone == FAIR and "poses differ by 2.8 mm beyond the noise" in belief
     false = replace(fitted, valid=False, sentences=("the model does not predict p4",))
     nothing = replace(explained(false, verdict.NONE), chosen=())
     assert answer_of(nothing).tone == FAIR and "does not predict p4" in answer_of(nothing).belief
+
+
+def test_an_effect_that_is_not_established_does_not_explain_too_little(fitted):
+    """A point load left 2.8 of 18 mm of the demo's photograph, and was said to explain too little. From one pose it cannot be
+    established."""
+    found = explained(fitted, verdict.UNEXPLAINED)
+    kink, bent, mass = (replace(r, verdict="too little", tied_with=()) for r in found.ranking)
+    several = replace(found, ranking=(kink, bent, mass), chosen=(), added=(kink,))
+    name = next(n for n, p in found.poses.items() if p.role == "fit")
+    alone = replace(several, poses={name: found.poses[name]})
+    assert several.in_words(kink) == alone.in_words(kink) == "likeliest, but not established"
+    assert (several.in_words(bent), alone.in_words(bent)) == ("explains too little", "not established")
+    assert replace(several, verdict=verdict.EXPLAINED, chosen=(kink,)).in_words(mass) == "less likely"
 
 
 def test_the_summary_opens_with_the_answer(fitted):
