@@ -23,6 +23,7 @@ FINEST = 1e-5  # of the length: least noise of a sensor
 _ALONE = 1.1  # times that: no other part counts
 _TRIED = 2  # starts of a search for both
 _WIDE, _NARROW = 0.4, 0.15  # of the first simplex, in logarithms
+_ALIKE_OVER = 0.7  # of a pose: length over which the error of a scan's axis is alike
 _NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
 _TINY = 1e-300
 _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in units of the size, and the length
@@ -32,8 +33,8 @@ _STARTS = ((0.4, 0.9, 0.15), (0.8, 0.5, 0.08))  # white and correlated part in u
 class Noise:
     """Standard deviations of one normal component (m) of the white and the correlated part, its length (m) and smoothness.
 
-    ``alike`` (m): standard deviation of a third part, constant along a pose, as where the radius of a cable is misjudged from
-    one side. It is given, since few poses do not determine it.
+    ``alike`` (m): standard deviation of a third part, nearly constant along a pose, as where the radius of a cable is misjudged
+    from one side: a squared exponential of length 0.7 of the pose. It is given, since few poses do not determine it.
     """
 
     white: float
@@ -54,7 +55,7 @@ class Noise:
 
     @property
     def total(self) -> float:
-        """Standard deviation of one normal component (m), without the constant part."""
+        """Standard deviation of one normal component (m), without the part alike along a pose."""
         return float(np.hypot(self.white, self.correlated))
 
     def assumed(self, length: float) -> bool:
@@ -68,7 +69,8 @@ class Noise:
     def covariance(self, s: np.ndarray) -> np.ndarray:
         """Covariance (m^2) at arc lengths ``s`` (m) of one pose."""
         smooth = self.correlated**2 * matern(s, self.correlation_length, self.smoothness)
-        return self.white**2 * np.eye(len(s)) + smooth + self.alike**2
+        alike = self.alike**2 * matern(s, max(_ALIKE_OVER * np.ptp(s), _TINY), np.inf) if self.alike else 0.0
+        return self.white**2 * np.eye(len(s)) + smooth + alike
 
 
 def matern(s: np.ndarray, length: float, smoothness: float = 1.5) -> np.ndarray:

@@ -74,10 +74,16 @@ def test_kernel():
     assert Noise(3.0, 4.0, 1.0).total == 5.0
 
 
-def test_an_error_alike_along_a_pose_is_one_number_of_it():
-    """Its covariance is constant; the other sizes are found as though it were not there, and without it smooth noise is."""
+def test_an_error_alike_along_a_pose_is_no_smooth_noise():
+    """It falls off over 0.7 of the pose; the other sizes are found as though it were not there, and without it smooth noise
+    is. A constant is a draw of it, and nine parts in ten of its variance are a constant and a slope."""
     noise = Noise(*TRUE, alike=2e-3)
-    np.testing.assert_allclose(noise.covariance(S) - Noise(*TRUE).covariance(S), 4e-6, rtol=1e-9)
+    C = noise.covariance(S) - Noise(*TRUE).covariance(S)
+    apart = (S[:, None] - S[None, :]) / (0.7 * np.ptp(S))
+    np.testing.assert_allclose(C, 4e-6 * np.exp(-0.5 * apart**2), rtol=1e-6, atol=1e-15)
+    line = np.linalg.qr(np.stack([np.ones_like(S), S], axis=1))[0]
+    assert np.trace(line.T @ C @ line) > 0.9 * np.trace(C)
+    assert np.all(np.isfinite(noise.covariance(S[:1])))
     rng, pure = np.random.default_rng(12), Noise(4e-4, 1e-6, 0.1)
     poses = []
     for _ in range(8):
