@@ -31,11 +31,12 @@ _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is th
 
 @dataclass
 class Found:
-    """Result of a search: the test, one-step evidence per effect type (``table``: value and best group), refits by their types,
-    the ``best`` one (the base if nothing is missing), the p-value of its homogeneity across poses (``constancy``), its
-    leave-one-pose-out error over that of the base (``unseen``), the likeliest discrepancy ``field`` with its evidence, those
-    ``tied`` with it, the ``scatter`` of its sizes between poses, whether poses are ``scattered`` more than two effects explain,
-    the base at its own ``floor`` if models are compared at theirs, the verdict, and the verdict on the best (``lead``)."""
+    """Result of a search: the test, one-step evidence per effect type (``table``: value and best group), refits by their types
+    (``parts``: those that were also started from a wider set), the ``best`` one (the base if nothing is missing), the p-value
+    of its homogeneity across poses (``constancy``), its leave-one-pose-out error over that of the base (``unseen``), the
+    likeliest discrepancy ``field`` with its evidence, those ``tied`` with it, the ``scatter`` of its sizes between poses,
+    whether poses are ``scattered`` more than two effects explain, the base at its own ``floor`` if models are compared at
+    theirs, the verdict, and the verdict on the best (``lead``)."""
 
     stage: Stage
     test: Test
@@ -51,6 +52,7 @@ class Found:
     scatter: dict[str, float | None] = field(default_factory=dict)
     scattered: bool = False
     floor: Refit | None = None
+    parts: set[frozenset[str]] = field(default_factory=set)
     field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
@@ -169,7 +171,8 @@ def _without(stage, found, wider, dropped, progress) -> Refit:
     """The refit of a set without one of its effects, kept for the ties."""
     rest = [k for k in range(len(wider.kinds)) if k != dropped]
     key = frozenset(wider.kinds[k] for k in rest)
-    if key not in found.refits or not found.refits[key].converged:  # one given up far away may succeed from here
+    if key not in found.parts:  # one from the baseline model may have been given up, or ended in another minimum
+        found.parts.add(key)
         progress(f"refit without {wider.kinds[dropped]}")
         components = [wider.components[k] for k in rest]
         found.add([relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
