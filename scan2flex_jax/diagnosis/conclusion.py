@@ -26,7 +26,8 @@ def explanation_of(base, found: Found, told: tuple[str, ...], began: float) -> E
     added = _chosen(found.stage, refitted, ranking)
     established, concluded = found.verdict in verdict.FOUND, found.verdict != verdict.UNSOLVED
     chosen = added if established else ()
-    estimates = report.estimates(found.stage, likely_models(found), refitted, alike=_alike(found))
+    least = found.floor if found.verdict == verdict.UNEXPLAINED else None
+    estimates = report.estimates(found.stage, likely_models(found), refitted, _alike(found), least)
     poses = _poses(study, found, other, refitted, predicted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None

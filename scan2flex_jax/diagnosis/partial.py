@@ -94,8 +94,10 @@ def _add_near(found, scores, table, progress) -> None:
 def _add_alike(found, scores, progress) -> None:
     """Refit the effect types that may give the shapes of the likeliest single one, from its place along the cable and its base
     parameters, if theirs is another place: the one-step estimate of a strong effect may be at the wrong one."""
-    first = next(iter(found.singles), None)
-    place = first.components[0].site.get("position") if first else None
+    if not found.singles:
+        return
+    first = found.singles[0]
+    place = first.components[0].site.get("position")
     if place is None:
         return
     near = _PLACE * found.stage.bench.context.length

@@ -18,6 +18,7 @@ from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_format, kind_names
 from scan2flex_jax.study.model import EffectDeclaration, Unknown
 
+_LEAST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
 _WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
 
 
@@ -50,14 +51,21 @@ def spreads_of(stage, found: Refit, k: int) -> dict:
     return {name: np.sqrt(t) for name, t in total.items()}
 
 
-def estimates(stage, tied: list[Refit], best: Refit, alike: bool = False) -> dict[str, Estimate]:
-    """Values at the best refit; intervals include those tied with it, weighted by evidence or, if ``alike``, equally."""
+def estimates(stage, tied: list[Refit], best: Refit, alike: bool = False, least: Refit | None = None) -> dict[str, Estimate]:
+    """Values at the best refit; intervals include those tied with it, weighted by evidence or, if ``alike``, equally. They are
+    wide enough to include the refit ``least`` with its standard errors: the baseline model where no effect is established.
+
+    With a discrepancy they are those of Student's t with one degree of freedom fewer than poses, two at least: its size is
+    known from the scatter between the poses. Reference: Cameron and Miller, "A practitioner's guide to cluster-robust
+    inference" (2015), section VI.
+    """
     bench, layout, out = stage.bench, stage.bench.layout, {}
     weights = np.exp([0.0 if alike else min(r.log_evidence - best.log_evidence, 0.0) for r in tied])
     weights /= weights.sum()
     rescale = [_rescaled(bench, r) for r in tied]
     own = _rescaled(bench, best)
     covariances = [confirm.uncertainty(stage, r) for r in tied]
+    freedom = float(max(bench.poses.count - 1, _LEAST_FREEDOM)) if any(r.law.curvature for r in tied) else np.inf
     for slot in layout.slots:
         here = slice(slot.at, slot.at + slot.size)
         shift = [np.log(f.get(slot.name, 1.0)) if slot.log else 0.0 for f in rescale]
@@ -66,7 +74,10 @@ def estimates(stage, tied: list[Refit], best: Refit, alike: bool = False) -> dic
         moves = [S @ r.vector[here] + s - centre for r, s in zip(tied, shift, strict=True)]
         variances = [np.diag(S @ C[here, here] @ S.T) for C in covariances]
         spread = np.sqrt(sum(w * (v + m**2) for w, v, m in zip(weights, variances, moves, strict=True)))
-        out[slot.name] = estimate_of(slot, centre, spread, own=best.vector[here])
+        if least is not None:
+            alone = np.diag(S @ confirm.uncertainty(stage, least)[here, here] @ S.T)
+            spread = np.maximum(spread, np.hypot(np.sqrt(alone), S @ least.vector[here] - centre))
+        out[slot.name] = estimate_of(slot, centre, spread, own=best.vector[here], freedom=freedom)
     return out
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import special
 
 from scan2flex_jax.fitting.parameters import Slot
 from scan2flex_jax.study.kinds import CABLE, kind_format
@@ -47,17 +48,20 @@ def estimate_of(
     determined: bool = True,
     felt: bool = True,
     vaguest: float = VAGUE,
+    freedom: float = np.inf,
 ) -> Estimate:
     """The estimate of a slot whose quantities, or their logarithms, are ``centre`` with standard errors ``spread``, infinite
     where there is none.
 
     ``own``: the numbers in ``x``, which have the slot's range, where they differ from ``centre`` (the increments of a law).
     ``determined``: whether the data determine it, apart from its vagueness; ``felt``: whether it is identifiable at all; if
-    not, its value at a bound is meaningless. An interval is given up to a standard error of ``vaguest``, of a logarithm.
+    not, its value at a bound is meaningless. An interval is given up to a standard error of ``vaguest``, of a logarithm; it is
+    that of Student's t with ``freedom`` degrees of freedom.
     """
     own = centre if own is None else own
     bound = (own <= np.array(slot.low) + _TOUCHING) | (own >= np.array(slot.high) - _TOUCHING)
-    value, low, high, std = centre, centre - _NORMAL_95 * spread, centre + _NORMAL_95 * spread, spread
+    half = spread * (_NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975)))
+    value, low, high, std = centre, centre - half, centre + half, spread
     if slot.log:
         value = np.exp(centre)
         low, high, std = np.exp(low), np.exp(np.minimum(high, _LARGEST)), value * spread

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import Explanation, confirm, verdict
+from scan2flex_jax.diagnosis import Explanation, confirm, report, verdict
 from scan2flex_jax.diagnosis.answer import answer_of, found_in_words
 from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.refit import refit
@@ -60,6 +60,31 @@ def test_given_a_found_length_the_stated_one_does_not_count(fitted):
     moved = influence_of_refit(stage, found).stated
     np.testing.assert_allclose(moved["length_density"], 1.0, atol=0.02)
     assert np.all(np.abs(moved["length"]) < 0.2 * np.abs(fitted.influence.stated["length"]))
+
+
+def widths(estimates):
+    """Half the interval's width of the logarithm of each stiffness."""
+    return np.array([np.log(estimates[n].high / estimates[n].value) for n in ("bending_stiffness", "torsional_stiffness")])
+
+
+def test_intervals_include_the_baseline_model_where_no_effect_is_established(fitted, monkeypatch):
+    """An effect that is not established had narrowed the interval of EI to a sixth of that of the fit, which held the truth."""
+    stage, found = staged(fitted)
+    monkeypatch.setattr(confirm, "uncertainty", lambda stage, r: r.covariance)
+    base = replace(found, vector=found.vector + 0.3, covariance=4.0 * found.covariance)
+    narrow, wide = report.estimates(stage, [found], found), report.estimates(stage, [found], found, least=base)
+    assert all(wide[name].value == narrow[name].value for name in narrow)
+    np.testing.assert_allclose(widths(wide), np.hypot(2.0 * widths(narrow), 1.959964 * 0.3), rtol=1e-6)
+
+
+def test_intervals_with_a_discrepancy_are_those_of_students_t(fitted, monkeypatch):
+    """The size of a discrepancy is known from the scatter between poses, which are few: four here."""
+    stage, found = staged(fitted)
+    monkeypatch.setattr(confirm, "uncertainty", lambda stage, r: r.covariance)
+    differ = replace(found, law=replace(found.law, curvature=0.3))
+    narrow, wide = report.estimates(stage, [found], found), report.estimates(stage, [differ], differ)
+    np.testing.assert_allclose(widths(wide) / widths(narrow), 3.182446 / 1.959964, rtol=1e-6)
+    assert all(wide[name].std == narrow[name].std for name in narrow)
 
 
 def judged(fitted, said, **more):

@@ -40,3 +40,9 @@ def test_an_unidentifiable_parameter_is_at_no_bound():
     edge, small = np.array([9.0]), np.array([0.1])
     assert estimate_of(LOG, edge, small).at_bound
     assert not estimate_of(LOG, edge, small, felt=False).at_bound
+
+
+def test_an_interval_of_few_degrees_of_freedom_is_that_of_students_t():
+    e = estimate_of(PLAIN, np.array([1.0, -2.0]), np.array([0.5, 5.0]), freedom=3.0)
+    np.testing.assert_allclose(e.high - e.value, 3.182446 * np.array([0.5, 5.0]), rtol=1e-6)  # tables of the t distribution
+    np.testing.assert_allclose(e.std, [0.5, 5.0])
