@@ -80,7 +80,7 @@ def _refitted(found):
 def likely_models(found: Found) -> list[Refit]:
     """The models that intervals include: those tied, or all likely ones if no effect was found."""
     if found.verdict in verdict.FOUND:
-        return found.tied
+        return [*found.tied, *search.minima_elsewhere(found)]
     if found.verdict != verdict.UNEXPLAINED:
         return [found.baseline]
     if _alike(found):

@@ -241,6 +241,7 @@ def _free(found: search.Found, say: Progress) -> None:
     free = {key: found.stage.freed(r) for key, r in models.items()}
     found.best = free.get(id(found.best), found.best)
     found.tied = [free.get(id(r), r) for r in found.tied]
+    found.minima = [free.get(id(r), r) for r in found.minima]
     found.refits = {kinds: free.get(id(r), r) for kinds, r in found.refits.items()}
 
 

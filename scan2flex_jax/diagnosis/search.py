@@ -24,7 +24,7 @@ from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
 _EXCHANGED = 2  # size of the sets whose effects are exchanged
 _ELSEWHERE = 0.05  # of the length: a refit reaches nearer positions by itself
-_PLACES, _APART = (1 / 6, 1 / 2, 5 / 6), 0.2  # of the length: starts along the cable, and their least distance from a result
+PLACES, APART = (1 / 6, 1 / 2, 5 / 6), 0.2  # of the length: starts along the cable, and their least distance from a result
 _WORTH = 12.0  # nats behind the best one-step evidence: a refit does not catch up
 _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is the order of effect types
 
@@ -32,11 +32,11 @@ _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is th
 @dataclass
 class Found:
     """Result of a search: the test, one-step evidence per effect type (``table``: value and best group), refits by their types
-    (``parts``: those that were also started from a wider set), the ``best`` one (the base if nothing is missing), the p-value
-    of its homogeneity across poses (``constancy``), its leave-one-pose-out error over that of the base (``unseen``), the
-    likeliest discrepancy ``field`` with its evidence, those ``tied`` with it, the ``scatter`` of its sizes between poses,
-    whether poses are ``scattered`` more than two effects explain, the base at its own ``floor`` if models are compared at
-    theirs, the verdict, and the verdict on the best (``lead``)."""
+    (``parts``: those that were also started from a wider set; ``minima``: those of one effect from several places), the
+    ``best`` one (the base if nothing is missing), the p-value of its homogeneity across poses (``constancy``), its
+    leave-one-pose-out error over that of the base (``unseen``), the likeliest discrepancy ``field`` with its evidence, those
+    ``tied`` with it, the ``scatter`` of its sizes between poses, whether poses are ``scattered`` more than two effects explain,
+    the base at its own ``floor`` if models are compared at theirs, the verdict, and the verdict on the best (``lead``)."""
 
     stage: Stage
     test: Test
@@ -53,6 +53,7 @@ class Found:
     scattered: bool = False
     floor: Refit | None = None
     parts: set[frozenset[str]] = field(default_factory=set)
+    minima: list[Refit] = field(default_factory=list)
     field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE
@@ -216,7 +217,7 @@ def _refit_elsewhere(stage, found, progress):
     own = [g for g, c in enumerate(stage.components) if c.kind == kind]
     at = np.array([stage.components[g].site["position"] for g in own]) / length
     out = []
-    for place in (p for p in _PLACES if abs(p - reached / length) > _APART):
+    for place in (p for p in PLACES if abs(p - reached / length) > APART):
         g = own[np.argmin(np.abs(at - place))]
         progress(f"refit with {kind} from another place")
         out.append(relative(stage, [stage.components[g]], [found.amplitudes[g]], stage.base))
@@ -276,6 +277,21 @@ def _is_new(stage, component, known) -> bool:
     same = [c for c in known.components if c.kind == component.kind] if known else []
     apart = _ELSEWHERE * stage.bench.context.length
     return not same or bool(abs(component.site.get("position", 0.0) - same[0].site.get("position", 0.0)) > apart)
+
+
+def minima_elsewhere(found: Found) -> list[Refit]:
+    """Refits of the effect of the best model at another place along the cable that are about as likely."""
+    best, length = found.best, found.stage.bench.context.length
+    if len(best.components) != 1 or "position" not in best.components[0].site:
+        return []
+    place, least = best.components[0].site["position"], best.log_evidence - found.stage.settings.lead_favoured
+    likely = [r for r in found.minima if r.kinds == best.kinds and r.log_evidence > least]
+    out: list[Refit] = []
+    for r in sorted(likely, key=lambda r: -r.log_evidence):
+        known = [place, *(o.components[0].site["position"] for o in out)]
+        if all(abs(r.components[0].site["position"] - x) > APART * length for x in known):
+            out.append(r)
+    return out
 
 
 def same_shapes(found: Refit) -> tuple[str, ...]:

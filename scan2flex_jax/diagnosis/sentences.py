@@ -26,7 +26,7 @@ def of_search(found, chosen, description):
         field = f"{description.kind} describes it along the cable: a field with a band, not a cause"
         return (text + tail, *_not_enough(found), field)
     complete = found.verdict == verdict.EXPLAINED or not found.stage.of.more_than_noise(found.best.law)
-    return (explains(p, chosen, complete), *_indistinguishable(chosen))
+    return (explains(p, chosen, complete), *_elsewhere(found), *_indistinguishable(chosen))
 
 
 def explains(p_value, chosen, complete):
@@ -110,6 +110,12 @@ def left_out(poses, chosen):
         return ()
     better = sum(p.left_out < p.left_out_before for p in own)
     return (f"left out in turn, {better} of {len(own)} fitted poses are predicted better with it than without",)
+
+
+def _elsewhere(found):
+    """Other places along the cable at which the effect is as likely."""
+    at = [f"{r.components[0].site['position']:.3g} m" for r in search.minima_elsewhere(found)]
+    return (f"{found.best.kinds[0]} at {' or '.join(at)} is about as likely: the intervals include it",) if at else ()
 
 
 def _indistinguishable(chosen):

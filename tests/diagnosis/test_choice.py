@@ -5,13 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import confirm, floors, partial
+from scan2flex_jax.diagnosis import confirm, floors, partial, score, search, sentences
 from scan2flex_jax.diagnosis.choice import best_of, established, fewer_are_likelier
 from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.sensitivity import Component
 from scan2flex_jax.diagnosis.settings import USUAL
+from scan2flex_jax.diagnosis.stage import Stage
 from scan2flex_jax.fitting.noise import Noise
 
 ERRORS = {  # mm, of four poses left out in turn
@@ -183,3 +184,43 @@ def test_effects_alike_are_refitted_at_the_place_of_the_likeliest(monkeypatch):
     assert refits_made(monkeypatch, mass) == [("density_profile", 0.58, ("point_mass",))]  # not refitted before
     assert refits_made(monkeypatch, mass, at(span, 0.55)) == []
     assert refits_made(monkeypatch, model("anisotropic_bending", nats=50.0)) == []
+
+
+def searched(best, *minima):
+    """A search whose best model is at one of its minima along a cable of 2 m."""
+    stage, test = object.__new__(Stage), object.__new__(score.Test)
+    stage.bench, stage.of = SimpleNamespace(context=SimpleNamespace(length=2.0)), SimpleNamespace(settings=USUAL)
+    return search.Found(stage, test, np.zeros(0), [], {}, best, minima=[best, *minima])
+
+
+def test_an_effect_that_is_as_likely_elsewhere_is_said_to_be():
+    """A light span at 0.55 m gave the shapes of a heavy one at 1.4 m on a cable five times as stiff, with a narrow interval."""
+    light, heavy = at(model("density_profile", nats=66.4), 0.55), at(model("density_profile", nats=66.3), 1.4)
+    same, near = at(model("density_profile", nats=66.4), 0.56), at(model("density_profile", nats=66.0), 1.5)
+    unlikely = at(model("density_profile", nats=50.0), 1.0)
+    found = searched(light, same, near, heavy, unlikely)
+    assert search.minima_elsewhere(found) == [heavy]
+    assert sentences._elsewhere(found) == ("density_profile at 1.4 m is about as likely: the intervals include it",)
+    assert sentences._elsewhere(searched(light, same)) == ()
+    assert search.minima_elsewhere(searched(model("anisotropic_bending", nats=50.0))) == []
+    assert search.minima_elsewhere(searched(model("kink", "point_mass", nats=50.0))) == []
+
+
+def test_the_likeliest_effect_is_refitted_from_other_places(monkeypatch):
+    begun = []
+
+    def refit_from(found, components, near, begin):
+        place = components[0].site["position"]
+        begun.append((place, near))
+        return at(model("point_mass", nats=60.0 if place > 0.7 else -np.inf), place)
+
+    monkeypatch.setattr(partial, "refit_from", refit_from)
+    components = [Component("point_mass", {"position": x}) for x in np.linspace(0.05, 0.95, 19)]
+    scores = SimpleNamespace(components=components, amplitudes=[np.ones(1)] * 19)
+    first, base, kept = at(model("point_mass", nats=50.0), 0.5), model(nats=0.0), []
+    stage = SimpleNamespace(bench=SimpleNamespace(context=SimpleNamespace(length=1.0)), base=base)
+    found = SimpleNamespace(singles=[first], stage=stage, minima=[], add=kept.extend)
+    partial._add_elsewhere(found, scores, lambda said: None)
+    assert [near for _, near in begun] == [base, base]
+    np.testing.assert_allclose([x for x, _ in begun], [0.15, 0.85])
+    assert [r.log_evidence for r in found.minima] == [60.0, 50.0] and kept == found.minima
