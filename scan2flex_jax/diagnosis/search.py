@@ -281,9 +281,10 @@ def _is_new(stage, component, known) -> bool:
 
 def minima_elsewhere(found: Found) -> list[Refit]:
     """Refits of the effect of the best model at another place along the cable that are about as likely."""
-    best, length = found.best, found.stage.bench.context.length
-    if len(best.components) != 1 or "position" not in best.components[0].site:
+    best = found.best
+    if not found.minima or len(best.components) != 1 or "position" not in best.components[0].site:
         return []
+    length = found.stage.bench.context.length
     place, least = best.components[0].site["position"], best.log_evidence - found.stage.settings.lead_favoured
     likely = [r for r in found.minima if r.kinds == best.kinds and r.log_evidence > least]
     out: list[Refit] = []

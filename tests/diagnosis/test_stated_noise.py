@@ -79,4 +79,5 @@ def test_sentence_and_verdict_agree_on_whether_the_rest_is_noise(said, correlate
     found.verdict, found.test = said, SimpleNamespace(p_value=0.001)
     found.stage = SimpleNamespace(of=signatures(STATED))
     found.best = SimpleNamespace(law=Law(Noise(STATED, correlated * STATED, 0.1)))
+    found.minima = []
     assert sentences.of_search(found, [SimpleNamespace(kind="point_mass", tied_with=())], None)[0].endswith(ends)
