@@ -232,7 +232,7 @@ class Explanation:
             return r.verdict
         if self.verdict == UNEXPLAINED:
             if r.kind in [a.kind for a in self.added]:
-                return "likeliest, but not established"
+                return "likeliest, not established"
             alone = sum(p.role == "fit" for p in self.poses.values()) == 1  # it may explain that one
             return "not established" if alone else "explains too little"
         likelier = self.chosen and r.log_evidence > max(c.log_evidence for c in self.chosen)

@@ -122,7 +122,7 @@ def test_an_effect_that_is_not_established_does_not_explain_too_little(fitted):
     several = replace(found, ranking=(kink, bent, mass), chosen=(), added=(kink,))
     name = next(n for n, p in found.poses.items() if p.role == "fit")
     alone = replace(several, poses={name: found.poses[name]})
-    assert several.in_words(kink) == alone.in_words(kink) == "likeliest, but not established"
+    assert several.in_words(kink) == alone.in_words(kink) == "likeliest, not established"
     assert (several.in_words(bent), alone.in_words(bent)) == ("explains too little", "not established")
     assert replace(several, verdict=verdict.EXPLAINED, chosen=(kink,)).in_words(mass) == "less likely"
 
