@@ -13,7 +13,7 @@ import numpy as np
 from scan2flex_jax.diagnosis import confirm, floors, verdict
 from scan2flex_jax.diagnosis.choice import best_of, contains, established, numbers_of
 from scan2flex_jax.diagnosis.refit import Refit, again, plain_law, refit
-from scan2flex_jax.diagnosis.search import APART, PLACES, Found, alike, outside, pieces
+from scan2flex_jax.diagnosis.search import Found, alike, elsewhere, outside, pieces
 from scan2flex_jax.diagnosis.sensitivity import Numbers
 from scan2flex_jax.diagnosis.stage import Signatures, Stage, test_after
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
@@ -141,19 +141,13 @@ def _add_elsewhere(found, scores, progress) -> None:
     """Refit the likeliest single effect from other places along the cable, and keep its minima there: a light span may give the
     shapes of a heavy one elsewhere on a cable several times as stiff."""
     first = found.singles[0] if found.singles else found.stage.base
-    place = first.components[0].site.get("position") if first.components else None
-    if place is None:
-        return
-    length, kind = found.stage.bench.context.length, first.kinds[0]
-    own = [g for g, c in enumerate(scores.components) if c.kind == kind]
-    at = np.array([scores.components[g].site["position"] for g in own]) / length
-    for begin in (x for x in PLACES if abs(x - place / length) > APART):
-        g = own[int(np.argmin(np.abs(at - begin)))]
-        progress(f"refit with {kind} from another place")
+    for g in elsewhere(scores.components, first, found.stage.bench.context.length):
+        progress(f"refit with {first.kinds[0]} from another place")
         end = refit_from(found, [scores.components[g]], found.stage.base, [scores.amplitudes[g]])
         if np.isfinite(end.log_evidence):
             found.minima.append(end)
-    found.minima.append(first)
+    if first.components:
+        found.minima.append(first)
     found.add(found.minima)
 
 

@@ -24,7 +24,7 @@ from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
 _EXCHANGED = 2  # size of the sets whose effects are exchanged
 _ELSEWHERE = 0.05  # of the length: a refit reaches nearer positions by itself
-PLACES, APART = (1 / 6, 1 / 2, 5 / 6), 0.2  # of the length: starts along the cable, and their least distance from a result
+_PLACES, _APART = (1 / 6, 1 / 2, 5 / 6), 0.2  # of the length: starts along the cable, and their least distance from a result
 _WORTH = 12.0  # nats behind the best one-step evidence: a refit does not catch up
 _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is the order of effect types
 
@@ -210,18 +210,22 @@ def refit_more_singles(stage: Stage, found: Found, progress) -> list[Refit]:
 def _refit_elsewhere(stage, found, progress):
     """Refits of the likeliest effect type from other places along the cable, if structure remains: where an effect is strong,
     or acts in some poses only, its minima may be far apart, and the one of the highest score is not the lowest."""
-    reached = found.best.components[0].site.get("position") if found.best.components else None
-    if reached is None:
-        return []
-    kind, length = found.best.kinds[0], stage.bench.context.length
-    own = [g for g, c in enumerate(stage.components) if c.kind == kind]
-    at = np.array([stage.components[g].site["position"] for g in own]) / length
     out = []
-    for place in (p for p in PLACES if abs(p - reached / length) > APART):
-        g = own[np.argmin(np.abs(at - place))]
-        progress(f"refit with {kind} from another place")
+    for g in elsewhere(stage.components, found.best, stage.bench.context.length):
+        progress(f"refit with {found.best.kinds[0]} from another place")
         out.append(relative(stage, [stage.components[g]], [found.amplitudes[g]], stage.base))
     return out
+
+
+def elsewhere(components, reached, length: float) -> list[int]:
+    """Indices of ``components`` of the effect type of a refit, at places along the cable (``length``, m) apart from its own;
+    empty without a place."""
+    place = reached.components[0].site.get("position") if reached.components else None
+    if place is None:
+        return []
+    own = [g for g, c in enumerate(components) if c.kind == reached.kinds[0]]
+    at = np.array([components[g].site["position"] for g in own]) / length
+    return [own[int(np.argmin(np.abs(at - x)))] for x in _PLACES if abs(x - place / length) > _APART]
 
 
 def _single(stage, found, kind, progress):
@@ -290,7 +294,7 @@ def minima_elsewhere(found: Found) -> list[Refit]:
     out: list[Refit] = []
     for r in sorted(likely, key=lambda r: -r.log_evidence):
         known = [place, *(o.components[0].site["position"] for o in out)]
-        if all(abs(r.components[0].site["position"] - x) > APART * length for x in known):
+        if all(abs(r.components[0].site["position"] - x) > _APART * length for x in known):
             out.append(r)
     return out
 
