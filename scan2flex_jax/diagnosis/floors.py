@@ -17,24 +17,46 @@ from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
 from scan2flex_jax.diagnosis.stage import Signatures
 from scan2flex_jax.effects.catalogue import fields
 from scan2flex_jax.fitting.discrepancy import usual_size
-from scan2flex_jax.fitting.noise import FINEST, Noise
+from scan2flex_jax.fitting.noise import FINEST, Noise, white_noise
 
 _ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each refit
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # factors on the discrepancy and noise of a model
 _FINER = ((0.5, 0.3), (0.25, 0.3), (0.1, 0.3), (0.03, 0.3), (0.1, 0.1), (0.03, 0.1))  # further ones if the noise is not stated
 _SETTLED, _FOLLOWED = 1.0, 2.0  # nats gained in the last round; mean square above which a refit lost track
 _LAST = 20  # further iterations, at most, of a last refit that has not converged
+_BLUNT = 2.0  # times the white noise of the points: a noise above it may stand in for an effect
 _PLAIN_STEPS = 16  # iterations of a refit with unweighted distances
 
 
-def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False) -> Refit:
+def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False, sharp: bool = False) -> Refit:
     """A refit under its most likely law, starting from ``noise``; ``plain``: the refit already minimises unweighted distances.
+
+    Refit and law each fit what the other leaves, and may settle on a noise far above that of the sensor, which neighbouring
+    points show by themselves (`fitting.noise.white_noise`): if ``sharp``, the refit is then repeated from that noise, and the
+    likelier one is kept.
+    """
+    end, sensor = _alternated(of, found if plain else nearest(of, found), noise), _sensor(of)
+    if not sharp or not np.isfinite(end.cost) or end.law.noise.total <= _BLUNT * sensor:
+        return end
+    noise = replace(end.law.noise, white=sensor, correlated=sensor)
+    begun = again(of.bench, end, replace(end.law, noise=noise), most=_LAST)
+    return max(end, _alternated(of, begun, noise), key=lambda r: r.log_marginal)
+
+
+def _sensor(of) -> float:
+    """White noise (m) of the curves' points; infinite if they do not show it, as those on the axis of a scan."""
+    each = [white_noise(pose) for pose in of.bench.problem.study.fit_poses]
+    return np.inf if of.alike else max(float(np.median(each)), FINEST * of.bench.context.length)
+
+
+def _alternated(of, found, noise):
+    """A refit and its most likely law in turn, from ``noise``.
 
     The likelihood of a law treats the parameters as free to first order. If the refit is too nonlinear for that, such a law is
     too narrow for the residual, and the law of the residual with fixed parameters is tried. The refit under the last law
     goes on, to converge: only at its minimum is a strong effect credited with larger prior sizes (`refit`).
     """
-    found, ends, law = found if plain else nearest(of, found), [], None
+    ends, law = [], None
     as_it_stands = False
     for _ in range(_ROUNDS):
         if not np.isfinite(found.cost):

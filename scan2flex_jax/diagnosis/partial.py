@@ -23,19 +23,21 @@ SINGLES, WIDER, PER_ROUND = 5, 3, 3  # refits of single types and of sets that a
 _WORTH = 25.0  # nats of one-step evidence behind the best type: a refit does not catch up
 _STEPS = 20  # iterations of a refit
 _PLACE = 0.1  # of the length: effects farther apart are at different places
-_NEAR = 2.0  # times the least sum of squares: refits that may be as likely
+_NEAR = 2.0  # times the least sum of squares with unweighted distances: refits that may be as likely
 
 
 def search(before: Found, progress: Progress) -> Found:
     """Continue a search at the sensor's noise that left structure in the residual; its test of the baseline model is kept."""
     stage = before.stage
-    base = floors.own_floor(stage.of, stage.base, stage.noise)
-    found = replace(before, floor=base, best=stage.base, refits={}, tied=[stage.base])
-    singles = [r for r in before.singles if np.isfinite(r.log_evidence)]
-    sets = sorted((r for r in before.refits.values() if len(r.kinds) > 1), key=lambda r: -r.log_evidence)
-    for r in (*singles[:SINGLES], *sets[:WIDER]):
+    base = floors.own_floor(stage.of, stage.base, stage.noise, sharp=True)
+    nearest = floors.squares(stage.of, stage.base)
+    found = replace(before, floor=base, best=stage.base, refits={}, tied=[stage.base], nearest=nearest)
+    known = sorted((r for r in before.refits.values() if np.isfinite(r.log_evidence)), key=lambda r: -r.log_evidence)
+    singles, sets = ([r for r in known if (len(r.kinds) > 1) == several] for several in (False, True))
+    begun = [floors.nearest(stage.of, r) for r in (*singles[:SINGLES], *sets[:WIDER])]
+    for r in sorted(begun, key=lambda r: floors.squares(stage.of, r)):
         progress(f"{' and '.join(r.kinds)} against its own floor")
-        found.add([floors.own_floor(stage.of, r, stage.noise).over(base, stage.bench.context)])
+        found.add([_at_own_floor(found, r)])
     of = floors.with_fields(stage.of)
     scores = floors.scores(of, base)
     table = scores.table()
@@ -46,11 +48,12 @@ def search(before: Found, progress: Progress) -> Found:
     for kind in (k for k in likeliest if frozenset([k]) not in found.refits):
         progress(f"refit with {kind}")
         found.add([_refitted(found, stage.base, scores, table[kind][1])])
+    _add_elsewhere(found, before, scores, table, progress)  # before the others are compared with the nearest one
     _add_near(found, scores, table, progress)
     _add_alike(found, scores, progress)
     _add_parts(found, progress)
     _settle(found, progress)
-    _add_elsewhere(found, scores, progress)
+    _add_elsewhere(found, before, scores, table, progress)
     found.best = best_of(stage, found.refits.values(), 1)
     return widened(found, of, progress)
 
@@ -86,9 +89,8 @@ def _add_near(found, scores, table, progress) -> None:
     rest = [k for k in sorted(found.table, key=lambda k: -table[k][0]) if frozenset([k]) not in found.refits]
     progress("refits with all other effect types")
     for kind in rest:
-        near = _NEAR * min(floors.squares(stage.of, r) for r in (stage.base, *found.singles))
         begun = _plain(found, [scores.components[table[kind][1]]], stage.base, [scores.amplitudes[table[kind][1]]])
-        if np.isfinite(begun.cost) and floors.squares(stage.of, begun) < near:
+        if _near(found, begun):
             found.add([_at_own_floor(found, begun)])
 
 
@@ -137,17 +139,24 @@ def _settle(found, progress) -> None:
         found.add([_at_own_floor(found, end)])
 
 
-def _add_elsewhere(found, scores, progress) -> None:
-    """Refit the likeliest single effect from other places along the cable, and keep its minima there: a light span may give the
-    shapes of a heavy one elsewhere on a cable several times as stiff."""
-    first = found.singles[0] if found.singles else found.stage.base
-    for g in elsewhere(scores.components, first, found.stage.bench.context.length):
-        progress(f"refit with {first.kinds[0]} from another place")
+def _add_elsewhere(found, before, scores, table, progress) -> None:
+    """Refit the likeliest single effect from its one-step estimate at the floors, if so far it was continued from the search at
+    the sensor's noise alone, and from other places along the cable, and keep its minima: a light span may give the shapes of a
+    heavy one elsewhere on a cable several times as stiff."""
+    if not found.singles or any(r.kinds == found.singles[0].kinds for r in found.minima):
+        return
+    first = found.singles[0]
+    (kind,) = first.kinds
+    places = elsewhere(scores.components, first, found.stage.bench.context.length)
+    starts = [(g, "another place") for g in places]
+    if frozenset(first.kinds) in before.refits and table[kind][1] not in places:
+        starts.insert(0, (table[kind][1], "its one-step estimate"))
+    found.minima = [first]
+    for g, where in starts:
+        progress(f"refit with {kind} from {where}")
         end = refit_from(found, [scores.components[g]], found.stage.base, [scores.amplitudes[g]])
         if np.isfinite(end.log_evidence):
             found.minima.append(end)
-    if first.components:
-        found.minima.append(first)
     found.add(found.minima)
 
 
@@ -172,7 +181,18 @@ def _plain(found, components, near: Refit, begin) -> Refit:
 def _at_own_floor(found, plain: Refit) -> Refit:
     """A refit with unweighted distances, continued at its own floor."""
     stage = found.stage
-    return floors.own_floor(stage.of, plain, stage.noise, plain=True).over(found.baseline, stage.bench.context)
+    end = floors.own_floor(stage.of, plain, stage.noise, plain=True, sharp=_near(found, plain))
+    return end.over(found.baseline, stage.bench.context)
+
+
+def _near(found, plain: Refit) -> bool:
+    """Whether a refit with unweighted distances is about as near to the curves as the nearest of one effect so far."""
+    if not np.isfinite(plain.cost):
+        return False
+    squares = floors.squares(found.stage.of, plain)
+    if len(plain.kinds) == 1 and not entry_of(*plain.kinds).field:
+        found.nearest = min(found.nearest, squares)
+    return squares < _NEAR * found.nearest
 
 
 def _simplified(found, of, progress) -> Refit:

@@ -261,14 +261,23 @@ def _outdone(
     likely: tuple[Mistake, ...], found: search.Found, settings: DiagnosisSettings,
     memory: remembered.Remembering | None = None,
 ) -> bool:
-    """Whether an effect, with memory or without, explains the shapes better than likely mistakes of the input do."""
+    """Whether an effect, with memory or without, explains the shapes better than likely mistakes of the input do.
+
+    Where a mistake only leaves out a pose, an effect that explains it about as closely as the others explains more.
+    """
     if memory is not None and memory.answer is not None:
         left = memory.answer.rms()
     elif found.verdict in verdict.FOUND:
         left = report.nearest_rms(found.stage, found.best)
     else:
         return False
-    return bool(left < settings.outdone * min((m.after for m in likely if m.after is not None), default=0.0))
+    poses = found.stage.bench.poses.count
+
+    def most(mistake):
+        every = len(mistake.study.fit_poses) == poses
+        return mistake.after * (settings.outdone if every else settings.outdone_without)
+
+    return bool(left < min((most(m) for m in likely if m.after is not None), default=0.0))
 
 
 def _mistaken(fitted: Fit, began: float, settings: DiagnosisSettings) -> Explanation:

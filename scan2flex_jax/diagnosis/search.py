@@ -32,11 +32,12 @@ _STRONG = 500.0  # nats: above it, one-step evidence is unreliable, and so is th
 @dataclass
 class Found:
     """Result of a search: the test, one-step evidence per effect type (``table``: value and best group), refits by their types
-    (``parts``: those that were also started from a wider set; ``minima``: those of one effect from several places), the
-    ``best`` one (the base if nothing is missing), the p-value of its homogeneity across poses (``constancy``), its
-    leave-one-pose-out error over that of the base (``unseen``), the likeliest discrepancy ``field`` with its evidence, those
-    ``tied`` with it, the ``scatter`` of its sizes between poses, whether poses are ``scattered`` more than two effects explain,
-    the base at its own ``floor`` if models are compared at theirs, the verdict, and the verdict on the best (``lead``)."""
+    (``parts``: those that were also started from a wider set; ``minima``: those of one effect from several places;
+    ``nearest``: the least sum of squares (m^2) of refits of one effect with unweighted distances), the ``best`` one (the base
+    if nothing is missing), the p-value of its homogeneity across poses (``constancy``), its leave-one-pose-out error over that
+    of the base (``unseen``), the likeliest discrepancy ``field`` with its evidence, those ``tied`` with it, the ``scatter`` of
+    its sizes between poses, whether poses are ``scattered`` more than two effects explain, the base at its own ``floor`` if
+    models are compared at theirs, the verdict, and the verdict on the best (``lead``)."""
 
     stage: Stage
     test: Test
@@ -54,6 +55,7 @@ class Found:
     floor: Refit | None = None
     parts: set[frozenset[str]] = field(default_factory=set)
     minima: list[Refit] = field(default_factory=list)
+    nearest: float = np.inf
     field: tuple[str, float] = ("", 0.0)
     lead: str = verdict.ABSENT
     verdict: str = verdict.NONE

@@ -39,7 +39,7 @@ class DiagnosisSettings(NoiseSettings):
     mesh error over the noise above which the mesh is refined, up to ``most_elements``.
 
     Mistakes of the input: ``outdone``, the ratio of an effect's RMS error to that of the corrected study below which the effect
-    is the explanation.
+    is the explanation; ``outdone_without``, the same over the other poses of a study in which one pose does not fit.
 
     Doubts: a noise is conspicuous above ``smooth`` (correlated over white part; with fewer than ``telling_points`` in a pose
     any) and ``large_noise`` (over the length), unless stated; a residual of scans below ``fine`` (over the radius) may be an
@@ -78,6 +78,7 @@ class DiagnosisSettings(NoiseSettings):
     large_noise: float = 0.002
     fine: float = 0.1
     outdone: float = 0.9
+    outdone_without: float = 1.5
     correlation_spread: float = 0.6
     longest_correlation: float = 0.3
 

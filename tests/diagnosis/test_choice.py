@@ -206,7 +206,7 @@ def test_an_effect_that_is_as_likely_elsewhere_is_said_to_be():
     assert search.minima_elsewhere(searched(model("kink", "point_mass", nats=50.0))) == []
 
 
-def test_the_likeliest_effect_is_refitted_from_other_places(monkeypatch):
+def test_the_likeliest_effect_is_refitted_from_its_one_step_estimate_and_from_other_places(monkeypatch):
     begun = []
 
     def refit_from(found, components, near, begin):
@@ -220,7 +220,14 @@ def test_the_likeliest_effect_is_refitted_from_other_places(monkeypatch):
     first, base, kept = at(model("point_mass", nats=50.0), 0.5), model(nats=0.0), []
     stage = SimpleNamespace(bench=SimpleNamespace(context=SimpleNamespace(length=1.0)), base=base)
     found = SimpleNamespace(singles=[first], stage=stage, minima=[], add=kept.extend)
-    partial._add_elsewhere(found, scores, lambda said: None)
-    assert [near for _, near in begun] == [base, base]
+    before, table = SimpleNamespace(refits={frozenset(["point_mass"]): first}), {"point_mass": (4.0, 5)}  # at 0.3
+    partial._add_elsewhere(found, before, scores, table, lambda said: None)
+    assert [near for _, near in begun] == [base, base, base]
+    np.testing.assert_allclose([x for x, _ in begun], [0.3, 0.15, 0.85])
+    assert [r.log_evidence for r in found.minima] == [50.0, 60.0] and kept == found.minima
+    partial._add_elsewhere(found, before, scores, table, lambda said: None)
+    assert len(begun) == 3  # once
+    begun.clear()
+    found.minima, before.refits = [], {}  # it was refitted from there already
+    partial._add_elsewhere(found, before, scores, table, lambda said: None)
     np.testing.assert_allclose([x for x, _ in begun], [0.15, 0.85])
-    assert [r.log_evidence for r in found.minima] == [60.0, 50.0] and kept == found.minima

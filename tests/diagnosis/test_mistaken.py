@@ -1,5 +1,8 @@
 """Likely mistakes of the input beside missing effects: which of the two explains the shapes (`diagnosis.run`)."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import pytest
 
 from scan2flex_jax.diagnosis import run, verdict
@@ -10,7 +13,7 @@ from scan2flex_jax.diagnosis.settings import USUAL
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.fitting import Fit
 from scan2flex_jax.study import load_study
-from scan2flex_jax.study.mistakes import Mistake
+from scan2flex_jax.study.mistakes import Mistake, without
 
 AFTER = 10e-3  # m: what the corrected study leaves
 
@@ -18,14 +21,16 @@ AFTER = 10e-3  # m: what the corrected study leaves
 def answer(said, left):
     """A search that ended with this verdict and this RMS distance (m) of the shapes of its best model nearest to the curves."""
     found = object.__new__(Found)
-    found.verdict, found.best, found.stage = said, None, left
+    count = len(load_study(example_path("simulated-cable")).fit_poses)
+    bench = SimpleNamespace(poses=SimpleNamespace(count=count))
+    found.verdict, found.best, found.stage = said, None, SimpleNamespace(left=left, bench=bench)
     return found
 
 
 @pytest.fixture(autouse=True)
 def nearest(monkeypatch):
     """The shapes nearest to the curves are as near as `answer` says."""
-    monkeypatch.setattr(run.report, "nearest_rms", lambda stage, found: stage)
+    monkeypatch.setattr(run.report, "nearest_rms", lambda stage, found: stage.left)
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +50,15 @@ def likely():
 )  # fmt: skip
 def test_an_effect_must_be_found_and_leave_less_than_the_corrected_study(likely, said, left, outdone):
     assert run._outdone(likely, answer(said, left), USUAL) is outdone
+
+
+@pytest.mark.parametrize(("left", "outdone"), [(1.4 * AFTER, True), (1.6 * AFTER, False)])
+def test_an_effect_that_explains_all_poses_alike_outdoes_leaving_one_out(left, outdone):
+    """A tether left 3.2 mm in five poses that differ, each in its own way; four of them alone left 2.8 mm without it."""
+    study = load_study(example_path("simulated-cable"))
+    alone = replace(without(study, study.fit_poses[0]), before=40e-3, after=AFTER)
+    assert run._outdone((alone,), answer(verdict.PARTLY, left), USUAL) is outdone
+    assert run._outdone((alone,), answer(verdict.UNEXPLAINED, left), USUAL) is False
 
 
 @pytest.mark.parametrize(("left", "outdone"), [(0.8 * AFTER, True), (0.95 * AFTER, False)])
