@@ -28,6 +28,8 @@ def explanation_of(base, found: Found, told: tuple[str, ...], began: float) -> E
     chosen = added if established else ()
     least = found.floor if found.verdict == verdict.UNEXPLAINED else None
     estimates = report.estimates(found.stage, likely_models(found), refitted, _alike(found), least)
+    if least is not None:  # what is not explained does not narrow the intervals of the fit
+        estimates = {name: e.including(fitted.estimates[name]) for name, e in estimates.items()}
     poses = _poses(study, found, other, refitted, predicted)
     description = report.description(found) if found.verdict == verdict.UNEXPLAINED else None
     constancy = found.constancy if refitted.kinds else None

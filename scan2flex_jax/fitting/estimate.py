@@ -5,7 +5,7 @@ the logarithm exceeds `VAGUE`: such a value is not determined, and the numbers o
 are not determined either. `answer` and `result` round estimates and intervals for print.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -31,6 +31,18 @@ class Estimate:
     identifiable: bool
     at_bound: bool
     unit: str
+
+    def including(self, other: "Estimate") -> "Estimate":
+        """With an interval and a standard error no narrower than those of another estimate; without them if that has none."""
+        def chosen(pick, mine, theirs):
+            either = pick(mine, theirs)
+            return float(either) if np.ndim(mine) == 0 else either
+
+        if self.low is None or other.low is None:
+            return replace(self, std=None, low=None, high=None, identifiable=False)
+        std = chosen(np.maximum, self.std, other.std)
+        low, high = chosen(np.minimum, self.low, other.low), chosen(np.maximum, self.high, other.high)
+        return replace(self, std=std, low=low, high=high, identifiable=self.identifiable and other.identifiable)
 
     def to_json(self) -> dict:
         """As in the study format; what is not known is left out."""
