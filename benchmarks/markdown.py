@@ -16,10 +16,10 @@ def table(head, rows) -> str:
     return "".join(f"| {' | '.join(str(x) for x in line)} |\n" for line in lines)
 
 
-def made_on(entry) -> str:
-    """Machine and date of the figures, in a sentence below the table."""
+def made_on(entry, of: str = "") -> str:
+    """Machine and date of the figures, in a sentence below the table; ``of``: the rows that it is about."""
     m = entry["machine"]
     return (
-        f"\n{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "
+        f"\n{of}{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "
         f"CPU, float64; {entry['date'][:10]}.\n"
     )

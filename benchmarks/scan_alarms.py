@@ -1,6 +1,6 @@
 """`explain` on scans compared with curves: false alarms, and effects that are named from both.
 
-    python -m benchmarks.scan_alarms --json FILE [--none 40] [--strong 20] [--seed 1] [--only n001,e003] [--record]
+    python -m benchmarks.scan_alarms --json FILE [--none 40] [--strong 20] [--seed 1] [--only n001,e003] [--record NAME]
 
 Cables, poses and true shapes come from the independent rod of `benchmarks.blind`; the package's scanner sees them from one to
 three sides, with clamp blocks, its noise, outliers and hidden backs. `none` studies miss nothing: any verdict but "no missing
@@ -181,7 +181,7 @@ def main() -> None:
     parser.add_argument("--strong", type=int, default=20, help="studies with a strong effect")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="names of cases, such as n001,e002")
-    parser.add_argument("--record", action="store_true", help="write benchmarks/results/scan_alarms.json")
+    parser.add_argument("--record", help="name of the record in benchmarks/results: scan_alarms, or scan_none without --strong")
     args = parser.parse_args()
     from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
 
@@ -195,7 +195,7 @@ def main() -> None:
         told = {d: (rows[name][d]["verdict"], sorted(named(rows[name], d))) for d in ("scan", "curve") if d in rows[name]}
         sys.stderr.write(f"{name} {list(kinds)} {told}\n")
     if args.record:
-        record("scan_alarms", {"table": table(rows), "rows": rows})
+        record(args.record, {"table": table(rows), "rows": rows})
     sys.stdout.write(json.dumps(table(rows), indent=1) + "\n")
 
 
