@@ -141,7 +141,7 @@ def background() -> str:
 
 
 def scans() -> str:
-    """The loop on scans and on curves of the same poses: `scan_none` with nothing missing, `scan_alarms` with strong effects."""
+    """The loop on scans and on curves of the same poses: records `scan_none` (nothing missing) and `scan_alarms` (strong)."""
     none, strong = load("scan_none"), load("scan_alarms")
     rows = _lines(none["results"]["table"], _SCANS_NONE) + _lines(strong["results"]["table"], _SCANS_STRONG)
     return table(["", "measured", "target"], rows) + made_on(none, "Nothing missing: ") + made_on(strong, "Strong effects: ")
