@@ -17,7 +17,7 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.background_score import NAMED, share
+from benchmarks.background_score import NAMED, covered, share
 from benchmarks.blind import cases, effects, rod
 from benchmarks.blind.noise import Noise
 from benchmarks.blind.scene import observation_matrix
@@ -145,12 +145,19 @@ def table(rows: dict) -> dict:
     return {
         "nothing_missing": len(none),
         **{f"alarms_{data}": share(r[data]["verdict"] != CLEAR for r in none if data in r) for data in ("scan", "curve")},
+        **{f"covered_{data}": share(v for r in none for v in held(r, data)) for data in ("scan", "curve")},
         "strong": len(some),
         **{f"named_{data}": share(bool(named(r, data)) for r in some) for data in ("scan", "curve")},
         **{f"right_{data}": share(named(r, data) == set(r["kinds"]) for r in some) for data in ("scan", "curve")},
         "named_as_from_curves": share(bool(named(r, "curve")) and named(r, "scan") == named(r, "curve") for r in some),
         "answered_as_from_curves": share(answer(r, "scan") == answer(r, "curve") for r in some),
     }
+
+
+def held(row, data):
+    """Whether each interval of a stiffness holds the truth."""
+    true = {f"true_{name}": value for name, value in row.get("true", {}).items()}
+    return covered("covers", row.get(data, {}).get("estimates", {}), true).values()
 
 
 def named(row, data) -> set:

@@ -111,6 +111,8 @@ _IDEAL = (
 _SCANS_NONE = (
     ("alarms_scan", "nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most"),
     ("alarms_curve", "the same poses as curves", "-"),
+    ("covered_scan", "nothing missing: 95 % intervals of EI and GJ from scans that hold the truth", "92-97 %"),
+    ("covered_curve", "the same from curves", "92-97 %"),
 )
 _SCANS_STRONG = (
     ("named_curve", "a strong effect: named alone from curves", "-"),

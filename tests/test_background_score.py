@@ -126,9 +126,10 @@ def test_scans_count_alarms_and_agreement_with_curves():
     def told(verdict, *kinds):
         return {"verdict": verdict, "chosen": [{"kind": k} for k in kinds]}
 
+    stiff = {"bending_stiffness": {"low": 0.1, "high": 0.19}, "torsional_stiffness": {"value": 1.0}}
     clear, mass = told("no missing effect"), told("explained", "point_mass")
     rows = {
-        "n1": {"kinds": [], "scan": clear, "curve": clear},
+        "n1": {"kinds": [], "scan": clear | {"estimates": stiff}, "curve": clear, "true": {"bending_stiffness": 0.2}},
         "n2": {"kinds": [], "scan": told("unexplained"), "curve": clear},
         "e1": {"kinds": ["point_mass"], "scan": mass, "curve": mass},
         "e2": {"kinds": ["kink"], "scan": told("tied", "kink"), "curve": told("explained", "kink")},
@@ -137,5 +138,6 @@ def test_scans_count_alarms_and_agreement_with_curves():
     table = scan_alarms.table(rows)
     assert table["alarms_scan"] == {"share": 0.5, "of": 2}
     assert table["alarms_curve"] == {"share": 0.0, "of": 2}
+    assert table["covered_scan"] == {"share": 0.0, "of": 1} and table["covered_curve"]["of"] == 0
     assert table["named_as_from_curves"] == table["answered_as_from_curves"] == {"share": pytest.approx(1 / 3), "of": 3}
     assert table["right_curve"] == {"share": pytest.approx(2 / 3), "of": 3}

@@ -17,7 +17,7 @@ from scan2flex_jax.diagnosis.sensitivity import Component, Numbers
 from scan2flex_jax.diagnosis.stage import Signatures
 from scan2flex_jax.effects.catalogue import fields
 from scan2flex_jax.fitting.discrepancy import usual_size
-from scan2flex_jax.fitting.noise import FINEST, Noise, white_noise
+from scan2flex_jax.fitting.noise import FINEST, Noise, sensor_noise
 
 _ROUNDS, _STEPS = 3, 6  # alternations of refit and law, and iterations of each refit
 _RUNGS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.1, 1.0), (0.03, 1.0))  # factors on the discrepancy and noise of a model
@@ -32,21 +32,18 @@ def own_floor(of: Signatures, found: Refit, noise: Noise, plain: bool = False, s
     """A refit under its most likely law, starting from ``noise``; ``plain``: the refit already minimises unweighted distances.
 
     Refit and law each fit what the other leaves, and may settle on a noise far above that of the sensor, which neighbouring
-    points show by themselves (`fitting.noise.white_noise`): if ``sharp``, the refit is then repeated from that noise, and the
+    points show by themselves (`fitting.noise.sensor_noise`): if ``sharp``, the refit is then repeated from that noise, and the
     likelier one is kept.
     """
-    end, sensor = _alternated(of, found if plain else nearest(of, found), noise), _sensor(of)
-    if not sharp or not np.isfinite(end.cost) or end.law.noise.total <= _BLUNT * sensor:
+    end = _alternated(of, found if plain else nearest(of, found), noise)
+    if not sharp or of.alike or not np.isfinite(end.cost):  # points on the axes of scans show no noise of their own
+        return end
+    sensor = max(sensor_noise(of.bench.problem.study), FINEST * of.bench.context.length)
+    if end.law.noise.total <= _BLUNT * sensor:
         return end
     noise = replace(end.law.noise, white=sensor, correlated=sensor)
     begun = again(of.bench, end, replace(end.law, noise=noise), most=_LAST)
     return max(end, _alternated(of, begun, noise), key=lambda r: r.log_marginal)
-
-
-def _sensor(of) -> float:
-    """White noise (m) of the curves' points; infinite if they do not show it, as those on the axis of a scan."""
-    each = [white_noise(pose) for pose in of.bench.problem.study.fit_poses]
-    return np.inf if of.alike else max(float(np.median(each)), FINEST * of.bench.context.length)
 
 
 def _alternated(of, found, noise):

@@ -32,8 +32,9 @@ def search(before: Found, progress: Progress) -> Found:
     base = floors.own_floor(stage.of, stage.base, stage.noise, sharp=True)
     nearest = floors.squares(stage.of, stage.base)
     found = replace(before, floor=base, best=stage.base, refits={}, tied=[stage.base], nearest=nearest)
-    known = sorted((r for r in before.refits.values() if np.isfinite(r.log_evidence)), key=lambda r: -r.log_evidence)
-    singles, sets = ([r for r in known if (len(r.kinds) > 1) == several] for several in (False, True))
+    singles = [r for r in before.singles if np.isfinite(r.log_evidence)]
+    sets = [r for r in before.refits.values() if len(r.kinds) > 1 and np.isfinite(r.log_evidence)]
+    sets.sort(key=lambda r: -r.log_evidence)
     begun = [floors.nearest(stage.of, r) for r in (*singles[:SINGLES], *sets[:WIDER])]
     for r in sorted(begun, key=lambda r: floors.squares(stage.of, r)):
         progress(f"{' and '.join(r.kinds)} against its own floor")
@@ -186,7 +187,8 @@ def _at_own_floor(found, plain: Refit) -> Refit:
 
 
 def _near(found, plain: Refit) -> bool:
-    """Whether a refit with unweighted distances is about as near to the curves as the nearest of one effect so far."""
+    """Whether a refit with unweighted distances is about as near to the curves as the nearest of one effect so far,
+    itself included, which ``found`` keeps."""
     if not np.isfinite(plain.cost):
         return False
     squares = floors.squares(found.stage.of, plain)

@@ -25,7 +25,7 @@ from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt
-from scan2flex_jax.fitting.noise import white_noise
+from scan2flex_jax.fitting.noise import sensor_noise, white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import mistakes
@@ -92,7 +92,7 @@ def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> 
 def beyond_doubt(problem: Problem, likely: tuple[Mistake, ...]) -> bool:
     """Whether no missing effect could explain the shapes better than these mistakes: they are visible without a solve, or the
     corrected study comes as close as the noise of the curves (unknown for scans: then too)."""
-    noise = np.sqrt(NORMALS) * max(np.median([white_noise(p) for p in problem.study.fit_poses]), _FINEST * problem.length)
+    noise = np.sqrt(NORMALS) * max(sensor_noise(problem.study), _FINEST * problem.length)
     return bool(visible_mistakes(problem.study)) or any(m.after is not None and m.after <= _SENSOR * noise for m in likely)
 
 

@@ -175,6 +175,11 @@ def stated_noise(study, of_all: bool = True) -> float | None:
     return None if missing else float(np.sqrt(np.mean(np.square(stated))))
 
 
+def sensor_noise(study) -> float:
+    """White noise (m) of the fitted curves: the median over poses; infinite if they do not show it."""
+    return float(np.median([white_noise(pose) for pose in study.fit_poses]))
+
+
 def white_noise(pose) -> float:
     """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from its points.
 

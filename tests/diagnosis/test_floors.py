@@ -9,6 +9,7 @@ from scan2flex_jax.diagnosis import floors
 from scan2flex_jax.diagnosis.refit import Refit
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.stage import Signatures
+from scan2flex_jax.fitting import noise
 from scan2flex_jax.fitting.noise import Noise
 
 SENSOR = 4e-4  # m
@@ -27,13 +28,13 @@ def repeated(monkeypatch):
     def repeat(first, second, sharp=True, alike=0.0):
         ends, begun = iter((first, second)), []
 
-        def alternated(of, found, noise):
-            begun.append(noise.total)
+        def alternated(of, found, start):
+            begun.append(start.total)
             return next(ends)
 
         monkeypatch.setattr(floors, "_alternated", alternated)
         monkeypatch.setattr(floors, "again", lambda bench, found, law, most: found)
-        monkeypatch.setattr(floors, "white_noise", lambda pose: pose)
+        monkeypatch.setattr(noise, "white_noise", lambda pose: pose)
         study = SimpleNamespace(fit_poses=(SENSOR, 0.5 * SENSOR, 40 * SENSOR))
         bench = SimpleNamespace(problem=SimpleNamespace(study=study), context=SimpleNamespace(length=1.0))
         of = object.__new__(Signatures)
@@ -44,7 +45,7 @@ def repeated(monkeypatch):
 
 
 def test_a_noise_far_above_the_sensor_s_is_tried_again_from_that(repeated):
-    """A tether 14 times too stiff had settled on 6.6 mm of noise, where neighbouring points show 0.4 mm: 179 nats behind."""
+    """The refit of a tether had settled on 6.6 mm of noise, where neighbouring points show 0.4 mm: 179 nats behind."""
     blunt, sharp = ended(150.0, 6.6e-3), ended(329.0, 4.4e-4)
     found, begun = repeated(blunt, sharp)
     assert found is sharp

@@ -16,13 +16,13 @@ from scan2flex_jax.study import load_study
 from scan2flex_jax.study.mistakes import Mistake, without
 
 AFTER = 10e-3  # m: what the corrected study leaves
+STUDY = load_study(example_path("simulated-cable"))
 
 
 def answer(said, left):
     """A search that ended with this verdict and this RMS distance (m) of the shapes of its best model nearest to the curves."""
     found = object.__new__(Found)
-    count = len(load_study(example_path("simulated-cable")).fit_poses)
-    bench = SimpleNamespace(poses=SimpleNamespace(count=count))
+    bench = SimpleNamespace(poses=SimpleNamespace(count=len(STUDY.fit_poses)))
     found.verdict, found.best, found.stage = said, None, SimpleNamespace(left=left, bench=bench)
     return found
 
@@ -35,9 +35,8 @@ def nearest(monkeypatch):
 
 @pytest.fixture(scope="module")
 def likely():
-    study = load_study(example_path("simulated-cable"))
-    alike = Mistake("the sign of the rolls", "turn them the other way", study, before=40e-3, after=1.2 * AFTER)
-    return (Mistake("gravity points along another axis", "turn it", study, before=40e-3, after=AFTER), alike)
+    alike = Mistake("the sign of the rolls", "turn them the other way", STUDY, before=40e-3, after=1.2 * AFTER)
+    return (Mistake("gravity points along another axis", "turn it", STUDY, before=40e-3, after=AFTER), alike)
 
 
 @pytest.mark.parametrize(
@@ -55,8 +54,7 @@ def test_an_effect_must_be_found_and_leave_less_than_the_corrected_study(likely,
 @pytest.mark.parametrize(("left", "outdone"), [(1.4 * AFTER, True), (1.6 * AFTER, False)])
 def test_an_effect_that_explains_all_poses_alike_outdoes_leaving_one_out(left, outdone):
     """A tether left 3.2 mm in five poses that differ, each in its own way; four of them alone left 2.8 mm without it."""
-    study = load_study(example_path("simulated-cable"))
-    alone = replace(without(study, study.fit_poses[0]), before=40e-3, after=AFTER)
+    alone = replace(without(STUDY, STUDY.fit_poses[0]), before=40e-3, after=AFTER)
     assert run._outdone((alone,), answer(verdict.PARTLY, left), USUAL) is outdone
     assert run._outdone((alone,), answer(verdict.UNEXPLAINED, left), USUAL) is False
 
