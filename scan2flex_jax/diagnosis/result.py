@@ -233,8 +233,11 @@ class Explanation:
         if self.verdict == UNEXPLAINED:
             if r.kind in [a.kind for a in self.added]:
                 return "likeliest, not established"
-            alone = sum(p.role == "fit" for p in self.poses.values()) == 1  # it may explain that one
-            return "not established" if alone else "explains too little"
+            if sum(p.role == "fit" for p in self.poses.values()) > 1:
+                return "explains too little"
+            ahead = r.log_evidence - max((a.log_evidence for a in self.added), default=np.inf)
+            simpler_kept = 0.0 < ahead < self.settings.lead_favoured  # by `choice.best_of`
+            return "as likely, less simple" if simpler_kept else "not established"  # it may explain the only pose
         likelier = self.chosen and r.log_evidence > max(c.log_evidence for c in self.chosen)
         return "explains too little" if likelier else "less likely"
 

@@ -87,7 +87,8 @@ def whole(
 
 
 def of_kind(log_evidence: float, visible: float, settings: DiagnosisSettings = USUAL) -> str:
-    """Verdict on an effect type that is not among the best: too little, absent, or inconclusive in these poses."""
-    if visible < settings.visible:
-        return INCONCLUSIVE
-    return ABSENT if log_evidence < settings.lead_favoured else TOO_LITTLE
+    """Verdict on an effect type that is not among the best: too little, absent, or inconclusive in these poses (not visible
+    by one step from the baseline model, nor likelier after a refit)."""
+    if log_evidence >= settings.lead_favoured:
+        return TOO_LITTLE
+    return ABSENT if visible >= settings.visible else INCONCLUSIVE

@@ -124,6 +124,8 @@ def test_an_effect_that_is_not_established_does_not_explain_too_little(fitted):
     alone = replace(several, poses={name: found.poses[name]})
     assert several.in_words(kink) == alone.in_words(kink) == "likeliest, not established"
     assert (several.in_words(bent), alone.in_words(bent)) == ("explains too little", "not established")
+    likelier = [replace(bent, log_evidence=kink.log_evidence + more) for more in (0.9, 9.0)]
+    assert [alone.in_words(r) for r in likelier] == ["as likely, less simple", "not established"]
     assert replace(several, verdict=verdict.EXPLAINED, chosen=(kink,)).in_words(mass) == "less likely"
 
 

@@ -26,6 +26,7 @@ def test_the_lead_that_names_is_a_setting():
 def test_thresholds_of_visibility_explanation_and_comparison_are_settings():
     """A whitened length of 2, two nats over the baseline, and poses left out that are predicted 10 % better."""
     assert [verdict.of_kind(0.0, 2.0, DiagnosisSettings(visible=v)) for v in (3.0, 1.0)] == ["inconclusive", "absent"]
+    assert verdict.of_kind(4.0, 2.0, DiagnosisSettings(visible=3.0)) == "too little", "a refit shows what one step does not"
     one, test, clean = [verdict.Candidate(("kink",), 2.0)], SimpleNamespace(p_value=0.001), SimpleNamespace(p_value=0.5)
     settings = DiagnosisSettings(lead_favoured=1.5), DiagnosisSettings(lead_favoured=1.5, least_evidence=2.5)
     assert [verdict.whole(test, clean, one, settings=s) for s in settings] == ["explained", "unexplained"]
