@@ -261,13 +261,13 @@ def kinect() -> str:
     for wire, r in entry["results"].items():
         whole, (rod, mujoco) = r["all fitted"], r["published, percent"]
         seen = f"{100 * whole['mean over poses']:.1f} %" if "mean over poses" in whole else "-"
+        left_out = [r[name] for name in ("as read", "within tolerances", "explained, within tolerances")]
         unseen = [
-            "-" if r[name]["mean"] is None else f"{100 * r[name]['mean']:.1f} % ({100 * r[name]['worst']:.1f} %)"
-            for name in ("as read", "within tolerances", "explained, within tolerances")
+            "-" if e["mean"] is None else f"{100 * e['mean']:.1f} % ({100 * e['worst']:.1f} %) of {e['of']}" for e in left_out
         ]
         rows.append([wire, seen, f"{rod} %, {mujoco} %", *unseen])
     head = ["mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
-            "left out, clamps as read (worst pose)", "left out, clamps within tolerances",
+            "left out, clamps as read (worst pose), of so many", "left out, clamps within tolerances",
             "the same, with what `explain` finds"]  # fmt: skip
     return table(head, rows) + made_on(entry)
 

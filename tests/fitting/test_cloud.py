@@ -163,7 +163,7 @@ def test_distances_from_the_surface_along_rays():
     np.testing.assert_allclose(swell, wider, rtol=1e-5)
 
 
-@pytest.mark.parametrize("wrong", [0.97, 1.03])
+@pytest.mark.parametrize("wrong", [0.97, pytest.param(1.03, marks=pytest.mark.slow)])
 def test_a_radius_that_is_not_quite_right_shows_as_an_offset(study, direct, wrong):
     """3 % of 4 mm; the scanner's own range bias is in it as well. The stiffness moves within its interval (0.8 of its
     deviation, when this was measured), which still holds the truth."""

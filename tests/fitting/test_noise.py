@@ -149,7 +149,7 @@ def drawn_with_discrepancy(size, seed, poses=8):
     return [(S, r, empty) for r in drawn]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_discrepancy_is_found_again(seed):
     """Eight poses with twelve directions each: the size is known to 1/sqrt(2 * 96) = 7 %, and the noise to far less."""
     curves = drawn_with_discrepancy(0.2, seed)
@@ -161,7 +161,7 @@ def test_discrepancy_is_found_again(seed):
 
 
 @pytest.mark.parametrize("stated", [None, 3e-4])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_no_discrepancy_is_found_where_there_is_none(seed, stated):
     curves = drawn_with_discrepancy(0.0, seed)
     alone = estimate_noise(residuals(curves), LENGTH, stated)
