@@ -267,7 +267,7 @@ def kinect() -> str:
         ]
         rows.append([wire, seen, f"{rod} %, {mujoco} %", *unseen])
     head = ["mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
-            "left out, clamps as read (worst pose), of so many", "left out, clamps within tolerances",
+            "left out, clamps as read: mean (worst) of poses solved", "left out, clamps within tolerances",
             "the same, with what `explain` finds"]  # fmt: skip
     return table(head, rows) + made_on(entry)
 
