@@ -90,7 +90,9 @@ def _add_near(found, scores, table, progress) -> None:
     rest = [k for k in sorted(found.table, key=lambda k: -table[k][0]) if frozenset([k]) not in found.refits]
     progress("refits with all other effect types")
     for kind in rest:
-        begun = _plain(found, [scores.components[table[kind][1]]], stage.base, [scores.amplitudes[table[kind][1]]])
+        g, law = table[kind][1], plain_law(stage.bench, stage.bench.off)
+        least = _NEAR * found.nearest / law.noise.total**2  # about the cost of one that is kept
+        begun = _plain(found, [scores.components[g]], stage.base, [scores.amplitudes[g]], least)
         if _near(found, begun):
             found.add([_at_own_floor(found, begun)])
 
@@ -117,14 +119,15 @@ def _add_alike(found, scores, progress) -> None:
 
 
 def _add_parts(found, progress) -> None:
-    """Refit each effect of a set that is likelier than all single ones, starting from the set: one-step evidence may rank a
-    strong effect far too low."""
+    """Refit each effect of a set that is likelier than all single ones, starting from the likeliest such set: one-step evidence
+    may rank a strong effect far too low."""
     bench, most = found.stage.bench, max((r.log_evidence for r in found.singles), default=0.0)
-    sets = (r for r in list(found.refits.values()) if len(r.kinds) > 1)
+    sets, tried = sorted((r for r in found.refits.values() if len(r.kinds) > 1), key=lambda r: -r.log_evidence), set()
     for wider in (r for r in sets if r.log_evidence > most + found.stage.settings.lead_named):
         for k, component in enumerate(wider.components):
             known = found.refits.get(frozenset([component.kind]))
-            if known is None or not known.converged:
+            if component.kind not in tried and (known is None or not known.converged):
+                tried.add(component.kind)
                 progress(f"refit with {component.kind} alone")
                 found.add([refit_from(found, [component], wider, [wider.amplitudes(bench, k)])])
 
@@ -172,11 +175,11 @@ def refit_from(found: Found, components, near: Refit, begin) -> Refit:
     return _at_own_floor(found, _plain(found, components, near, begin))
 
 
-def _plain(found, components, near: Refit, begin) -> Refit:
-    """A refit with unweighted distances from the base parameters of another."""
+def _plain(found, components, near: Refit, begin, least: float = np.inf) -> Refit:
+    """A refit with unweighted distances from the base parameters of another, given up far above the cost ``least``."""
     bench = found.stage.bench
     base = near.vector[: Numbers(bench, near.components).base]
-    return refit(bench, components, plain_law(bench, bench.off), base, begin, most=_STEPS)
+    return refit(bench, components, plain_law(bench, bench.off), base, begin, most=_STEPS, least=least)
 
 
 def _at_own_floor(found, plain: Refit) -> Refit:

@@ -11,6 +11,7 @@ so that an effect in the data does not inflate the noise.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -46,6 +47,8 @@ class Law:
     ``planes``: 1 for poses measured in one plane, where the residual across it is zero by construction.
     ``most``: points of a pose that are used, evenly along it, as many as in the estimate of the sizes; 0 for all.
     ``scales``: standard deviation of the sensor's noise in each pose over that of ``noise``; empty if all poses are alike.
+    ``places``: the points that the law was estimated from. It then is one covariance for every residual: were it evaluated at
+    the arc lengths of each model, the least cost would not be where the derivatives of the residual put it.
     """
 
     noise: Noise
@@ -55,32 +58,63 @@ class Law:
     planes: int = NORMALS
     most: int = 0
     scales: tuple[float, ...] = ()
+    places: tuple["Place", ...] = ()
 
     def only(self, which) -> "Law":
         """The law of the poses ``which``, in this order."""
-        scatter, scales = (tuple(values[i] for i in which) if values else () for values in (self.scatter, self.scales))
-        return replace(self, scatter=scatter, scales=scales)
+        every = (self.scatter, self.scales, self.places)
+        scatter, scales, places = (tuple(values[i] for i in which) if values else () for values in every)
+        return replace(self, scatter=scatter, scales=scales, places=places)
 
-    def of_pose(self, i: int, shape, keep) -> "Metric":
-        """The metric of pose ``i``; ``keep`` marks its real points."""
-        pick = thinned(shape.s[keep], self.most) if self.most else np.arange(int(np.sum(keep)))
-        keep = np.flatnonzero(keep)[pick]
-        marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[keep] > 0)
+    def metrics(self, shapes, real) -> tuple["Metric", ...]:
+        """The metrics of all poses: at the law's own places, or else at the real points of the shapes."""
+        return self._own if self.places else tuple(map(self._metric, range(len(real)), self.at(shapes, real)))
+
+    def at(self, shapes, real) -> tuple["Place", ...]:
+        """The places of the points that the law uses of shapes."""
+        return tuple(Place.of(shape, keep, self.most, self.planes) for shape, keep in zip(shapes, real, strict=True))
+
+    @cached_property
+    def _own(self):
+        return tuple(self._metric(i, place) for i, place in enumerate(self.places))
+
+    def _metric(self, i, place):
+        pick, keep, s, _, marks, flat = place
         scale = self.scales[i] if self.scales else 1.0
-        factor = scale * linalg.cholesky(self.noise.covariance(shape.s[keep]), lower=True)
+        factor = scale * linalg.cholesky(self.noise.covariance(s), lower=True)
         along = np.zeros((0, 0))
         if len(marks):
-            C = scale**2 * self.noise.covariance(shape.s[keep][marks])
+            C = scale**2 * self.noise.covariance(s[marks])
             if self.curvature:
-                C = C + np.diag(foreshortening(self.curvature, self.scatter[i][keep], shape.s[keep])[marks] ** 2)
+                C = C + np.diag(foreshortening(self.curvature, self.scatter[i][keep], s)[marks] ** 2)
             along = linalg.cholesky(C, lower=True)
-        flat = plane_of(shape.residual[keep]) if self.planes == 1 else None
         sensor = Metric(pick, factor, marks, along, flat)
         if not self.curvature:
             return sensor
         Z = replace(sensor, pick=np.arange(len(pick))).white(self.scatter[i][keep])
         U, d = principal(Z)
         return replace(sensor, U=U, spread=self.curvature * d)
+
+
+class Place(NamedTuple):
+    """The points of one pose that a law uses: their indices among the real points (``pick``) and among all (``keep``), arc
+    lengths ``s`` (m,), the ``axes`` (m, 3, 3) of their residual, the markers ``marks`` among them, and the in-plane normal
+    ``flat`` (2,) of a pose in one plane."""
+
+    pick: np.ndarray
+    keep: np.ndarray
+    s: np.ndarray
+    axes: np.ndarray
+    marks: np.ndarray
+    flat: np.ndarray | None
+
+    @classmethod
+    def of(cls, shape, keep: np.ndarray, most: int, planes: int) -> "Place":
+        """At most ``most`` (0: all) of the points of a shape that ``keep`` marks as real."""
+        pick = thinned(shape.s[keep], most) if most else np.arange(int(np.sum(keep)))
+        at = np.flatnonzero(keep)[pick]
+        marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[at] > 0)
+        return cls(pick, at, shape.s[at], shape.axes[at], marks, plane_of(shape.residual[at]) if planes == 1 else None)
 
 
 @dataclass(frozen=True)
@@ -181,7 +215,7 @@ class Whitened:
 
 def whiten(shapes, real, numbers, vector, law: Law) -> Whitened:
     """Whiten the residuals and columns of solved shapes at ``vector``, and append the priors of the nuisance parameters."""
-    metrics = tuple(law.of_pose(i, shape, keep) for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)))
+    metrics = law.metrics(shapes, real)
     ends = np.cumsum([m.rows for m in metrics])
     rows = tuple(np.arange(end - m.rows, end) for m, end in zip(metrics, ends, strict=True))
     at, known = int(ends[-1]), np.r_[numbers.nuisance]
@@ -189,11 +223,23 @@ def whiten(shapes, real, numbers, vector, law: Law) -> Whitened:
     for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
         own = numbers.of_pose(i)
         both = np.concatenate([shape.residual[keep][:, :, None], shape.columns[keep][:, :, : len(own)]], axis=-1)
+        if law.places:
+            place = law.places[i]
+            both[place.pick] = turned(both[place.pick], shape.axes[place.keep], place.axes)
         white = metrics[i].white(both)
         r[rows[i]], J[np.ix_(rows[i], own)] = white[:, 0], white[:, 1:]
     r[at:] = (vector[known] - numbers.prior_mean) / numbers.prior_std
     J[at + np.arange(len(known)), known] = 1.0 / numbers.prior_std
     return Whitened(r, J, metrics, rows, tuple(real), len(known))
+
+
+def turned(columns: np.ndarray, axes: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """Columns (m, 3, K) along axes (m, 3, 3) in rows, turned about the tangents to the axes that the smallest rotation between
+    the tangents carries from ``onto`` (m, 3, 3): the normals of two models of one pose may differ by any angle."""
+    B = np.einsum("mik,mjk->mij", onto, axes)
+    angle = np.arctan2(B[:, 1, 0] - B[:, 0, 1], B[:, 0, 0] + B[:, 1, 1])
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    return np.stack([c * columns[:, 0] - s * columns[:, 1], s * columns[:, 0] + c * columns[:, 1], columns[:, 2]], axis=1)
 
 
 def _whiten(factor, columns):
@@ -259,7 +305,7 @@ class Complement:
     ):
         """Thin curves and columns and index the columns; those of the model are zero unless its parameters are ``free``."""
         self.length, self.stated, self.planes, self.alike, self.scales, poses = length, stated, planes, alike, scales, []
-        self.settings = settings
+        self.settings, self.shapes, self.real = settings, shapes, real
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
@@ -292,7 +338,8 @@ class Complement:
         found, curvature, _ = self._likeliest(noise, usual, near)
         prior = self.likelihood.prior(found, logarithms(found), discrepancy=True)
         prior += (0.5 * (np.log(curvature / usual) / self.settings.discrepancy_spread) ** 2 if curvature else 0.0)
-        return Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
+        law = Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
+        return replace(law, places=law.at(self.shapes, self.real))
 
     def gain(self, noise: Noise, usual: float) -> float:
         """Log likelihood (nats) gained by a discrepancy over the most likely noise alone."""
@@ -333,8 +380,8 @@ def noise_like(white: Whitened, shapes, laws, count: int, rng) -> np.ndarray:
     out = rng.standard_normal((len(white.r), count))
     share = np.array_split(np.arange(count), len(laws))
     for law, mine in zip(laws, share, strict=True):
-        for i, (metric, rows, real) in enumerate(zip(white.metrics, white.rows, white.real, strict=True)):
-            normal, tangent = law.of_pose(i, shapes[i], real).back(out[np.ix_(rows, mine)])
+        for metric, rows, own in zip(white.metrics, white.rows, law.metrics(shapes, white.real), strict=True):
+            normal, tangent = own.back(out[np.ix_(rows, mine)])
             drawn = np.zeros((len(normal), NORMALS + 1, len(mine)))
             drawn[:, :NORMALS] = normal
             drawn[metric.marks, NORMALS] = tangent

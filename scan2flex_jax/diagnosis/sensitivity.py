@@ -125,11 +125,9 @@ class Bench:
         local = vector[numbers.shared : numbers.base].reshape(numbers.poses, numbers.local)
         e = evaluator(vector[: numbers.shared], local, start=start)
         self.solves += numbers.poses
-        r, J, s, marked = e.residual, np.asarray(e.jacobian), e.s, self.poses.marked
-        return [
-            states.Shape(r[i], J[i], s[i], one(e.configuration, i), one(e.verdict, i), None if marked is None else marked[i])
-            for i in range(numbers.poses)
-        ]
+        shapes = [states.Shape(*one(e, i)) for i in range(numbers.poses)]
+        marked = self.poses.marked
+        return shapes if marked is None else [s._replace(marked=m) for s, m in zip(shapes, marked, strict=True)]
 
     def catalogue_columns(self, vector, components, start):
         """Per pose the columns (m, 3, K) of all components at zero amplitude, and the component of each column.

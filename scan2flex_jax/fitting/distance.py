@@ -133,6 +133,11 @@ def marker_residuals(
     return jax.vmap(one)(points, at)
 
 
+def axes_along(r, d3, ds, s: Float[Array, " m"], observe) -> Float[Array, "m 3 3"]:
+    """The two normals and the tangent (rows) of the observed curve at arc lengths ``s`` (m): the axes of these residuals."""
+    return jax.vmap(_held_axes(*jax.lax.stop_gradient((observe(r), d3, ds))))(jax.lax.stop_gradient(s))
+
+
 def _held_axes(r, d3, ds):
     """Function of arc length (m) to two rotation-minimising normals and the tangent there (rows); no derivatives."""
     frames = curves.transported_frames(d3, curves.frame_on(d3[0]))

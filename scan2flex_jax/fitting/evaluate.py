@@ -33,13 +33,14 @@ from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
 class Evaluation(NamedTuple):
     """Per pose: residuals (P, m, 3) in m, their Jacobian (P, m, 3, shared + local) or None, arc lengths (P, m), the
-    configurations and the statuses of their solves (``verdict``)."""
+    configurations, the statuses of their solves (``verdict``), and the axes (P, m, 3, 3) of the residuals."""
 
     residual: np.ndarray
     jacobian: np.ndarray | None
     s: np.ndarray
     configuration: Configuration
     verdict: Verdict
+    axes: np.ndarray | None = None
 
     @property
     def solved(self) -> bool:
@@ -115,8 +116,7 @@ class Evaluator:
         else:
             found = self._in_order(p.history, shared, local, start, derivative)
         found = [each._replace(marked=None, left=(), leaving=(), entered=()) for each in found]
-        r, jacobian, s, configuration, verdict = jax.tree.map(lambda *x: np.stack(x), *found)[:5]
-        return Evaluation(r, jacobian, s, configuration, verdict)
+        return Evaluation(*jax.tree.map(lambda *x: np.stack(x), *found)[:6])
 
     def _rows(self, x, derivative):
         """Number of tangents of a call."""

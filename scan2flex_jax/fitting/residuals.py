@@ -78,7 +78,7 @@ class ResidualFunction(eqx.Module):
 
 @compiled
 def _residuals(function: ResidualFunction, x):
-    residual, (_, _, verdict) = of_poses(function, x, lambda residual, own: residual(own))
+    residual, (_, _, verdict, _) = of_poses(function, x, lambda residual, own: residual(own))
     return residual, verdict
 
 

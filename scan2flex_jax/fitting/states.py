@@ -22,6 +22,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.compilation import compiled, lightly_compiled
 from scan2flex_jax.fitting.distance import (
+    axes_along,
     closest_residuals,
     hausdorff_residuals,
     integrated_residuals,
@@ -53,8 +54,8 @@ class State(eqx.Module):
 
 
 class Shape(NamedTuple):
-    """One solved pose: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, status, and the mask
-    of markers (m,), None if the study has none.
+    """One solved pose: residual (m, 3) in m, its derivatives (m, 3, K), arc lengths (m), configuration, status, the axes
+    (m, 3, 3) of the residual (rows), and the mask of markers (m,), None if the study has none.
 
     With memory also the state that the pose ``entered`` with, the one that it ``left``, and the derivatives ``leaving`` of the
     latter (leading axis K)."""
@@ -64,6 +65,7 @@ class Shape(NamedTuple):
     s: np.ndarray
     configuration: Configuration
     verdict: Verdict
+    axes: np.ndarray
     marked: Float[Array | np.ndarray, " m"] | None = None
     left: Left = ()
     leaving: Left = ()
@@ -129,19 +131,19 @@ class Target(NamedTuple):
 
 
 def shape(state: State, start: Configuration, target: Target, distance: str):
-    """Residual (m, 3) of a pose solved from ``start``, then ``(arc lengths (m), configuration, verdict)``; traceable."""
-    r, s, e = _solved(state, start, target, distance)
-    return r, (s, jax.lax.stop_gradient(e.configuration), e.verdict)
+    """Residual (m, 3) of a pose solved from ``start``, then ``(arc lengths (m), configuration, verdict, axes)``; traceable."""
+    r, s, axes, e = _solved(state, start, target, distance)
+    return r, (s, jax.lax.stop_gradient(e.configuration), e.verdict, axes)
 
 
 def shape_and_left(state: State, start: Configuration, target: Target, distance: str, held: Float[Array, ""]):
     """`shape` with the residual followed by the state that the pose leaves after it was ``held`` (s)."""
-    r, s, e = _solved(state, start, target, distance)
-    return (r, e.leaves(held)), (s, jax.lax.stop_gradient(e.configuration), e.verdict)
+    r, s, axes, e = _solved(state, start, target, distance)
+    return (r, e.leaves(held)), (s, jax.lax.stop_gradient(e.configuration), e.verdict, axes)
 
 
-def _solved(state, start, target, distance) -> tuple[Array, Array, Equilibrium]:
-    """Residual, arc lengths, and the equilibrium."""
+def _solved(state, start, target, distance) -> tuple[Array, Array, Array, Equilibrium]:
+    """Residual, arc lengths, axes, and the equilibrium."""
     e = solve_rod(state.rod, start)
     curve = e.points, e.configuration.R[:, :, 2], state.rod.section.ds, target.points, target.expected
 
@@ -152,7 +154,7 @@ def _solved(state, start, target, distance) -> tuple[Array, Array, Equilibrium]:
     if target.marked is not None:
         r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve, seen), r)
         s = jnp.where(target.marked > 0, target.expected, s)
-    return r * target.mask[:, None], s, e
+    return r * target.mask[:, None], s, axes_along(*curve[:3], s, seen), e
 
 
 @compiled
@@ -192,12 +194,12 @@ def evaluate(
     count, columns = len(jax.tree.leaves(tangents)[0]), []
     for first in range(0, max(count, 1), width):
         part = tangents if count == width else jax.tree.map(partial(_rows, first, width), tangents)
-        (r, left), moved, (s, configuration, verdict) = _evaluate(state, start, target, distance, part, held)
+        (r, left), moved, (s, configuration, verdict, axes) = _evaluate(state, start, target, distance, part, held)
         columns.append(jax.tree.map(np.asarray, moved))
         start = jax.tree.map(np.asarray, configuration)
     d, leaving = jax.tree.map(lambda *x: np.concatenate(x)[:count], *columns)
     d = np.moveaxis(d, 0, -1)
-    return _as_numpy(r, d, s, start, verdict)._replace(marked=target.marked, left=left, leaving=leaving)
+    return _as_numpy(r, d, s, start, verdict, axes)._replace(marked=target.marked, left=left, leaving=leaving)
 
 
 def no_tangents(state: State) -> State:
@@ -210,8 +212,8 @@ def still(state: State, count: int) -> State:
     return jax.tree.map(lambda x: np.zeros((count, *np.shape(x))), eqx.filter(state, eqx.is_inexact_array))
 
 
-def _as_numpy(residual, columns, s, configuration, verdict) -> Shape:
-    return Shape(*jax.tree.map(np.asarray, (residual, columns, s, configuration, verdict)))
+def _as_numpy(residual, columns, s, configuration, verdict, axes) -> Shape:
+    return Shape(*jax.tree.map(np.asarray, (residual, columns, s, configuration, verdict, axes)))
 
 
 def _rows(first, width, x):

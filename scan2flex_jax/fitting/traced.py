@@ -140,7 +140,7 @@ def evaluate(problem: TracedProblem, x, start: Configuration) -> _Value:
     n, k = f.layout.shared, f.layout.local
 
     def normal(residual, own):
-        r, push, (_, configuration, verdict) = jax.linearize(residual, own, has_aux=True)
+        r, push, (_, configuration, verdict, _) = jax.linearize(residual, own, has_aux=True)
         J = jax.vmap(push)(jnp.eye(len(own))).reshape(len(own), -1)
         r = r.ravel()
         return r @ r, J @ J.T, J @ r, jnp.count_nonzero(r), configuration, verdict
