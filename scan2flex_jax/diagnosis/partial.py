@@ -89,9 +89,9 @@ def _add_near(found, scores, table, progress) -> None:
     stage = found.stage
     rest = [k for k in sorted(found.table, key=lambda k: -table[k][0]) if frozenset([k]) not in found.refits]
     progress("refits with all other effect types")
+    unit = plain_law(stage.bench, stage.bench.off).noise.total
     for kind in rest:
-        g, law = table[kind][1], plain_law(stage.bench, stage.bench.off)
-        least = _NEAR * found.nearest / law.noise.total**2  # about the cost of one that is kept
+        g, least = table[kind][1], _NEAR * found.nearest / unit**2  # about the cost of one that is kept
         begun = _plain(found, [scores.components[g]], stage.base, [scores.amplitudes[g]], least)
         if _near(found, begun):
             found.add([_at_own_floor(found, begun)])

@@ -305,7 +305,7 @@ class Complement:
     ):
         """Thin curves and columns and index the columns; those of the model are zero unless its parameters are ``free``."""
         self.length, self.stated, self.planes, self.alike, self.scales, poses = length, stated, planes, alike, scales, []
-        self.settings, self.shapes, self.real = settings, shapes, real
+        self.settings, self._shapes, self._real = settings, shapes, real
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
@@ -339,7 +339,11 @@ class Complement:
         prior = self.likelihood.prior(found, logarithms(found), discrepancy=True)
         prior += (0.5 * (np.log(curvature / usual) / self.settings.discrepancy_spread) ** 2 if curvature else 0.0)
         law = Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
-        return replace(law, places=law.at(self.shapes, self.real))
+        return self.placed(law)
+
+    def placed(self, law: Law) -> Law:
+        """The law at the places of this residual."""
+        return replace(law, places=law.at(self._shapes, self._real))
 
     def gain(self, noise: Noise, usual: float) -> float:
         """Log likelihood (nats) gained by a discrepancy over the most likely noise alone."""

@@ -158,8 +158,7 @@ def repeated(study: Study) -> tuple[list[int], ...]:
 def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
     """The base refitted under the most likely noise, and the groups given it; ``known``: refits to start from."""
     noise = complement.estimate
-    law = Law(noise, scales=of.scales)
-    law = replace(law, places=law.at(complement.shapes, complement.real))
+    law = complement.placed(Law(noise, scales=of.scales))
     base = refit(of.bench, (), law, of.vector, most=6)
     rng = np.random.default_rng(of.seed)
     drawn = [replace(law, noise=other) for other in complement.draws(noise, NOISE_LAWS, rng)]
