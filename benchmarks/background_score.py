@@ -58,9 +58,24 @@ def row(result: dict, answer: dict, in_tie_set: bool) -> dict:
     if answer["kinds"] and in_tie_set:
         true = next(e for e in answer["effect"] if e["kind"] == answer["kinds"][0])
         every = [*result.get("chosen", []), *result.get("ranking", [])]
-        found = next((e["parameters"] for e in every if e["kind"] == true["kind"]), None)
-        out["size_off_by"] = found and size_off_by(true["kind"], found, true, answer["true_length"])
+        found = next((e for e in every if e["kind"] == true["kind"]), None)
+        out["size_off_by"] = found and size_off_by(true["kind"], found["parameters"], true, answer["true_length"])
+        out["parameters"], out["parameters_covered"] = within_errors(found, true) if found else (0, 0)
     return out
+
+
+def within_errors(found: dict, true: dict) -> tuple[int, int]:
+    """Of the parameters of an effect that have a standard error, how many there are and how many contain the truth in their
+    95 % intervals. Of directions of bending that are the same, the one next to that found is the truth."""
+    if true["kind"] == "anisotropic_bending":
+        turned = {"ratio": 1 / true["ratio"], "angle": true["angle"] + np.pi / 2}
+        true = min(true, turned, key=lambda p: abs(np.log(p["ratio"] / found["parameters"]["ratio"])))
+        turns = round((found["parameters"]["angle"] - true["angle"]) / np.pi)
+        true = {"ratio": true["ratio"], "angle": true["angle"] + turns * np.pi}
+    known = [k for k in found.get("std", {}) if k in true]
+    three = (found["parameters"], true, found.get("std", {}))
+    value, truth, std = (np.concatenate([np.ravel(p[k]) for k in known] or [[]]) for p in three)
+    return len(std), int(np.sum(abs(value - truth) <= 1.96 * std))
 
 
 def about_the_same_axis(answer: dict, chosen: list[dict]) -> dict:
@@ -99,6 +114,9 @@ def table(rows: list[dict]) -> dict:
         "background_validate_within_1.3": share(r.get("validate_over_attained", np.inf) < VALIDATE for r in one),
         "background_discrepancy_over_true_median": median(ratios) if ratios else None,
     }
+    count = sum(r.get("parameters", 0) for r in one)
+    if count:
+        out["background_parameters_covered"] = {"share": sum(r.get("parameters_covered", 0) for r in one) / count, "of": count}
     for words, prefix in (("coverage_95", "covers_"), ("coverage_95_plain_fit", "plain_covers_")):
         for name, some in (("alone", none), ("with_effect", one)):
             out[f"background_{words}_{name}"] = share(v for r in some for k, v in r.items() if k.startswith(prefix))

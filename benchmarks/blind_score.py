@@ -11,10 +11,12 @@ import argparse
 import json
 import multiprocessing
 import os
+import signal
 import sys
 import time
 import tomllib
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from pathlib import Path
 
 from benchmarks import background_score
@@ -31,10 +33,32 @@ BEYOND_THE_TABLE = {
 }  # fmt: skip
 
 
-def prepare() -> None:
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415 - in each process
+def prepare(cores=None) -> None:
+    """A worker process: on one core of the queue ``cores``, where XLA's threads of several workers would share them."""
+    if cores is not None:
+        os.sched_setaffinity(0, {cores.get()})
+    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415 - in each process, after its core is known
 
     prepare_jax()
+
+
+@contextmanager
+def workers(jobs: int):
+    """A pool of ``jobs`` processes, each on a core of its own where there are enough, which ends them when interrupted."""
+    context = multiprocessing.get_context("spawn")
+    available = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    cores = context.Queue() if 1 < jobs <= len(available) else None
+    for core in available[:jobs] if cores else ():
+        cores.put(core)
+    pool = ProcessPoolExecutor(jobs, context, prepare, (cores,))
+    try:
+        yield pool
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def diagnose(folder: Path, options: dict | None = None) -> dict:
@@ -173,6 +197,7 @@ def table(rows: list[dict]) -> dict:
 
 
 def main() -> None:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped run ends its workers too
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", type=Path)
     parser.add_argument("answers", type=Path)
@@ -185,10 +210,10 @@ def main() -> None:
     wanted = set(filter(None, args.only.split(",")))
     folders = [f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)]
     results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
-    todo, context = [f for f in folders if f.name not in results], multiprocessing.get_context("spawn")
+    todo = [f for f in folders if f.name not in results]
     together = args.per_process * args.jobs
     for batch in (todo[i : i + together] for i in range(0, len(todo), together)):
-        with ProcessPoolExecutor(args.jobs, context, prepare) as pool:
+        with workers(args.jobs) as pool:
             running = {pool.submit(diagnose, f): f.name for f in batch}
             for finished in as_completed(running):
                 name = running[finished]

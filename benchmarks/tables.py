@@ -99,6 +99,7 @@ _BACKGROUND = (
     ("background_discrepancy_over_true_median", "reported over true scatter, median", "-"),
     ("background_coverage_95_alone", "95 % intervals of EI and GJ that hold the truth: background alone", "92-97 %"),
     ("background_coverage_95_with_effect", "the same with an effect, after it is searched", "92-97 %"),
+    ("background_parameters_covered", "95 % intervals of the effect's parameters that hold the truth", "92-97 %"),
     ("background_coverage_95_plain_fit_alone", "the same of the baseline fit, background alone", "92-97 %"),
     ("background_coverage_95_plain_fit_with_effect", "the same of the baseline fit, before an effect is known", "92-97 %"),
 )

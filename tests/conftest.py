@@ -4,19 +4,27 @@ compiled functions for all processes of a run.
 A test runs a function a few times only and mostly waits for its compilation: XLA compiles without optimisation, in a third of
 the time, for code that takes half as long again. Flags in `XLA_FLAGS` have the last word:
 `XLA_FLAGS=--xla_backend_optimization_level=3 pytest` tests what a user runs, as `.ci/package.py` and the benchmarks do.
+
+Of several test processes each keeps to one core: threads of several processes on the same cores take a quarter more processor
+time.
 """
 
 import gc
 import os
 from pathlib import Path
 
+_WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")  # gw0, gw1, ...
+if _WORKER and hasattr(os, "sched_setaffinity"):  # before JAX counts the cores
+    _CORES = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {_CORES[int(_WORKER.removeprefix("gw")) % len(_CORES)]})
+
 # read when JAX first compiles; of two values of a flag the last one counts
 os.environ["XLA_FLAGS"] = f"--xla_backend_optimization_level=0 {os.environ.get('XLA_FLAGS', '')}".strip()
 os.environ["SCAN2FLEX_KERNEL"] = "off"  # the tests of the compiled solver build their own
 
-import jax
-import pytest
-from jaxtyping import install_import_hook
+import jax  # noqa: E402 - after the settings that it reads
+import pytest  # noqa: E402
+from jaxtyping import install_import_hook  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_compilation_cache_dir", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))

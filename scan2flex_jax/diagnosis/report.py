@@ -198,12 +198,13 @@ def settle_sentences(kinds) -> tuple[str, ...]:
 
 def discrepancy(bench, found: Refit) -> Discrepancy:
     """The discrepancy of the poses given a refit."""
-    law, length = found.law, bench.context.length
+    law, length, moved = found.law, bench.context.length, []
     if not law.curvature:
         return Discrepancy(length=length)
     columns = tuple(Z[keep] for Z, keep in zip(law.scatter, bench.real, strict=True))
-    parts = zip(columns, found.shapes, bench.real, strict=True)
-    moved = [most_likely_part(law.curvature, Z, s.residual[k], law.noise.covariance(s.s[k])) for Z, s, k in parts]
+    for i, (shape, place, Z) in enumerate(zip(found.shapes, law.places, law.scatter, strict=True)):
+        residual = place.take(shape, shape.residual[:, :, None])[:, :, 0]
+        moved.append(most_likely_part(law.curvature, Z[place.keep], residual, law.covariance(i, place.s)))
     return Discrepancy(law.curvature, length, columns, tuple(moved))
 
 

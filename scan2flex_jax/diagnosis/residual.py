@@ -78,13 +78,16 @@ class Law:
     def _own(self):
         return tuple(self._metric(i, place) for i, place in enumerate(self.places))
 
+    def covariance(self, i: int, s: np.ndarray) -> np.ndarray:
+        """Covariance (m, m), in m^2, of the sensor's noise of pose ``i`` at arc lengths (m)."""
+        return (self.scales[i] if self.scales else 1.0) ** 2 * self.noise.covariance(s)
+
     def _metric(self, i, place):
         pick, keep, s, _, marks, flat = place
-        scale = self.scales[i] if self.scales else 1.0
-        factor = scale * linalg.cholesky(self.noise.covariance(s), lower=True)
+        factor = linalg.cholesky(self.covariance(i, s), lower=True)
         along = np.zeros((0, 0))
         if len(marks):
-            C = scale**2 * self.noise.covariance(s[marks])
+            C = self.covariance(i, s[marks])
             if self.curvature:
                 C = C + np.diag(foreshortening(self.curvature, self.scatter[i][keep], s)[marks] ** 2)
             along = linalg.cholesky(C, lower=True)
@@ -115,6 +118,10 @@ class Place(NamedTuple):
         at = np.flatnonzero(keep)[pick]
         marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[at] > 0)
         return cls(pick, at, shape.s[at], shape.axes[at], marks, plane_of(shape.residual[at]) if planes == 1 else None)
+
+    def take(self, shape, columns: np.ndarray) -> np.ndarray:
+        """Columns (points, 3, K) in the residual of any shape, at these points (m, 3, K) and along these axes."""
+        return turned(columns[self.keep], shape.axes[self.keep], self.axes)
 
 
 @dataclass(frozen=True)
@@ -222,11 +229,10 @@ def whiten(shapes, real, numbers, vector, law: Law) -> Whitened:
     r, J = np.zeros(at + len(known)), np.zeros((at + len(known), numbers.count))
     for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
         own = numbers.of_pose(i)
-        both = np.concatenate([shape.residual[keep][:, :, None], shape.columns[keep][:, :, : len(own)]], axis=-1)
+        both = np.concatenate([shape.residual[:, :, None], shape.columns[:, :, : len(own)]], axis=-1)
         if law.places:
-            place = law.places[i]
-            both[place.pick] = turned(both[place.pick], shape.axes[place.keep], place.axes)
-        white = metrics[i].white(both)
+            both[law.places[i].keep] = law.places[i].take(shape, both)
+        white = metrics[i].white(both[keep])
         r[rows[i]], J[np.ix_(rows[i], own)] = white[:, 0], white[:, 1:]
     r[at:] = (vector[known] - numbers.prior_mean) / numbers.prior_std
     J[at + np.arange(len(known)), known] = 1.0 / numbers.prior_std
