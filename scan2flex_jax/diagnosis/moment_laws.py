@@ -2,9 +2,9 @@
 
 A law needs room in the compiled state of every pose, and eight numbers. It is therefore tried only where it can matter: where
 the effects that were found leave more than noise, or where one that is tied gives the shapes of the law under some condition.
-It is refitted alone, beside the best set, and in that set in the place of an effect that it contains, each from the linear law
-and from the laws of the refits so far. A simpler set stands unless the one with the law predicts poses left out better, and is
-likelier (`partial.leads`).
+It is refitted alone, beside the best set and the likeliest other one that is about as likely, and in those sets in the place of
+an effect that it contains, each from the linear law and from the laws of the refits so far. A simpler set stands unless the one
+with the law predicts poses left out better, and is likelier (`partial.leads`).
 """
 
 from dataclasses import replace
@@ -80,18 +80,32 @@ def _best(found) -> Refit:
 
 
 def _refits(found, entry, progress) -> list[Refit]:
-    """Refits with a law: alone, in the place of an effect of the best set that it contains, and beside that set."""
-    best, out = _best(found), []
-    kept = [k for k, c in enumerate(best.components) if not alike(entry.kind, c.kind)]
-    sets = [[], kept] if kept else [[]]
-    if len(best.components) == len(kept) >= partial.most_effects(found.stage):
-        sets = [[]]  # no room for one more
-    for held in sets:
-        names = [*(best.components[k].kind for k in held), entry.kind]
-        progress(f"refit with {' and '.join(names)}")
-        ends = [_refit(found, entry, near, held, best) for near in _starts(found, entry, best)]
-        out += [r for r in ends if r is not None]
+    """Refits with a law: alone, and beside each likely set or in the place of an effect of it that the law contains."""
+    out, tried = [], set()
+    for best in _sets(found):
+        kept = [k for k, c in enumerate(best.components) if not alike(entry.kind, c.kind)]
+        sets = [[], kept]
+        if len(best.components) == len(kept) >= partial.most_effects(found.stage):
+            sets = [[]]  # no room for one more
+        for held in sets:
+            kinds = frozenset(best.components[k].kind for k in held)
+            if kinds in tried:
+                continue
+            tried.add(kinds)
+            progress(f"refit with {' and '.join([*(best.components[k].kind for k in held), entry.kind])}")
+            ends = [_refit(found, entry, near, held, best) for near in _starts(found, entry, best)]
+            out += [r for r in ends if r is not None]
     return out
+
+
+def _sets(found) -> list[Refit]:
+    """The best model without a law, and the likeliest other one of as many effects if it is about as likely: which of two is
+    the better may depend on the law that both lack."""
+    best = _best(found)
+    least = best.log_evidence - found.stage.settings.lead_named
+    others = [r for r in found.refits.values() if r is not best and len(r.components) == len(best.components)]
+    likeliest = max(others, key=lambda r: r.log_evidence, default=None)
+    return [best, likeliest] if likeliest is not None and likeliest.log_evidence > least else [best]
 
 
 def _starts(found, entry, best) -> list[Refit]:
