@@ -84,6 +84,22 @@ def test_what_is_left_and_what_a_law_could_be_behind_is_tried(found, monkeypatch
     assert tried == [found]
 
 
+@pytest.mark.parametrize(
+    ("others", "tried"),
+    [
+        ({"kink": 3.0, "tether": 1.0}, ["natural_curvature", "kink"]),
+        ({"kink": -USUAL.lead_named - 0.1}, ["natural_curvature"]),
+        ({}, ["natural_curvature"]),
+    ],
+)
+def test_a_law_is_tried_beside_the_likeliest_other_set_if_it_is_about_as_likely(others, tried):
+    found = ended(verdict.PARTLY, "natural_curvature", floor=object())
+    found.stage.settings, (found.best,) = USUAL, found.tied
+    found.refits = {frozenset(r.kinds): r for r in (found.best, replace(refitted("kink", "point_mass"), log_evidence=20.0))}
+    found.refits |= {frozenset([k]): replace(refitted(k), log_evidence=lead) for k, lead in others.items()}
+    assert [k for r in moment_laws._sets(found) for k in r.kinds] == tried
+
+
 @pytest.fixture(scope="module")
 def hardening():
     """Shapes of an independent solver, of a cable that stiffens as it bends: no effect of the catalogue does that."""
