@@ -72,7 +72,7 @@ def within_errors(found: dict, true: dict) -> tuple[int, int]:
         true = min(true, turned, key=lambda p: abs(np.log(p["ratio"] / found["parameters"]["ratio"])))
         turns = round((found["parameters"]["angle"] - true["angle"]) / np.pi)
         true = {"ratio": true["ratio"], "angle": true["angle"] + turns * np.pi}
-    known = [k for k in found.get("std", {}) if k in true]
+    known = [k for k, std in found.get("std", {}).items() if np.size(true.get(k, ())) == np.size(std)]
     three = (found["parameters"], true, found.get("std", {}))
     value, truth, std = (np.concatenate([np.ravel(p[k]) for k in known] or [[]]) for p in three)
     return len(std), int(np.sum(abs(value - truth) <= 1.96 * std))
@@ -114,9 +114,8 @@ def table(rows: list[dict]) -> dict:
         "background_validate_within_1.3": share(r.get("validate_over_attained", np.inf) < VALIDATE for r in one),
         "background_discrepancy_over_true_median": median(ratios) if ratios else None,
     }
-    count = sum(r.get("parameters", 0) for r in one)
-    if count:
-        out["background_parameters_covered"] = {"share": sum(r.get("parameters_covered", 0) for r in one) / count, "of": count}
+    count, inside = (sum(r.get(k, 0) for r in one) for k in ("parameters", "parameters_covered"))
+    out["background_parameters_covered"] = {"share": inside / count if count else None, "of": count}
     for words, prefix in (("coverage_95", "covers_"), ("coverage_95_plain_fit", "plain_covers_")):
         for name, some in (("alone", none), ("with_effect", one)):
             out[f"background_{words}_{name}"] = share(v for r in some for k, v in r.items() if k.startswith(prefix))

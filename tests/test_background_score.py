@@ -75,6 +75,17 @@ def test_the_same_anisotropic_cable_may_be_told_by_its_other_axis(found, covers)
     assert row["size_off_by"] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_parameters_are_counted_one_by_one_against_their_intervals():
+    mass = {"parameters": {"position": 0.52, "mass": 0.11}, "std": {"position": 0.011, "mass": 0.004}}
+    assert background_score.within_errors(mass, {"kind": "point_mass", "position": 0.5, "mass": 0.1}) == (2, 1)
+    assert background_score.within_errors({"parameters": mass["parameters"]}, {"kind": "point_mass", "position": 0.5}) == (0, 0)
+    both = {"parameters": {"rotation": [[0.1, 0, 0], [0, 0, 0]]}, "std": {"rotation": [[0.1, 0.1, 0.1], [0.1, 0.1, 0.1]]}}
+    assert background_score.within_errors(both, {"kind": "clamp_rotation", "rotation": [[0.1, 0, 0]]}) == (0, 0)
+    turned = {"parameters": {"ratio": 0.5, "angle": 0.2 - np.pi / 2}, "std": {"ratio": 0.01, "angle": 0.01}}
+    for true in ({"ratio": 2.0, "angle": 0.2}, {"ratio": 0.5, "angle": 0.2 + np.pi / 2}):
+        assert background_score.within_errors(turned, {"kind": "anisotropic_bending"} | true) == (2, 2)
+
+
 def test_partly_explained_is_a_name_that_can_be_wrong():
     kink = [{"kind": "kink", "parameters": {"position": 0.5, "angle": [0, 0, 1], "width": 0.1}}]
     row = blind_score.score(result("partly explained", chosen=False) | {"chosen": kink}, answer())

@@ -4,6 +4,7 @@ The likelihood depends on the assumed covariance of the discrepancy. Between an 
 leave-one-pose-out error therefore decides: the simpler one is kept unless the wider one has a smaller error.
 """
 
+import functools
 from collections.abc import Iterable
 
 import numpy as np
@@ -74,18 +75,23 @@ def established(stage, best: Refit, baseline: Refit) -> bool:
     return certain and nearer(stage, best, baseline) and of_one_size(stage, best)
 
 
-def fewer_are_likelier(stage, best: Refit, refits: Iterable[Refit]) -> bool:
-    """Whether some of the effects of a model at the sensor's noise, or none of them, are likelier with a discrepancy of each
-    pose than all of them: effects that are not there may bring the residual to noise in the place of a discrepancy."""
+def fewer_are_likelier(stage, tied: Iterable[Refit], refits: Iterable[Refit]) -> bool:
+    """Whether of each model that is tied at the sensor's noise some of the effects, or none, are likelier with a discrepancy of
+    each pose than all of them, by as much as a name needs: effects that are not there may bring the residual to noise in the
+    place of a discrepancy."""
     if stage.bench.poses.count < 2:
         return False
+    kept, most = [stage.base, *refits], stage.settings.lead_named
 
+    @functools.cache
     def likelihood(r):
         return floors.own_floor(stage.of, r, stage.noise).log_marginal
 
-    fewer = [r for r in (stage.base, *refits) if set(r.kinds) < set(best.kinds)]
-    least = likelihood(best)
-    return any(likelihood(r) > least for r in sorted(fewer, key=lambda r: -len(r.kinds)))
+    def outdone(best):
+        fewer, least = [r for r in kept if set(r.kinds) < set(best.kinds)], likelihood(best) + most
+        return any(likelihood(r) > least for r in sorted(fewer, key=lambda r: -len(r.kinds)))
+
+    return all(outdone(r) for r in tied)
 
 
 def nearer(stage, r: Refit, baseline: Refit) -> bool:

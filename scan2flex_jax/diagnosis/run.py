@@ -125,7 +125,7 @@ def _searched(base: "_Base", say: Progress) -> search.Found:
         say("again with less noise")
         found = search.search(sharper, say)
     if found.verdict in (verdict.EXPLAINED, verdict.TIE) and (
-        _poses_differ(base.signatures, found) or fewer_are_likelier(found.stage, found.best, found.refits.values())
+        _poses_differ(base.signatures, found) or fewer_are_likelier(found.stage, found.tied, found.refits.values())
     ):
         found.verdict = verdict.UNEXPLAINED  # left to `partial`
     if found.verdict == verdict.NONE and _poses_differ(base.signatures, found):
@@ -246,14 +246,15 @@ def _free(found: search.Found, say: Progress) -> None:
 
 
 def _poses_differ(of: stage.Signatures, found: search.Found) -> bool:
-    """Whether each pose has a discrepancy of its own beyond the sensor's noise, given the best model found.
+    """Whether each pose has a discrepancy of its own beyond the sensor's noise, given the best model or each one tied with it.
 
     In a single pose, discrepancy and effect are the same.
     """
     if of.bench.poses.count == 1:
         return False
-    return of.exceeds(found.stage.noise) or of.conspicuous(found.stage.noise) or (
-        floors.gain_of_discrepancy(of, found.best, found.stage.noise) > of.settings.differing
+    noise, models = found.stage.noise, found.tied if found.verdict == verdict.TIE else [found.best]
+    return of.exceeds(noise) or of.conspicuous(noise) or (
+        all(floors.gain_of_discrepancy(of, r, noise) > of.settings.differing for r in models)
     )
 
 
