@@ -52,7 +52,7 @@ def explain(
         draw_explanation(result, figures, outputs.write)
     if save:
         save_study(result.study, save)
-    if result.fit is None:
+    if not result.believable:
         raise typer.Exit(NOT_TO_BELIEVE)
 
 

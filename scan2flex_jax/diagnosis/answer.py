@@ -56,6 +56,8 @@ def _belief(explanation) -> tuple[str, str]:
         return BAD, "no: not in equilibrium, nothing is concluded"
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved"
+    if explanation.misfits and explanation.verdict != verdict.UNEXPLAINED:
+        return BAD, f"no: {explanation.misfits[0]}"
     return _of_verdict(explanation)
 
 

@@ -77,18 +77,21 @@ def established(stage, best: Refit, baseline: Refit) -> bool:
 
 def fewer_are_likelier(stage, tied: Iterable[Refit], refits: Iterable[Refit]) -> bool:
     """Whether of each model that is tied at the sensor's noise some of the effects, or none, are likelier with a discrepancy of
-    each pose than all of them, by as much as a name needs: effects that are not there may bring the residual to noise in the
-    place of a discrepancy."""
+    each pose than all of them: effects that are not there may bring the residual to noise in the place of a discrepancy.
+
+    A single effect must be outdone by as much as a name needs; a set, chosen among hundreds, must be the likelier one itself.
+    """
     if stage.bench.poses.count < 2:
         return False
-    kept, most = [stage.base, *refits], stage.settings.lead_named
+    kept = [stage.base, *refits]
 
     @functools.cache
     def likelihood(r):
         return floors.own_floor(stage.of, r, stage.noise).log_marginal
 
     def outdone(best):
-        fewer, least = [r for r in kept if set(r.kinds) < set(best.kinds)], likelihood(best) + most
+        fewer = [r for r in kept if set(r.kinds) < set(best.kinds)]
+        least = likelihood(best) + (stage.settings.lead_named if len(best.kinds) == 1 else 0.0)
         return any(likelihood(r) > least for r in sorted(fewer, key=lambda r: -len(r.kinds)))
 
     return all(outdone(r) for r in tied)

@@ -107,7 +107,7 @@ def _complement(of, found, as_it_stands=False):
     bench, solved = of.bench, configurations(found.shapes)
     scatter = bench.scatter(found.components, found.vector, solved)
     given = found.shapes, bench.real, Numbers(bench, found.components), found.vector, ()
-    rest = bench.context.length, of.stated, of.repeats, scatter, of.planes
+    rest = bench.context.length, of.stated, of.repeats, scatter, of.across
     free = not as_it_stands
     return Complement(*given, *rest, free=free, alike=of.alike, scales=of.scales, settings=of.settings), scatter
 

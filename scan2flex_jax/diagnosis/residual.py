@@ -23,7 +23,7 @@ from scan2flex_jax.fitting.likelihood import (
     NoisePrior,
     Residual,
     RestrictedLikelihood,
-    plane_of,
+    in_plane_normal,
     projected,
     shortest_of,
     thinned,
@@ -44,7 +44,7 @@ class Law:
 
     ``curvature`` (1/m) is the size of that discrepancy, and ``scatter`` per pose its columns (m, 3, k) in the residual
     (`fitting.discrepancy`); empty without a discrepancy. ``log_prior`` (nats): log prior density of the sizes.
-    ``planes``: 1 for poses measured in one plane, where the residual across it is zero by construction.
+    ``across``: the normal (3,) of the plane in which all poses were measured, if any: across it nothing was.
     ``most``: points of a pose that are used, evenly along it, as many as in the estimate of the sizes; 0 for all.
     ``scales``: standard deviation of the sensor's noise in each pose over that of ``noise``; empty if all poses are alike.
     ``places``: the points that the law was estimated from. It then is one covariance for every residual: were it evaluated at
@@ -55,7 +55,7 @@ class Law:
     curvature: float = 0.0
     scatter: tuple[np.ndarray, ...] = ()
     log_prior: float = 0.0
-    planes: int = NORMALS
+    across: np.ndarray | None = None
     most: int = 0
     scales: tuple[float, ...] = ()
     places: tuple["Place", ...] = ()
@@ -72,7 +72,7 @@ class Law:
 
     def at(self, shapes, real) -> tuple["Place", ...]:
         """The places of the points that the law uses of shapes."""
-        return tuple(Place.of(shape, keep, self.most, self.planes) for shape, keep in zip(shapes, real, strict=True))
+        return tuple(Place.of(shape, keep, self.most, self.across) for shape, keep in zip(shapes, real, strict=True))
 
     @cached_property
     def _own(self):
@@ -101,8 +101,8 @@ class Law:
 
 class Place(NamedTuple):
     """The points of one pose that a law uses: their indices among the real points (``pick``) and among all (``keep``), arc
-    lengths ``s`` (m,), the ``axes`` (m, 3, 3) of their residual, the markers ``marks`` among them, and the in-plane normal
-    ``flat`` (2,) of a pose in one plane."""
+    lengths ``s`` (m,), the ``axes`` (m, 3, 3) of their residual, the markers ``marks`` among them, and the in-plane normals
+    ``flat`` (m, 2) of a pose measured in one plane."""
 
     pick: np.ndarray
     keep: np.ndarray
@@ -112,12 +112,13 @@ class Place(NamedTuple):
     flat: np.ndarray | None
 
     @classmethod
-    def of(cls, shape, keep: np.ndarray, most: int, planes: int) -> "Place":
-        """At most ``most`` (0: all) of the points of a shape that ``keep`` marks as real."""
+    def of(cls, shape, keep: np.ndarray, most: int, across: np.ndarray | None) -> "Place":
+        """At most ``most`` (0: all) of the points of a shape that ``keep`` marks as real; ``across`` as in `Law`."""
         pick = thinned(shape.s[keep], most) if most else np.arange(int(np.sum(keep)))
         at = np.flatnonzero(keep)[pick]
         marks = np.zeros(0, int) if shape.marked is None else np.flatnonzero(np.asarray(shape.marked)[at] > 0)
-        return cls(pick, at, shape.s[at], shape.axes[at], marks, plane_of(shape.residual[at]) if planes == 1 else None)
+        flat = None if across is None else in_plane_normal(shape.axes[at], across)
+        return cls(pick, at, shape.s[at], shape.axes[at], marks, flat)
 
     def take(self, shape, columns: np.ndarray) -> np.ndarray:
         """Columns (points, 3, K) in the residual of any shape, at these points (m, 3, K) and along these axes."""
@@ -129,7 +130,7 @@ class Metric:
     """Whitening of the residual of one pose: rows of its normals at all points, then of the tangents at markers.
 
     ``pick`` (m,): the points used. ``factor`` (m, m) and ``along`` (k, k) are Cholesky factors of the sensor's covariance, of
-    points and of the ``marks`` among them; ``plane`` (2,) is the in-plane normal of a pose measured in one plane. In rows
+    points and of the ``marks`` among them; ``plane`` (m, 2) holds the in-plane normals of a pose measured in one plane. In rows
     whitened by these, the discrepancy adds the variance ``spread**2`` along each column of ``U``.
     """
 
@@ -173,7 +174,7 @@ class Metric:
         normal, tangent = np.split(self._scaled(rows, 0.5), [self.normals])
         m = len(self.factor)
         normal = (self.factor @ normal.reshape(m, -1)).reshape(m, -1, rows.shape[1])
-        return normal if self.plane is None else normal * self.plane[:, None], self.along @ tangent
+        return normal if self.plane is None else normal * self.plane[:, :, None], self.along @ tangent
 
     def _scaled(self, rows, power):
         if self.U is None or self.spread is None:
@@ -306,11 +307,11 @@ class Complement:
     """
 
     def __init__(
-        self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), planes=NORMALS, free=True,
+        self, shapes, real, numbers, vector, signatures, length, stated=None, repeats=(), scatter=(), across=None, free=True,
         alike=0.0, scales=(), settings: NoiseSettings = USUAL,
     ):
         """Thin curves and columns and index the columns; those of the model are zero unless its parameters are ``free``."""
-        self.length, self.stated, self.planes, self.alike, self.scales, poses = length, stated, planes, alike, scales, []
+        self.length, self.stated, self.across, self.alike, self.scales, poses = length, stated, across, alike, scales, []
         self.settings, self._shapes, self._real = settings, shapes, real
         extra = signatures[0].shape[-1] if signatures else 0
         columns = numbers.count + extra + len(repeats) * NORMALS * _KNOTS
@@ -326,9 +327,10 @@ class Complement:
                 at = np.r_[at, numbers.count + extra + k * NORMALS * _KNOTS + np.arange(NORMALS * _KNOTS)]
             Z = scatter[i][keep] if len(scatter) else None
             marked = None if shape.marked is None or signatures else np.asarray(shape.marked)[keep] > 0
-            pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked).thinned(_FEWER if len(scatter) else _MOST)
+            pose = Residual(shape.s[keep], shape.residual[keep], X, at, Z, marked)
+            pose = pose if across is None else pose.in_plane(in_plane_normal(shape.axes[keep], across))
             pose = pose.over(scales[i]) if len(scales) else pose
-            poses.append(pose.in_plane() if planes == 1 else pose)
+            poses.append(pose.thinned(_FEWER if len(scatter) else _MOST))
         precision, pull = np.zeros(columns), np.zeros(columns)
         known = numbers.nuisance
         precision[known] = numbers.prior_std**-2
@@ -344,7 +346,7 @@ class Complement:
         found, curvature, _ = self._likeliest(noise, usual, near)
         prior = self.likelihood.prior(found, logarithms(found), discrepancy=True)
         prior += (0.5 * (np.log(curvature / usual) / self.settings.discrepancy_spread) ** 2 if curvature else 0.0)
-        law = Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.planes, _FEWER, self.scales)
+        law = Law(found, curvature, tuple(scatter) if curvature else (), -float(prior), self.across, _FEWER, self.scales)
         return self.placed(law)
 
     def placed(self, law: Law) -> Law:

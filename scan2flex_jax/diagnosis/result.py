@@ -11,7 +11,8 @@ from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
-from scan2flex_jax.diagnosis.verdict import TOO_LITTLE, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.diagnosis.verdict import PARTLY, TOO_LITTLE, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.fitting import belief
 from scan2flex_jax.fitting.answer import Answer, change_in_words, in_mm, moved_in_words, noise_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
@@ -138,6 +139,19 @@ class Explanation:
     remembering: Fit | None = field(repr=False, default=None)
     mistakes: tuple[Mistake, ...] = ()
     settings: DiagnosisSettings = USUAL
+
+    @property
+    def misfits(self) -> tuple[str, ...]:
+        """Fitted poses that the final model leaves too far from their curves for noise (`fitting.belief.misfits`), in words;
+        none where the effects explain most of the error, and more than noise remains by the verdict itself."""
+        if self.fit is None or self.verdict == PARTLY:
+            return ()
+        return belief.misfits(self.fit.study, self.poses, self.fit.problem.length, self.fit.settings)
+
+    @property
+    def believable(self) -> bool:
+        """Whether every pose was solved and none is far from its curve in the end; otherwise the values are unusable."""
+        return self.fit is not None and self.concluded and not self.misfits and all(p.stable for p in self.poses.values())
 
     @property
     def significant(self) -> bool:

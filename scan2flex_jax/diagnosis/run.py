@@ -25,7 +25,7 @@ from scan2flex_jax.diagnosis.choice import best_of, fewer_are_likelier
 from scan2flex_jax.diagnosis.conclusion import explanation_of, likely_models
 from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.diagnosis.result import Explanation
-from scan2flex_jax.diagnosis.sensitivity import Bench
+from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.slots import empty_slots_of
 from scan2flex_jax.errors import NotSettledError
@@ -116,6 +116,8 @@ def explain(
 def _searched(base: "_Base", say: Progress) -> search.Found:
     """The search at the noise of the sensor, and on from there where that leaves structure."""
     found = search.search(base.stage, say)
+    if found.verdict == verdict.NONE and base.signatures.bench.poses.count == 1:
+        found = _below_discrepancy(base.signatures, found, say)
     for _ in range(_SHARPENED):
         differ = found.verdict == verdict.UNEXPLAINED and _poses_differ(base.signatures, found)  # less noise explains no more
         done = found.verdict == verdict.NONE or found.scattered or differ
@@ -134,6 +136,19 @@ def _searched(base: "_Base", say: Progress) -> search.Found:
     if base.coarse and found.verdict != verdict.NONE:
         found.verdict = verdict.UNSOLVED
     return found
+
+
+def _below_discrepancy(of: stage.Signatures, found: search.Found, say: Progress) -> search.Found:
+    """The search of a single pose again where its residual is smooth and large, and was taken for noise: at the noise that a
+    discrepancy leaves, since in a single pose a discrepancy and an effect are the same."""
+    if not of.conspicuous(found.stage.noise):
+        return found
+    floor = floors.own_floor(of, found.stage.base, found.stage.noise, sharp=True)
+    if not floor.law.curvature or floor.law.noise.total >= of.settings.sharper * found.stage.noise.total:
+        return found
+    say("again with the noise below a discrepancy")
+    complement = of.complement(floor.shapes, Numbers(of.bench, ()), floor.vector)
+    return search.search(stage.stage_of(of, complement, noise=floor.law.noise), say)
 
 
 def _remembered(study: Study, elements: int, say: Progress) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from scan2flex_jax.diagnosis.residual import (
 )
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component, Numbers, all_components
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
-from scan2flex_jax.fitting.discrepancy import planes_of
+from scan2flex_jax.fitting.discrepancy import plane_normal
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeats
@@ -84,7 +84,7 @@ class Signatures:
     stated: float | None
     seed: int
     repeats: tuple[list[int], ...]
-    planes: int
+    across: np.ndarray | None
     alike: float = 0.0
     scales: tuple[float, ...] = ()
     settings: DiagnosisSettings = USUAL
@@ -137,8 +137,8 @@ def signatures(
     basis = signature_basis(every, white.base)
     parts = [basis[rows].reshape(-1, 2, basis.shape[1]) for rows in white.normals]
     repeats = repeated(bench.problem.study)
-    planes = planes_of(bench.context.points, bench.context.gravity)
-    given = bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, planes, alike
+    across = plane_normal(bench.context.points, bench.context.gravity)
+    given = bench, vector, components, columns, owner, fields, parts, stated, seed, repeats, across, alike
     found = Signatures(*given, settings=settings)
     likelihood = found.complement(shapes, numbers, vector)
     if not alike:
@@ -155,9 +155,10 @@ def repeated(study: Study) -> tuple[list[int], ...]:
     return tuple(g for g in groups if len(g) > 1)
 
 
-def stage_of(of: Signatures, complement: Complement, known=None) -> Stage:
-    """The base refitted under the most likely noise, and the groups given it; ``known``: refits to start from."""
-    noise = complement.estimate
+def stage_of(of: Signatures, complement: Complement, known=None, noise: Noise | None = None) -> Stage:
+    """The base refitted under a noise, the most likely one if not given, and the groups given it; ``known``: refits to start
+    from."""
+    noise = noise or complement.estimate
     law = complement.placed(Law(noise, scales=of.scales))
     base = refit(of.bench, (), law, of.vector, most=6)
     rng = np.random.default_rng(of.seed)

@@ -125,12 +125,9 @@ def usual_size(configurations, settings: NoiseSettings = USUAL) -> float:
     return settings.usual_discrepancy * max(float(np.sqrt(np.mean((bend / ds) ** 2))), 1e-3 / float(np.sum(ds[0])))
 
 
-def planes_of(points, gravity) -> int:
-    """Number of directions across a cable in which points (n, 3) may err: one if all lie in a plane with gravity, or two."""
-    spread = np.asarray(points) - np.mean(points, axis=0)
-    size = np.linalg.svd(spread, compute_uv=False)
-    if size[2] > _FLAT * size[0]:
-        return 2
+def plane_normal(points, gravity) -> np.ndarray | None:
+    """The unit normal (3,) of the plane in which points (n, 3) lie with gravity, as those of a photograph; None without one."""
+    _, size, directions = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), full_matrices=False)
     weight = np.asarray(gravity) / max(float(np.linalg.norm(gravity)), 1e-12)
-    across = np.linalg.svd(spread, full_matrices=False)[2][2]
-    return 1 if abs(weight @ across) < _FLAT else 2
+    flat = size[2] <= _FLAT * size[0] and abs(weight @ directions[2]) < _FLAT
+    return directions[2] if flat else None

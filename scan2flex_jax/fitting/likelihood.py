@@ -18,6 +18,7 @@ from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 
 _MOST = 72  # points of a pose that enter the likelihood: enough to resolve the correlation
 _OPEN = 1e-9  # of the largest eigenvalue of the scaled information: an unidentifiable direction
+_TINY = 1e-12
 _UNFELT = 1e-5  # of the largest column: an unidentifiable parameter
 
 
@@ -47,9 +48,8 @@ class Residual(NamedTuple):
         Z = None if self.Z is None else self.Z / scale
         return self._replace(r=self.r / scale, X=self.X / scale, Z=Z)
 
-    def in_plane(self) -> "Residual":
-        """With the in-plane normal only, for a pose measured in one plane."""
-        u = plane_of(self.r)
+    def in_plane(self, u: np.ndarray) -> "Residual":
+        """With the in-plane normal ``u`` (m, 2) only (`in_plane_normal`), for a pose measured in one plane."""
         Z = None if self.Z is None else projected(self.Z, u)
         return self._replace(r=projected(self.r, u), X=projected(self.X, u), Z=Z)
 
@@ -160,14 +160,16 @@ def spacing_of(stations) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-def plane_of(residual: np.ndarray) -> np.ndarray:
-    """The direction (2,) among the normals in which the residual (m, 3) of a flat pose lies."""
-    return np.linalg.svd(residual[:, :NORMALS], full_matrices=False)[2][0]
+def in_plane_normal(axes: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """The direction (m, 2) among the normals, the first rows of ``axes`` (m, 3, 3), in the plane with the normal ``across``
+    (3,)."""
+    first, second = np.moveaxis(axes[:, :NORMALS] @ across, 1, 0)
+    return np.stack([second, -first], axis=1) / np.maximum(np.hypot(first, second), _TINY)[:, None]
 
 
 def projected(columns: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """Columns (m, 3, ...) with the one normal ``u`` in place of both, (m, 2, ...)."""
-    return np.concatenate([np.einsum("mc...,c->m...", columns[:, :NORMALS], u)[:, None], columns[:, NORMALS:]], axis=1)
+    """Columns (m, 3, ...) with the one normal ``u`` (m, 2) in place of both, (m, 2, ...)."""
+    return np.concatenate([np.einsum("mc...,mc->m...", columns[:, :NORMALS], u)[:, None], columns[:, NORMALS:]], axis=1)
 
 
 def _white_rows(noise, s, columns, marked, nearer):

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part, planes_of, usual_size
+from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part, plane_normal, usual_size
 from scan2flex_jax.fitting.estimate import VAGUE, vague
 from scan2flex_jax.fitting.least_squares import normal_equations
-from scan2flex_jax.fitting.likelihood import Residual, estimate_noise, noise_and_discrepancy
+from scan2flex_jax.fitting.likelihood import Residual, estimate_noise, in_plane_normal, noise_and_discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import Layout
 from scan2flex_jax.fitting.quadratic import UNSEEN
@@ -73,9 +73,11 @@ def _noise_and_discrepancy(problem, minimum, columns, noise, stated, settings):
     """`likelihood.noise_and_discrepancy` of the residual at a minimum."""
     poses, e = problem.poses, minimum.evaluation
     points = np.concatenate([np.asarray(p)[np.asarray(m) > 0] for p, m in zip(poses.points, poses.mask, strict=True)])
-    planes, usual = planes_of(points, problem.study.gravity), usual_size(e.configuration, settings)
+    across, usual = plane_normal(points, problem.study.gravity), usual_size(e.configuration, settings)
     residuals = _residuals(e, poses, columns)
-    residuals = [r.in_plane() for r in residuals] if planes == 1 else residuals
+    if across is not None:
+        axes = [a[np.asarray(mask) > 0] for a, mask in zip(e.axes, poses.mask, strict=True)]
+        residuals = [r.in_plane(in_plane_normal(a, across)) for r, a in zip(residuals, axes, strict=True)]
     return noise_and_discrepancy(residuals, noise, problem.length, stated, usual, settings)
 
 

@@ -114,6 +114,19 @@ def test_whether_to_believe_it(fitted):
     assert answer_of(nothing).tone == FAIR and "does not predict p4" in answer_of(nothing).belief
 
 
+def test_a_pose_far_from_its_curve_is_not_to_be_believed_whatever_the_test_says(fitted):
+    """A photograph of a wire of 1.5 m, 21 mm off, was explained "within the noise" with a noise of 27 mm that nobody stated."""
+    far = {n: replace(p, rms=0.02 if p.role == "fit" else p.rms) for n, p in explained(fitted).poses.items()}
+    for said, believable in ((verdict.NONE, False), (verdict.TIE, False), (verdict.UNEXPLAINED, False), (verdict.PARTLY, True)):
+        near = replace(explained(fitted, said), search=None)
+        found = replace(near, poses=far)
+        assert near.believable and found.believable is believable
+        assert (answer_of(found).tone == BAD) is not believable
+    tone, belief = judged(fitted, verdict.NONE, chosen=(), poses=far)
+    assert tone == BAD and "20.00 mm (RMS) off its measured curve" in belief
+    assert not Explanation(study=fitted.study, verdict=verdict.UNSOLVED).believable
+
+
 def test_an_effect_that_is_not_established_does_not_explain_too_little(fitted):
     """A point load left 2.8 of 18 mm of the demo's photograph, and was said to explain too little. From one pose it cannot be
     established."""

@@ -135,7 +135,7 @@ def test_a_likelier_effect_whose_shapes_are_farther_off_does_not_stand(best):
 
 
 @pytest.mark.parametrize(
-    ("alone", "nothing", "stands"), [(40.0, -100.0, True), (54.0, 54.0, True), (58.0, -100.0, False), (40.0, 58.0, False)],
+    ("alone", "nothing", "stands"), [(40.0, -100.0, True), (49.0, 49.0, True), (51.0, -100.0, False), (40.0, 51.0, False)],
 )  # fmt: skip
 def test_further_effects_do_not_take_the_place_of_a_discrepancy(stage, monkeypatch, alone, nothing, stands):
     """A tether and a clamp's turn beside a wrong scale brought the residual to the sensor's noise; the scale alone was likelier
@@ -148,6 +148,15 @@ def test_further_effects_do_not_take_the_place_of_a_discrepancy(stage, monkeypat
     assert fewer_are_likelier(stage, [best, other], refits) is False  # the other one of a tie stands
     stage.bench.poses.count = 1  # in a single pose, discrepancy and effect are the same
     assert not fewer_are_likelier(stage, [best], [model("scan_scale", nats=90.0)])
+
+
+@pytest.mark.parametrize(("nothing", "stands"), [(54.0, True), (56.0, False)])
+def test_a_discrepancy_takes_the_place_of_a_single_effect_with_the_lead_of_a_name(stage, monkeypatch, nothing, stands):
+    """Different stiffness in two directions was two nats less likely than a discrepancy of each pose, and "unexplained"."""
+    monkeypatch.setattr(floors, "own_floor", lambda of, r, noise: r)
+    stage.noise, stage.base.log_marginal = None, nothing
+    best = model("anisotropic_bending", nats=50.0)
+    assert fewer_are_likelier(stage, [best], [best]) is not stands
 
 
 def refits_made(monkeypatch, *models):

@@ -1,12 +1,13 @@
 """The whitened residual of one law, as the model changes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from reference import rotations
 
-from scan2flex_jax.diagnosis.residual import Complement, turned, whiten
+from scan2flex_jax.diagnosis.residual import Complement, Law, turned, whiten
 from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.discrepancy import usual_size
@@ -25,6 +26,27 @@ def test_normals_that_differ_by_a_turn_about_the_tangent_give_the_same_rows():
     np.testing.assert_allclose(turned(spun @ rows, spun @ onto, onto), rows, atol=1e-14)
     tilt = np.stack([rotations.exp([a, b, 0.0]) for a, b in rng.normal(size=(5, 2))])  # the smallest turn of a tangent
     np.testing.assert_allclose(turned(spun @ rows, spun @ tilt @ onto, onto), rows, atol=1e-14)
+
+
+def test_a_photograph_says_nothing_of_the_residual_across_its_plane():
+    """Whichever way the normals of a model turn along the cable, as those of one that buckles out of the plane do."""
+    s, rng = np.linspace(0.0, 1.0, 9), np.random.default_rng(1)
+    turns, real = rng.uniform(-3.0, 3.0, (2, len(s))), np.ones(len(s), bool)
+    plane = np.column_stack([np.sin(2.0 * s), np.zeros_like(s)])  # in the plane and across it
+
+    def rows(angle, across):
+        c, sn = np.cos(angle), np.sin(angle)
+        axes = np.zeros((len(s), 3, 3))  # rows: the normals, turned about the tangent y, and the tangent
+        axes[:, 0, 0], axes[:, 0, 2], axes[:, 1, 0], axes[:, 1, 2], axes[:, 2, 1] = c, -sn, sn, c, 1.0
+        residual = np.einsum("mij,mj->mi", axes, np.column_stack([plane[:, 0], np.zeros_like(s), across]))
+        shape = SimpleNamespace(s=s, residual=residual, axes=axes, marked=None)
+        (metric,) = Law(Noise(1e-3, 2e-3, 0.1), across=np.array([0.0, 0.0, 1.0])).metrics([shape], [real])
+        assert metric.rows == len(s)
+        return metric.white(residual[:, :, None])[:, 0]
+
+    first = np.abs(rows(turns[0], np.zeros_like(s)))
+    for angle, across in ((np.zeros_like(s), np.zeros_like(s)), (turns[1], 5.0 * s)):
+        np.testing.assert_allclose(np.abs(rows(angle, across)), first, atol=1e-9 * np.max(first))
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import run, sentences, verdict
+from scan2flex_jax.diagnosis import explain, run, sentences, verdict
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import DiagnosisSettings
 from scan2flex_jax.diagnosis.stage import Signatures
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.fitting.answer import BAD
 from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.study import load_study
 
 STATED = 3e-4  # m
 
@@ -33,6 +36,15 @@ def test_smooth_noise_of_some_thousandths_of_the_length_is_not_the_sensor_s_unle
     assert signatures(None).conspicuous(noise) is conspicuous
     assert signatures(None).more_than_noise(Law(noise)) is conspicuous
     assert signatures(noise.total).conspicuous(noise) is False
+
+
+def test_a_smooth_residual_of_a_single_photograph_is_not_noise():
+    """In one pose a discrepancy and an effect are the same: the search goes on at the noise that a discrepancy leaves."""
+    found = explain(load_study(example_path("red-wire")))
+    assert found.verdict == verdict.UNEXPLAINED and found.answer.tone == BAD
+    assert found.noise.total < 2e-3 and found.p_value < 0.01
+    np.testing.assert_allclose(found.rms(after=False), found.fit.rms(), rtol=0.02)
+    assert found.rms() < 0.5 * found.rms(after=False)
 
 
 def test_two_markers_do_not_show_that_millimetres_are_noise():

@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, most_likely_part, planes_of
+from scan2flex_jax.fitting.discrepancy import Discrepancy, foreshortening, most_likely_part, plane_normal
 from scan2flex_jax.fitting.likelihood import (
     NoisePrior,
     Residual,
     RestrictedLikelihood,
     estimate_noise,
+    in_plane_normal,
     noise_and_discrepancy,
     restricted_likelihood,
 )
@@ -196,17 +197,27 @@ def test_points_of_a_picture_lie_in_one_plane():
     """Aside from the plane of a photograph nothing was measured; gravity across that plane would move the cable out of it."""
     rng = np.random.default_rng(0)
     flat = rng.standard_normal((40, 3)) * [1.0, 0.0, 1.0]
-    assert planes_of(flat, np.array([0.0, 0.0, -9.81])) == 1
-    assert planes_of(flat, np.array([0.0, -9.81, 0.0])) == 2
-    assert planes_of(flat + 1e-4 * rng.standard_normal((40, 3)), np.array([0.0, 0.0, -9.81])) == 2
+    np.testing.assert_allclose(np.abs(plane_normal(flat, np.array([0.0, 0.0, -9.81]))), [0.0, 1.0, 0.0], atol=1e-12)
+    assert plane_normal(flat, np.array([0.0, -9.81, 0.0])) is None
+    assert plane_normal(flat + 1e-4 * rng.standard_normal((40, 3)), np.array([0.0, 0.0, -9.81])) is None
 
 
 def test_a_flat_residual_counts_its_own_plane_alone():
-    """The likelihood of residuals in one direction is that of this direction, however the normals are turned about it."""
+    """The likelihood of residuals in one plane is that of their components in it, however the normals turn along the curve, as
+    those of a model that buckles out of the plane do, and whatever the residual across the plane."""
     rng = np.random.default_rng(5)
     r, X = 3e-4 * rng.standard_normal(POINTS), np.sin(S)[:, None]
-    u = np.array([0.6, 0.8])
-    flat = Residual(S, np.outer(r, [*u, 0.0]), np.einsum("mk,c->mck", X, np.array([*u, 0.0])), np.arange(1)).in_plane()
+    angle = np.linspace(0.3, 1.9, POINTS)
+    axes = np.zeros((POINTS, 3, 3))  # the tangent is y, the plane x y
+    axes[:, 0], axes[:, 1], axes[:, 2] = [np.stack(np.broadcast_arrays(*v), axis=-1) for v in (
+        (np.cos(angle), 0.0, np.sin(angle)), (-np.sin(angle), 0.0, np.cos(angle)), (0.0, 1.0, 0.0)
+    )]  # fmt: skip
+    u = in_plane_normal(axes, np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(np.einsum("mc,mci->mi", u, axes[:, :2])[:, 1:], 0.0, atol=1e-12)
+    across = np.einsum("mci,i->mc", axes, [0.0, 0.0, 1e-2])
+    residual = np.column_stack([r[:, None] * u, np.zeros(POINTS)]) + across
+    columns = np.concatenate([X[:, None, :] * u[:, :, None], np.zeros((POINTS, 1, 1))], axis=1)
+    flat = Residual(S, residual, columns, np.arange(1)).in_plane(u)
     noise, one = Noise(*TRUE), np.zeros(1)
     C = noise.covariance(S)
     A, g = X.T @ np.linalg.solve(C, X), X.T @ np.linalg.solve(C, r)
