@@ -57,8 +57,7 @@ def report(
     say(f"\nwritten: {out}")
     if json:
         outputs.write_json(json, result.to_json())
-    fitted = result.fit if isinstance(result, Explanation) else result
-    if fitted is None or not all(pose.stable for pose in fitted.poses.values()):
+    if not result.believable:
         raise typer.Exit(NOT_TO_BELIEVE)
 
 

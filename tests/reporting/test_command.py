@@ -73,6 +73,22 @@ def test_a_pose_that_is_not_solved_ends_with_three(fitted, tmp_path, monkeypatch
     assert "no: twist-90 could not be solved (lost)" in (tmp_path / "r.html").read_text("utf-8")
 
 
+@pytest.mark.parametrize("command", ["explain", "report"])
+@pytest.mark.parametrize(("verdict", "code"), [("no missing effect", 3), ("partly explained", 0)])
+def test_an_explanation_that_leaves_a_pose_far_from_its_curve_ends_with_three(
+    fitted, tmp_path, monkeypatch, command, verdict, code
+):
+    """Unless its effects explain most of the error, and it says itself that more than noise remains."""
+    found = explained(fitted, verdict)
+    far = {name: replace(p, rms=0.02 if p.role == "fit" else p.rms) for name, p in found.poses.items()}
+    monkeypatch.setattr(
+        sys.modules["scan2flex_jax.diagnosis"], "explain", lambda study, **options: replace(found, poses=far)
+    )
+    ended = run(command, example_path("simulated-cable"), *(["-o", tmp_path / "r.html"] if command == "report" else []))
+    assert ended.exit_code == code, ended.output
+    assert ("off its measured curve" in " ".join(ended.output.split())) is (code == 3)
+
+
 def test_export_writes_the_cable_of_the_named_pose(fitted, tmp_path):
     save_study(replace(fitted.calibrated, poses=load_study(example_path("simulated-cable")).poses), tmp_path / "cable")
     found = run("export", tmp_path / "cable", "--to", "json", "-o", tmp_path / "cable.json", "--pose", "twist-90")
