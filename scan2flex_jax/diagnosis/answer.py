@@ -69,6 +69,10 @@ def _of_verdict(explanation):
     if explanation.verdict == verdict.NONE and differ is not None and differ.curvature:
         size = f"{1e3 * differ.rms:.2g} mm beyond the noise"
         return FAIR, f"with care: no missing effect shows, but poses differ by {size}; the intervals allow for it"
+    noise, search = explanation.noise, explanation.search
+    if explanation.verdict == verdict.NONE and search is not None and search.stage.of.conspicuous(noise):
+        size = f"{1e3 * np.sqrt(2) * noise.total:.2g} mm"
+        return FAIR, f"with care: no missing effect shows if the curves err by {size}, smoothly, which the study does not state"
     belief = {
         verdict.NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {explanation.p_value:.2g})"),
         verdict.EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),

@@ -1,16 +1,18 @@
 """Opening lines of an explanation, and sensitivities of its estimates: those of the baseline fit, and those given an effect."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import Explanation, confirm, report, verdict
-from scan2flex_jax.diagnosis.answer import answer_of, found_in_words
+from scan2flex_jax.diagnosis.answer import _belief, answer_of, found_in_words
 from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.refit import refit
 from scan2flex_jax.diagnosis.residual import Law
 from scan2flex_jax.diagnosis.result import parameter_in_words
+from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.diagnosis.stage import Stage
 from scan2flex_jax.fitting import fit
@@ -109,6 +111,13 @@ def test_whether_to_believe_it(fitted):
     differ = Discrepancy(0.3, 1.0, (np.eye(3),), (np.full((1, 2), 2e-3),))
     tone, belief = judged(fitted, verdict.NONE, chosen=(), discrepancy=differ)
     assert tone == FAIR and "poses differ by 2.8 mm beyond the noise" in belief
+    of = SimpleNamespace(conspicuous=lambda noise: noise.total > 1e-3)
+    search, smooth = object.__new__(Found), Noise(1e-4, 2e-3, 0.1)
+    search.stage = SimpleNamespace(of=of)
+    nothing = replace(explained(fitted, verdict.NONE), chosen=(), search=search)
+    assert _belief(nothing)[0] == GOOD
+    tone, belief = _belief(replace(nothing, noise=smooth))
+    assert tone == FAIR and "if the curves err by 2.8 mm" in belief
     false = replace(fitted, valid=False, sentences=("the model does not predict p4",))
     nothing = replace(explained(false, verdict.NONE), chosen=())
     assert answer_of(nothing).tone == FAIR and "does not predict p4" in answer_of(nothing).belief
