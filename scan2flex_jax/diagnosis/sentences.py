@@ -89,7 +89,9 @@ def _not_enough(found):
     names, settings, reasons = " and ".join(found.best.kinds), found.stage.settings, []
     if not names:
         return ()
-    if found.best.log_evidence < settings.lead_named:
+    if found.best.log_evidence <= 0.0:
+        reasons.append("is no likelier than the baseline model")
+    elif found.best.log_evidence < settings.lead_named:
         reasons.append(f"leads by only {found.best.log_evidence:.1f} nats")
     against = confirm.compared(found.stage, found.best, found.baseline)
     if found.stage.bench.poses.count < 2:
