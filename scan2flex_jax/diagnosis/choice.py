@@ -65,13 +65,18 @@ def of_one_size(stage, r: Refit) -> bool:
     return all(s is None or s <= stage.settings.most_scatter for s in sizes)
 
 
+def predicts(stage, best: Refit, baseline: Refit) -> bool:
+    """Whether poses left out are predicted much better by one refit than by another."""
+    against = confirm.compared(stage, best, baseline)
+    return against.better and against.ratio <= stage.settings.most_left
+
+
 def established(stage, best: Refit, baseline: Refit) -> bool:
     """Whether effects of one size in all poses are found: they come nearer to the curves, and poses left out are predicted much
     better, or the evidence is overwhelming and they are predicted no worse."""
     settings, against = stage.settings, confirm.compared(stage, best, baseline)
-    better = against.better and against.ratio <= settings.most_left
     overwhelming = best.log_evidence > settings.overwhelming and not against.worse
-    certain = best.log_evidence >= settings.lead_named and (better or overwhelming)
+    certain = best.log_evidence >= settings.lead_named and (predicts(stage, best, baseline) or overwhelming)
     return certain and nearer(stage, best, baseline) and of_one_size(stage, best)
 
 
@@ -79,7 +84,8 @@ def fewer_are_likelier(stage, tied: Iterable[Refit], refits: Iterable[Refit]) ->
     """Whether of each model that is tied at the sensor's noise some of the effects, or none, are likelier with a discrepancy of
     each pose than all of them: effects that are not there may bring the residual to noise in the place of a discrepancy.
 
-    A single effect must be outdone by as much as a name needs; a set, chosen among hundreds, must be the likelier one itself.
+    A single effect must be outdone by as much as a name needs, and so must a set that predicts poses left out much better; any
+    other set, chosen among hundreds, must be the likelier one itself.
     """
     if stage.bench.poses.count < 2:
         return False
@@ -89,10 +95,14 @@ def fewer_are_likelier(stage, tied: Iterable[Refit], refits: Iterable[Refit]) ->
     def likelihood(r):
         return floors.own_floor(stage.of, r, stage.noise).log_marginal
 
+    def least(r, best):
+        telling = len(best.kinds) == 1 or predicts(stage, best, r)
+        return stage.settings.lead_named if telling else 0.0
+
     def outdone(best):
-        fewer = [r for r in kept if set(r.kinds) < set(best.kinds)]
-        least = likelihood(best) + (stage.settings.lead_named if len(best.kinds) == 1 else 0.0)
-        return any(likelihood(r) > least for r in sorted(fewer, key=lambda r: -len(r.kinds)))
+        fewer = sorted((r for r in kept if set(r.kinds) < set(best.kinds)), key=lambda r: -len(r.kinds))
+        leads = ((r, likelihood(r) - likelihood(best)) for r in fewer)
+        return any(lead > 0.0 and lead > least(r, best) for r, lead in leads)  # predictions only of those that are likelier
 
     return all(outdone(r) for r in tied)
 

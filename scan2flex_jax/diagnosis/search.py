@@ -1,10 +1,10 @@
 """The search: from scores to refits, from one effect to several, and the ties with the best.
 
 Each round refits the candidates of highest score: single effect types first, then pairs (from one Gram matrix, or given the
-best single effect), then a third effect given the best pair. A wider set is accepted if the test of the residual is
-significant, it leads by three nats, and it loses as much without any of its effects (backward check). Each effect of a pair is
-exchanged for the likeliest others given the rest, and for the same one elsewhere along the cable: the scores at the baseline
-fit, which propose a pair, may have wrong sites and types where two strong effects combine.
+best single effect), then a third effect given the best pair. A wider set is accepted if it leads by three nats where the test
+of the residual is significant, by five where it is not, and loses as much without any of its effects (backward check). Each
+effect of a pair is exchanged for the likeliest others given the rest, and for the same one elsewhere along the cable: the
+scores at the baseline fit, which propose a pair, may have wrong sites and types where two strong effects combine.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ from scan2flex_jax.diagnosis.stage import Stage, one_step, test, test_after
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 
-REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 2
+REFITS, MORE_REFITS, PAIR_REFITS, GREEDY_REFITS, EXCHANGES = 5, 6, 4, 3, 4
 _EXCHANGED = 2  # size of the sets whose effects are exchanged
 _ELSEWHERE = 0.05  # of the length: a refit reaches nearer positions by itself
 _PLACES, _APART = (1 / 6, 1 / 2, 5 / 6), 0.2  # of the length: starts along the cable, and their least distance from a result
@@ -99,23 +99,8 @@ def search(stage: Stage, progress=lambda message: None) -> Found:
             found.best = found.widest(1) or stage.base
             found.after = test_after(stage, found.best)
     most = min(stage.settings.most_effects, (stage.bench.poses.count + 1) // 2)
-    while found.after.p_value <= stage.settings.level and len(found.best.kinds) < most:
-        count = len(found.best.kinds) + 1
-        if count == 2 and found.widest(2) is None:  # once: the scores of pairs do not change
-            found.add(refit_pairs(stage, found.values, progress))
-        settled = {kinds for kinds, r in found.refits.items() if r.converged}
-        found.add(refit_with_one_more(stage, found.best, GREEDY_REFITS, progress, settled=settled))
-        wider = found.widest(count)
-        if count == 2 and wider is not None:  # above it no set of effects reaches the sensor's noise
-            found.scattered = floors.gain_of_discrepancy(stage.of, wider, stage.noise) > stage.settings.scattered
-        if found.scattered:  # continued by `partial`
-            break
-        if wider is None or wider.log_evidence <= found.best.log_evidence + stage.settings.lead_favoured:
-            break
-        needed = _settled(stage, found, wider, progress) or found.widest(count - 1)  # the set without the spare effect
-        if needed is None or needed is found.best:
-            break
-        found.best, found.after = needed, test_after(stage, needed)
+    while len(found.best.kinds) < most and (wider := _widened(found, progress)) is not None:
+        found.best, found.after = wider, test_after(stage, wider)
     if found.scattered:
         found.verdict = verdict.UNEXPLAINED
         return found
@@ -153,13 +138,47 @@ def _needed(stage, rivals: list[Refit]) -> list[Refit]:
     return [r for r in rivals if not any(spare(r, part) for part in rivals)]
 
 
-def _settled(stage, found, wider, progress) -> Refit | None:
-    """The best set of as many effects after backward check and exchanges; None if an effect is not needed."""
+def _widened(found: Found, progress) -> Refit | None:
+    """The best set with one more effect, if that is needed; None also where poses are ``scattered``.
+
+    The test looks for anything that may be missing, and may overlook a second effect that is much weaker than the first. Where
+    it takes the residual for noise, one more effect must lead by as much as a name needs, beside one of the sets that are tied.
+    """
+    stage, count = found.stage, len(found.best.kinds) + 1
+    structure = found.after is not None and found.after.p_value <= stage.settings.level
+    lead = stage.settings.lead_favoured if structure else stage.settings.lead_named
+    if structure and count == 2 and found.widest(2) is None:  # once: the scores of pairs do not change
+        found.add(refit_pairs(stage, found.values, progress))
+    settled = {kinds for kinds, r in found.refits.items() if r.converged}
+    for first in [found.best] if structure else _about_as_likely(found):
+        least = -np.inf if structure else found.best.log_evidence + lead - first.log_evidence
+        found.add(refit_with_one_more(stage, first, GREEDY_REFITS, progress, settled=settled, least=least))
+    wider = found.widest(count)
+    if wider is None:
+        return None
+    if structure and count == 2:  # above it no set of effects reaches the sensor's noise: left to `partial`
+        found.scattered = floors.gain_of_discrepancy(stage.of, wider, stage.noise) > stage.settings.scattered
+    if found.scattered or wider.log_evidence <= found.best.log_evidence + lead:
+        return None
+    needed = _settled(stage, found, wider, lead, progress) or found.widest(count - 1)  # the set without the spare effect
+    return None if needed is found.best else needed
+
+
+def _about_as_likely(found) -> list[Refit]:
+    """The best set, and those of as many effects that are tied with it."""
+    least = found.best.log_evidence - found.stage.settings.lead_favoured
+    same = [r for r in found.refits.values() if len(r.kinds) == len(found.best.kinds) and r.log_evidence > least]
+    return sorted(same, key=lambda r: -r.log_evidence)
+
+
+def _settled(stage, found, wider, lead, progress) -> Refit | None:
+    """The best set of as many effects after backward check and exchanges; None if the set without one of its effects is less
+    than ``lead`` nats behind."""
     tried: set[frozenset] = set()
     while True:
         for dropped in range(len(wider.kinds)):
             rest = _without(stage, found, wider, dropped, progress)
-            if rest.log_evidence > wider.log_evidence - stage.settings.lead_favoured:
+            if rest.log_evidence > wider.log_evidence - lead:
                 return None
             if len(wider.kinds) == _EXCHANGED and frozenset(rest.kinds) not in tried:
                 tried.add(frozenset(rest.kinds))
@@ -177,8 +196,10 @@ def _without(stage, found, wider, dropped, progress) -> Refit:
     if key not in found.parts:  # one from the baseline model may have been given up, or ended in another minimum
         found.parts.add(key)
         progress(f"refit without {wider.kinds[dropped]}")
-        components = [wider.components[k] for k in rest]
+        components, new = [wider.components[k] for k in rest], key not in found.refits
         found.add([relative(stage, components, [wider.amplitudes(stage.bench, k) for k in rest], wider)])
+        if new and len(rest) == 1:  # the effect of a wider set may be elsewhere
+            found.add([_single(stage, found, components[0].kind, progress)])
     return found.refits[key]
 
 
@@ -251,12 +272,13 @@ def refit_pairs(stage: Stage, values, progress) -> list[Refit]:
 
 
 def refit_with_one_more(
-    stage: Stage, first: Refit, count: int, progress, known: Refit | None = None, settled: frozenset | set = frozenset()
+    stage: Stage, first: Refit, count: int, progress, known: Refit | None = None, settled: frozenset | set = frozenset(),
+    least: float = -np.inf,
 ) -> list[Refit]:
     """Refits of one more effect given a refit, ranked by scores at that refit, since effects are far from linear.
 
-    Types in ``known``, a set that contains ``first``, are refitted only elsewhere along the cable; ``settled`` sets are not
-    refitted again.
+    Only those whose scores exceed ``least`` (nats) are refitted. Types in ``known``, a set that contains ``first``, are
+    refitted only elsewhere along the cable; ``settled`` sets are not refitted again.
     """
     numbers = Numbers(stage.bench, first.components)
     white = whiten(first.shapes, stage.bench.real, numbers, first.vector, stage.law)
@@ -271,7 +293,8 @@ def refit_with_one_more(
             best[kind] = value, g, evidence.one_step(A, b) * stage.components[g].entry.size(stage.bench.context)
     order = [k for k in sorted(best, key=lambda k: -best[k][0]) if _is_new(stage, stage.components[best[k][1]], known)]
     out = []
-    for _, g, a in (best[k] for k in order[:count] if frozenset((*first.kinds, k)) not in settled):
+    order = [k for k in order[:count] if best[k][0] > least and frozenset((*first.kinds, k)) not in settled]
+    for _, g, a in (best[k] for k in order):
         progress(f"refit with {' and '.join(first.kinds)} and {stage.components[g].kind}")
         held = [first.amplitudes(stage.bench, k) for k in range(len(first.components))]
         out.append(relative(stage, [*first.components, stage.components[g]], [*held, a]))

@@ -159,6 +159,17 @@ def test_a_discrepancy_takes_the_place_of_a_single_effect_with_the_lead_of_a_nam
     assert fewer_are_likelier(stage, [best], [best]) is not stands
 
 
+@pytest.mark.parametrize(("nothing", "errors", "stands"), [(54.0, "half", True), (56.0, "half", False), (51.0, "equal", False)])
+def test_a_set_that_predicts_poses_left_out_stands_against_a_discrepancy_that_is_hardly_likelier(
+    stage, monkeypatch, nothing, errors, stands
+):
+    """A discrepancy predicts no pose: what two effects say of poses left out decides where likelihoods are about equal."""
+    monkeypatch.setattr(floors, "own_floor", lambda of, r, noise: r)
+    stage.noise, stage.base.log_marginal = None, nothing
+    best = model("anisotropic_bending", "kink", nats=50.0, errors=errors)
+    assert fewer_are_likelier(stage, [best], [best]) is not stands
+
+
 def refits_made(monkeypatch, *models):
     """The effect types that `partial._add_alike` refits, with their places."""
     made = []

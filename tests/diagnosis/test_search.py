@@ -59,3 +59,41 @@ def test_the_likeliest_effect_is_refitted_from_places_far_from_the_one_reached(m
     assert {(c.kind, near) for c, near in started} == {("tether", "base")}
     found.best = replace(best, components=(Component("clamp_rotation", {}),))
     assert search._refit_elsewhere(stage, found, lambda message: None) == []
+
+
+@pytest.fixture
+def single(monkeypatch):
+    """A search that has found a tether, tied with a force, and that refits any effect whose score exceeds what is asked for."""
+    found = object.__new__(search.Found)
+    found.stage = SimpleNamespace(settings=DiagnosisSettings(), of=None, noise=None)
+    found.best, found.refits, found.scattered = refit(40.0, "tether"), {}, False
+    found.add([found.best, refit(38.0, "point_load"), refit(20.0, "kink")])
+    scores = {"tether": 0.0, "point_load": 0.0}  # of a kink beside them, over each
+
+    def one_more(stage, first, count, progress, known=None, settled=frozenset(), least=-np.inf):
+        step = scores[first.kinds[0]]
+        return [refit(first.log_evidence + step, *first.kinds, "kink")] if step > least else []
+
+    monkeypatch.setattr(search, "refit_with_one_more", one_more)
+    found.values = None
+    monkeypatch.setattr(search, "refit_pairs", lambda stage, values, progress: [])
+    monkeypatch.setattr(search.floors, "gain_of_discrepancy", lambda of, r, noise: 0.0)
+    monkeypatch.setattr(search, "_settled", lambda stage, found, wider, lead, progress: wider)
+    return found, scores
+
+
+@pytest.mark.parametrize(
+    ("p_value", "steps", "expected"),
+    [
+        (0.5, {"tether": 6.0}, ("tether", "kink")), (0.5, {"tether": 4.0}, None), (0.01, {"tether": 4.0}, ("tether", "kink")),
+        (0.5, {"point_load": 8.0}, ("point_load", "kink")), (0.5, {"point_load": 6.0}, None), (0.01, {"tether": 2.0}, None),
+    ],
+)  # fmt: skip
+def test_a_second_effect_that_leads_is_added_where_the_test_of_the_residual_sees_nothing(single, p_value, steps, expected):
+    """A plane beside which a heavy span led by 22 nats was left alone, as the test had a p-value of 0.08; the rival beside
+    which a second effect leads need not be the likeliest one."""
+    found, scores = single
+    scores |= steps
+    found.after = SimpleNamespace(p_value=p_value)
+    wider = search._widened(found, lambda message: None)
+    assert (wider and wider.kinds) == expected
