@@ -6,6 +6,7 @@ from scan2flex_jax.diagnosis import confirm, report, search, verdict
 from scan2flex_jax.diagnosis.families import WORDS
 from scan2flex_jax.diagnosis.result import rms_over
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.fitting.statistics import listed
 
 _FALLEN = 3.0  # times the error before: a validate pose that is much worse with an effect
 
@@ -102,7 +103,7 @@ def _not_enough(found):
         reasons.append(f"reduces the error in poses left out to {100 * against.ratio:.0f} % only")
     differ = {k: v for k, v in found.scatter.items() if v is not None and v > settings.most_scatter}
     reasons += [f"differs in size between poses ({k} by {100 * v:.0f} %)" for k, v in differ.items()]
-    return (f"the likeliest, {names}, {' and '.join(reasons)}",) if reasons else ()
+    return (f"the likeliest, {names}, {listed(reasons)}",) if reasons else ()
 
 
 def left_out(poses, chosen):

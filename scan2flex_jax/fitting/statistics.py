@@ -170,7 +170,7 @@ def _open_sentences(layout, directions, unseen):
         stiff = [m for m in names if m.split("[")[0] != "length_density"]
         if "length_density" in names and np.ptp(np.abs(d[involved])) < 0.05 and np.ptp(np.sign(d[involved])) == 0:
             verb = "is" if len(stiff) == 1 else "are"
-            sentences.append(f"only the ratio of {_and(stiff)} to the density {verb} determined")
+            sentences.append(f"only the ratio of {listed(stiff)} to the density {verb} determined")
         else:
             weights = ", ".join(f"{d[i]:+.2f} {labels[i]}" for i in involved)
             sentences.append(f"these poses do not determine the combination {weights}")
@@ -192,7 +192,8 @@ def _vague_sentences(layout, covariance, wide):
     ]
 
 
-def _and(names):
+def listed(names) -> str:
+    """Words in a row, the last two joined by "and"."""
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 

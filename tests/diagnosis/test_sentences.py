@@ -67,3 +67,21 @@ def test_validate_poses_are_told_and_those_that_get_much_worse_are_named():
     lost = poses | {"p3": pose("validate", 3e-3, np.nan)}  # without an equilibrium
     (said,) = sentences.before_and_after(lost, [SimpleNamespace(kind="tether")], established=True)
     assert said == "with tether the error falls from 9.00 to 1.00 mm"
+
+
+@pytest.mark.parametrize(
+    ("nats", "scatter", "said"),
+    [
+        (-3.5, {"kink": 0.66}, "the likeliest, kink, is no likelier than the baseline model, predicts poses left out no better "
+         "than the baseline model and differs in size between poses (kink by 66 %)"),
+        (4.2, {}, "the likeliest, kink, leads by only 4.2 nats and predicts poses left out no better than the baseline model"),
+        (9.0, {}, "the likeliest, kink, predicts poses left out no better than the baseline model"),
+    ],
+)  # fmt: skip
+def test_the_reasons_against_the_likeliest_effect_make_one_sentence(monkeypatch, nats, scatter, said):
+    """A lead of -3.5 nats was told as "leads by only -3.5 nats"."""
+    monkeypatch.setattr(sentences.confirm, "compared", lambda *models: SimpleNamespace(ratio=1.1, better=False))
+    stage = SimpleNamespace(settings=USUAL, bench=SimpleNamespace(poses=SimpleNamespace(count=2)))
+    best = SimpleNamespace(kinds=("kink",), log_evidence=nats)
+    about = SimpleNamespace(best=best, stage=stage, scatter=scatter, baseline=None)
+    assert sentences._not_enough(about) == (said,)
