@@ -275,8 +275,7 @@ def signature_basis(columns: np.ndarray, base: np.ndarray, rank: int = _RANK) ->
     size, full = np.linalg.norm(X, axis=0), np.linalg.norm(columns, axis=0)
     X = X[:, size > 1e-6 * full.max(initial=1e-300)]
     X = X / np.linalg.norm(X, axis=0)
-    gram = X.T @ X
-    values, vectors = np.linalg.eigh(gram)
+    values, vectors = np.linalg.eigh(X.T @ X)
     keep = np.argsort(values)[::-1][:rank]
     keep = keep[values[keep] > _SMALL**2 * values[-1]]
     return X @ (vectors[:, keep] / np.sqrt(values[keep]))
