@@ -13,7 +13,7 @@ import numpy as np
 
 from scan2flex_jax.convert.units import LENGTHS, length_unit
 from scan2flex_jax.study import arrays
-from scan2flex_jax.study.curves import checked_curve
+from scan2flex_jax.study.curves import arc_length_fault, checked_curve
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
@@ -79,9 +79,12 @@ def _read(path, units, columns, where):
     points = np.column_stack([by_name[name] for name in "xyz"])
     keep = np.r_[True, np.any(points[1:] != points[:-1], axis=1)]
     s = by_name["s"][keep] if "s" in by_name else None
+    fault = None if s is None or len(s) < 2 else arc_length_fault(points[keep], s)
+    s = s if fault is None else None
     marks = {";": "semicolons", "\t": "tabs", ",": "commas", None: "blanks"}
     given = ", ".join(name or "(left out)" for name in names)
     notes = [f"{int(keep.sum())} points in {unit}, columns {given}, separated by {marks[mark]}"]
+    notes += [] if fault is None else [f"the column s was left out: {fault}"]
     notes += ["with decimal commas"] * (decimal == ",")
     notes += [f"{int(np.sum(~keep))} points that repeat the one before were left out"] * bool(np.any(~keep))
     return points[keep], s, tuple(notes)

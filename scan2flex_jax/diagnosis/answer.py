@@ -18,7 +18,7 @@ from scan2flex_jax.fitting.answer import (
 def answer_of(explanation) -> Answer:
     """The answer of an `Explanation`."""
     study, fitted = explanation.study, explanation.fit
-    tone, belief = _belief(explanation)
+    tone, belief = belief_of(explanation)
     if fitted is None:
         return Answer((), "", "", belief, tone, warnings_of(study))
     return compose(fitted.study, explanation.estimates, explanation.influence, _unseen(explanation), tone, belief)
@@ -47,7 +47,7 @@ def found_in_words(explanation) -> str:
     return " and ".join(kinds) + "".join(f" or {k}" for k in rivals)
 
 
-def _belief(explanation) -> tuple[str, str]:
+def belief_of(explanation) -> tuple[str, str]:
     """Tone and sentence: no, with care, or yes, each with its reason."""
     unsolved = [name for name, p in explanation.poses.items() if not p.stable]
     if explanation.mistakes:
@@ -64,7 +64,7 @@ def _belief(explanation) -> tuple[str, str]:
 def _of_verdict(explanation):
     found, fitted = found_in_words(explanation), explanation.fit
     if explanation.verdict == verdict.NONE and fitted.valid is False:
-        return FAIR, f"with care: the fitted poses show no missing effect, but {fitted.sentences[-1]}"
+        return BAD, f"no: the fitted poses show no missing effect, but {fitted.sentences[-1]}"
     differ = explanation.discrepancy
     if explanation.verdict == verdict.NONE and differ is not None and differ.curvature:
         size = f"{1e3 * differ.rms:.2g} mm beyond the noise"

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from scan2flex_jax.diagnosis.answer import answer_of
+from scan2flex_jax.diagnosis.answer import answer_of, belief_of
 from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.verdict import PARTLY, TOO_LITTLE, UNEXPLAINED, UNSOLVED
 from scan2flex_jax.fitting import belief
-from scan2flex_jax.fitting.answer import Answer, change_in_words, in_mm, moved_in_words, noise_in_words, percent
+from scan2flex_jax.fitting.answer import BAD, Answer, change_in_words, in_mm, moved_in_words, noise_in_words, percent
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence
@@ -150,8 +150,8 @@ class Explanation:
 
     @property
     def believable(self) -> bool:
-        """Whether every pose was solved and none is far from its curve in the end; otherwise the values are unusable."""
-        return self.fit is not None and self.concluded and not self.misfits and all(p.stable for p in self.poses.values())
+        """Whether the answer is not "no"; otherwise the values are unusable, and have no intervals."""
+        return belief_of(self)[0] != BAD
 
     @property
     def significant(self) -> bool:
@@ -195,7 +195,7 @@ class Explanation:
 
     def to_json(self) -> dict:
         """The format's result object; its log evidences are over the baseline model, in nats."""
-        out: dict[str, Any] = {"format": "scan2flex-result/1", "verdict": self.verdict}
+        out: dict[str, Any] = {"format": "scan2flex-result/1", "verdict": self.verdict, "believable": self.believable}
         out |= {"mistakes": [m.to_json() for m in self.mistakes]} if self.mistakes else {}
         if self.noise is None or self.fit is None or self.load is None:
             return out | {"settle": list(self.settle), "messages": list(self.sentences), "seconds": self.seconds}
@@ -211,6 +211,7 @@ class Explanation:
             "ranking": [r.to_json() for r in self.ranking],
             "chosen": [r.in_short() for r in self.chosen],
             "verdict": self.verdict,
+            "believable": self.believable,
             **self._discrepancy(),
             "before": self._errors(False) | {"estimates": before},
             "after": self._errors(True) | {"estimates": after, "shift_in_std": _plain(self.shifts())},

@@ -110,7 +110,8 @@ def explain(
     say("before and after")
     told = (*repeat_sentences(base.fit.problem.study), *base.fit.turned, *base.fit.in_doubt, *warnings)
     answer = explanation_of(base, found, told, began)
-    return answer if memory is None else remembered.answered(answer, memory, told)
+    answer = answer if memory is None else remembered.answered(answer, memory, told)
+    return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
 
 
 def _searched(base: "_Base", say: Progress) -> search.Found:

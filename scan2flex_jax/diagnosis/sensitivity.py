@@ -298,7 +298,7 @@ def _previous(problem, minimum, poses):
     """Per pose the curvature (21, 3) of the last fitted pose measured before it; zeros without one, and for poses outside the
     study."""
     study, R = problem.study, np.asarray(minimum.evaluation.configuration.R)
-    keep, length = np.round(np.linspace(0, problem.elements - 1, 21)).astype(int), float(study.start_value("length") or 1.0)
+    keep, length = np.round(np.linspace(0, problem.elements - 1, 21)).astype(int), problem.length
     found = {p.name: _curvature(r, length)[keep] for p, r in zip(study.fit_poses, R, strict=True)}
     last, before = np.zeros((21, 3)), {}
     for pose in study.poses:

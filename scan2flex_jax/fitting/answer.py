@@ -16,6 +16,7 @@ from scan2flex_jax.study.check import NO_VALIDATE, study_warnings
 from scan2flex_jax.study.model import Study
 
 GOOD, FAIR, BAD = "good", "fair", "bad"
+UNBELIEVED = "(no interval: not to be believed)"
 SYMBOLS = {
     "bending_stiffness": "EI", "torsional_stiffness": "GJ", "axial_stiffness": "EA", "shear_stiffness": "GA",
     "length_density": "rho A", "length": "L",
@@ -31,7 +32,8 @@ _SAME = 0.05  # relative difference of sensitivities that are reported as one
 @dataclass(frozen=True)
 class Row:
     """One estimate in words: its ``name`` in the format, ``symbol``, ``value`` with unit, 95 % ``interval`` relative to it, and
-    a ``note``. ``value`` and ``interval`` are empty if the poses do not determine it."""
+    a ``note``. ``value`` and ``interval`` are empty if the poses do not determine it; an answer that is not to be believed has
+    no intervals."""
 
     name: str
     symbol: str
@@ -90,6 +92,9 @@ def _rows(study, name, e):
         symbol, stated = symbol_of(name, i if np.ndim(e.value) else None), study.cable.get(name)
         notes = [change_in_words(v, float(np.max(stated)))] if name == "length" and stated is not None else []
         notes += ["at a bound of its range: widen the range, or question the model"] if e.at_bound else []
+        if e.identifiable and e.low is None:
+            yield Row(name, symbol, f"{number(v, 3)}{unit}", UNBELIEVED, "; ".join(notes))
+            continue
         if not (e.identifiable and np.isfinite(low[i]) and np.isfinite(high[i])):
             yield Row(name, symbol, "", "", "; ".join(["not determined by these poses", *notes]))
             continue
@@ -285,9 +290,9 @@ def _belief(fit) -> tuple[str, str]:
         return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
-    if not fit.believable:
-        return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
     judged = fit.sentences[-1]
+    if not fit.converged or fit.misfits:
+        return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
     if fit.valid is False:
         return BAD, f"no: {judged}{_EXPLAIN}"
     if fit.doubts:

@@ -115,6 +115,21 @@ def on_its_branches(problem, minimum, method, progress):
             return problem, minimum, doubt
 
 
+def needed(declared, problem, minimum, method, progress):
+    """The problem and its minimum with the turns of the study ``declared`` in every pose that fits as well with them: a cable
+    that passes over itself loses two turns, and other turns of an early minimum may not be needed at the last one."""
+    back = {}
+    for old, new in zip(declared.fit_poses, problem.study.fit_poses, strict=True):
+        if old.turns != new.turns:
+            before, after = (_distance(problem, pose, minimum.shared) for pose in (old, new))
+            back |= {new.name: old.turns} if before <= _SAME * after else {}
+    choices = [_Choice(back, minimum.shared[: problem.layout.unknowns], 0.0)] if back else []
+    for tried, m in _fitted(problem, choices, method, progress):
+        if m.cost <= _SAME**2 * minimum.cost:
+            return tried, m
+    return problem, minimum
+
+
 def believed(problem, minimum, declared):
     """The problem and its minimum where the turned poses came near their curves, else those ``declared`` before; with the turns
     of validate poses, under the same condition."""
@@ -153,7 +168,7 @@ def full_turns(problem, minimum, method, progress, declared=None):
         problem, minimum = tried, best
 
 
-def _fitted(problem, choices, method, progress, beat):
+def _fitted(problem, choices, method, progress, beat=np.inf):
     """Problem and minimum of each choice that settles; their equilibria are counted."""
     progress = prefixed(progress, "other turns")
     for choice in choices:

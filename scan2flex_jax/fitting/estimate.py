@@ -22,7 +22,8 @@ _LARGEST = 700.0  # logarithm of the largest number
 
 @dataclass(frozen=True)
 class Estimate:
-    """One unknown: value, standard error and 95 % interval in its own unit; no error where the poses determine none."""
+    """One unknown: value, standard error and 95 % interval in its own unit; no error where the poses determine none, or where
+    the fit is not to be believed (`withheld`)."""
 
     value: float | np.ndarray
     std: float | np.ndarray | None
@@ -43,6 +44,10 @@ class Estimate:
         std = chosen(np.maximum, self.std, other.std)
         low, high = chosen(np.minimum, self.low, other.low), chosen(np.maximum, self.high, other.high)
         return replace(self, std=std, low=low, high=high, identifiable=self.identifiable and other.identifiable)
+
+    def withheld(self) -> "Estimate":
+        """Without standard error and interval, which hold for a model that is believed only."""
+        return replace(self, std=None, low=None, high=None)
 
     def to_json(self) -> dict:
         """As in the study format; what is not known is left out."""

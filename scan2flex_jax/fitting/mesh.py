@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.fitting import mistakes
 from scan2flex_jax.fitting.branches import ASTRAY, distances
 from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.least_squares import Minimum, Progress
@@ -53,34 +54,44 @@ def on_enough_elements(
     """The result of the last of ``stages``, with the `Mesh`.
 
     With ``elements`` None the stages begin anew with more elements if the bends at the result of one need them; with a number,
-    that many are used. ``make(n)`` is the problem with ``n`` elements. Raises `NotSettledError`.
+    that many are used. ``make(n)`` is the problem with ``n`` elements. Raises `NotSettledError`, with a likely mistake of the
+    input if there is one.
     """
     n, solved = elements or FIT_ELEMENTS, 0
     while True:
         problem = make(n)
         problem.evaluator.equilibria = solved
-        found, problem, mesh = _through(stages, problem, elements is None)
+        found, problem, mesh = _through(stages, problem, elements is None, progress)
         if found is not None:
             return found, mesh
         n, solved = mesh.enough, problem.evaluator.equilibria
         progress(f"again with {n} elements")
 
 
-def _through(stages, problem, refining) -> tuple[Found | None, Problem, Mesh]:
+def _through(stages, problem, refining, progress) -> tuple[Found | None, Problem, Mesh]:
     """``(result, problem, mesh)`` of the last stage; of the stage that needs more elements, None in place of its result."""
     found = None
     for stage in stages:
         try:
             found = stage(problem, found)
-        except NotSettledError:
+        except NotSettledError as fault:
             mesh = _mesh_of_starts(problem)
             if not refining or mesh.enough <= problem.elements:
-                raise
+                raise (_too_limp(fault, mesh) or mistakes.instead_of(fault, problem, progress)) from fault
             return None, problem, mesh
         problem, mesh = found.problem, mesh_at(found.problem, found.minimum.shared)
         if refining and mesh.enough > problem.elements and _worth(found, stage is stages[-1]):
             return None, problem, mesh
     return found, problem, mesh
+
+
+def _too_limp(fault: NotSettledError, mesh: Mesh) -> NotSettledError | None:
+    """The fault of a cable whose bends are shorter than the elements, which no correction of the input solves."""
+    if mesh.size <= mesh.bend:
+        return None
+    stiff = f"write a stiffness {(mesh.size / mesh.bend) ** 2:.2g} times as large or more"
+    advice = f"the cable is too limp for {mesh.elements} elements: {stiff}, which moves a hanging cable only near its clamps"
+    return NotSettledError(fault.sentence, advice, fault.reasons)
 
 
 def _worth(found: Found, last: bool) -> bool:

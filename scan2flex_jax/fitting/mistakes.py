@@ -31,7 +31,7 @@ from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
-from scan2flex_jax.study.visible import clamps_scaled, visible_mistakes
+from scan2flex_jax.study.visible import carried, clamps_scaled, visible_mistakes
 
 _DOUBTFUL = 0.004  # of the length: RMS distance above which a fit is searched for mistakes
 _STATED = 3.0  # times the stated noise: likewise, above half that distance
@@ -147,7 +147,8 @@ class _Search:
     def of_all_poses(self) -> Iterator[Mistake]:
         """The hypotheses that concern several poses."""
         yield from clamps_scaled(self.study)
-        yield from mistakes.of_gravity(self.study)
+        if not carried(self.study):
+            yield from mistakes.of_gravity(self.study)
         yield from mistakes.of_weight(self.study)
         yield from mistakes.of_rolls(self.study)
         yield from mistakes.of_frames(self.study)

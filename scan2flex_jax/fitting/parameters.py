@@ -22,21 +22,23 @@ from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel, with_rigid
+from scan2flex_jax.study.facts import measured_length
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
 # Default ranges of unknowns, wide enough for flexible components, in the unit of the parameter.
 DEFAULT_RANGE = {
-    "length": (1.0e-2, 1.0e3),
+    "length": (1.0e-3, 1.0e4),
     "length_density": (1.0e-4, 1.0e3),
     "shear_stiffness": (1.0e-1, 1.0e9),
     "axial_stiffness": (1.0e-1, 1.0e9),
-    "bending_stiffness": (1.0e-7, 1.0e4),
-    "torsional_stiffness": (1.0e-7, 1.0e4),
+    "bending_stiffness": (1.0e-10, 1.0e6),
+    "torsional_stiffness": (1.0e-10, 1.0e6),
     "natural_curvature": (-100.0, 100.0),
     "natural_stretch": (-0.5, 0.5),
 }
+LENGTH_RANGE = (0.5, 10.0)  # of the length that the shapes show: curves may stop short of a free end
 _ANY = {"positive": (1.0e-9, 1.0e9), "nonnegative": (0.0, 1.0e9), "fraction": (0.0, 0.99)}
 CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the end
 
@@ -209,6 +211,8 @@ def _slot(study, unknown, at):
     shape = _whole_shape(study, unknown.name, form)
     log = form.domain == "positive"
     default = DEFAULT_RANGE.get(unknown.name) or _ANY.get(form.domain, (-1e6, 1e6))
+    if unknown.name == "length" and (shown := measured_length(study)) is not None:
+        default = tuple(shown * share for share in LENGTH_RANGE)
     if form.domain == "along_cable":
         default = (0.0, float(study.cable.get("length", 1e3)))
     low, high = (

@@ -130,9 +130,11 @@ def _without_history(study, study_poses, length, elements):
 
 
 def _start_of(study, pose, known, length, elements):
-    """The start of a pose's solves: along the measured curve or markers, or a sagging cable if there is only one marker."""
+    """The start of a pose's solves: along the measured curve or markers, or a sagging cable if there is only one marker, or no
+    clamp: between ball joints there is one branch, and noise of a curve would bend a soft cable in every element."""
     dense, boundary, turns = known
-    if pose.curve is None and len(pose.markers.points) < _MARKED_SHAPE:
+    hangs = pose.end is not None and not np.any(boundary.held[:, 3]) and np.any(study.gravity_in(pose))
+    if hangs or (pose.curve is None and len(pose.markers.points) < _MARKED_SHAPE):
         return _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
     return _start(dense, boundary, turns, elements)
 

@@ -25,7 +25,7 @@ from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.quadratic import rounding_of
-from scan2flex_jax.fitting.start import STIFFNESSES, memory_starts, own_start
+from scan2flex_jax.fitting.start import STIFFNESSES, length_start, memory_starts, own_start
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
@@ -51,8 +51,7 @@ class Problem:
         """Arrays of the poses; nothing is solved yet."""
         self.study, self.elements, self.slots = study, elements, slots
         self.layout, self.template = layout_of(study), template(study)
-        guess = study.start_value("length") or 1.0
-        self.length = float(study.cable.get("length", guess))
+        self.length = float(length_start(study))
         self.poses = poses_of(study, study.fit_poses, self.length, elements)
         self.held_out = _held_out(study, self.length, elements)
         self.evaluator = self.evaluator_of(self.poses, distance)

@@ -20,7 +20,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
 from scan2flex_jax.fitting.poses import Poses, check_distance, check_no_memory, poses_of
-from scan2flex_jax.fitting.start import own_start
+from scan2flex_jax.fitting.start import length_start, own_start
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
@@ -149,7 +149,7 @@ def residual_function(
         layout = Layout(layout.slots, 0.0, 0.0, 0.0, 0.0, rigid=layout.rigid)
     if not layout.slots:
         raise Scan2FlexError("the study declares no unknown: declare what is to be estimated.")
-    length = float(study.cable.get("length", study.start_value("length") or 1.0))
+    length = length_start(study)
     poses = poses_of(study, study.fit_poses, length, elements)
     real = np.flatnonzero(np.repeat(np.asarray(poses.mask).ravel() > 0, 3))
     spread = None if noise is None else jnp.asarray(noise, float)

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from scan2flex_jax.fitting.answer import Answer, answer_of, digits_of, in_mm, moved_in_words, noise_in_words, number
+from scan2flex_jax.fitting.answer import UNBELIEVED, Answer, answer_of, digits_of, in_mm, moved_in_words, noise_in_words, number
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.influence import Influence, influence
@@ -91,8 +91,9 @@ class Fit:
 
     @property
     def believable(self) -> bool:
-        """Whether the fit has converged, with every pose stable and near its curve; otherwise its values are unusable."""
-        sound = self.converged and not self.misfits and not self.mistakes
+        """Whether the fit has converged, with every pose stable and near its curve and validate poses predicted; otherwise its
+        values are unusable, and have no intervals."""
+        sound = self.converged and not self.misfits and not self.mistakes and self.valid is not False
         return bool(sound and all(p.stable for p in self.poses.values()))
 
     @property
@@ -153,6 +154,7 @@ class Fit:
             "noise": self.noise.to_json(),
             "discrepancy": self.discrepancy.to_json(),
             "converged": self.converged,
+            "believable": self.believable,
             **({} if self.valid is None else {"valid": self.valid}),
             **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             "mistakes": [m.to_json() for m in self.mistakes],
@@ -206,7 +208,7 @@ def in_words(e: Estimate) -> str:
     low, high = (None if x is None else np.ravel(x) for x in (e.low, e.high))
     parts = []
     for i, v in enumerate(value):
-        digits, span = 5, " (no error bar)"
+        digits, span = 5, f" {UNBELIEVED}" if e.identifiable else " (no error bar)"
         if low is not None and high is not None and np.isfinite(low[i]) and np.isfinite(high[i]):
             digits = digits_of(v, low[i], high[i], least=4)
             span = f" [{number(low[i], digits)}, {number(high[i], digits)}]"

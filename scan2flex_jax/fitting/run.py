@@ -6,11 +6,12 @@ priors weighted against that noise, then intervals, undetermined combinations, a
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import belief, branches, mistakes
 from scan2flex_jax.fitting.direct import Direct, measured_by
 from scan2flex_jax.fitting.discrepancy import Discrepancy
@@ -68,7 +69,8 @@ def fit(
         settings: Priors of the noise, and thresholds of the validation.
 
     Returns:
-        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on their validity.
+        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on their validity. A fit that is
+        not to be believed (`Fit.believable`) has no intervals.
 
     Raises:
         Scan2FlexError: There is nothing to fit.
@@ -109,7 +111,7 @@ def fit(
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
     said = (*said, *mesh.sentences(), *turned, *in_doubt)
-    return Fit(
+    result = Fit(
         study=study if scans else whole,
         problem=problem,
         minimum=minimum,
@@ -136,6 +138,7 @@ def fit(
         settings=settings,
         laws=laws,
     )
+    return result if result.believable else replace(result, estimates={n: e.withheld() for n, e in estimates.items()})
 
 
 def _known(known, laws, estimates):
@@ -145,11 +148,8 @@ def _known(known, laws, estimates):
 
 def _minimum(problem, _, method, progress):
     """The first minimum, and mistakes of the input that show at once."""
-    try:
-        minimum, likely = mistakes.before_branches(problem, method, progress)
-        return Found(problem, minimum or problem.minimise(method, progress), likely)
-    except NotSettledError as fault:
-        raise mistakes.instead_of(fault, problem, progress) from fault
+    minimum, likely = mistakes.before_branches(problem, method, progress)
+    return Found(problem, minimum or problem.minimise(method, progress), likely)
 
 
 def _on_branches(declared, first, method, progress):
@@ -157,6 +157,7 @@ def _on_branches(declared, first, method, progress):
     if first.mistakes:
         return first
     problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
+    problem, minimum = branches.needed(declared.study, problem, minimum, method, progress)
     likely = mistakes.hidden(declared.study, problem, minimum, progress)
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
     return Found(problem, minimum, likely, doubt)

@@ -17,6 +17,7 @@ from scipy.interpolate import make_lsq_spline
 from scan2flex_jax.effects import effect_class
 from scan2flex_jax.fitting.poses import Poses
 from scan2flex_jax.rod.memory import AbstractMemory
+from scan2flex_jax.study.facts import measured_length
 from scan2flex_jax.study.model import Study
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
@@ -36,7 +37,12 @@ def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
     values = {**study.cable, **{u.name: study.start_value(u.name) for u in study.unknowns}}
     density = float(values.get("length_density") or _density_beside(study, length))
     weights = np.array([density * np.asarray(study.gravity_in(pose)) for pose in study.fit_poses])
-    return {"length_density": density, **balance_start(poses, weights, length, known, _loaded_least(study))}
+    return {"length": length, "length_density": density, **balance_start(poses, weights, length, known, _loaded_least(study))}
+
+
+def length_start(study: Study) -> float:
+    """Start of the length (m): the value given, the guess, else that of the measured shapes."""
+    return float(np.max(study.start_value("length") or measured_length(study) or 1.0))
 
 
 def memory_starts(study: Study, poses: Poses, length: float) -> list[dict[str, float]]:

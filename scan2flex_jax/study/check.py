@@ -11,24 +11,27 @@ import numpy as np
 
 from scan2flex_jax.study.curve_warnings import PLANE_LIMIT, curve_warnings, mm
 from scan2flex_jax.study.declared import unknown_formats
-from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, pose_facts
+from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, measured_length, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
+from scan2flex_jax.study.mistakes import far_neighbours
 from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
 from scan2flex_jax.study.repeats import repeats
 from scan2flex_jax.study.sense import knows_a_force, looks_like
 from scan2flex_jax.study.values import one_line
-from scan2flex_jax.study.visible import scale_between, visible_mistakes
+from scan2flex_jax.study.visible import carried, scale_between, visible_mistakes
 
 HEAVY = 50.0
 """kg/m: beyond the heaviest cables that are laid by hand."""
 DENSE = 20000.0
 """kg/m^3: above the density of every cable material."""
-LIGHT = 1e-4
-"""kg/m: a sewing thread; lighter objects are seldom called a cable."""
+LIGHT = 1e-6
+"""kg/m: a human hair weighs 5e-6."""
 LOOSE = 50.0
 """kg/m^3: foams are denser."""
 LONG = 100.0
-"""m: longer than cables whose shape is measured."""
+"""m: a longer cable is in another unit, unless its shapes are as long."""
+SHOWN = 0.5
+"""Of the length: shapes that are longer confirm its unit."""
 GRAVITY = 9.81
 """m/s^2; on Earth gravity stays within 0.5 % of it."""
 NO_VALIDATE = (
@@ -192,14 +195,30 @@ def study_warnings(study: Study) -> list[str]:
     scale = None if warnings else scale_between(study)
     warnings += [] if scale is None else [f"{scale}."]
     warnings += _of_study(study)
-    facts = {pose.name: found for pose in study.poses if (found := pose_facts(pose)) is not None}
-    another_axis = any(mistake.axis for mistake in mistakes)  # it is the reason for every tangent
-    warnings += curve_warnings(study, facts, tangents=not another_axis)
+    mended = mistakes[-1].study if mistakes else study  # a mistake is the reason for what its correction mends
+    facts = {pose.name: found for pose in mended.poses if (found := pose_facts(pose)) is not None}
+    warnings += curve_warnings(mended, facts)
     measured = len(facts) == len(study.poses)
+    if not mistakes:
+        warnings += [said for pose in study.poses for said in _far_markers(study, pose)]
+    if carried(study):
+        level = "every curve lies level, across gravity: something seems to carry the cable"
+        warnings.append(f"{level}; if it lies on a table, declare the effect support_plane.")
     if measured and all_plane(study, list(facts.values()), PLANE_LIMIT * max(f.covered for f in facts.values())):
         sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
         warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
     return warnings
+
+
+def _far_markers(study: Study, pose: StudyPose) -> list[str]:
+    """Warning about neighbouring markers of a pose that are farther apart than the cable between them is long."""
+    far = far_neighbours(study, pose)
+    if pose.markers is None or not len(far):
+        return []
+    i, marks = int(far[0]), pose.markers
+    apart, along = np.linalg.norm(marks.points[i + 1] - marks.points[i]), marks.arc_length[i + 1] - marks.arc_length[i]
+    said = f"markers {i + 1} and {i + 2} are {mm(float(apart))} apart, and only {mm(float(along))} along the cable"
+    return [f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking."]
 
 
 def _of_study(study: Study) -> list[str]:
@@ -225,10 +244,11 @@ def unit_warnings(study: Study) -> list[str]:
     warnings = _odd_gravity("", study.gravity)
     for pose in study.poses:
         warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
-    length = study.cable.get("length")
-    if length is not None and float(np.max(length)) > LONG:
+    length, shown = study.cable.get("length"), measured_length(study) or 0.0
+    if length is not None and float(np.max(length)) > max(LONG, shown / SHOWN):
         warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
-    return warnings + _odd_weight(study)
+    weightless = not any(np.any(study.gravity_in(pose)) for pose in study.poses)
+    return warnings if weightless else warnings + _odd_weight(study)
 
 
 def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:

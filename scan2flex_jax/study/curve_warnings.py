@@ -26,6 +26,8 @@ ANGLE_TOLERANCE = 30.0
 """Degrees: a frame that is further off is described wrongly, and no tolerance of the mounting is its remedy."""
 PLANE_LIMIT = 0.005
 """Of L, RMS: a curve with a smaller deviation counts as plane, or as straight."""
+STRAIGHT = 10.0
+"""Times the stated noise: a curve that deviates more from a line shows its bend, however small that is."""
 COMMON = 3
 """Poses from which a fault is reported once for all of them."""
 
@@ -45,10 +47,11 @@ class _Fault:
     off: float = 0.0
 
 
-def curve_warnings(study: Study, facts: Mapping[str, PoseFacts], tangents: bool = True) -> list[str]:
-    """Warnings about the curves with ``facts`` (by pose), one sentence each; without ``tangents``, none about tangents."""
+def curve_warnings(study: Study, facts: Mapping[str, PoseFacts]) -> list[str]:
+    """Warnings about the curves with ``facts`` (by pose), one sentence each."""
     faults = [f for pose in study.poses if pose.name in facts for f in _of_pose(study, pose, facts[pose.name])]
-    faults = [f for f in faults if tangents or f.kind != "tangent"]
+    if not all(_straight(study, study.pose(name), one) for name, one in facts.items()):  # one bent pose is enough
+        faults = [f for f in faults if f.kind != "straight"]
     by_kind = {kind: [f for f in faults if f.kind == kind] for kind in dict.fromkeys(f.kind for f in faults)}
     common = {kind for kind, some in by_kind.items() if len({f.pose for f in some}) >= COMMON}
     said = [_together(kind, by_kind[kind], len(facts)) for kind in by_kind if kind in common]
@@ -104,11 +107,19 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[_Fault]:
     ]
     if length is not None:
         faults += _of_length(pose.name, facts, scale)
-    if facts.points >= FEWEST_BENT and facts.off_line < PLANE_LIMIT * scale:
+    if _straight(study, pose, facts):
         mend = "bring its clamps nearer to each other, or give the pose more sag"
         text = f"the curve is nearly straight and says little about stiffness: {mend}."
         faults.append(_Fault("straight", pose.name, facts.off_line, text))
     return faults
+
+
+def _straight(study: Study, pose: StudyPose, facts: PoseFacts) -> bool:
+    """Whether a curve hardly deviates from a line: by less than `PLANE_LIMIT`, or than a few times its stated noise."""
+    length = study.known("length")
+    limit = PLANE_LIMIT * (facts.covered if length is None else float(np.max(length)))
+    limit = limit if pose.noise is None else min(limit, STRAIGHT * pose.noise)
+    return facts.points >= FEWEST_BENT and facts.off_line < limit
 
 
 def _of_end(pose: str, name: str, end: EndFacts, length: float) -> list[_Fault]:

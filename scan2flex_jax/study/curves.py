@@ -18,6 +18,14 @@ from scan2flex_jax.study.values import Where, shown
 BLOCKS = 64
 """Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block."""
 
+FEW_BLOCKS = 8
+"""Averaged knots of a lower bound: the noise of hand-picked points adds nothing to chords of an eighth of the curve."""
+ALONG = 0.8
+"""Of `least_length`: arc lengths that grow by less are in another unit."""
+BEYOND = 5.0
+"""Times `least_length`: arc lengths that look like per cent and grow by more are."""
+_PERCENT = (90.0, 101.0)  # arc lengths of a whole cable, in per cent
+
 
 def read_curve(path: Path, where: Where) -> MeasuredCurve:
     """The centre curve in a CSV with the header `x,y,z` or `s,x,y,z`; `where` names the file for the user."""
@@ -45,6 +53,21 @@ def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
     """Points that a user marked on the surface, from start to end; header `x,y,z`."""
     _, table = _read_csv(path, ("x,y,z",), where)
     return arrays.points(table, 2, where)
+
+
+def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"]) -> str | None:
+    """A sentence if arc lengths contradict the distances of their points, and whether they look like per cent.
+
+    They may exceed the distances of sparse points, but never by a whole unit, and never fall below.
+    """
+    grown, along = float(s[-1] - s[0]), least_length(points)
+    percent = any(_PERCENT[0] <= unit * s[-1] <= _PERCENT[1] for unit in (1.0, 10.0, 100.0, 1000.0))
+    if grown >= ALONG * along and not (percent and grown > BEYOND * along):
+        return None
+    advice = "write it in metres"
+    if percent:
+        advice = "s looks like per cent of the length: leave the column out, or write it in metres"
+    return f"its s grows by {grown:.4g} m along points that are {along:.4g} m long: {advice}"
 
 
 def checked_curve(
@@ -96,6 +119,11 @@ def curve_length(points: Annotated[np.ndarray, "n 3"]) -> float:
     return float(np.sum(np.linalg.norm(np.diff(_knots(points), axis=0), axis=1)))
 
 
+def least_length(points: Annotated[np.ndarray, "n 3"]) -> float:
+    """Length (m) that a curve through noisy points has at least: the chords between means of a few blocks."""
+    return float(np.sum(np.linalg.norm(np.diff(_knots(points, FEW_BLOCKS), axis=0), axis=1)))
+
+
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
     """Shortfall (m) of `curve_length`: the chord h of an arc that turns by a is shorter by h (a / (2 sin(a / 2)) - 1).
 
@@ -109,11 +137,11 @@ def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end:
     return float(np.sum(h * (1 / np.sinc(np.minimum(over, np.pi) / (2 * np.pi)) - 1)))
 
 
-def _knots(points: Annotated[np.ndarray, "n 3"]) -> Annotated[np.ndarray, "k 3"]:
+def _knots(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> Annotated[np.ndarray, "k 3"]:
     """First point, averages of neighbours if there are many, last point."""
     knots = points
-    if len(points) > BLOCKS:
-        edges = np.linspace(0, len(points), BLOCKS + 1).astype(int)
+    if len(points) > blocks:
+        edges = np.linspace(0, len(points), blocks + 1).astype(int)
         means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
         knots = np.concatenate([points[:1], means, points[-1:]])
     return knots

@@ -86,6 +86,27 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     )
 
 
+def measured_length(study: Study) -> float | None:
+    """Length (m) of the cable by its measured shapes; None if a study has scans only.
+
+    The median over poses that are held at both ends of the curve with its gaps to the clamps; without any, the longest curve,
+    or the arc length of the last marker.
+    """
+    facts = [found for pose in study.poses if (found := pose_facts(pose)) is not None]
+    held = [f.covered for f in facts if f.end is not None]
+    if held:
+        return float(np.median(held))
+    reached = [f.covered for f in facts] + [_past_markers(pose) for pose in study.poses if pose.markers is not None]
+    return max(reached, default=None)
+
+
+def _past_markers(pose: StudyPose) -> float:
+    """Arc length (m) of the last marker, with the distance from there to an end clamp."""
+    last, end = pose.markers, pose.end
+    beyond = 0.0 if end is None else float(np.linalg.norm(end.position - last.points[-1]))
+    return float(last.arc_length[-1]) + beyond
+
+
 def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:
     """Angles (rad) between the clamps' d3 and the first and last chord; 0 for an end without clamp."""
     ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))

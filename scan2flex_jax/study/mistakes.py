@@ -5,6 +5,7 @@ tangents of the curves, `fitting.mistakes` the others by a refit. Rotations ``R`
 frame, d3 = R e3; a change of convention multiplies them from the right.
 """
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import combinations
@@ -12,6 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 from scan2flex_jax.study.rotations import product, rolled, twist_along
 from scan2flex_jax.study.sense import knows_a_force
@@ -28,8 +30,17 @@ _AXES = (  # a clamp's axis along which the cable leaves it, and the rotation of
     ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0), "-z"),
 )
 _ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that reverse the direction of an end
+_MAPS = (  # of measured shapes from other axes: the rows are x, y and z as they should be written
+    ("have their y axis up, and the clamps their z axis", "x, -z, y", ((1, 0, 0), (0, 0, -1), (0, 1, 0))),
+    ("have their z axis up, and the clamps their y axis", "x, z, -y", ((1, 0, 0), (0, 0, 1), (0, -1, 0))),
+    ("are mirrored: their x axis points the other way", "-x, y, z", ((-1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    ("are mirrored: their y axis points the other way", "x, -y, z", ((1, 0, 0), (0, -1, 0), (0, 0, 1))),
+    ("are mirrored: their z axis points the other way", "x, y, -z", ((1, 0, 0), (0, 1, 0), (0, 0, -1))),
+    ("are mirrored: their y and z axes are exchanged", "x, z, y", ((1, 0, 0), (0, 0, 1), (0, 1, 0))),
+)
 _WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # units of weight, and how many of them make a kg/m
 _ROLLS = (180, 90, -90)  # degrees
+_APART, _NOISY = 1.3, 0.01  # neighbouring markers are no farther apart than this many times their arc length, and so much of s
 
 Quaternion = Annotated[np.ndarray, "4"]
 
@@ -79,6 +90,53 @@ def of_frames(study: Study) -> Iterator[Mistake]:
     yield from _changed(study, _each_clamp(_conjugated), words, mend)
     words, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
     yield from _changed(study, _each_clamp(lambda q: np.roll(q, 1)), words, mend)
+    for words, xyz, rows in _MAPS:
+        mend = f"write {xyz} in place of x, y, z"
+        yield from _changed(study, functools.partial(_mapped, rows=np.array(rows, float)), f"the curves {words}", mend)
+
+
+def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
+    """Two markers of a pose that are exchanged: neighbours are then farther apart than their arc lengths allow."""
+    far = far_neighbours(study, pose)
+    if not len(far):
+        return
+    marks, best = pose.markers, None
+    for i in sorted({*far, *(far + 1)}):
+        for j in range(len(marks.points)):
+            order = np.arange(len(marks.points))
+            order[[i, j]] = order[[j, i]]
+            other = replace(pose, markers=replace(marks, points=marks.points[order]))
+            around = _polygon(other)
+            if not len(far_neighbours(study, other)) and (best is None or around < best[0]):
+                best = around, min(i, j), max(i, j), other
+    if best is not None:
+        _, i, j, other = best
+        at = " and ".join(f"{marks.arc_length[k]:.4g} m" for k in (i, j))
+        said = f"markers {i + 1} and {j + 1} of pose {one_line(pose.name)} are exchanged (s = {at})"
+        yield Mistake(said, "exchange their coordinates", with_pose(study, other))
+
+
+def far_neighbours(study: Study, pose: StudyPose) -> Annotated[np.ndarray, " k"]:
+    """Indices of markers that are farther from the next one than their arc lengths allow."""
+    if pose.markers is None or any(kind_format(effect.kind).place == "observation" for effect in study.effects):
+        return np.zeros(0, int)
+    s, chords = pose.markers.arc_length, _chords(pose)
+    return np.flatnonzero(chords > _APART * np.diff(s) + _NOISY * s[-1] + 3.0 * np.sqrt(2.0) * (pose.noise or 0.0))
+
+
+def _polygon(pose) -> float:
+    """Length (m) of the polygon through the markers of a pose."""
+    return float(np.sum(_chords(pose)))
+
+
+def _chords(pose):
+    return np.linalg.norm(np.diff(pose.markers.points, axis=0), axis=1)
+
+
+def _mapped(pose: StudyPose, rows: Annotated[np.ndarray, "3 3"]) -> StudyPose:
+    """The pose with its curve and its markers in other axes."""
+    curve, marks = (m if m is None else replace(m, points=m.points @ rows.T) for m in (pose.curve, pose.markers))
+    return replace(pose, curve=curve, markers=marks)
 
 
 def of_rolls(study: Study) -> Iterator[Mistake]:

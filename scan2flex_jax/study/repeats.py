@@ -1,6 +1,7 @@
-"""Repeated poses: those marked by `repeat_of`, and those with the same clamps, gravity and turns.
+"""Repeated poses: those marked by `repeat_of`, and those with the same clamps, gravity and turns and nearly the same shape.
 
-Repeats differ by the sensor's noise and the cable's handling, independent of the model: a lower bound for every fit.
+Repeats differ by the sensor's noise and the cable's handling, independent of the model: a lower bound for every fit. Poses that
+are held alike and differ by more were not repeated: something differs between them that the study does not declare.
 """
 
 from itertools import combinations
@@ -9,11 +10,18 @@ import numpy as np
 
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 
+HANDLING = 0.02
+"""Of L, RMS: poses that are held alike and differ by more are no repeats; two photographs of a limp strip differ by 1.9 %."""
 _SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measured again
 
 
 def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
     """Groups of names of repeated poses, in the order of the study."""
+    return tuple(group for group in _held_alike(study) if not _apart(study, group))
+
+
+def _held_alike(study):
+    """Groups of names of poses that are marked as repeats, or held alike."""
     groups: list[list[StudyPose]] = []
     for pose in study.poses:
         own = next((g for g in groups if any(_repeat(study, pose, other) for other in g)), None)
@@ -24,10 +32,28 @@ def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(p.name for p in g) for g in groups if len(g) > 1)
 
 
+def _apart(study, group) -> float:
+    """Largest RMS distance (m) within a group that is held alike, if it exceeds that of handling, else 0."""
+    pairs = [(a, b) for a, b in combinations(map(study.pose, group), 2) if not _said(a, b)]
+    off = max((difference(a, b) or 0.0 for a, b in pairs), default=0.0)
+    return off if off > HANDLING * _length(study) else 0.0
+
+
+def _length(study) -> float:
+    return float(np.max(study.cable.get("length", np.inf)))
+
+
 def repeat_sentences(study: Study) -> tuple[str, ...]:
-    """Differences between curves or markers of repeats, one sentence for each comparable pair."""
-    said, length = [], float(np.max(study.cable.get("length", np.inf)))
-    for group in repeats(study):
+    """Differences between curves or markers of repeats, one sentence for each comparable pair, and of poses that are held alike
+    and differ."""
+    said, length = [], _length(study)
+    for group in _held_alike(study):
+        if off := _apart(study, group):
+            said.append(
+                f"poses {', '.join(group)} are held alike and differ by up to {1e3 * off:.3g} mm (RMS, {100 * off / length:.2g}"
+                " % of the length): something differs between them that the study does not declare, as a load in some of them"
+            )
+            continue
         for a, b in combinations(map(study.pose, group), 2):
             rms = difference(a, b)
             if rms is not None:

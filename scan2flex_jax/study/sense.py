@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from scan2flex_jax.study.curves import curve_length
+from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
@@ -228,6 +228,9 @@ def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) ->
         return
     key, length = where.at("curve"), curve_length(pose.curve.points)
     if pose.curve.arc_length is not None:
+        fault = arc_length_fault(pose.curve.points, pose.curve.arc_length)
+        if fault is not None:
+            raise key.fail(f"{fault}.")
         length = max(length, float(pose.curve.arc_length[-1]))
     if length > CURVE_SLACK * reach:
         hint = unit_hint(length / reach, equal=True)

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2flex_jax.study import mistakes
+from scan2flex_jax.study.curve_warnings import PLANE_LIMIT
 from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.facts import pose_facts
 from scan2flex_jax.study.mistakes import Mistake
@@ -26,7 +27,7 @@ _SCALES, _CLEAR = (0.01, 0.15), 0.35  # reported changes of a scale; remaining g
 
 def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
     """The mistakes visible without a solve, each with the cumulatively corrected study; empty if no pose is astray."""
-    found = tuple(_of_units(study))
+    found = tuple(_of_units(study)) or tuple(_of_markers(study))
     if found:
         return found
     astray = {pose.name for pose in study.poses if _off(study, pose) > 1.0}
@@ -34,6 +35,14 @@ def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
         if _mends(mistake, study, astray):
             return (mistake,)
     return tuple(_of_some_poses(study, astray)) or tuple(_upward(study))
+
+
+def _of_markers(study) -> Iterator[Mistake]:
+    """Exchanged markers, one pair a pose, in turn."""
+    for pose in study.poses:
+        for mistake in mistakes.of_markers(study, pose):
+            study = mistake.study
+            yield mistake
 
 
 def _of_some_poses(study, astray) -> Iterator[Mistake]:
@@ -92,6 +101,18 @@ def stands(study: Study, pose: StudyPose) -> bool:
     if pose.end is None and pose.start.tangent is not None:
         line = line + 0.5 * curve_length(pose.curve.points) * pose.start.tangent
     return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * float(np.max(length))
+
+
+def carried(study: Study) -> bool:
+    """Whether every curve lies level, across gravity, as on a table."""
+    curves = [pose for pose in study.poses if pose.curve is not None]
+
+    def level(pose):
+        down = study.gravity_in(pose)
+        heights = pose.curve.points @ down / max(float(np.linalg.norm(down)), np.finfo(float).tiny)
+        return np.any(down) and np.std(heights) < PLANE_LIMIT * curve_length(pose.curve.points)
+
+    return bool(curves) and all(level(pose) for pose in curves)
 
 
 def _upward(study) -> Iterator[Mistake]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import Explanation, confirm, report, verdict
-from scan2flex_jax.diagnosis.answer import _belief, answer_of, found_in_words
+from scan2flex_jax.diagnosis.answer import belief_of, answer_of, found_in_words
 from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.refit import refit
 from scan2flex_jax.diagnosis.residual import Law
@@ -115,12 +115,12 @@ def test_whether_to_believe_it(fitted):
     search, smooth = object.__new__(Found), Noise(1e-4, 2e-3, 0.1)
     search.stage = SimpleNamespace(of=of)
     nothing = replace(explained(fitted, verdict.NONE), chosen=(), search=search)
-    assert _belief(nothing)[0] == GOOD
-    tone, belief = _belief(replace(nothing, noise=smooth))
+    assert belief_of(nothing)[0] == GOOD
+    tone, belief = belief_of(replace(nothing, noise=smooth))
     assert tone == FAIR and "if the curves err by 2.8 mm" in belief
     false = replace(fitted, valid=False, sentences=("the model does not predict p4",))
     nothing = replace(explained(false, verdict.NONE), chosen=())
-    assert answer_of(nothing).tone == FAIR and "does not predict p4" in answer_of(nothing).belief
+    assert answer_of(nothing).tone == BAD and "does not predict p4" in answer_of(nothing).belief
 
 
 def test_a_pose_far_from_its_curve_is_not_to_be_believed_whatever_the_test_says(fitted):
@@ -129,7 +129,7 @@ def test_a_pose_far_from_its_curve_is_not_to_be_believed_whatever_the_test_says(
     for said, believable in ((verdict.NONE, False), (verdict.TIE, False), (verdict.UNEXPLAINED, False), (verdict.PARTLY, True)):
         near = replace(explained(fitted, said), search=None)
         found = replace(near, poses=far)
-        assert near.believable and found.believable is believable
+        assert near.believable is (said != verdict.UNEXPLAINED) and found.believable is believable
         assert (answer_of(found).tone == BAD) is not believable
     tone, belief = judged(fitted, verdict.NONE, chosen=(), poses=far)
     assert tone == BAD and "20.00 mm (RMS) off its measured curve" in belief
