@@ -15,7 +15,7 @@ from scan2flex_jax.fitting.estimate import Estimate, estimate_of
 from scan2flex_jax.fitting.law import KINDS, Law, law_at
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.statics.verdict import SOLVED
-from scan2flex_jax.study.kinds import kind_format, kind_names
+from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Unknown
 
 _LEAST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
@@ -161,7 +161,18 @@ def declared(study, estimates_after, chosen):
     cable = dict(study.cable) | {n: e.value for n, e in estimates_after.items() if "." not in n}
     unknowns = tuple(replace(u, guess=estimates_after[u.name].value) for u in study.unknowns)
     add = tuple(EffectDeclaration(r.kind, r.parameters) for r in chosen if r.kind in kind_names())
+    unknowns = tuple(_numbered(study, u) if u.name.startswith(tuple(f"{e.kind}." for e in add)) else u for u in unknowns)
     return replace(study, cable=cable, unknowns=unknowns, effects=(*study.effects, *add))
+
+
+def _numbered(study, unknown):
+    """An unknown of an effect whose kind is added once more, under the number of its effect."""
+    kind, number, parameter = split_name(unknown.name)
+    places = study.effects_of(unknown.name)
+    if number or len(places) > 1:
+        return unknown
+    number = sum(e.kind == kind for e in study.effects[: places[0] + 1])
+    return replace(unknown, name=f"{kind}[{number}].{parameter}")
 
 
 def description(found) -> Ranked:

@@ -28,7 +28,7 @@ from scan2flex_jax.diagnosis.result import Explanation
 from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
 from scan2flex_jax.diagnosis.settings import USUAL, DiagnosisSettings
 from scan2flex_jax.diagnosis.slots import empty_slots_of
-from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting import Fit, mistakes
 from scan2flex_jax.fitting import fit as baseline_fit
 from scan2flex_jax.fitting.least_squares import Progress, silent
@@ -79,6 +79,9 @@ def explain(
         'explained'
     """
     check_study(study)
+    some = next((p.name for p in study.poses if p.markers is not None and p.markers.measured != "xyz"), None)
+    if some is not None:
+        raise Scan2FlexError(f"the markers of pose {some!r} have some coordinates only: explain needs all three, fit does not.")
     began, say = time.perf_counter(), progress or silent
     scanned = any(pose.curve is None and pose.scan is not None for pose in study.fit_poses)
     if ahead is None:  # a process that compiles ahead explains one study

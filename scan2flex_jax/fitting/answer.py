@@ -99,9 +99,9 @@ def _rows(study, name, e):
             yield Row(name, symbol, "", "", "; ".join(["not determined by these poses", *notes]))
             continue
         digits = digits_of(v, low[i], high[i])
-        interval = f"({percent(low[i] / v - 1)} {percent(high[i] / v - 1)})"
-        if not low[i] * high[i] > 0:  # no relative interval for a value that may be zero
-            interval = f"({number(low[i], 3)} to {number(high[i], 3)})"
+        interval = f"({number(low[i], 3)} to {number(high[i], 3)})"
+        if low[i] * high[i] > 0:  # no relative interval for a value that may be zero
+            interval = f"({percent(low[i] / v - 1)} {percent(high[i] / v - 1)})"
         yield Row(name, symbol, f"{number(v, digits)}{unit}", interval, "; ".join(notes))
 
 
@@ -109,7 +109,7 @@ def symbol_of(name: str, entry: int | None = None) -> str:
     """The symbol of a quantity, with the number of the entry if there are several: EI, EI1, EI2; anchor[0] (tether)."""
     if name in SYMBOLS:
         return SYMBOLS[name] + ("" if entry is None else f"{entry + 1}")
-    kind, _, parameter = name.replace("_", " ").rpartition(".")
+    kind, _, parameter = name.replace("_", " ").replace("[", " ").replace("]", "").rpartition(".")
     return parameter + ("" if entry is None else f"[{entry}]") + (f" ({kind})" if kind else "")
 
 

@@ -119,16 +119,19 @@ def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float
 
 
 def marker_residuals(
-    r, d3, ds, points: Float[Array | np.ndarray, "m 3"], at: Float[Array | np.ndarray, " m"], observe
-) -> Float[Array, "m 3"]:
+    r, d3, ds, points: Float[Array | np.ndarray, "m 3"], at: Float[Array | np.ndarray, " m"], observe,
+    rows: Float[Array | np.ndarray, "3 3"] | None = None,
+) -> Float[Array, "m 3"]:  # fmt: skip
     """``residual (m, 3)``: measured minus modelled (m) at known arc lengths ``at`` (m), all three components alike.
 
-    Along the two normals and the tangent, as in `normal_residuals`.
+    Along the two normals and the tangent, as in `normal_residuals`; along ``rows`` that are not all zero, where some
+    coordinates were measured only.
     """
     axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
 
     def one(point, s):
-        return axes_at(s) @ (point - observe(curve_at(r, d3, ds, s)[0]))
+        axes = axes_at(s) if rows is None else jnp.where(jnp.any(rows != 0.0), rows, axes_at(s))
+        return axes @ (point - observe(curve_at(r, d3, ds, s)[0]))
 
     return jax.vmap(one)(points, at)
 

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy import special
 
 from scan2flex_jax.fitting.parameters import Slot
-from scan2flex_jax.study.kinds import CABLE, kind_format
+from scan2flex_jax.study.kinds import CABLE, kind_format, split_name
 
 VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
 _NORMAL_95 = 1.959964
@@ -100,8 +100,8 @@ def vague(logs, std: Float[np.ndarray, " n"], most: float = VAGUE) -> Bool[np.nd
 
 def unit_of(name: str) -> str:
     """Unit of an unknown by its name."""
-    kind, dot, parameter = name.partition(".")
-    return (kind_format(kind).parameter(parameter) if dot else CABLE[name]).unit
+    kind, _, parameter = split_name(name)
+    return (kind_format(kind).parameter(parameter) if kind else CABLE[name]).unit
 
 
 def _plain(value):

@@ -17,6 +17,7 @@ history by a small part of a threshold, and they would cost the square of the nu
 from dataclasses import replace
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -164,7 +165,7 @@ class Evaluator:
         before = self.states_before(shared, local, start)
         models = [self.poses.template(i) for i in range(self.poses.count)]
         models = [
-            CableModel(m.cable, m.gravity, remembering(m.effects, left)) for m, left in zip(models, before, strict=True)
+            eqx.tree_at(lambda m: m.effects, m, remembering(m.effects, left)) for m, left in zip(models, before, strict=True)
         ]
         return replace(self.poses, templates=tuple(models), group=tuple(range(len(models))))
 
@@ -191,7 +192,7 @@ class Evaluator:
 
 def target_of(poses: Poses, i: int) -> states.Target:
     """The measured points of pose ``i``."""
-    return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked), i))
+    return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked, poses.rows), i))
 
 
 def one(tree, i: int):

@@ -23,7 +23,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel, with_rigid
 from scan2flex_jax.study.facts import measured_length
-from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
+from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format, split_name
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.sense import check_study
 
@@ -61,6 +61,7 @@ class Slot:
     end: int = 0
     prior: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # mean and standard deviation in ``x``
     walk: bool = False
+    places: tuple[int, ...] = ()  # of its effects among those of the study; empty: all of their kind
 
     @property
     def size(self) -> int:
@@ -227,7 +228,8 @@ def _slot(study, unknown, at):
         steps = int(np.prod(shape))
         prior = (0.0,) * steps, (form.walk / np.sqrt(steps),) * steps
     ends = tuple(low.ravel()), tuple(high.ravel())
-    return Slot(unknown.name, shape, log, *ends, at, form.unit, end, prior, form.walk > 0)
+    places = study.effects_of(unknown.name) if slot_of_some(study, unknown.name) else ()
+    return Slot(unknown.name, shape, log, *ends, at, form.unit, end, prior, form.walk > 0, places)
 
 
 def _whole_shape(study, name, form):
@@ -249,8 +251,8 @@ def _prior_in_x(prior, shape, log):
 
 
 def _format(name):
-    kind, dot, parameter = name.partition(".")
-    return kind_format(kind).parameter(parameter) if dot else CABLE[name]
+    kind, _, parameter = split_name(name)
+    return kind_format(kind).parameter(parameter) if kind else CABLE[name]
 
 
 def template(study, pose: StudyPose | None = None) -> CableModel:
@@ -261,22 +263,28 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
     known = {key: value for key, value in study.cable.items() if key != "radius"}
     filler = {"length_density": 1.0, "bending_stiffness": 1.0, "torsional_stiffness": 1.0, "length": 1.0}
     cable = Cable(**{**filler, **known})
-    effects = []
-    for declaration in study.acting(pose):
+    effects, acting = [], study.acting(pose)
+    places = [i for i, effect in enumerate(study.effects) if any(effect is one for one in acting)]
+    for place in places:
+        declaration = study.effects[place]
         form, given = kind_format(declaration.kind), dict(declaration.parameters)
         for parameter in form.parameters:
-            name = f"{declaration.kind}.{parameter.name}"
-            if parameter.name not in given and name in study.unknown_names:
+            name = study.unknown_of(place, parameter.name)
+            if parameter.name not in given and name is not None:
                 start, shape = study.start_value(name), _whole_shape(study, name, parameter)
                 given[parameter.name] = np.broadcast_to(1e-3 if start is None else start, shape)
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
-    return CableModel(cable, jnp.asarray(study.gravity_in(pose)), ordered(effects))
+    in_order = ordered(effects)
+    if not any(slot_of_some(study, name) for name in study.unknown_names):
+        return CableModel(cable, jnp.asarray(study.gravity_in(pose)), in_order)
+    own = [next(float(p) for p, e in zip(places, effects, strict=True) if e is one) for one in in_order]
+    return CableModel(cable, jnp.asarray(study.gravity_in(pose)), in_order, places=own)
 
 
 def model_at(layout: Layout, model: CableModel, x) -> CableModel:
     """The template with the shared entries ``x`` inserted; differentiable in ``x``."""
     for slot in layout.slots:
-        model = _put(model, slot.name, slot.value(x[slot.at : slot.at + slot.size]), slot.end)
+        model = _put(model, slot, slot.value(x[slot.at : slot.at + slot.size]))
     at = layout.unknowns
     if layout.length_tolerance > 0:
         length = model.cable.length + layout.length_tolerance * x[at]
@@ -335,17 +343,30 @@ def model_of(study: Study, pose: StudyPose | None = None) -> CableModel:
     return model_at(layout, template(study, pose), x)
 
 
-def _put(model, name, value, end):
-    kind, dot, parameter = name.partition(".")
-    if not dot:
+def slot_of_some(study, name: str) -> bool:
+    """Whether an unknown belongs to some of several effects of its kind."""
+    kind = split_name(name)[0]
+    return bool(kind) and len(study.effects_of(name)) < sum(effect.kind == kind for effect in study.effects)
+
+
+def _put(model, slot, value):
+    """The model with a value of a slot, in the effects that it belongs to; these may act in other poses only."""
+    kind, _, parameter = split_name(slot.name)
+    if not kind:
+        name = slot.name
         return eqx.tree_at(lambda m: getattr(m.cable, name), model, jnp.broadcast_to(value, getattr(model.cable, name).shape))
-    i = next((k for k, e in enumerate(model.effects) if e.kind == kind), None)
-    if i is None:  # it acts in other poses only
-        return model
-    old = getattr(model.effects[i], parameter)
-    if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two
-        value = old.at[end].set(value[0])
-    return eqx.tree_at(lambda m: getattr(m.effects[i], parameter), model, jnp.broadcast_to(value, jnp.shape(old)))
+    for i, effect in enumerate(model.effects):
+        if effect.kind != kind:
+            continue
+        old = getattr(effect, parameter)
+        if jnp.ndim(value) == jnp.ndim(old) and jnp.shape(value) != jnp.shape(old):  # one clamped end of two
+            new = old.at[slot.end].set(value[0])
+        else:
+            new = jnp.broadcast_to(value, jnp.shape(old))
+        if slot.places:
+            new = jnp.where(jnp.any(model.places[i] == jnp.array(slot.places)), new, old)
+        model = eqx.tree_at(lambda m, i=i: getattr(m.effects[i], parameter), model, new)
+    return model
 
 
 def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:

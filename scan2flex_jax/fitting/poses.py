@@ -47,7 +47,9 @@ class Poses(eqx.Module):
 
     ``templates`` are the models of the poses before a fit inserts its parameters, and ``group`` is the index of each pose's
     template: poses that differ in gravity or in their effects have different ones. ``marked`` is 1 for points whose arc length
-    is known (`expected`); None in a study without markers. ``history``: of a study with memory; None without.
+    is known (`expected`); None in a study without markers. ``rows``: for poses whose markers have some coordinates only, the
+    axes of these in the first rows; zeros for other poses, None in a study without any. ``history``: of a study with memory;
+    None without.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]
@@ -60,6 +62,7 @@ class Poses(eqx.Module):
     group: tuple[int, ...] = eqx.field(static=True)
     marked: Float[Array | np.ndarray, "P m"] | None = None
     history: History | None = None
+    rows: Float[Array | np.ndarray, "P 3 3"] | None = None
 
     def template(self, i: int) -> CableModel:
         """The model of pose ``i``."""
@@ -73,11 +76,11 @@ class Poses(eqx.Module):
     def only(self, which: Sequence[int]) -> "Poses":
         """Some of the poses, in this order."""
         at = np.array(which, int)
-        arrays = (self.points, self.mask, self.expected, self.boundary, self.turns, self.start, self.marked)
-        points, mask, expected, boundary, turns, start, marked = jax.tree.map(lambda x: np.asarray(x)[at], arrays)
+        arrays = (self.points, self.mask, self.expected, self.boundary, self.turns, self.start, self.marked, self.rows)
+        points, mask, expected, boundary, turns, start, marked, rows = jax.tree.map(lambda x: np.asarray(x)[at], arrays)
         group = tuple(self.group[i] for i in which)
         history = None if self.history is None else replace(self.history, at=self.history.at[at])
-        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked, history)
+        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked, history, rows)
 
 
 def boundary_of(pose: StudyPose) -> Boundary:
@@ -126,7 +129,18 @@ def _without_history(study, study_poses, length, elements):
     if all(pose.markers is None for pose in study.poses):
         marked = None
     templates, group = _templates(study, study_poses)
-    return Poses(points, mask, expected, boundary, turns, start, templates, group, marked)
+    rows = np.stack([measured_rows(pose) for pose in study_poses])
+    rows = None if all(pose.markers is None or pose.markers.measured == "xyz" for pose in study.poses) else rows
+    return Poses(points, mask, expected, boundary, turns, start, templates, group, marked, rows=rows)
+
+
+def measured_rows(pose: StudyPose) -> Float[np.ndarray, "3 3"]:
+    """The axes of the coordinates that markers have, one a row; zeros where they have all three, or there are none."""
+    rows = np.zeros((3, 3))
+    if pose.markers is not None and pose.markers.measured != "xyz":
+        own = ["xyz".index(name) for name in pose.markers.measured]
+        rows[np.arange(len(own)), own] = 1.0
+    return rows
 
 
 def _start_of(study, pose, known, length, elements):
@@ -134,9 +148,14 @@ def _start_of(study, pose, known, length, elements):
     clamp: between ball joints there is one branch, and noise of a curve would bend a soft cable in every element."""
     dense, boundary, turns = known
     hangs = pose.end is not None and not np.any(boundary.held[:, 3]) and np.any(study.gravity_in(pose))
-    if hangs or (pose.curve is None and len(pose.markers.points) < _MARKED_SHAPE):
+    if hangs or (pose.curve is None and _no_shape(pose.markers)):
         return _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
     return _start(dense, boundary, turns, elements)
+
+
+def _no_shape(markers) -> bool:
+    """Whether markers are too few for a curve through them, or lack a coordinate."""
+    return len(markers.points) < _MARKED_SHAPE or markers.measured != "xyz"
 
 
 def start_along(study: Study, pose: StudyPose, length: float, elements: int) -> Configuration:
@@ -186,7 +205,7 @@ def _one(pose, length):
         raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
     points, expected, marked = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     if marks is not None:
-        points, expected = _thinned(np.asarray(marks.points), np.asarray(marks.arc_length), _MOST_MARKERS)
+        points, expected = _thinned(np.nan_to_num(marks.points), np.asarray(marks.arc_length), _MOST_MARKERS)
         marked = np.ones(len(points))
     if pose.curve is None:
         dense = _through_markers(points, expected, pose, boundary, length)

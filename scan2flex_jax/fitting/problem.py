@@ -25,7 +25,7 @@ from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.quadratic import rounding_of
-from scan2flex_jax.fitting.start import STIFFNESSES, length_start, memory_starts, own_start
+from scan2flex_jax.fitting.start import STIFFNESSES, length_start, own_start, several_starts, shapes_scale
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
@@ -33,6 +33,7 @@ from scan2flex_jax.study.model import Study, StudyPose
 FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
 CREDIBLE = 0.01  # of the length: RMS distance of a minimum above which another start is tried too
 WEAK = 3.0  # standard deviation of a logarithm about the start of a fit: a factor of 20
+UNSCALED = (1.0, 0.1, 10.0, 100.0, 1000.0)  # factors on the start where no pose shows a shape, all tried
 LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
 
 
@@ -94,20 +95,22 @@ class Problem:
         return Goal(self.evaluator, sigma, low, high, progress, weak, rounding)
 
     def starts(self) -> list[np.ndarray]:
-        """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs; with memory, one for
-        each start of its parameters."""
+        """Start vectors of the unknowns: the user's guess if given, and the package's own if it differs; one for each of
+        `several_starts`."""
         starts: list[np.ndarray] = []
-        for memory in memory_starts(self.study, self.poses, self.length):
-            starts += [x for x in self.both_starts(memory=memory) if not any(np.allclose(x, y, atol=0.05) for y in starts)]
-        return starts
+        for given in several_starts(self.study, self.poses, self.length):
+            starts += [x for x in self.both_starts(given=given) if not any(np.allclose(x, y, atol=0.05) for y in starts)]
+        if np.any(shapes_scale(self.poses)):
+            return starts
+        return [x + np.where(self.layout.logs, np.log(factor), 0.0) for factor in UNSCALED for x in starts]
 
     def both_starts(
-        self, study: Study | None = None, memory: dict[str, float] | None = None
+        self, study: Study | None = None, given: dict[str, float] | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Start vectors of the unknowns: the user's guess if given, and the package's own; ``study`` has other guesses,
-        ``memory`` the start of the parameters of effects with memory."""
+        ``given`` the start of other parameters by name."""
         study = self.study if study is None else study
-        own = own_start(study, self.poses, self.length) | (memory or {})
+        own = own_start(study, self.poses, self.length) | (given or {})
         return start_vector(study, self.layout, own), start_vector(_without_guesses(study), self.layout, own)
 
     def minimise(

@@ -87,7 +87,7 @@ def of_poses(function: ResidualFunction, x, call, start: Configuration | None = 
     ``residual(own)`` is its `states.shape`, solved from ``start`` (default: the measured curves)."""
     layout, poses = function.layout, function.poses
     own = x[layout.shared :].reshape(poses.count, layout.local)
-    targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked)
+    targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked, poses.rows)
     each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start if start is None else start, own))
 
     def of_group(group):

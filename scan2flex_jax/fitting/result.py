@@ -15,6 +15,7 @@ from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.settings import USUAL, FitSettings
 from scan2flex_jax.study.check import unit_warnings
+from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
@@ -130,11 +131,12 @@ class Fit:
         """The study with the estimates in `[cable]` and as guesses, ready to be saved or fitted again."""
         cable, effects = dict(self.study.cable), list(self.study.effects)
         for name, estimate in self.estimates.items():
-            kind, dot, parameter = name.partition(".")
-            if dot:
-                i = next(i for i, e in enumerate(effects) if e.kind == kind)
-                effects[i] = replace(effects[i], parameters={**effects[i].parameters, parameter: estimate.value})
-            else:
+            kind, number, parameter = split_name(name)
+            places = self.study.effects_of(name)
+            if kind and (number or len(places) == sum(e.kind == kind for e in effects)):  # else the name means those without it
+                for i in places:
+                    effects[i] = replace(effects[i], parameters={**effects[i].parameters, parameter: estimate.value})
+            elif not kind:
                 cable[name] = estimate.value
         unknowns = tuple(replace(u, guess=self.estimates[u.name].value) for u in self.study.unknowns)
         return replace(self.study, cable=cable, effects=tuple(effects), unknowns=unknowns)

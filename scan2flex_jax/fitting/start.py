@@ -18,9 +18,15 @@ from scan2flex_jax.effects import effect_class
 from scan2flex_jax.fitting.poses import Poses
 from scan2flex_jax.rod.memory import AbstractMemory
 from scan2flex_jax.study.facts import measured_length
+from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.model import Study
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+_CANTILEVER, _BETWEEN = 1e-2, 1e-3  # EI h / (w L^4) of small sags ``h``
+_USUAL = 0.03  # EI / (w L^3) of a cable whose sag is not known
+_FLAT = 1e-5  # of the length: the least sag that counts
+_BIASED = 0.03  # of the stiffness by the sag: less is noise of a nearly straight curve
+_PLACES = (0.5, 0.25, 0.75)  # of the length
 _SPANS = 12  # of the smoothing spline: a rod between clamps has a few bends
 _DEGREE = 5
 _STATIONS = 101
@@ -37,12 +43,27 @@ def own_start(study: Study, poses: Poses, length: float) -> dict[str, float]:
     values = {**study.cable, **{u.name: study.start_value(u.name) for u in study.unknowns}}
     density = float(values.get("length_density") or _density_beside(study, length))
     weights = np.array([density * np.asarray(study.gravity_in(pose)) for pose in study.fit_poses])
-    return {"length": length, "length_density": density, **balance_start(poses, weights, length, known, _loaded_least(study))}
+    begun = dict.fromkeys(_named(study, "mass"), density * length)  # of an effect: as heavy as the cable
+    start = balance_start(poses, weights, length, known, _loaded_least(study))
+    return {"length": length, "length_density": density} | begun | start
+
+
+def _named(study: Study, parameter: str) -> list[str]:
+    """The names of the unknowns that are this parameter of an effect."""
+    return [name for name in study.unknown_names if "." in name and split_name(name)[2] == parameter]
 
 
 def length_start(study: Study) -> float:
     """Start of the length (m): the value given, the guess, else that of the measured shapes."""
     return float(np.max(study.start_value("length") or measured_length(study) or 1.0))
+
+
+def several_starts(study: Study, poses: Poses, length: float) -> list[dict[str, float]]:
+    """Starts of the parameters of effects that need several, each by name: `memory_starts`, each with unknown positions at some
+    places along the cable."""
+    names = _named(study, "position")
+    places = [dict.fromkeys(names, share * length) for share in _PLACES] if names else [{}]
+    return [memory | place for memory in memory_starts(study, poses, length) for place in places]
 
 
 def memory_starts(study: Study, poses: Poses, length: float) -> list[dict[str, float]]:
@@ -86,9 +107,11 @@ def balance_start(
     ``known`` holds the stiffnesses that are not unknowns; ``weights`` (P, 3) are per length in N/m, ``length`` is in m, and
     ``use`` (P,) is the mask of the poses used.
     """
-    own_weight = np.max(np.linalg.norm(weights, axis=1)) * length**3
-    fallback = 0.03 * own_weight if own_weight > 0 else 1.0
-    blocks = [_pose_equations(poses, i, length, weights[i]) for i in np.flatnonzero(use)]
+    fallback = _by_sag(poses, weights, length, use)
+    shown = np.flatnonzero(use & np.array(shapes_scale(poses)))
+    if not len(shown):
+        return {name: known.get(name, fallback) for name in STIFFNESSES}
+    blocks = [_pose_equations(poses, i, length, weights[i]) for i in shown]
     columns, right = _assemble(blocks)
     free = [k for k, n in enumerate(STIFFNESSES) if n not in known]
     right = right - sum(columns[:, k] * known[n] for k, n in enumerate(STIFFNESSES) if n in known)
@@ -96,10 +119,27 @@ def balance_start(
     solution = np.linalg.lstsq(columns[:, columns_used], right, rcond=1e-10)[0]
     found = {STIFFNESSES[k]: solution[columns_used.index(k)] for k in free if k in columns_used}
     bending = found.get("bending_stiffness", known.get("bending_stiffness", fallback))
-    bending = bending if bending > 1e-3 * fallback else fallback
+    bending = bending if bending > _BIASED * fallback or "bending_stiffness" in known else fallback
     torsion = found.get("torsional_stiffness", bending)
     torsion = torsion if 0.02 * bending < torsion < 50 * bending else bending
     return {"bending_stiffness": float(bending), "torsional_stiffness": float(torsion)}
+
+
+def _by_sag(poses, weights, length, use) -> float:
+    """Bending stiffness (N m^2) by the size of the sag ``h`` (RMS distance from a line) alone: a nearly straight curve says
+    nothing else. ``EI = c w L^4 / h``, with ``c`` of a weight per length ``w`` on a cantilever or between clamps."""
+    found = [_USUAL * np.max(np.linalg.norm(weights, axis=1)) * length**3]
+    for i in np.flatnonzero(use & np.array(shapes_scale(poses))):
+        points = np.asarray(poses.points[i])[np.asarray(poses.mask[i]) > 0]
+        off = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(points))
+        share = _BETWEEN if poses.boundary.held[i, 1, 0] > 0 else _CANTILEVER
+        found.append(share * np.linalg.norm(weights[i]) * length**4 / max(np.linalg.norm(off), _FLAT * length))
+    return float(np.median(found[1:] or found)) or 1.0
+
+
+def shapes_scale(poses: Poses) -> list[bool]:
+    """Which poses show a shape, and so the scale of the stiffness: not those whose markers have some coordinates only."""
+    return [poses.rows is None or not np.any(poses.rows[i]) for i in range(poses.count)]
 
 
 def _pose_equations(poses, i, length, weight):

@@ -121,13 +121,14 @@ class Target(NamedTuple):
     """The measured points of one pose: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m.
 
     ``marked`` (m,) is 1 for points whose arc length is known: these have `marker_residuals` whatever the distance of others.
-    None: a study without markers, whose compiled functions omit them.
+    None: a study without markers, whose compiled functions omit them. ``rows``: see `poses.Poses`.
     """
 
     points: Float[Array | np.ndarray, "m 3"]
     mask: Float[Array | np.ndarray, " m"]
     expected: Float[Array | np.ndarray, " m"]
     marked: Float[Array | np.ndarray, " m"] | None = None
+    rows: Float[Array | np.ndarray, "3 3"] | None = None
 
 
 def shape(state: State, start: Configuration, target: Target, distance: str):
@@ -152,7 +153,7 @@ def _solved(state, start, target, distance) -> tuple[Array, Array, Array, Equili
 
     r, s = DISTANCES[distance](*curve, seen)
     if target.marked is not None:
-        r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve, seen), r)
+        r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve, seen, target.rows), r)
         s = jnp.where(target.marked > 0, target.expected, s)
     return r * target.mask[:, None], s, axes_along(*curve[:3], s, seen), e
 

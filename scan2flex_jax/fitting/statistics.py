@@ -37,7 +37,16 @@ class Uncertainty:
 
 def noise_of(evaluation, poses, length: float, stated: float | None, settings: NoiseSettings = USUAL) -> Noise:
     """Noise estimated from an evaluation's residuals (see `fitting.noise`)."""
-    return estimate_noise(_residuals(evaluation, poses), length, stated, settings)
+    return estimate_noise(_measured(_residuals(evaluation, poses), poses), length, stated, settings)
+
+
+def _measured(residuals, poses):
+    """The residuals without the second row, which is empty, where markers have one coordinate only."""
+    if poses.rows is None:
+        return residuals
+    alone = [np.count_nonzero(rows) == 1 for rows in poses.rows]
+    first = [np.tile([1.0, 0.0], (len(r.s), 1)) for r in residuals]
+    return [r.in_plane(u) if one else r for r, u, one in zip(residuals, first, alone, strict=True)]
 
 
 def discrepancy_of(
@@ -73,6 +82,9 @@ def _noise_and_discrepancy(problem, minimum, columns, noise, stated, settings):
     """`likelihood.noise_and_discrepancy` of the residual at a minimum."""
     poses, e = problem.poses, minimum.evaluation
     points = np.concatenate([np.asarray(p)[np.asarray(m) > 0] for p, m in zip(poses.points, poses.mask, strict=True)])
+    if poses.rows is not None:
+        residuals = _measured(_residuals(e, poses, columns), poses)
+        return noise_and_discrepancy(residuals, noise, problem.length, stated, usual_size(e.configuration, settings), settings)
     across, usual = plane_normal(points, problem.study.gravity), usual_size(e.configuration, settings)
     residuals = _residuals(e, poses, columns)
     if across is not None:
@@ -88,6 +100,7 @@ def _residuals(evaluation, poses, discrepancy=None) -> list[Residual]:
         s, r, J = evaluation.s[i][real], evaluation.residual[i][real], evaluation.jacobian[i][real]
         Z = None if discrepancy is None else discrepancy[i]
         marked = None if poses.marked is None or discrepancy is None else np.asarray(poses.marked[i])[real] > 0
+        marked = marked if poses.rows is None or not np.any(poses.rows[i]) else None
         out.append(Residual(s, r, J, np.arange(J.shape[-1]), Z, marked))
     return out
 

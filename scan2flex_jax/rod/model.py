@@ -48,7 +48,8 @@ def _is_number(x):
 class CableModel(eqx.Module):
     """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses.
 
-    ``gravity`` may be a list; ``effects`` one effect or several, whose parameters may be plain numbers.
+    ``gravity`` may be a list; ``effects`` one effect or several, whose parameters may be plain numbers; ``places``: those of
+    the effects among the ones that a study declares, where a fit must tell effects of one kind apart.
 
     Examples:
         >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
@@ -59,10 +60,15 @@ class CableModel(eqx.Module):
     cable: Cable
     gravity: Float[Array, "3"]
     effects: tuple[AbstractEffect, ...]
+    places: Float[Array, " effects"] | None
 
-    def __init__(self, cable: Cable, gravity: Quantity, effects: AbstractEffect | Iterable[AbstractEffect] = ()) -> None:
+    def __init__(
+        self, cable: Cable, gravity: Quantity, effects: AbstractEffect | Iterable[AbstractEffect] = (), *,
+        places: Sequence[float] | None = None,
+    ) -> None:  # fmt: skip
         """Numbers of any kind become arrays; raises `Scan2FlexError` for a gravity that is not three of them."""
         self.cable, self.effects = cable, _effects(effects)
+        self.places = None if places is None else jnp.asarray(places, float)
         self.gravity = jnp.asarray(reals(gravity, "CableModel: gravity", (3,)))
 
 

@@ -7,6 +7,20 @@ import numpy as np
 from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
 
 
+def measured_columns(value: Any, where: Where) -> tuple[Annotated[np.ndarray, "n 3"], Annotated[np.ndarray, "3"]]:
+    """`points` of which some coordinates were not measured, NaN in all of them, and the mask of those that were."""
+    table = np.array(value, float) if np.ndim(value) == 2 and np.shape(value)[-1] == 3 else np.zeros((1, 3))
+    seen = ~np.all(np.isnan(table), axis=0)
+    if np.all(seen):
+        return points(value, 1, where), seen
+    if not np.any(seen):
+        raise where.fail("no coordinate is measured: give x, y or z of every point.")
+    table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
+    table = points(table, 1, where).copy()
+    table[:, ~seen] = np.nan
+    return table, seen
+
+
 def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
     """At least `fewest` points, one per row: all finite, and no two neighbours equal."""
     table = _table(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")

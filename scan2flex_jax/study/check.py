@@ -115,11 +115,11 @@ def _unknowns(study: Study) -> list[str]:
 
 def _effects(study: Study) -> list[str]:
     lines = []
-    for effect in study.effects:
+    for i, effect in enumerate(study.effects):
         form = kind_format(effect.kind)
         given = [p for p in form.parameters if p.name in effect.parameters]
         entries = [f"{p.name} {_text(effect.parameters[p.name])} {p.unit}" for p in given]
-        asked = [f"{n} to be estimated" for n in form.names if f"{effect.kind}.{n}" in study.unknown_names]
+        asked = [f"{n} to be estimated" for n in form.names if study.unknown_of(i, n)]
         where = "" if effect.poses is None else f"; in {', '.join(map(one_line, effect.poses))} only"
         lines.append(f"  {effect.kind} (on the {form.place}; {form.words}): {', '.join(entries + asked)}{where}")
     return lines
@@ -151,7 +151,8 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
             lines.append(f"    at end      stops {mm(short)} short of the free end")
     if pose.markers is not None:
         s = pose.markers.arc_length
-        lines.append(f"    markers     {len(s)}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
+        own = "" if pose.markers.measured == "xyz" else f" ({', '.join(pose.markers.measured)} alone)"
+        lines.append(f"    markers     {len(s)}{own}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
         counted = "" if scan is None else f", {scan_in_words(study, scan)}"
@@ -216,7 +217,8 @@ def _far_markers(study: Study, pose: StudyPose) -> list[str]:
     if pose.markers is None or not len(far):
         return []
     i, marks = int(far[0]), pose.markers
-    apart, along = np.linalg.norm(marks.points[i + 1] - marks.points[i]), marks.arc_length[i + 1] - marks.arc_length[i]
+    step, along = np.nan_to_num(marks.points[i + 1] - marks.points[i]), marks.arc_length[i + 1] - marks.arc_length[i]
+    apart = np.linalg.norm(step)
     said = f"markers {i + 1} and {i + 2} are {mm(float(apart))} apart, and only {mm(float(along))} along the cable"
     return [f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking."]
 

@@ -24,6 +24,8 @@ ALONG = 0.8
 """Of `least_length`: arc lengths that grow by less are in another unit."""
 BEYOND = 5.0
 """Times `least_length`: arc lengths that look like per cent and grow by more are."""
+MARKED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
+"""Headers of markers."""
 _PERCENT = (90.0, 101.0)  # arc lengths of a whole cable, in per cent
 
 
@@ -36,9 +38,12 @@ def read_curve(path: Path, where: Where) -> MeasuredCurve:
 
 
 def read_markers(path: Path, where: Where) -> Markers:
-    """The points at known arc lengths in a CSV with the header `s,x,y,z`; `where` names the file for the user."""
-    _, table = _read_csv(path, ("s,x,y,z",), where)
-    return checked_markers(table[:, 1:], table[:, 0], path, where)
+    """The points at known arc lengths in a CSV with the header `s,x,y,z`, or `s` and the coordinates that were measured, as in
+    `s,z`; `where` names the file for the user."""
+    names, table = _read_csv(path, MARKED, where)
+    points = np.full((len(table), 3), np.nan)
+    points[:, ["xyz".index(name) for name in names[1:]]] = table[:, 1:]
+    return checked_markers(points, table[:, 0], path, where)
 
 
 def checked_markers(
@@ -85,7 +90,7 @@ def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[
     first, *lines = content.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     names = [name.strip() for name in first.split(",")] if len(first) < 200 else []
     if ",".join(names) not in headers:
-        raise where.at("header").fail(f"the first line is {shown(first)}: write the header {' or '.join(headers)}.")
+        raise where.at("header").fail(f"the first line is {shown(first)}: write the header {' or '.join(headers[:2])}.")
     filled = [line for line in lines if line and not line.isspace()]
     if not filled:
         raise where.fail("no point follows the header: give at least one line of numbers.")

@@ -1,8 +1,9 @@
 """The effects and the unknowns of a study, checked against its cable, its clamps and each other.
 
-The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect.
+The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared effect; "kind[2].parameter" of the second one.
 """
 
+from collections import Counter
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
 from scan2flex_jax.study.values import Where
 
@@ -41,7 +42,7 @@ def check_effects(study: Study, where: Where) -> None:
             name, key = parameter.name, here.at(parameter.name)
             if name in effect.parameters:
                 v.quantity(effect.parameters[name], parameter, key, ends, longest, points)
-            elif not parameter.optional and f"{effect.kind}.{name}" not in study.unknown_names:
+            elif not parameter.optional and not study.unknown_of(i, name):
                 asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
         _coupled(effect, here)
@@ -123,10 +124,12 @@ def _coupled(effect: EffectDeclaration, where: Where) -> None:
 def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     """Every name that may be an unknown of this study, with its format."""
     formats = {name: form for name, form in CABLE.items() if form.estimable}
-    for effect in study.effects:
-        for parameter in kind_format(effect.kind).parameters:
+    count = Counter(effect.kind for effect in study.effects)
+    for kind, number in count.items():
+        several = [f"{kind}[{n + 1}]" for n in range(number)] if number > 1 else []
+        for parameter in kind_format(kind).parameters:
             if parameter.estimable:
-                formats[f"{effect.kind}.{parameter.name}"] = parameter
+                formats |= {f"{effect}.{parameter.name}": parameter for effect in (kind, *several)}
     return formats
 
 
@@ -138,20 +141,20 @@ def check_unknowns(study: Study, where: Where) -> None:
         check_name(name, study, here)
         if study.unknown_names.count(name) > 1:
             raise here.fail(f"{v.shown(name)} is declared twice: leave one out.")
+        if "." in name and not study.effects_of(name):
+            raise here.fail("every effect of this kind has an unknown of its own number: leave this name out.")
         _check_range(unknown, study, formats[name], longest, here)
 
 
 def check_name(name: str, study: Study, where: Where) -> None:
-    """Refuse a name that the study does not contain, or that two effects share."""
-    kind, formats = name.partition(".")[0], unknown_formats(study)
+    """Refuse a name that the study does not contain."""
+    kind, formats = split_name(name)[0], unknown_formats(study)
     if name not in formats:
         if name in CABLE:
             raise where.fail(f"centre curves do not show the {name}: give it in [cable].")
         absent = kind in kind_names() and all(effect.kind != kind for effect in study.effects)
         needed = f"; an effect of kind {kind} must be declared first" if "." in name and absent else ""
         raise where.fail(f"nothing is called {v.shown(name)}{needed}: {v.suggestion(name, formats)}")
-    if "." in name and sum(effect.kind == kind for effect in study.effects) > 1:
-        raise where.fail(f"two effects are of kind {kind}, so the name could mean either: leave one of them out.")
 
 
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
@@ -227,6 +230,4 @@ def _plain(value: Value) -> str:
 
 def _given_key(name: str, study: Study) -> str:
     """The key of a value given outside `[unknown]`."""
-    kind, dot, parameter = name.partition(".")
-    index = next((i for i, effect in enumerate(study.effects) if effect.kind == kind), 0)
-    return f"effect[{index + 1}].{parameter}" if dot else f"cable.{name}"
+    return f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"

@@ -103,7 +103,7 @@ def measured_length(study: Study) -> float | None:
 def _past_markers(pose: StudyPose) -> float:
     """Arc length (m) of the last marker, with the distance from there to an end clamp."""
     last, end = pose.markers, pose.end
-    beyond = 0.0 if end is None else float(np.linalg.norm(end.position - last.points[-1]))
+    beyond = 0.0 if end is None else float(np.linalg.norm(np.nan_to_num(end.position - last.points[-1])))
     return float(last.arc_length[-1]) + beyond
 
 

@@ -135,6 +135,19 @@ def kind_format(kind: str) -> KindFormat:
     return _KINDS[kind]
 
 
+def split_name(name: str) -> tuple[str, int | None, str]:
+    """``(kind, number, parameter)`` of the name of an unknown: ("", None, name) for a key of `[cable]`; the number is None for
+    "kind.parameter", and counts the effects of one kind from 1 in "kind[number].parameter".
+
+    Examples:
+        >>> split_name("point_mass[2].mass")
+        ('point_mass', 2, 'mass')
+    """
+    effect, _, parameter = name.rpartition(".")
+    kind, bracket, number = effect.rstrip("]").partition("[")
+    return kind, int(number) if bracket and effect.endswith("]") and number.isdecimal() else None, parameter
+
+
 def kind_names() -> tuple[str, ...]:
     """The names of all effect types that a study may declare, in the order of registration."""
     return tuple(_KINDS)

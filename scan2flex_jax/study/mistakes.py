@@ -90,6 +90,10 @@ def of_frames(study: Study) -> Iterator[Mistake]:
     yield from _changed(study, _each_clamp(_conjugated), words, mend)
     words, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
     yield from _changed(study, _each_clamp(lambda q: np.roll(q, 1)), words, mend)
+
+
+def of_axes(study: Study) -> Iterator[Mistake]:
+    """Measured shapes in other axes than the clamps, or mirrored; visible in their ends and tangents."""
     for words, xyz, rows in _MAPS:
         mend = f"write {xyz} in place of x, y, z"
         yield from _changed(study, functools.partial(_mapped, rows=np.array(rows, float)), f"the curves {words}", mend)
@@ -130,12 +134,13 @@ def _polygon(pose) -> float:
 
 
 def _chords(pose):
-    return np.linalg.norm(np.diff(pose.markers.points, axis=0), axis=1)
+    return np.linalg.norm(np.nan_to_num(np.diff(pose.markers.points, axis=0)), axis=1)
 
 
 def _mapped(pose: StudyPose, rows: Annotated[np.ndarray, "3 3"]) -> StudyPose:
     """The pose with its curve and its markers in other axes."""
-    curve, marks = (m if m is None else replace(m, points=m.points @ rows.T) for m in (pose.curve, pose.markers))
+    of, sign = np.argmax(np.abs(rows), axis=1), np.sum(rows, axis=1)
+    curve, marks = (m if m is None else replace(m, points=sign * m.points[:, of]) for m in (pose.curve, pose.markers))
     return replace(pose, curve=curve, markers=marks)
 
 

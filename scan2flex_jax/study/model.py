@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format
+from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format, split_name
 from scan2flex_jax.study.parts import Clamp, EffectDeclaration, Markers, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.records import (
     Compared,
@@ -158,10 +158,29 @@ class Study(Compared):
 
     def places_of(self, name: str) -> int:
         """Number of points of the field "kind.parameter"; 0 for other parameters."""
-        kind, dot, _ = name.partition(".")
-        grid = kind_format(kind).grid if dot else None
+        kind, _, _ = split_name(name)
+        grid = kind_format(kind).grid if kind else None
         places = None if grid is None else self.given(f"{kind}.{grid.name}")
         return 0 if places is None else int(np.size(places))
+
+    def effects_of(self, name: str) -> tuple[int, ...]:
+        """Places among ``effects`` of those that the unknown "kind.parameter" or "kind[number].parameter" belongs to.
+
+        Without a number these are the effects of the kind that leave the parameter out and have no number under `[unknown]`;
+        all of the kind, if none leaves it out. They share one value.
+        """
+        kind, number, parameter = split_name(name)
+        own = [i for i, effect in enumerate(self.effects) if effect.kind == kind]
+        if number is not None:
+            return tuple(own[number - 1 : number]) if number else ()
+        numbers = {n for k, n, p in map(split_name, self.unknown_names) if (k, p) == (kind, parameter)}
+        own = [i for count, i in enumerate(own, 1) if count not in numbers]
+        return tuple([i for i in own if parameter not in self.effects[i].parameters] or own)
+
+    def unknown_of(self, place: int, parameter: str) -> str | None:
+        """The name of the unknown that is the ``parameter`` of the effect at a place among ``effects``."""
+        names = (name for name in self.unknown_names if split_name(name)[2] == parameter and "." in name)
+        return next((name for name in names if place in self.effects_of(name)), None)
 
     def acting(self, pose: StudyPose | None = None) -> tuple[EffectDeclaration, ...]:
         """The effects that act in a pose; without one, those that act in every pose."""
@@ -195,11 +214,11 @@ class Study(Compared):
         return next((value for value in values if value is not None), None)
 
     def given(self, name: str) -> Value | None:
-        """The value given for a key of `[cable]` or for "kind.parameter", whether or not it is estimated."""
-        kind, dot, parameter = name.partition(".")
-        if not dot:
+        """The value given for a key of `[cable]` or for the name of an effect's parameter, whether or not it is estimated."""
+        parameter = split_name(name)[2]
+        if "." not in name:
             return self.cable.get(name)
-        return next((effect.parameters.get(parameter) for effect in self.effects if effect.kind == kind), None)
+        return next((self.effects[i].parameters.get(parameter) for i in self.effects_of(name)), None)
 
 
 def _cable(given: Any, where: Where) -> ReadOnly:

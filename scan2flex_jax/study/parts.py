@@ -128,7 +128,8 @@ class MeasuredCurve(Compared):
 @converting
 @dataclass(frozen=True, eq=False)
 class Markers(Compared):
-    """Points (m) tracked at known arc lengths (m), in order from the start: all three coordinates count.
+    """Points (m) tracked at known arc lengths (m), in order from the start: all three coordinates count, or those that were
+    measured of every point, with NaN in the others.
 
     Examples:
         >>> Markers([[0.2, 0.0, -0.05]], arc_length=[0.22]).arc_length.tolist()
@@ -138,11 +139,13 @@ class Markers(Compared):
     points: Annotated[np.ndarray, "n 3"]
     arc_length: Annotated[np.ndarray, " n"]
     path: Path | None = field(default=None, compare=False)
+    measured: str = field(default="xyz", init=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check that points are finite and distinct and the arc length grows from 0 on, and keep read-only copies."""
         where = Where("Markers")
-        keep(self, points=read_only(arrays.points(self.points, 1, where.at("points"))))
+        table, seen = arrays.measured_columns(self.points, where.at("points"))
+        keep(self, points=read_only(table), measured="".join(name for name, own in zip("xyz", seen, strict=True) if own))
         s, key = arrays.arc_lengths(self.arc_length, len(self.points), where.at("arc_length")), where.at("arc_length")
         if s[0] < 0:
             raise key.fail(f"got {s[0]:g} m: count s from 0 at the start clamp.")

@@ -44,7 +44,8 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, tuple):
         return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        return np.shape(a) == np.shape(b) and type(a) is type(b) and bool(np.array_equal(a, b))
+        numbers = np.asarray(a).dtype.kind == "f"
+        return np.shape(a) == np.shape(b) and type(a) is type(b) and bool(np.array_equal(a, b, equal_nan=numbers))
     return bool(a == b)
 
 

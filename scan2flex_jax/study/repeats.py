@@ -73,7 +73,7 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
         return None
     _, i, j = np.intersect1d(np.round(a.markers.arc_length, 9), np.round(b.markers.arc_length, 9), return_indices=True)
     off = a.markers.points[i] - b.markers.points[j]
-    return float(np.sqrt(np.mean(np.sum(off**2, axis=1)))) if len(off) else None
+    return float(np.sqrt(np.mean(np.nansum(off**2, axis=1)))) if len(off) else None
 
 
 def _repeat(study, pose, other):

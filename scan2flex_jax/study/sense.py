@@ -96,7 +96,7 @@ def _check_markers(study: Study, pose: StudyPose, markers: Markers, where: Where
         raise where.at("s").fail(f"a marker is at s = {s[-1]:g} m on a cable of at most {longest:g} m: {hint}.")
     if _reach(study) is None or any(kind_format(effect.kind).place == "observation" for effect in study.effects):
         return
-    away = np.linalg.norm(markers.points - pose.start.position, axis=1)
+    away = np.linalg.norm(np.nan_to_num(markers.points - pose.start.position), axis=1)
     far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1])
     if len(far):
         i = int(far[0])
@@ -151,9 +151,9 @@ def _check_scale(study: Study, where: Where) -> None:
 
 def knows_a_force(study: Study) -> bool:
     """Whether an effect of known size in a fitted pose sets the scale of forces, independent of the cable's weight."""
-    for effect in study.effects:
+    for i, effect in enumerate(study.effects):
         parameter = _FORCES.get(effect.kind)
-        if parameter is None or f"{effect.kind}.{parameter}" in study.unknown_names:
+        if parameter is None or study.unknown_of(i, parameter):
             continue
         poses = [pose for pose in study.fit_poses if effect in study.acting(pose)]
         heavy = effect.kind != "point_mass" or any(_has_gravity(study, pose) for pose in poses)

@@ -31,7 +31,7 @@ def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
     if found:
         return found
     astray = {pose.name for pose in study.poses if _off(study, pose) > 1.0}
-    for mistake in mistakes.of_frames(study) if astray else ():
+    for mistake in (*mistakes.of_frames(study), *mistakes.of_axes(study)) if astray else ():
         if _mends(mistake, study, astray):
             return (mistake,)
     return tuple(_of_some_poses(study, astray)) or tuple(_upward(study))

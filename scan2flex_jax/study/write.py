@@ -84,7 +84,7 @@ def _of_kind(content: Any, kind: type[_Kind], where: Where) -> _Kind:
 
 def _equal(a: Content, b: Content) -> bool:
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return np.array_equal(a, b)
+        return np.array_equal(a, b, equal_nan=True)
     return type(a) is type(b) and a == b
 
 
@@ -166,6 +166,9 @@ def csv_text(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) ->
         table = content.points
         if content.arc_length is not None:
             header, table = "s,x,y,z", np.column_stack([content.arc_length, content.points])
+    if isinstance(content, Markers):
+        header = f"s,{','.join(content.measured)}"
+        table = table[:, ~np.isnan(table[0])]
     lines = [",".join(map(repr, row)) for row in np.asarray(table).tolist()]
     return "\n".join([header, *lines, ""])
 
