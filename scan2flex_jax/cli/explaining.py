@@ -80,3 +80,5 @@ def plan(
     say("\n" + ranked.summary())
     if json:
         outputs.write_json(json, ranked.to_json())
+    if not result.believable:
+        raise typer.Exit(NOT_TO_BELIEVE)

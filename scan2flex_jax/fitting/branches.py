@@ -35,6 +35,7 @@ from scan2flex_jax.fitting.statistics import ACROSS, log_likelihood
 
 FAR = 0.003  # of the length: RMS distance above which a pose may be on another branch
 ASTRAY = 0.01  # of the length: RMS distance above which a wrong branch may have displaced the minimum
+_EXACT = 1.0e-6  # of the length: distances below it are zero
 _SAME = 1.01  # times the least distance: the same shape
 BETTER = 0.5  # factor on the squared distance of all poses that other turns must reach
 _CLEAR = 25.0  # decrease of the squares in units of the noise that is required where the residual is noise; a chance of 1e-6
@@ -118,14 +119,15 @@ def on_its_branches(problem, minimum, method, progress):
 def needed(declared, problem, minimum, method, progress):
     """The problem and its minimum with the turns of the study ``declared`` in every pose that fits as well with them: a cable
     that passes over itself loses two turns, and other turns of an early minimum may not be needed at the last one."""
-    back = {}
+    back, exact = {}, _EXACT * problem.length
     for old, new in zip(declared.fit_poses, problem.study.fit_poses, strict=True):
         if old.turns != new.turns:
             before, after = (_distance(problem, pose, minimum.shared) for pose in (old, new))
-            back |= {new.name: old.turns} if before <= _SAME * after else {}
+            back |= {new.name: old.turns} if before <= max(_SAME * after, exact) else {}
     choices = [_Choice(back, minimum.shared[: problem.layout.unknowns], 0.0)] if back else []
     for tried, m in _fitted(problem, choices, method, progress):
-        if m.cost <= _SAME**2 * minimum.cost:
+        off, own = (distances(one.evaluation, problem.poses.mask) for one in (m, minimum))
+        if np.all(off <= np.maximum(_SAME * own, exact)):
             return tried, m
     return problem, minimum
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import Explanation, confirm, report, verdict
-from scan2flex_jax.diagnosis.answer import belief_of, answer_of, found_in_words
+from scan2flex_jax.diagnosis.answer import answer_of, belief_of, found_in_words
 from scan2flex_jax.diagnosis.influence import influence_of_refit
 from scan2flex_jax.diagnosis.refit import refit
 from scan2flex_jax.diagnosis.residual import Law
