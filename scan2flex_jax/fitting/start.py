@@ -17,7 +17,7 @@ from scipy.interpolate import make_lsq_spline
 from scan2flex_jax.effects import effect_class
 from scan2flex_jax.fitting.poses import Poses
 from scan2flex_jax.rod.memory import AbstractMemory
-from scan2flex_jax.study.facts import measured_length
+from scan2flex_jax.study.facts import FEWEST_BENT, measured_length
 from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.model import Study
 
@@ -131,6 +131,8 @@ def _by_sag(poses, weights, length, use) -> float:
     found = [_USUAL * np.max(np.linalg.norm(weights, axis=1)) * length**3]
     for i in np.flatnonzero(use & np.array(shapes_scale(poses))):
         points = np.asarray(poses.points[i])[np.asarray(poses.mask[i]) > 0]
+        if len(points) < FEWEST_BENT:
+            continue
         off = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(points))
         share = _BETWEEN if poses.boundary.held[i, 1, 0] > 0 else _CANTILEVER
         found.append(share * np.linalg.norm(weights[i]) * length**4 / max(np.linalg.norm(off), _FLAT * length))

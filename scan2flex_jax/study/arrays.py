@@ -11,10 +11,8 @@ def measured_columns(value: Any, where: Where) -> tuple[Annotated[np.ndarray, "n
     """`points` of which some coordinates were not measured, NaN in all of them, and the mask of those that were."""
     table = np.array(value, float) if np.ndim(value) == 2 and np.shape(value)[-1] == 3 else np.zeros((1, 3))
     seen = ~np.all(np.isnan(table), axis=0)
-    if np.all(seen):
+    if np.all(seen) or not np.any(seen):
         return points(value, 1, where), seen
-    if not np.any(seen):
-        raise where.fail("no coordinate is measured: give x, y or z of every point.")
     table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
     table = points(table, 1, where).copy()
     table[:, ~seen] = np.nan

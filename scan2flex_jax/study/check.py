@@ -29,7 +29,7 @@ LIGHT = 1e-6
 LOOSE = 50.0
 """kg/m^3: foams are denser."""
 LONG = 100.0
-"""m: a longer cable is in another unit, unless its shapes are as long."""
+"""m: a longer cable is in another unit, unless it hangs between ball joints, as a power line, and its shapes are as long."""
 SHOWN = 0.5
 """Of the length: shapes that are longer confirm its unit."""
 GRAVITY = 9.81
@@ -246,7 +246,7 @@ def unit_warnings(study: Study) -> list[str]:
     warnings = _odd_gravity("", study.gravity)
     for pose in study.poses:
         warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
-    length, shown = study.cable.get("length"), measured_length(study) or 0.0
+    length, shown = study.cable.get("length"), 0.0 if study.clamped_ends else measured_length(study) or 0.0
     if length is not None and float(np.max(length)) > max(LONG, shown / SHOWN):
         warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
     weightless = not any(np.any(study.gravity_in(pose)) for pose in study.poses)

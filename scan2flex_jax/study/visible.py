@@ -104,13 +104,14 @@ def stands(study: Study, pose: StudyPose) -> bool:
 
 
 def carried(study: Study) -> bool:
-    """Whether every curve lies level, across gravity, as on a table."""
+    """Whether every curve lies level, across gravity, and bends there, as on a table."""
     curves = [pose for pose in study.poses if pose.curve is not None]
 
     def level(pose):
-        down = study.gravity_in(pose)
+        down, facts = study.gravity_in(pose), pose_facts(pose)
         heights = pose.curve.points @ down / max(float(np.linalg.norm(down)), np.finfo(float).tiny)
-        return np.any(down) and np.std(heights) < PLANE_LIMIT * curve_length(pose.curve.points)
+        flat = PLANE_LIMIT * curve_length(pose.curve.points)
+        return np.any(down) and np.std(heights) < flat < facts.off_line
 
     return bool(curves) and all(level(pose) for pose in curves)
 

@@ -31,7 +31,7 @@ def test_real_studies_are_fitted_and_not_believed(real):
 
 
 def test_a_fit_that_has_not_settled_is_not_to_be_believed(real):
-    near = replace(real, misfits=())
+    near = replace(real, misfits=(), valid=None)
     assert near.believable
     assert not replace(near, converged=False).believable
     assert "has not settled within its iterations" in replace(near, converged=False).doubts[0]

@@ -127,8 +127,6 @@ TOML = [
     ("effect before the cable", "position = 0.42", "position = -0.1", "effect[1].position", "zero"),
     ("effect of one end", "stiffness = [1.0, 2.0]", "stiffness = [1.0]", "effect[2].stiffness", "2 numbers"),
     ("effect shape", "position = 0.42", "position = [0.42]", "effect[1].position", "one number"),
-    ("two of a kind", 'kind = "elastic_clamp"\nstiffness = [1.0, 2.0]',
-     'kind = "point_mass"\nposition = 0.1\nmass = 1', "unknown.point_mass.mass", "either"),
     ("normal", 'kind = "elastic_clamp"\nstiffness = [1.0, 2.0]',
      'kind = "support_plane"\nnormal = [0, 0, 2]\noffset = 0', "effect[2].normal", "unit"),
     ("coupling", 'kind = "elastic_clamp"\nstiffness = [1.0, 2.0]',

@@ -125,6 +125,9 @@ def test_a_power_line_is_in_metres_and_a_weightless_wire_weighs_what_it_likes():
         [span | {"end": ([200, 0, 0], None)}], ["bending_stiffness"],
     )  # fmt: skip
     assert not [w for w in study_warnings(line) if "metres" in w]
+    gripped = line.poses[0]
+    gripped = replace(line, poses=(replace(gripped, start=replace(gripped.start, quaternion=LEVEL)),))
+    assert [w for w in study_warnings(gripped) if "metres" in w]
     load = EffectDeclaration("point_load", {"position": 0.3, "force": [0, 0, -1]})
     wire = clamped(curve(0.1), length_density=1e-9, effects=[load])
     assert [w for w in study_warnings(wire) if "check the unit" in w]
