@@ -22,8 +22,8 @@ from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.model import Study
 
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
-_CANTILEVER, _BETWEEN = 1e-2, 1e-3  # EI h / (w L^4) of small sags ``h``
-_USUAL = 0.03  # EI / (w L^3) of a cable whose sag is not known
+_CANTILEVER = 1e-2  # EI h / (w L^4) of small sags ``h``
+_USUAL, _LEAST = 0.03, 1e-3  # EI / (w L^3) of a cable without such a sag, and the least part of it
 _FLAT = 1e-5  # of the length: the least sag that counts
 _BIASED = 0.03  # of the stiffness by the sag: less is noise of a nearly straight curve
 _PLACES = (0.5, 0.25, 0.75)  # of the length
@@ -107,7 +107,7 @@ def balance_start(
     ``known`` holds the stiffnesses that are not unknowns; ``weights`` (P, 3) are per length in N/m, ``length`` is in m, and
     ``use`` (P,) is the mask of the poses used.
     """
-    fallback = _by_sag(poses, weights, length, use)
+    fallback, least = _by_weight(poses, weights, length, use)
     shown = np.flatnonzero(use & np.array(shapes_scale(poses)))
     if not len(shown):
         return {name: known.get(name, fallback) for name in STIFFNESSES}
@@ -119,24 +119,28 @@ def balance_start(
     solution = np.linalg.lstsq(columns[:, columns_used], right, rcond=1e-10)[0]
     found = {STIFFNESSES[k]: solution[columns_used.index(k)] for k in free if k in columns_used}
     bending = found.get("bending_stiffness", known.get("bending_stiffness", fallback))
-    bending = bending if bending > _BIASED * fallback or "bending_stiffness" in known else fallback
+    bending = bending if bending > least else fallback
     torsion = found.get("torsional_stiffness", bending)
     torsion = torsion if 0.02 * bending < torsion < 50 * bending else bending
     return {"bending_stiffness": float(bending), "torsional_stiffness": float(torsion)}
 
 
-def _by_sag(poses, weights, length, use) -> float:
-    """Bending stiffness (N m^2) by the size of the sag ``h`` (RMS distance from a line) alone: a nearly straight curve says
-    nothing else. ``EI = c w L^4 / h``, with ``c`` of a weight per length ``w`` on a cantilever or between clamps."""
-    found = [_USUAL * np.max(np.linalg.norm(weights, axis=1)) * length**3]
-    for i in np.flatnonzero(use & np.array(shapes_scale(poses))):
+def _by_weight(poses, weights, length, use) -> tuple[float, float]:
+    """Bending stiffness (N m^2) by the weight alone, and the least that is not noise of a nearly straight curve.
+
+    A cantilever that sags by ``h`` (RMS distance from a line) has ``EI = c w L^4 / h`` of its weight per length ``w``; between
+    two supports a sag tells the length more than the stiffness.
+    """
+    sags = []
+    for i in np.flatnonzero(use & np.array(shapes_scale(poses)) & (poses.boundary.held[:, 1, 0] == 0)):
         points = np.asarray(poses.points[i])[np.asarray(poses.mask[i]) > 0]
-        if len(points) < FEWEST_BENT:
-            continue
         off = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(points))
-        share = _BETWEEN if poses.boundary.held[i, 1, 0] > 0 else _CANTILEVER
-        found.append(share * np.linalg.norm(weights[i]) * length**4 / max(np.linalg.norm(off), _FLAT * length))
-    return float(np.median(found[1:] or found)) or 1.0
+        if len(points) >= FEWEST_BENT:
+            sags.append(_CANTILEVER * np.linalg.norm(weights[i]) * length**4 / max(np.linalg.norm(off), _FLAT * length))
+    if sags and np.median(sags) > 0:
+        return float(np.median(sags)), _BIASED * float(np.median(sags))
+    usual = _USUAL * float(np.max(np.linalg.norm(weights, axis=1))) * length**3 or 1.0
+    return usual, _LEAST * usual
 
 
 def shapes_scale(poses: Poses) -> list[bool]:

@@ -166,7 +166,7 @@ def test_turned_clamps_and_noise():
         (lambda: draws(a=Axis([1.0]), b=Axis([1.0, 2.0])), "one length"),
         (lambda: draws(draw=Axis([1.0])), "another name"),
         (lambda: equilibria(scenes.hanging, ("ponits",)), "no known quantity"),
-        (lambda: fits(replace(studies.example(), unknowns=())), "nothing to fit"),
+        (lambda: fits(studies.study_of(())), "nothing to fit"),
         (lambda: sweep(scenes.squares()[0], grid(x=Axis([1.0])), chunk=0), "1 or more"),
         (lambda: sweep(*scenes.squares(), at_once=2), "one lane at a time"),
         (lambda: sweep(*scenes.squares(), cost=[1.0]), "one number for each lane"),
