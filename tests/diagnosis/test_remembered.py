@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import explain, plan, remembered, verdict
+from scan2flex_jax.diagnosis import remembered, verdict
 from scan2flex_jax.diagnosis.memory import MemoryTest, declaring
 from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
 from scan2flex_jax.diagnosis.search import Found
@@ -175,42 +175,3 @@ def test_the_study_of_the_answer_declares_the_memory_for_another_search(in_place
     saved = load_study(tmp_path / "found")
     assert [e.kind for e in saved.effects] == ["friction"]
     assert {"friction.share", "friction.slip_curvature"} <= set(saved.unknown_names)
-
-
-@pytest.fixture(scope="module")
-def explanation():
-    return explain(study_with(0.6))
-
-
-@pytest.mark.slow
-def test_explain_finds_friction_that_nobody_declared(explanation):
-    """Poses of the independent solver: friction is named with its parameters."""
-    (found,) = explanation.chosen
-    assert found.kind == "friction"
-    assert found.verdict == verdict.NAMED
-    assert explanation.ranking[0] is found
-    assert explanation.verdict in (verdict.EXPLAINED, verdict.PARTLY)
-    assert found.parameters["share"] == pytest.approx(0.6, rel=0.3)
-    assert 0 < found.std["share"] < 0.2
-    assert explanation.rms() < 0.3 * explanation.rms(after=False)
-    assert explanation.rms_left_out() < 0.7 * explanation.rms_left_out(after=False)
-    assert any(s.startswith("the cable remembers: friction gains") for s in explanation.sentences)
-    assert set(explanation.estimates) == {"bending_stiffness"}
-    assert explanation.influence is explanation.remembering.influence
-    assert explanation.to_json()["chosen"][0]["kind"] == "friction"
-
-
-@pytest.mark.slow
-def test_explain_names_no_memory_in_another_order_of_the_same_poses():
-    study = study_with(0.6)
-    shuffled = explain(replace(study, poses=tuple(study.poses[i] for i in (3, 0, 5, 2, 4, 1))))
-    assert not any(r.kind == "friction" for r in shuffled.chosen)
-    assert shuffled.remembering is None
-
-
-@pytest.mark.slow
-def test_the_next_pose_is_planned_with_the_memory_that_was_found(explanation):
-    found = plan(explanation)
-    assert found.rivals == ()
-    assert sum(c.words.endswith("again, last") for c in found.candidates) == 6
-    assert all(np.isfinite(c.parameters) for c in found.candidates)
