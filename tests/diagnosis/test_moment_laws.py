@@ -4,13 +4,10 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from benchmarks import laws as benchmark
-from scan2flex_jax import plot
-from scan2flex_jax.diagnosis import explain, moment_laws, verdict
+from scan2flex_jax.diagnosis import moment_laws, verdict
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.diagnosis.settings import USUAL
 from scan2flex_jax.diagnosis.slots import empty_slots
@@ -98,42 +95,3 @@ def test_a_law_is_tried_beside_the_likeliest_other_set_if_it_is_about_as_likely(
     found.refits = {frozenset(r.kinds): r for r in (found.best, replace(refitted("kink", "point_mass"), log_evidence=20.0))}
     found.refits |= {frozenset([k]): replace(refitted(k), log_evidence=lead) for k, lead in others.items()}
     assert [k for r in moment_laws._sets(found) for k in r.kinds] == tried
-
-
-@pytest.fixture(scope="module")
-def hardening():
-    """Shapes of an independent solver, of a cable that stiffens as it bends: no effect of the catalogue does that."""
-    scene, law, F, y = benchmark.posed((5, 0), "hardening")
-    study = benchmark.study_of(scene, F, y, np.random.default_rng(5), noise=3e-4)
-    study = replace(study, poses=study.poses[:4])
-    return scene, law, explain(study, mesh=False, settings=replace(USUAL, most_effects=1))
-
-
-@pytest.mark.slow
-def test_a_law_that_no_effect_has_is_named(hardening):
-    scene, _, found = hardening
-    assert found.verdict == verdict.EXPLAINED
-    assert [r.kind for r in found.chosen] == ["bending_law"]
-    assert found.rms() < 0.3 * found.rms(after=False)
-    assert found.rms_left_out() < 0.3 * found.rms_left_out(after=False)
-    for name, truth in (("bending_stiffness", scene.cable.bending), ("torsional_stiffness", scene.cable.torsion)):
-        assert found.estimates[name].low < truth < found.estimates[name].high
-    assert [e.kind for e in found.study.effects] == ["bending_law"]
-
-
-@pytest.mark.slow
-def test_what_kind_of_law_it_is_is_read_off_it(hardening):
-    scene, truth, found = hardening
-    (law,) = found.laws
-    inside = law.reached & (law.at > 0)
-    q = law.at[inside]
-    m = scene.cable.bending * q * truth.g(q**2)[0]
-    assert np.mean((law.low[inside] <= m) & (m <= law.high[inside])) > 0.9
-    assert np.max(np.abs(law.moment[inside] - m)) < 0.05 * np.max(m)
-    assert {"hardening", "knee"} <= {r.name for r in law.readings}
-    (said,) = law.sentences()
-    assert "hardening" in said and said in found.summary()
-    assert found.to_json()["laws"][0]["readings"]["hardening"]["value"] > 1.0
-    ax = plot.law(found)
-    assert ax.get_xlabel() == "curvature (1/m)"
-    plt.close(ax.figure)
