@@ -22,13 +22,21 @@ def photograph(name):
     return replace(study, poses=(pose,), effects=(law,), unknowns=(*study.unknowns, Unknown("bending_law.factor")))
 
 
+@pytest.fixture(scope="module")
+def fitted():
+    return {name: fit(photograph(name)) for name in TWO}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TWO)
-def test_each_photograph_is_fitted_as_closely_as_by_a_law_of_two_parameters(name):
-    result = fit(photograph(name))
-    assert result.converged
-    assert result.poses[name].rms < TWO[name]
-    (law,) = result.laws
+def test_each_photograph_is_fitted_as_closely_as_by_a_law_of_two_parameters(fitted):
+    assert all(result.converged for result in fitted.values())
+    assert all(fitted[name].poses[name].rms < most for name, most in TWO.items())
+
+
+@pytest.mark.slow
+def test_the_first_photograph_shows_softening(fitted):
+    """The second one alone leaves it undecided between a law and a deviation of its own."""
+    (law,) = fitted["strip-a"].laws
     assert not law.linear
     softening = next(r for r in law.readings if r.name == "softening")
     assert softening.high < 0.2
