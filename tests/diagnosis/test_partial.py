@@ -57,24 +57,6 @@ def test_a_discrepancy_stands_in_the_result(scattered):
 
 
 @pytest.mark.slow
-def test_what_is_the_same_in_all_poses_is_found_among_what_differs():
-    """The common curvature is found, its interval holds it, most of the error goes, and the remaining error is reported."""
-    found = explain(study(common=1.0), mesh=False)
-    assert found.verdict in ("partly explained", "tied")
-    assert [r.kind for r in found.chosen] == ["natural_curvature"]
-    (effect,) = found.chosen
-    off = (effect.parameters["curvature"] - COMMON) / effect.std["curvature"]
-    assert np.all(np.abs(off[:2]) < 4.0)
-    assert found.rms() < 0.4 * found.rms(after=False)
-    assert found.rms_left_out() < 0.6 * found.rms_left_out(after=False)
-    written = found.to_json()
-    assert scenes.NOISE < written["discrepancy"]["rms"] < 2.0 * LEFT
-    assert 0.0 < written["discrepancy"]["scatter"]["natural_curvature.curvature"] < 0.6
-    assert written["after"]["rms_fit"] < written["before"]["rms_fit"]
-    assert [e.kind for e in found.study.effects] == ["natural_curvature"]
-
-
-@pytest.mark.slow
 def test_poses_that_differ_only_name_nothing():
     found = explain(study(), mesh=False)
     assert found.chosen == () and found.verdict in ("unexplained", "no missing effect")

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.diagnosis import remembered, verdict
-from scan2flex_jax.diagnosis.memory import MemoryTest, declaring
-from scan2flex_jax.diagnosis.result import Explanation, PoseChange, Ranked
+from scan2flex_jax.diagnosis.memory import MemoryTest
+from scan2flex_jax.diagnosis.result import Explanation
 from scan2flex_jax.diagnosis.search import Found
 from scan2flex_jax.effects import Friction, Relaxation
-from scan2flex_jax.fitting import fit
-from scan2flex_jax.study import load_study, save_study
-from tests.diagnosis.test_memory import study_with
 
 K = np.diag([1e5, 1e5, 1e4, 0.02, 0.02, 0.015])
 NAMED = MemoryTest("friction", 80.0, (20.0,) * 19, {"share": 0.5}, 6.0)
@@ -120,58 +117,3 @@ def test_an_answer_without_memory_stays_where_memory_leaves_no_less():
     answer = object.__new__(Explanation)
     assert remembered.answered(answer, remembered.Remembering(NAMED, (1e-3, 1e-3)), ()) is answer
     assert remembered.answered(answer, remembered.Remembering(DENIED), ()) is answer
-
-
-@pytest.fixture(scope="module")
-def in_place():
-    """An answer without memory to poses with friction, and the one in its place."""
-    study = study_with(0.6, 5)
-    plain, fitted = fit(study), fit(declaring(study, "friction", {"share": 0.6, "slip_curvature": 2.0}))
-    poses = {
-        name: PoseChange(
-            role=p.role, rms_before=p.rms, rms=0.9 * p.rms, worst=p.worst, stable=p.stable, s=p.s, residual_before=p.residual,
-            residual=0.9 * p.residual, measured=p.measured, modelled=p.modelled, left_out_before=2 * p.rms, left_out=p.rms,
-        ) for name, p in plain.poses.items()
-    }  # fmt: skip
-    ranking = (Ranked("kink", {"position": 0.5}, 9.0, 0.01, verdict.TIED, ("point_mass",)),)
-    before = Explanation(
-        study=study, verdict=verdict.UNEXPLAINED, fit=plain, p_value=0.01, ranking=ranking, estimates=plain.estimates,
-        poses=poses, gates={"elements": 40, "constancy": 0.3}, settle=("kink: look at it",),
-    )  # fmt: skip
-    memory = remembered.Remembering(NAMED, (plain.rms(), fitted.rms()), fitted)
-    return plain, fitted, remembered.answered(before, memory, ("told",))
-
-
-@pytest.mark.slow
-def test_memory_in_the_place_of_an_answer_has_parameters_errors_and_poses(in_place):
-    plain, fitted, answer = in_place
-    (found,) = answer.chosen
-    assert answer.added == answer.chosen == answer.ranking[:1]
-    assert (found.kind, found.verdict, found.log_evidence, found.p_value) == ("friction", verdict.NAMED, 74.0, 0.05)
-    assert found.parameters == {name: fitted.estimates[f"friction.{name}"].value for name in ("share", "slip_curvature")}
-    assert all(std > 0 for std in found.std.values())
-    assert (answer.ranking[1].verdict, answer.ranking[1].tied_with) == (verdict.TOO_LITTLE, ())
-    assert answer.estimates == {"bending_stiffness": fitted.estimates["bending_stiffness"]}
-    assert (answer.rms(after=False), answer.rms()) == (pytest.approx(plain.rms()), pytest.approx(fitted.rms()))
-    assert answer.rms() < answer.rms_left_out() < answer.rms_left_out(after=False)
-    assert answer.gates == {"elements": 40}
-    assert answer.settle == ()
-
-
-@pytest.mark.slow
-def test_memory_is_the_whole_explanation_only_where_it_leaves_noise(in_place):
-    _, fitted, answer = in_place
-    noise = not fitted.discrepancy.curvature and not fitted.misfits
-    assert answer.verdict == (verdict.EXPLAINED if noise else verdict.PARTLY)
-    assert ("; the remaining error is noise" in answer.sentences[0]) is noise
-    assert answer.sentences[0].startswith("something is missing (p = 0.010); friction explains")
-    assert answer.sentences[-1] == "told"
-    assert answer.answer.belief.startswith("yes, with friction" if noise else "with care: friction removes most of the error")
-
-
-@pytest.mark.slow
-def test_the_study_of_the_answer_declares_the_memory_for_another_search(in_place, tmp_path):
-    save_study(in_place[2].study, tmp_path / "found")
-    saved = load_study(tmp_path / "found")
-    assert [e.kind for e in saved.effects] == ["friction"]
-    assert {"friction.share", "friction.slip_curvature"} <= set(saved.unknown_names)

@@ -1,6 +1,5 @@
 """Settings of the diagnosis: they reach the verdict, they are stored, and bad ones are refused by name."""
 
-import json
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -11,8 +10,6 @@ from scan2flex_jax.diagnosis.confirm import Comparison
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study
-
-from . import scenes
 
 
 def test_the_lead_that_names_is_a_setting():
@@ -55,14 +52,3 @@ def test_they_are_kept_where_nothing_is_concluded(monkeypatch):
     monkeypatch.setattr(import_module("scan2flex_jax.diagnosis.run"), "_base", unsettled)
     found = explain(load_study(example_path("simulated-cable")), settings=DiagnosisSettings(level=0.01))
     assert (found.verdict, found.settings.level) == ("not in equilibrium", 0.01)
-
-
-@pytest.mark.slow
-def test_they_stand_in_the_result_and_decide_it():
-    """At a level of nearly one, anything is an alarm."""
-    usual, strict = (explain(scenes.study(), settings=DiagnosisSettings(level=level)) for level in (0.05, 0.9999))
-    assert not usual.significant
-    assert strict.significant
-    assert strict.verdict != "no missing effect"
-    told = json.loads(json.dumps(strict.to_json()))["settings"]
-    assert DiagnosisSettings(**told) == strict.settings == DiagnosisSettings(level=0.9999)

@@ -96,14 +96,6 @@ def test_a_minimiser_that_is_too_slow_is_told_by_the_verdict(minimiser):
     assert int(found.verdict.steps) <= 40
 
 
-@pytest.mark.slow
-def test_the_tolerance_of_a_minimiser_counts():
-    loose, tight = (solved(solver=optx.BFGS(tolerance, tolerance)) for tolerance in (1e-1, 1e-8))
-    assert int(loose.verdict.steps) < int(tight.verdict.steps)
-    assert float(loose.verdict.out_of_balance) > 10 * float(tight.verdict.out_of_balance)
-    assert tight.verdict.solved
-
-
 def test_the_steps_of_a_minimiser_are_limited():
     found = solved(solver=optx.BFGS(1e-8, 1e-8), max_steps=20)
     assert int(found.verdict.steps) <= 20

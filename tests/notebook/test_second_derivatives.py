@@ -73,20 +73,6 @@ def test_a_batch_of_hessians():
 
 
 @pytest.mark.slow
-def test_third_derivatives():
-    """The rule re-enters itself as often as it is asked to."""
-
-    def along(t):
-        return rods.height(X.at[0].set(t))
-
-    third = jax.jit(jax.grad(jax.grad(jax.grad(along))))
-    second = jax.jit(jax.grad(jax.grad(along)))
-    steps = (2e-3, 1e-3)
-    coarse, fine = ((second(h) - second(-h)) / (2 * h) for h in steps)
-    np.testing.assert_allclose(third(0.0), fine + (fine - coarse) / 3, rtol=1e-6)
-
-
-@pytest.mark.slow
 def test_the_curvature_of_a_quadratic_free_problem_has_a_closed_form():
     """A cable so light that its deflection is linear in load over stiffness: z = -c / EI, so d2z/dEI2 = 2 z / EI^2."""
     from scan2flex_jax import Boundary, Cable, CableModel, equilibrium
