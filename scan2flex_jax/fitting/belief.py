@@ -29,7 +29,7 @@ def of_discrepancy(discrepancy) -> tuple[str, ...]:
     if not discrepancy.curvature:
         return ()
     said = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the noise, each pose deviates from the model in its own way ({said}): the intervals include this",)
+    return (f"beyond the noise, each pose deviates from the model in its own way ({said})",)
 
 
 def validity(
