@@ -119,7 +119,8 @@ def on_its_branches(problem, minimum, method, progress):
 def needed(declared, problem, minimum, method, progress):
     """The problem and its minimum with the turns of the study ``declared`` in every pose that fits as well with them: a cable
     that passes over itself loses two turns, and other turns of an early minimum may not be needed at the last one."""
-    back, exact = {}, _EXACT * problem.length
+    back: dict[str, int] = {}
+    exact = _EXACT * problem.length
     for old, new in zip(declared.fit_poses, problem.study.fit_poses, strict=True):
         if old.turns != new.turns:
             before, after = (_distance(problem, pose, minimum.shared) for pose in (old, new))

@@ -8,7 +8,7 @@ its logarithm.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import equinox as eqx
 import jax
@@ -213,7 +213,7 @@ def _slot(study, unknown, at):
     log = form.domain == "positive"
     default = DEFAULT_RANGE.get(unknown.name) or _ANY.get(form.domain, (-1e6, 1e6))
     if unknown.name == "length" and (shown := measured_length(study)) is not None:
-        default = tuple(shown * share for share in LENGTH_RANGE)
+        default = LENGTH_RANGE[0] * shown, LENGTH_RANGE[1] * shown
     if form.domain == "along_cable":
         default = (0.0, float(study.cable.get("length", 1e3)))
     low, high = (
@@ -365,8 +365,12 @@ def _put(model, slot, value):
             new = jnp.broadcast_to(value, jnp.shape(old))
         if slot.places:
             new = jnp.where(jnp.any(model.places[i] == jnp.array(slot.places)), new, old)
-        model = eqx.tree_at(lambda m, i=i: getattr(m.effects[i], parameter), model, new)
+        model = eqx.tree_at(partial(_parameter, i=i, name=parameter), model, new)
     return model
+
+
+def _parameter(model, i, name):
+    return getattr(model.effects[i], name)
 
 
 def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:

@@ -129,8 +129,8 @@ def _without_history(study, study_poses, length, elements):
     if all(pose.markers is None for pose in study.poses):
         marked = None
     templates, group = _templates(study, study_poses)
-    rows = np.stack([measured_rows(pose) for pose in study_poses])
-    rows = None if all(pose.markers is None or pose.markers.measured == "xyz" for pose in study.poses) else rows
+    whole = all(pose.markers is None or pose.markers.measured == "xyz" for pose in study.poses)
+    rows = None if whole else np.stack([measured_rows(pose) for pose in study_poses])
     return Poses(points, mask, expected, boundary, turns, start, templates, group, marked, rows=rows)
 
 

@@ -151,8 +151,10 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
             lines.append(f"    at end      stops {mm(short)} short of the free end")
     if pose.markers is not None:
         s = pose.markers.arc_length
-        own = "" if pose.markers.measured == "xyz" else f" ({', '.join(pose.markers.measured)} alone)"
-        lines.append(f"    markers     {len(s)}{own}, at s = {', '.join(f'{x:.4g}' for x in s[:6])}{', ...' * (len(s) > 6)} m")
+        some = pose.markers.measured
+        alone = "" if some == "xyz" else f" ({', '.join(some)} alone)"
+        at = ", ".join(f"{x:.4g}" for x in s[:6]) + ", ..." * (len(s) > 6)
+        lines.append(f"    markers     {len(s)}{alone}, at s = {at} m")
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
         counted = "" if scan is None else f", {scan_in_words(study, scan)}"

@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from scan2flex_jax.study.curves import chord_deficit, curve_length
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose
 
 TANGENT_SPAN = 0.08
 """Longest part of the curve for the parabola: a cable's bends beyond it are not parabolic."""
@@ -96,15 +96,16 @@ def measured_length(study: Study) -> float | None:
     held = [f.covered for f in facts if f.end is not None]
     if held:
         return float(np.median(held))
-    reached = [f.covered for f in facts] + [_past_markers(pose) for pose in study.poses if pose.markers is not None]
+    reached = [f.covered for f in facts] + [
+        _past_markers(pose.markers, pose.end) for pose in study.poses if pose.markers is not None
+    ]
     return max(reached, default=None)
 
 
-def _past_markers(pose: StudyPose) -> float:
+def _past_markers(markers: Markers, end: Clamp | None) -> float:
     """Arc length (m) of the last marker, with the distance from there to an end clamp."""
-    last, end = pose.markers, pose.end
-    beyond = 0.0 if end is None else float(np.linalg.norm(np.nan_to_num(end.position - last.points[-1])))
-    return float(last.arc_length[-1]) + beyond
+    beyond = 0.0 if end is None else float(np.linalg.norm(np.nan_to_num(end.position - markers.points[-1])))
+    return float(markers.arc_length[-1]) + beyond
 
 
 def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:

@@ -101,10 +101,10 @@ def of_axes(study: Study) -> Iterator[Mistake]:
 
 def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     """Two markers of a pose that are exchanged: neighbours are then farther apart than their arc lengths allow."""
-    far = far_neighbours(study, pose)
-    if not len(far):
+    far, marks = far_neighbours(study, pose), pose.markers
+    if marks is None or not len(far):
         return
-    marks, best = pose.markers, None
+    best: tuple[float, int, int, StudyPose] | None = None
     for i in sorted({*far, *(far + 1)}):
         for j in range(len(marks.points)):
             order = np.arange(len(marks.points))
@@ -140,8 +140,12 @@ def _chords(pose):
 def _mapped(pose: StudyPose, rows: Annotated[np.ndarray, "3 3"]) -> StudyPose:
     """The pose with its curve and its markers in other axes."""
     of, sign = np.argmax(np.abs(rows), axis=1), np.sum(rows, axis=1)
-    curve, marks = (m if m is None else replace(m, points=sign * m.points[:, of]) for m in (pose.curve, pose.markers))
-    return replace(pose, curve=curve, markers=marks)
+    curve, marks = pose.curve, pose.markers
+    return replace(
+        pose,
+        curve=None if curve is None else replace(curve, points=sign * curve.points[:, of]),
+        markers=None if marks is None else replace(marks, points=sign * marks.points[:, of]),
+    )
 
 
 def of_rolls(study: Study) -> Iterator[Mistake]:

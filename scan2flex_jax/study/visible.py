@@ -111,7 +111,7 @@ def carried(study: Study) -> bool:
         down, facts = study.gravity_in(pose), pose_facts(pose)
         heights = pose.curve.points @ down / max(float(np.linalg.norm(down)), np.finfo(float).tiny)
         flat = PLANE_LIMIT * curve_length(pose.curve.points)
-        return np.any(down) and np.std(heights) < flat < facts.off_line
+        return facts is not None and np.any(down) and np.std(heights) < flat < facts.off_line
 
     return bool(curves) and all(level(pose) for pose in curves)
 

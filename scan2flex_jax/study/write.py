@@ -161,15 +161,13 @@ def _holds(folder: Path, name: str, content: Content) -> bool:
 
 def csv_text(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> str:
     """The text of a CSV with all digits, so that every number is restored exactly."""
-    header, table = "x,y,z", content
-    if isinstance(content, MeasuredCurve | Markers):
-        table = content.points
-        if content.arc_length is not None:
-            header, table = "s,x,y,z", np.column_stack([content.arc_length, content.points])
+    header = "x,y,z"
+    table: np.ndarray = content.points if isinstance(content, MeasuredCurve | Markers) else np.asarray(content)
+    if isinstance(content, MeasuredCurve | Markers) and content.arc_length is not None:
+        header, table = "s,x,y,z", np.column_stack([content.arc_length, content.points])
     if isinstance(content, Markers):
-        header = f"s,{','.join(content.measured)}"
-        table = table[:, ~np.isnan(table[0])]
-    lines = [",".join(map(repr, row)) for row in np.asarray(table).tolist()]
+        header, table = f"s,{','.join(content.measured)}", np.compress(~np.isnan(table[0]), table, axis=1)
+    lines = [",".join(map(repr, row)) for row in table.tolist()]
     return "\n".join([header, *lines, ""])
 
 
