@@ -163,6 +163,8 @@ def test_an_unknown_length_starts_from_the_curves_and_keeps_the_turns():
     found = fit(study)
     assert found.estimates["length"].value == pytest.approx(1.0, abs=1e-3)
     assert found.turned == () and all(p.turns == 0 for p in found.calibrated.poses)
+    (slot,) = (slot for slot in found.problem.layout.slots if slot.name == "length")
+    np.testing.assert_allclose(np.exp([slot.low[0], slot.high[0]]), [0.5, 10.0], rtol=1e-3)  # of the curves' 1 m
 
 
 def test_turns_that_are_not_needed_are_given_back():
