@@ -62,7 +62,7 @@ def workers(jobs: int):
 
 
 def diagnose(folder: Path, options: dict | None = None) -> dict:
-    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415 - the environment must be set first
+    from scan2flex_jax.inference import explain  # noqa: PLC0415 - the environment must be set first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
     began, used = time.perf_counter(), time.process_time()

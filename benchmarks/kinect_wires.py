@@ -129,13 +129,13 @@ def within_tolerances(study, unseen) -> dict:
 
 def explained(wire, paths, unseen) -> dict:
     """The explanation of three poses, and the errors of its prediction of the fourth; None if that pose is not solved."""
-    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
+    from scan2flex_jax.inference import explain  # noqa: PLC0415
 
     e = explain(study_of(wire, paths, unseen))
     one = e.poses.get(unseen.stem)
     error = {"mean node error over length": node_error(one)} if one is not None and one.stable else {}
     own = {"within tolerances": within_tolerances(e.study, unseen)}
-    return {"verdict": e.verdict, "added": [r.in_short() for r in e.added], "seconds": e.seconds} | error | own
+    return {"verdict": e.verdict, "added": [r.in_short() for r in e.chosen], "seconds": e.seconds} | error | own
 
 
 def node_error(pose) -> float:

@@ -22,12 +22,12 @@ import numpy as np
 from benchmarks.blind import hysteresis
 from benchmarks.blind.hysteresis import BoucWen, Dahl, Grip
 from benchmarks.record import RESULTS, record
-from scan2flex_jax.diagnosis.memory import memory_test
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import memory_test
 from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
 
 jax.config.update("jax_enable_x64", True)

@@ -152,7 +152,7 @@ def excluded(found, truth) -> bool | None:
 
 def explained(study) -> dict:
     """The answer of `explain` to a mistake that nothing else reports."""
-    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
+    from scan2flex_jax.inference import explain  # noqa: PLC0415
 
     found = explain(study, elements=ELEMENTS, mesh=False)
     return {"verdict": found.verdict, "chosen": [r.kind for r in found.chosen]}

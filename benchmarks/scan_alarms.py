@@ -109,7 +109,7 @@ def studies(key, made, folder):
 
 def answered(study) -> dict:
     """The answer of `explain`, or its failure."""
-    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
+    from scan2flex_jax.inference import explain  # noqa: PLC0415
 
     began = perf_counter()
     try:

@@ -1,4 +1,4 @@
-"""Errors of axes from scans, over the radius, by their order along the pose: what `Noise.alike` assumes.
+"""Errors of axes from scans, over the radius, by their order along the pose: what `ExplainSettings.scan_alike` assumes.
 
     python -m benchmarks.scan_axes [--studies 8] [--seed 501]
 

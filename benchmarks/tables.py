@@ -177,26 +177,8 @@ def _cost(t) -> list[list[str]]:
 def _calibrated() -> list[str]:
     """The rate of false alarms in all cases with nothing missing."""
     c = load("calibration")["results"]
-    words = "the same in all such cases of three seeds, opened before (p-values against uniform ones: Kolmogorov-Smirnov)"
-    rate = f"{100 * c['share']:.1f} % of {c['cases']} ({100 * c['low']:.1f} to {100 * c['high']:.1f} %)"
-    return [words, f"{rate}, p = {c['kolmogorov_smirnov_p']:.2f}", "3-8 %"]
-
-
-_ABLATED = (
-    ("false_alarms", "false alarms"), ("truth_in_tie_set", "one effect: in the tie set"), ("top_1", "ranked first"),
-    ("named_and_wrong", "named alone, wrong"), ("both_of_a_pair", "both of a pair"),
-    ("off_catalogue_flagged", "off the catalogue: unexplained"), ("coverage_95", "intervals hold the truth"),
-)  # fmt: skip
-
-
-def ablations() -> str:
-    """The loop with one part left out at a time, on the same cases."""
-    entry = load("ablations")
-    rows = []
-    for name, t in entry["results"]["variants"].items():
-        shares = [t[key] for key, _ in _ABLATED]
-        rows.append([name, *("-" if s["share"] is None else f"{100 * s['share']:.0f} % of {s['of']}" for s in shares)])
-    return table(["", *(words for _, words in _ABLATED)], rows) + made_on(entry)
+    words = "the same in all such cases of three seeds, opened before"
+    return [words, f"{100 * c['share']:.1f} % of {c['cases']} ({100 * c['low']:.1f} to {100 * c['high']:.1f} %)", "3-8 %"]
 
 
 def firstuse() -> str:
@@ -360,7 +342,6 @@ PAGES = {
         "blind": blind,
         "background": background,
         "scans": scans,
-        "ablations": ablations,
         "tipweights": tip_weights_tables.brief,
         "kinect": kinect,
         "sensitivity": sensitivity,

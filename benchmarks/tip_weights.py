@@ -214,8 +214,8 @@ def together(without: Series, with_weight: Series, noise, known_weight=False, be
 def of_explanation(found, seconds) -> dict:
     """The figures of an explanation."""
     told = found.to_json()
-    kept = ("verdict", "chosen", "estimates", "before", "after", "discrepancy", "noise", "test", "settle")
-    out = {key: told[key] for key in kept if key in told} | {"added": [r.in_short() for r in found.added]}
+    kept = ("verdict", "estimates", "before", "after", "discrepancy", "noise", "test", "settle")
+    out = {key: told[key] for key in kept if key in told} | {"added": [r.in_short() for r in found.chosen]}
     out |= {"seconds": seconds, "sentences": list(found.sentences)}
     return out | {"ranking": told.get("ranking", [])[:5]}
 
@@ -251,8 +251,8 @@ def reading(series: Series) -> dict:
 
 def questions(without: Series, weighed: Series, noise, out: dict) -> None:
     """All of one cable, into ``out``; answers that are there are kept."""
-    from scan2flex_jax.diagnosis import explain  # noqa: PLC0415
     from scan2flex_jax.fitting import fit  # noqa: PLC0415
+    from scan2flex_jax.inference import explain  # noqa: PLC0415
 
     def ask(words, call, tell):
         if words not in out:

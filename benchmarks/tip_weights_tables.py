@@ -71,8 +71,7 @@ def _found(told) -> str:
     if "failed" in told:
         return told["failed"]
     parts = [told["verdict"]] if "verdict" in told else []
-    standing = "" if told.get("chosen") else "best so far, not established: "
-    parts += [standing + ", ".join(_effect(c) for c in told.get("added", []))] if told.get("added") else []
+    parts += [", ".join(map(_effect, told["added"]))] if told.get("added") else []
     parts += [f"{name} {e['value']:.3g} ({e['low']:.3g} to {e['high']:.3g})" if "low" in e else f"{name} {e['value']:.3g}"
               for name, e in told.get("estimates", {}).items() if np.ndim(e["value"]) == 0]  # fmt: skip
     return "; ".join(parts) or "-"

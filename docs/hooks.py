@@ -32,7 +32,7 @@ PAGES = {
 API = {
     "study": ("Study", ("study", "errors")),
     "fitting": ("Fit", ("fitting",)),
-    "diagnosis": ("Explain", ("diagnosis",)),
+    "inference": ("Explain", ("inference",)),
     "prediction": ("Predict", ("prediction",)),
     "plot": ("Plot", ("plot",)),
     "output": ("Report and export", ("reporting", "export")),

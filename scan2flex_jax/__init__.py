@@ -11,10 +11,6 @@ from scan2flex_jax.version import __version__ as __version__
 
 if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported at its first use
     from scan2flex_jax import plot as plot
-    from scan2flex_jax.diagnosis import DiagnosisSettings as DiagnosisSettings
-    from scan2flex_jax.diagnosis import explain as explain
-    from scan2flex_jax.diagnosis import memory_test as memory_test
-    from scan2flex_jax.diagnosis import plan as plan
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
     from scan2flex_jax.fitting import FitSettings as FitSettings
@@ -23,6 +19,10 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.fitting import fit as fit
     from scan2flex_jax.fitting import model_of as model_of
     from scan2flex_jax.fitting import residual_function as residual_function
+    from scan2flex_jax.inference import ExplainSettings as ExplainSettings
+    from scan2flex_jax.inference import explain as explain
+    from scan2flex_jax.inference import memory_test as memory_test
+    from scan2flex_jax.inference import plan as plan
     from scan2flex_jax.prediction import predict as predict
     from scan2flex_jax.reporting import report as report
     from scan2flex_jax.rod.boundary import Boundary as Boundary
@@ -53,7 +53,7 @@ _HOMES = {
     "CableModel": "rod.model",
     "Clamp": "study",
     "EffectDeclaration": "study",
-    "DiagnosisSettings": "diagnosis",
+    "ExplainSettings": "inference",
     "Equilibrium": "statics",
     "FitSettings": "fitting",
     "Markers": "study",
@@ -70,12 +70,12 @@ _HOMES = {
     "Unknown": "study",
     "boundary_of": "fitting",
     "equilibrium": "statics",
-    "explain": "diagnosis",
+    "explain": "inference",
     "fit": "fitting",
     "load_study": "study",
-    "memory_test": "diagnosis",
+    "memory_test": "inference",
     "model_of": "fitting",
-    "plan": "diagnosis",
+    "plan": "inference",
     "plot": "",
     "predict": "prediction",
     "report": "reporting",

@@ -24,8 +24,8 @@ from scan2flex_jax.study.outputs import write_file
 if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types
     import xarray
 
-    from scan2flex_jax.diagnosis import Explanation
     from scan2flex_jax.fitting import Fit
+    from scan2flex_jax.inference import Explanation
     from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
@@ -100,7 +100,7 @@ def _modelled_as(fit, name, pose):
 
 def _before(fit) -> "Fit | None":
     """The baseline fit of an explanation that added an effect."""
-    return fit.fit if getattr(fit, "added", None) else None
+    return fit.fit if getattr(fit, "chosen", None) else None
 
 
 def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:

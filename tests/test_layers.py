@@ -28,9 +28,9 @@ ALLOWED = {
 }
 ALLOWED["fitting"] = set(ALLOWED)
 ALLOWED["sweep"] = {*ALLOWED["fitting"], "fitting"}
-ALLOWED["diagnosis"] = {*ALLOWED["fitting"], "fitting"}
-ALLOWED["prediction"] = ALLOWED["diagnosis"]
-ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction", "diagnosis"}
+ALLOWED["inference"] = {"effects", "fitting", "statics", "rod", "study", "geometry", "compilation", "errors"}
+ALLOWED["prediction"] = {*ALLOWED["fitting"], "fitting"}
+ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction", "inference"}
 ALLOWED["convert"] = {"study", "errors"}
 ALLOWED["export"] = {*ALLOWED["prediction"], "prediction"}
 ALLOWED["reporting"] = {*ALLOWED["plot"], "plot"}

@@ -61,6 +61,6 @@ def test_reading_a_study_does_not_load_jax():
     run("import sys\nfrom scan2flex_jax import load_study\nassert 'jax' not in sys.modules")
 
 
-def test_a_fit_and_a_diagnosis_do_not_import_scipy_stats():
+def test_a_fit_and_an_inference_do_not_import_scipy_stats():
     """It takes longer than a fit."""
-    run("import sys\nimport scan2flex_jax.diagnosis\nassert 'scipy.stats' not in sys.modules")
+    run("import sys\nimport scan2flex_jax.inference\nassert 'scipy.stats' not in sys.modules")

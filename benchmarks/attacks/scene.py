@@ -9,8 +9,8 @@ from unittest import mock
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from scan2flex_jax.diagnosis import explain, plan
 from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference import explain, plan
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.reporting import report
 from scan2flex_jax.rod.boundary import Boundary
@@ -94,8 +94,8 @@ def answers_kept() -> Iterator[None]:
     """Commands on one study get answers that were computed once: what they write, and where, is what is attacked."""
     ways = {
         "scan2flex_jax.fitting.fit": lambda study, *_, **__: kept("fit", lambda: fit(study, elements=ELEMENTS)),
-        "scan2flex_jax.diagnosis.explain": lambda study, **_: kept("explain", lambda: explain(study, elements=ELEMENTS)),
-        "scan2flex_jax.diagnosis.plan": lambda found, **_: kept("plan", lambda: plan(found)),
+        "scan2flex_jax.inference.explain": lambda study, **_: kept("explain", lambda: explain(study, elements=ELEMENTS)),
+        "scan2flex_jax.inference.plan": lambda found, **_: kept("plan", lambda: plan(found)),
         "scan2flex_jax.prediction.predict": lambda study, **_: kept("predict", lambda: predict(study, elements=ELEMENTS)),
         "scan2flex_jax.reporting.report": lambda found, **_: kept("report", lambda: report(found)),
         "scan2flex_jax.scan.extract_study": lambda study, *_, **__: kept("extract", lambda: extract_study(study)),

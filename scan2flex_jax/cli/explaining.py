@@ -72,7 +72,7 @@ def plan(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json)
     prepare_jax()
-    from scan2flex_jax.diagnosis import plan as rank  # noqa: PLC0415
+    from scan2flex_jax.inference import plan as rank  # noqa: PLC0415
 
     result = explained(loaded, elements, quiet=quiet)
     with progress("solving candidate poses", quiet):

@@ -146,22 +146,19 @@ def demo(
     results = [out / f"{name}.{kind}" for name in (*names, "explanation") for kind in ("png", "json")]
     outputs.claim(*dict.fromkeys((*results, *explanation_pictures(out))))
     prepare_jax()
-    from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
-    from scan2flex_jax.diagnosis.slots import empty_slots_of  # noqa: PLC0415
     from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
+    from scan2flex_jax.inference.program import slots_of  # noqa: PLC0415
 
     cable, wire = (load_study(example_path(name)) for name in names)
-    ahead = AheadCompiler()
-    ahead.start(wire)  # half of the time is compilation: it runs on a second core during the fits
     plot = drawing()
     for name, loaded in zip(names, (cable, wire), strict=True):
         with progress(f"fitting {name}", quiet) as tell:
-            result = run(loaded, progress=tell, slots=empty_slots_of(loaded))  # functions that the search reuses
+            result = run(loaded, progress=tell, slots=slots_of(loaded))  # functions that the search reuses
         say(result.summary())
         plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
         outputs.write_json(out / f"{name}.json", result.to_json())
         say(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
-    result = explained(wire, None, ahead, quiet)
+    result = explained(wire, None, quiet)
     if result.fit is not None:
         draw_explanation(result, out, outputs.write)
         say(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")

@@ -80,13 +80,12 @@ def interactive() -> bool:
     return sys.stdin.isatty()
 
 
-def explained(study, elements: int | None, ahead=None, quiet: bool = False):
-    """Explain a study and print the summary; ``ahead`` (an `AheadCompiler`) may have begun to compile."""
-    from scan2flex_jax.diagnosis import AheadCompiler  # noqa: PLC0415
-    from scan2flex_jax.diagnosis import explain as run  # noqa: PLC0415
+def explained(study, elements: int | None, quiet: bool = False):
+    """Explain a study and print the summary."""
+    from scan2flex_jax.inference import explain as run  # noqa: PLC0415
 
     with progress(f"explaining {study.title}", quiet) as tell:
-        result = run(study, elements=elements, progress=tell, ahead=ahead or AheadCompiler())
+        result = run(study, elements=elements, progress=tell)
     say(result.summary())
     return result
 

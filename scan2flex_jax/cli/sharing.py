@@ -39,8 +39,8 @@ def report(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(out, json)
     prepare_jax()
-    from scan2flex_jax.diagnosis import AheadCompiler, Explanation, explain  # noqa: PLC0415
     from scan2flex_jax.fitting import Fit, fit  # noqa: PLC0415
+    from scan2flex_jax.inference import Explanation, explain  # noqa: PLC0415
     from scan2flex_jax.reporting import report as page  # noqa: PLC0415
     from scan2flex_jax.reporting import require_libraries  # noqa: PLC0415
 
@@ -51,7 +51,7 @@ def report(
         if no_explain:
             result = fit(loaded, elements=elements, progress=tell)
         else:
-            result = explain(loaded, elements=elements, progress=tell, ahead=AheadCompiler())
+            result = explain(loaded, elements=elements, progress=tell)
         outputs.write(out, page(result, interactive=interactive, progress=tell).encode("utf-8"))
     say("\n".join(result.answer.lines()))
     say(f"\nwritten: {out}")

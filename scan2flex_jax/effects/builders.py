@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects.entry import Context, Site, Varied, along_cable, loaded_places, positions
+from scan2flex_jax.effects.entry import Context, Site, along_cable, loaded_places, positions
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS
@@ -58,7 +58,7 @@ def _at_points(values, s, length):
     return np.stack([np.interp(where, np.asarray(s), values[:, k]) for k in range(3)], axis=1)
 
 
-def span(cls: Make, varies: Varied, carried: Callable[[Any], Any]) -> dict[str, Any]:
+def span(cls: Make, carried: Callable[[Any], Any]) -> dict[str, Any]:
     """The same for a span whose amplitude is the logarithm of its factor; ``carried(factor)`` is its excess per length."""
 
     def other_widths(a, site, c, places):
@@ -75,7 +75,6 @@ def span(cls: Make, varies: Varied, carried: Callable[[Any], Any]) -> dict[str, 
         return out
 
     return {
-        "varies": varies,
         "moving": {"position": along_cable, "width": lambda c: (0.5 * (_WIDTHS[0] * c.length), 1.5 * (_WIDTHS[-1] * c.length))},
         "other_starts": other_widths,
         "amplitudes": ("log factor",),

@@ -35,7 +35,7 @@ class DensityProfile(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     DensityProfile, size=lambda c: np.array([0.5]),  # a sleeve, or water in a hose
-    **span(DensityProfile, "mass", lambda factor: factor - 1.0),
+    **span(DensityProfile, lambda factor: factor - 1.0),
     signature="one span sags as if it were heavier (or lighter), always along gravity",
     settle="weigh or look at the named span",
     same_shapes=(SameShapes("point_mass", "a span that is short against the sag"),),

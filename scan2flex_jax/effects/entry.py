@@ -14,7 +14,7 @@ the fields of `CatalogueEntry` that have no default; `catalogue` lists the entri
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import field as default
-from typing import Any, Literal
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +24,6 @@ from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS, INITIAL
 
 Site = dict[str, Any]
-Varied = Literal["stiffness", "mass"]  # properties of the cable that may vary along it
 Range = Callable[["Context"], tuple[float, float]]  # smallest and largest value
 _EDGE = 0.01  # of the length: smallest distance of a place from a clamp
 
@@ -111,6 +110,10 @@ def _not_rescaled(amplitude: Any, site: Site, context: Context) -> dict[str, flo
     return {}
 
 
+def _all_there(context: Context) -> Site:
+    return {}
+
+
 def _like_nothing(effects: Any, stiffness: Any, site: Site) -> None:
     return None
 
@@ -138,12 +141,11 @@ class CatalogueEntry:
     places)`` lists further starts after a refit that ended there, given the points ``places`` (m, one per pose) of the
     cable at the site: amplitude, site, and factors on parameters of the cable. ``like(effects, stiffness, site)`` gives the
     amplitudes of a law that is as stiff at each strain as the energy laws ``effects`` on sections of that ``stiffness`` (6, 6).
+    ``rest(context)``: neutral values of entries that only some sites have.
 
-    For verdicts: ``same_shapes`` lists alternatives with the same shapes; ``varies`` is the property of the cable that varies
-    along s: several effects of one property are pieces of a field, which is descriptive and identifies no cause.
-    A ``field`` has an arbitrary form, along the cable or as a law over its strain: it is not scanned for, and reported only
-    where it predicts held-out poses; one that is ``late`` is tried after all others, and only where they leave a residual,
-    since its energy needs slots in the compiled states. An effect type that is not ``searched`` has to be declared.
+    For verdicts: ``same_shapes`` lists alternatives with the same shapes. A ``field`` has an arbitrary form: along the cable it
+    is a description and no cause; one that is ``late``, a law over the strain, is tried after all others, where they leave a
+    discrepancy or have its shapes. An effect type that is not ``searched`` has to be declared.
     ``signature``: a description of its residual. ``settle``: the measurement that would resolve a tie.
     """
 
@@ -163,13 +165,13 @@ class CatalogueEntry:
     inactive_of: Callable[[Site], np.ndarray] | None = None
     continuation: tuple[float, ...] = ()
     same_shapes: tuple[SameShapes, ...] = ()
-    varies: Varied | None = None
     field: bool = False
     late: bool = False
     searched: bool = True
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = _not_rescaled
     like: Callable[[Any, Any, Site], np.ndarray | None] = _like_nothing
     other_starts: Callable[[Any, Site, Context, Any], list] = _no_other_starts
+    rest: Callable[[Context], Site] = _all_there
 
     def __post_init__(self) -> None:
         """Two-sided by default."""
@@ -209,7 +211,7 @@ def entry_of_memory(
     """The entry of an effect with memory: its ``share`` of usual size as amplitude, and as site its threshold or time ``at``,
     with a ``value`` to begin from, and the initial set, ``none`` without one.
 
-    It relates poses, so the search, which treats them one by one, does not try it (`diagnosis.remembered` does).
+    It relates poses, so the search, which treats them one by one, does not try it (`inference.variants` does).
     """
     return CatalogueEntry(
         effect, ("share",), lambda c: np.array([share]),

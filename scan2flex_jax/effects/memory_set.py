@@ -5,7 +5,7 @@ points evenly spaced from s = 0 to L. It is data of the pose, supplied by the ca
 first pose), so a study cannot declare this effect type. Null: memory 0.
 
 It is the `relaxation` that is complete between poses, and knows the pose before only; `friction` knows all turning points.
-Where it is found, `explain` also tests these over the order of poses, and says what each leaves (`diagnosis.remembered`).
+Where it is found, `explain` also tests these over the order of poses, and says what each leaves.
 """
 
 from typing import ClassVar

@@ -37,7 +37,7 @@ ENTRY = CatalogueEntry(
     build=lambda a, site, c: (PointMass(site["position"], a[0]),),
     to_parameters=lambda a, site, c: {"position": float(site["position"]), "mass": float(np.asarray(a)[0])},
     from_parameters=lambda p, c: (np.array([float(p["mass"])]), {"position": float(p["position"])}),
-    sites=places, moving={"position": along_loaded}, one_sided=(True,), varies="mass",
+    sites=places, moving={"position": along_loaded}, one_sided=(True,),
     signature="the cable sags towards one place of it, always along gravity",
     settle="look for a clip, a marker or a connector at the named place, or weigh the cable",
     same_shapes=(SameShapes("density_profile", "a span that is short against the sag"),),

@@ -36,7 +36,7 @@ class StiffnessProfile(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     StiffnessProfile, size=lambda c: np.array([0.5]),  # a sleeve, a worn place: 0.6 to 1.6
-    **span(StiffnessProfile, "stiffness", lambda factor: 1.0 / factor - 1.0),  # compliances add
+    **span(StiffnessProfile, lambda factor: 1.0 / factor - 1.0),  # compliances add
     signature="one span bends less (or more) than it should in every pose",
     settle="look and feel at the named span, or bring it to where the cable is bent most",
     same_shapes=(SameShapes("elastic_clamp", "a span at a clamp"),

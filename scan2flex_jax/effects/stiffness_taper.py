@@ -34,7 +34,7 @@ class StiffnessTaper(AbstractEffect):
 ENTRY = CatalogueEntry(
     StiffnessTaper, ("taper",),
     lambda c: np.array([0.2]),  # ends that differ in stiffness by half
-    **plain("taper", StiffnessTaper), varies="stiffness", bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+    **plain("taper", StiffnessTaper), bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
     signature="one half of the cable bends more than the other, whichever way round it hangs",
     settle="swap the two ends of the cable in one pose",
 )  # fmt: skip

@@ -86,10 +86,16 @@ def _tether_size(c):
 
 def _tether(a, site, c):
     """A spring of zero rest length about the centre of the scans; with a ``reach`` a string, whose stiffness is log-normal."""
-    if "reach" not in site:
-        return (AnchoredSpring(site["position"], jnp.asarray(c.centre), a[0], a[1:]),)
-    k = _string_stiffness(a[0], site["softest"])
-    return (AnchoredSpring(site["position"], jnp.asarray(site["place"]), k, a[1:], site["reach"]),)
+    site = _rest(c) | site
+    string = jnp.asarray(site["reach"]) > 0
+    k = jnp.where(string, _string_stiffness(a[0], site["softest"]), a[0])
+    centre = jnp.where(string, jnp.asarray(site["place"]), jnp.asarray(c.centre))
+    return (AnchoredSpring(site["position"], centre, k, a[1:], site["reach"]),)
+
+
+def _rest(c):
+    """What a spring lacks of the site of a string."""
+    return {"reach": 0.0, "place": np.zeros(3), "softest": 1.0}
 
 
 def _string_stiffness(a, softest):
@@ -150,7 +156,7 @@ ENTRY = CatalogueEntry(
     build=_tether,
     to_parameters=_tether_parameters,
     from_parameters=_tether_of,
-    sites=places, one_sided=(True, False, False, False), other_starts=_strings,
+    sites=places, rest=_rest, one_sided=(True, False, False, False), other_starts=_strings,
     moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
     signature="the cable is drawn at one place of it towards one point of space, from whichever side",
     settle="look for a string at the named place",

@@ -103,7 +103,6 @@ class Evaluator:
         """Nothing is solved yet; ``slots`` are null energy laws, placeholders in the states for effects added later."""
         self.layout, self.poses = layout, poses
         self.elements, self.distance, self.slots = elements, distance, slots
-        self.width = states.FEW if not slots and layout.shared + layout.local <= states.FEW else states.CHUNK
         self.equilibria = 0
 
     def __call__(self, shared, local=None, *, start=None, derivative=True) -> Evaluation:
@@ -122,7 +121,7 @@ class Evaluator:
     def _rows(self, x, derivative):
         """Number of tangents of a call."""
         wanted = derivative or bool(self.slots)  # with placeholders, one compiled function serves all calls
-        return -(-len(x) // self.width) * self.width if wanted else 0
+        return -(-len(x) // states.WIDTH) * states.WIDTH if wanted else 0
 
     def _pose(self, poses, i, shared, local, start, derivative, before=None, held=None):
         """One pose; with memory ``before`` is what the one before it left, None for the first pose."""
@@ -133,7 +132,7 @@ class Evaluator:
         if held is not None:  # the first pose has a state too, so that one compiled function serves all
             left, moved = _entered(state, tangents, before)
             state, tangents = states.after(state, left), None if tangents is None else states.after(tangents, moved)
-        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, self.width, held)
+        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, held)
         found = found._replace(entered=left)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
@@ -184,7 +183,7 @@ class Evaluator:
             given = self.layout, self.poses.template(i), boundary, x, self.slots, self.elements
             state = states.after(_state(*given, self._rows(x, derivative=True))[0], before[i])
             along, target, held = discrepancy.directions(state), target_of(self.poses, i), np.zeros(()) if before[i] else None
-            found = states.evaluate(state, along, one(start, i), target, self.distance, self.width, held)
+            found = states.evaluate(state, along, one(start, i), target, self.distance, held)
             return np.asarray(found.columns)
 
         return each_pose(columns, self.poses.count)

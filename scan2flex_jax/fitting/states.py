@@ -36,7 +36,7 @@ from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 from scan2flex_jax.statics.solve import Equilibrium, solve_rod
 from scan2flex_jax.statics.verdict import Verdict
 
-FEW, CHUNK = 6, 24  # tangents per call: most fits need few, a refit a dozen, the catalogue some 250
+WIDTH = 24  # tangents per call: as fast as six; most fits need two, a refit a dozen
 DISTANCES: dict[str, Callable] = {
     "normal": normal_residuals,
     "closest": closest_residuals,
@@ -181,20 +181,19 @@ def evaluate(
     start: Configuration,
     target: Target,
     distance: str = "normal",
-    width: int = CHUNK,
     held: np.ndarray | None = None,
 ) -> Shape:
     """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
 
-    ``width`` tangents are evaluated per call, each width with its own compilation. Without ``tangents`` there are no columns,
-    and a smaller function is compiled. ``held``: how long (s) the pose is held, for the state that it leaves; None: no memory.
+    `WIDTH` tangents are evaluated per call. Without ``tangents`` there are no columns, and a smaller function is compiled.
+    ``held``: how long (s) the pose is held, for the state that it leaves; None: no memory.
     """
     if tangents is None:
         (r, left), _, rest = _evaluate(state, start, target, distance, None, held)
         return _as_numpy(r, None, *rest)._replace(marked=target.marked, left=left)
     count, columns = len(jax.tree.leaves(tangents)[0]), []
-    for first in range(0, max(count, 1), width):
-        part = tangents if count == width else jax.tree.map(partial(_rows, first, width), tangents)
+    for first in range(0, max(count, 1), WIDTH):
+        part = tangents if count == WIDTH else jax.tree.map(partial(_rows, first), tangents)
         (r, left), moved, (s, configuration, verdict, axes) = _evaluate(state, start, target, distance, part, held)
         columns.append(jax.tree.map(np.asarray, moved))
         start = jax.tree.map(np.asarray, configuration)
@@ -217,7 +216,7 @@ def _as_numpy(residual, columns, s, configuration, verdict, axes) -> Shape:
     return Shape(*jax.tree.map(np.asarray, (residual, columns, s, configuration, verdict, axes)))
 
 
-def _rows(first, width, x):
-    """``width`` rows of ``x`` from ``first`` on, padded with zeros."""
-    x = np.asarray(x)[first : first + width]
-    return np.concatenate([x, np.zeros((width - len(x), *x.shape[1:]))])
+def _rows(first, x):
+    """`WIDTH` rows of ``x`` from ``first`` on, padded with zeros."""
+    x = np.asarray(x)[first : first + WIDTH]
+    return np.concatenate([x, np.zeros((WIDTH - len(x), *x.shape[1:]))])

@@ -10,11 +10,11 @@ from importlib import metadata
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import Explanation, Plan, plan
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import Fit
 from scan2flex_jax.fitting.answer import Answer, digits_of, moved_in_words
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
+from scan2flex_jax.inference import Explanation, Plan, plan
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
@@ -124,7 +124,7 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     if fitted:
         sections, unsolved = _sections(subject.study if explanation else fitted.calibrated, subject.poses, elements)
     ranked = None
-    if explanation and next_pose and explanation.search is not None:
+    if explanation and next_pose and explanation.decision is not None:
         progress("candidates for the next pose")
         ranked = plan(explanation)
     said = fitted.sentences if fitted else ()

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from scan2flex_jax import Markers, MeasuredCurve, Scan2FlexError, Unknown, fit, predict, residual_function
-from scan2flex_jax.diagnosis.confirm import left_out
-from scan2flex_jax.diagnosis.residual import Law, noise_like, whiten
-from scan2flex_jax.diagnosis.sensitivity import Bench, Numbers
-from scan2flex_jax.diagnosis.stage import signatures, stage_of
-from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference.posterior import Variant
+from scan2flex_jax.inference.program import Program
+from scan2flex_jax.inference.quantities import left_out
+from scan2flex_jax.inference.rows import BINS, Rows
 from scan2flex_jax.sweep import noisy
 
 from .test_poses_of_their_own import DENSITY, EI, GJ, MASS, STATIONS, WEIGHT, G, cantilever, study, twisted
@@ -104,28 +103,22 @@ def test_they_are_given_noise_in_a_sweep():
 
 
 def test_markers_weigh_in_the_search_with_all_three_components():
-    whole = stated(marked(0.3, 0.6, keep=("twisted",)))
-    found = fit(whole)
-    bench = Bench(found.problem, found.minimum)
-    vector = np.r_[found.minimum.shared, found.minimum.local.ravel()]
-    shapes = bench.shapes((), vector)
-    white = whiten(shapes, bench.real, Numbers(bench, ()), vector, Law(Noise(NOISE, 1e-9, 0.1)))
-    assert [len(rows) for rows in white.rows] == [2 * 62 + 2, 2 * 2 + 2, 2 * 2 + 2]
-    for i, shape in enumerate(shapes):
-        r = shape.residual[bench.real[i]]
-        np.testing.assert_allclose(np.sum(white.r[white.rows[i]] ** 2), np.sum(r**2) / NOISE**2, rtol=1e-6)
-        np.testing.assert_allclose(white.squares(i, white.r[white.rows[i]]), np.sum(r**2), rtol=1e-9)
-    draws = noise_like(white, shapes, [Law(Noise(2 * NOISE, 1e-9, 0.1))], 4000, np.random.default_rng(0))
-    np.testing.assert_allclose(draws[white.rows[1]].std(), 2.0, rtol=0.05)
+    found = fit(stated(marked(0.3, 0.6, keep=("twisted",))))
+    program = Program(found.problem, found.minimum)
+    shapes = program.shapes((), np.r_[found.minimum.shared, found.minimum.local.ravel()])
+    rows = Rows(shapes, program)
+    assert rows.count_of == [2 * BINS, 2 * 2 + 2, 2 * 2 + 2]
+    assert rows.tangent.sum(axis=1).tolist() == [0.0, 2.0, 2.0]
+    residual = rows.of(shapes, [s.residual[:, :, None] for s in shapes])[..., 0]
+    for i in (1, 2):
+        np.testing.assert_allclose(np.sum(residual[i] ** 2), np.sum(shapes[i].residual[program.real[i]] ** 2), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_search_on_one_marker_a_pose_has_what_it_needs():
-    whole = stated(marked(0.6))
-    found = fit(whole)
-    bench = Bench(found.problem, found.minimum)
-    first = stage_of(*signatures(bench, found.minimum, NOISE))
-    assert np.all(np.isfinite(first.y)) and np.isfinite(first.noise.total)
-    assert np.all(left_out(first, first.base) < 1e-2)
+    found = Variant("as stated", fit(stated(marked(0.6)))).empty
+    assert np.all(np.isfinite(found.elpd)) and np.isfinite(found.score)
+    assert np.all(left_out(found) < 1e-2)
 
 
 def test_a_pose_without_markers_stands_in_a_study_with_them():

@@ -10,10 +10,10 @@ from typer.testing import CliRunner
 
 from benchmarks.mistakes_made import KINDS
 from scan2flex_jax.cli.app import app
-from scan2flex_jax.diagnosis import run
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting import fit, mistakes
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import explain
 from scan2flex_jax.study import Clamp, EffectDeclaration, save_study
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.rotations import columns
@@ -116,11 +116,13 @@ def test_a_study_that_cannot_settle_says_why(monkeypatch):
         fit(made("length in cm"))
 
 
-def test_explain_names_no_physics_over_a_mistake(monkeypatch):
+@pytest.mark.slow
+def test_explain_names_no_physics_over_a_mistake():
     """The search for physics is not begun: there would be nothing for it to search in."""
-    monkeypatch.setattr(run, "baseline_fit", lambda study, **kwargs: fitted(ROLLED))
-    found = run.explain(made(ROLLED))
-    assert found.verdict == "unexplained"
+    said = []
+    found = explain(made(ROLLED), progress=said.append)
+    assert said == ["baseline fit"]
+    assert found.verdict == "unexplained" and not found.believable
     assert HIDDEN[ROLLED] in found.sentences[0]
     assert found.chosen == found.ranking == ()
     assert found.fit is None

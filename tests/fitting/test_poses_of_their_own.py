@@ -15,9 +15,9 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown, fit, predict, residual_function
-from scan2flex_jax.diagnosis.gates import mesh_error
-from scan2flex_jax.diagnosis.sensitivity import Bench, Component
 from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.inference.mesh import mesh_error
+from scan2flex_jax.inference.program import Component, Program
 from tests.reference import clamped_cases
 
 EI, GJ, DENSITY, G = 0.1, 0.25, 0.2, 9.81  # those of the reference poses
@@ -117,10 +117,9 @@ def test_a_mass_is_found_at_the_very_tip():
 
 
 def test_loads_are_looked_for_up_to_a_free_tip():
-    bench = Bench(fitted().problem, fitted().minimum)
-    entry = entry_of("point_mass")
-    assert max(site["position"] for site in entry.sites(bench.context)) == PLACE == entry.moving["position"](bench.context)[1]
-    held = replace(bench.context, free_end=False)
+    context, entry = Program(fitted().problem, fitted().minimum).context, entry_of("point_mass")
+    assert max(site["position"] for site in entry.sites(context)) == PLACE == entry.moving["position"](context)[1]
+    held = replace(context, free_end=False)
     assert max(site["position"] for site in entry.sites(held)) == 0.95
 
 
@@ -157,15 +156,15 @@ def test_the_residual_function_solves_each_pose_with_its_own_model():
 @pytest.mark.slow
 def test_the_search_for_effects_sees_each_pose_with_its_own_model():
     problem, minimum = fitted().problem, fitted().minimum
-    bench = Bench(problem, minimum)
+    program = Program(problem, minimum)
     vector = np.r_[minimum.shared, minimum.local.ravel()]
-    shapes = bench.shapes((), vector)
+    shapes = program.shapes((), vector)
     for shape, residual in zip(shapes, minimum.evaluation.residual, strict=True):
         np.testing.assert_allclose(shape.residual, residual, atol=1e-8)
     mass = Component("point_mass", {"position": np.array(0.5)})
-    columns, _ = bench.catalogue_columns(vector, [mass], bench.start)
+    columns, _ = program.columns((), vector, program.start, [mass])
     step = 1e-4  # kg: far above what the solver leaves
-    heavier = bench.shapes((mass,), np.r_[vector, step, 0.5], derivative=False)
+    heavier = program.shapes((mass,), np.r_[vector, step, 0.5])
     for column, before, after in zip(columns, shapes, heavier, strict=True):
         slope = (after.residual - before.residual) / step
         np.testing.assert_allclose(column[..., 0], slope, atol=0.01 * np.abs(column).max())

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from scan2flex_jax.diagnosis import Explanation, PoseChange, Ranked
-from scan2flex_jax.diagnosis.locate import Field
 from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.inference import Explanation, Hypothesis, PoseChange, Ranked
+from scan2flex_jax.inference.quantities import Field
 
 EVIL = '</script><script>alert("x")</script> & <b>$\\alpha$</b>'  # a title, and the name of a pose
 
@@ -19,9 +19,14 @@ def explained(fitted, verdict="tied"):
         Ranked("point_mass", {"position": 0.1, "mass": 0.0}, -900.0, 1.0, "absent"),
     )
     s = np.linspace(0, 1, 9)
-    field = Field(s, np.ones((9, 3)), np.full((9, 3), 0.1), 3.0, "N/m")
+    field = Field(s, np.ones((9, 3)), np.full((9, 3), 0.1), "N/m")
+    table = (
+        Hypothesis(("kink",), "as stated", 21.5, 19.0, 4.0, "best"),
+        Hypothesis(("natural_curvature",), "as stated", 20.0, 18.0, 4.0, "tied"),
+        Hypothesis((), "as stated", 0.0, 0.0, 0.0, "simpler"),
+    )
     return Explanation(
-        study=fitted.calibrated, fit=fitted, verdict=verdict, p_value=0.0025, p_after=0.4, noise=Noise(1e-6, 1e-6, 0.05),
+        study=fitted.calibrated, fit=fitted, verdict=verdict, p_value=0.0025, noise=Noise(1e-6, 1e-6, 0.05), hypotheses=table,
         ranking=ranking, chosen=ranking[:1], estimates=fitted.estimates, poses=poses, settle=("kink: look at the cable",),
         sentences=("something is missing (p = 0.003)",), load=field,
     )  # fmt: skip

@@ -35,7 +35,7 @@ def test_report_of_the_fit_alone(fitted, tmp_path, monkeypatch):
 
 
 def test_report_of_an_explanation(fitted, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["scan2flex_jax.diagnosis"], "explain", lambda study, **options: explained(fitted))
+    monkeypatch.setattr(sys.modules["scan2flex_jax.inference"], "explain", lambda study, **options: explained(fitted))
     found = run("report", example_path("simulated-cable"), "-o", tmp_path / "r.html")
     assert found.exit_code == 0, found.exception
     assert "tied: kink or natural curvature" in (tmp_path / "r.html").read_text("utf-8")
@@ -58,7 +58,7 @@ def test_a_report_of_scans_explains_the_scans_themselves(fitted, tmp_path, monke
         seen.append(study)
         return explained(fitted)
 
-    monkeypatch.setattr(sys.modules["scan2flex_jax.diagnosis"], "explain", explain)
+    monkeypatch.setattr(sys.modules["scan2flex_jax.inference"], "explain", explain)
     found = run("report", tmp_path / "scans", "-o", tmp_path / "r.html")
     assert found.exit_code == 0, found.exception
     assert all(pose.curve is None and pose.scan is not None for pose in seen[0].poses)
@@ -82,7 +82,7 @@ def test_an_explanation_that_leaves_a_pose_far_from_its_curve_ends_with_three(
     found = explained(fitted, verdict)
     far = {name: replace(p, rms=0.02 if p.role == "fit" else p.rms) for name, p in found.poses.items()}
     monkeypatch.setattr(
-        sys.modules["scan2flex_jax.diagnosis"], "explain", lambda study, **options: replace(found, poses=far)
+        sys.modules["scan2flex_jax.inference"], "explain", lambda study, **options: replace(found, poses=far)
     )
     ended = run(command, example_path("simulated-cable"), *(["-o", tmp_path / "r.html"] if command == "report" else []))
     assert ended.exit_code == code, ended.output

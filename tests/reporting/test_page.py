@@ -10,10 +10,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from scan2flex_jax.diagnosis import Explanation
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import Law, Reading
 from scan2flex_jax.fitting.answer import moved_in_words
+from scan2flex_jax.inference import Explanation
 from scan2flex_jax.reporting import page, report, save_report
 from scan2flex_jax.reporting.contents import contents_of
 from scan2flex_jax.reporting.parts import errors, laws

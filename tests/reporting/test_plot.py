@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scan2flex_jax import plot
-from scan2flex_jax.diagnosis import Explanation
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.inference import Explanation
 from tests.reporting.scenes import EVIL, explained
 
 mpl.use("Agg")
@@ -95,7 +95,6 @@ def test_legends_hide_no_data(fitted, name):
 
 def test_what_was_before_lies_broad_under_what_is_after(fitted):
     found = explained(fitted)
-    found = replace(found, added=found.chosen)
     for ax in (plot.shapes(found, "twist-90"), plot.errors(found, "twist-90"), plot.residual(found, "twist-90")):
         labels = [line.get_label() for line in ax.lines]
         before, after = (next(i for i, label in enumerate(labels) if label.startswith(w)) for w in ("before", "after"))

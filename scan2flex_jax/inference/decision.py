@@ -1,0 +1,162 @@
+"""The eight decisions of `explain`, from the hypotheses that were scored. Nothing else decides.
+
+A hypothesis *leads* over another where its log predictive density of poses left out (`Fitted.elpd`) is larger by `found` nats
+and by two standard errors of the paired difference over the poses (of Student's t for three poses or two).
+
+1. Poses that are not solved, or a mesh whose error reaches the noise: not in equilibrium.
+2. Something is missing where a hypothesis with effects leads over the one without. A set of effects is needed where it leads
+   over each smaller set.
+3. Tied: hypotheses of as many effects, each found by itself, over which the best does not lead, or which have the same shapes
+   by the catalogue.
+4. Explained: no discrepancy is needed beside the noise, and no field leads; else partly explained, if the effects take most of
+   the structure away.
+5. Unexplained: a field leads, or nothing does while a discrepancy is needed. The field is a description, no cause.
+6. A validate pose that is off by `surprise` times what the hypothesis expects contradicts it: at most partly explained.
+7. A mistake of the input that leads over the study as stated stands, unless effects lead over it.
+8. One pose only: described, never established.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.effects.entry import SameShapes
+from scan2flex_jax.inference.posterior import Fitted
+from scan2flex_jax.inference.search import Search, describes, same_shapes
+from scan2flex_jax.study.mistakes import Mistake
+
+NONE, EXPLAINED, PARTLY, TIE, UNEXPLAINED, UNSOLVED = (
+    "no missing effect", "explained", "partly explained", "tied", "unexplained", "not in equilibrium",
+)  # fmt: skip
+FOUND = (EXPLAINED, PARTLY, TIE)
+NAMED, FAVOURED, TIED, TOO_LITTLE, ABSENT, INCONCLUSIVE = (
+    "named", "favoured", "tied", "too little", "absent", "inconclusive",
+)  # fmt: skip
+
+
+_TELLING, _TWO_SIDED = 4, 0.975  # poses from which on their scatter shows the standard error; level of Student's t for fewer
+
+
+@dataclass(frozen=True)
+class Decision:
+    """The ``verdict`` on the hypothesis ``best``, which is the likeliest where none is established, those ``tied`` with it, and
+    those ``averaged`` in the intervals; ``empty`` is the one without effects.
+
+    Also the likeliest ``cause`` even if not established, the likeliest field as ``description``, the ``p_value`` of the best
+    of both against nothing missing, the ``gain`` (nats) of a discrepancy beside the best, the ``mistakes`` that stand, and the
+    validate poses that are ``surprised``.
+    """
+
+    verdict: str
+    best: Fitted
+    empty: Fitted
+    tied: tuple[Fitted, ...] = ()
+    averaged: tuple[Fitted, ...] = ()
+    cause: Fitted | None = None
+    description: Fitted | None = None
+    p_value: float = 1.0
+    gain: float = 0.0
+    mistakes: tuple[Mistake, ...] = ()
+    surprised: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> bool:
+        """Whether something is missing from the baseline model."""
+        return self.verdict not in (NONE, UNSOLVED)
+
+
+def compared(h: Fitted, other: Fitted) -> tuple[float, float]:
+    """Difference in log predictive density (nats) and its paired standard error; in log evidence for a single pose."""
+    if h is other:
+        return 0.0, 0.0
+    if len(h.elpd) < 2 or len(h.elpd) != len(other.elpd):
+        return h.score - other.score, 0.0
+    d = h.elpd - other.elpd
+    return float(np.sum(d)), float(np.std(d, ddof=1) * np.sqrt(len(d)))
+
+
+def leads(h: Fitted, other: Fitted, found: float) -> bool:
+    """Whether a hypothesis leads over another."""
+    difference, error = compared(h, other)
+    few = len(h.elpd) < _TELLING
+    errors = float(special.stdtrit(max(len(h.elpd) - 1, 1), _TWO_SIDED)) if few else 2.0
+    return difference > max(found, errors * error)
+
+
+def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool, surprise) -> Decision:
+    """The decision; ``mistaken``: hypotheses of mistakes; ``surprise(h)``: of a hypothesis, by the name of each validate pose
+    its RMS distance over the expected one."""
+    s = search.variants[0].settings
+    empty = max((v.empty for v in search.variants if v.effect is None), key=lambda h: h.score)
+    causes = [h for h in search.causes if h.names]
+    description = max((h for h in search.ranked if describes(h)), key=_density, default=None)
+    cause = _needed(causes, s)
+    alone, alternatives = empty.gain(), [h for h in (cause, description) if h is not None]
+    p_value = min((_p_value(h, empty) for h in alternatives), default=1.0)
+    p_value = min(p_value, float(np.exp(-max(alone, 0.0))))
+    rest: dict[str, Any] = {"cause": cause, "description": description, "p_value": p_value}
+    if coarse:
+        return Decision(UNSOLVED, empty, empty, averaged=(empty,), **rest)
+    ahead = cause is not None and leads(cause, empty, s.found)
+    stands = [m for m, h in mistaken if leads(h, empty, s.found) and not (ahead and cause and leads(cause, h, s.found))]
+    if stands:
+        return Decision(UNEXPLAINED, empty, empty, averaged=(empty,), mistakes=tuple(stands), **rest)
+    likely = [h for h in search.ranked if h.score > search.ranked[0].score - s.averaged]
+    field = description is not None and leads(description, cause or empty, s.found) and leads(description, empty, s.found)
+    gain = cause.gain() if cause is not None else alone
+    takes = cause is not None and (gain <= s.slab or cause.structured() < s.explains * empty.structured())
+    if cause is None or not ahead or not takes or field or empty.variant.program.poses.count == 1:
+        missing = ahead or field or alone > s.slab
+        if not missing:
+            return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
+        shown = cause if cause is not None and cause.score > empty.score + s.found else empty
+        return Decision(UNEXPLAINED, shown, empty, (), tuple(dict.fromkeys((shown, empty, *likely))), gain=alone, **rest)
+    tied = tuple(h for h in causes if h is not cause and _tied(h, cause, empty, s))
+    surprised = surprise(cause)
+    partly = gain > s.slab or bool(surprised)
+    verdict = TIE if tied or errors_of_input(cause.kinds) else PARTLY if partly else EXPLAINED
+    averaged = tuple(dict.fromkeys((cause, *tied, *(h for h in likely if h is not empty))))
+    return Decision(verdict, cause, empty, tied, averaged, gain=gain, surprised=surprised, **rest)
+
+
+def _density(h: Fitted) -> float:
+    """The figure by which hypotheses are ordered: log predictive density, or evidence of a single pose."""
+    return float(np.sum(h.elpd)) if len(h.elpd) > 1 else h.score
+
+
+def _p_value(h: Fitted, empty: Fitted) -> float:
+    """Probability that a hypothesis predicts poses left out no better than the one without effects."""
+    difference, error = compared(h, empty)
+    return float(special.stdtr(max(len(h.elpd) - 1, 1), -difference / max(error, 1e-12)))
+
+
+def errors_of_input(kinds) -> list[SameShapes]:
+    """Inputs of the study whose errors always give the shapes of a single effect."""
+    known = {e.kind for e in catalogue()}
+    one = kinds if len(kinds) == 1 and kinds[0] in known else ()
+    return [s for k in one for s in entry_of(k).same_shapes if s.other not in known and s.always]
+
+
+def _needed(causes: list[Fitted], s) -> Fitted | None:
+    """The hypothesis with effects that predicts best, of which none is spare."""
+    best = max(causes, key=_density, default=None)
+    for width in range(_width(best) - 1 if best else 0, 0, -1):
+        fewer = max((h for h in causes if _width(h) == width), key=_density, default=None)
+        best = fewer if fewer is not None and best is not None and not leads(best, fewer, s.found) else best
+    return best
+
+
+def _width(h: Fitted) -> int:
+    """Number of effects; a law of any form, which contains others, counts as two."""
+    return len(h.names) + sum(c.entry.late for c in h.components)
+
+
+def _tied(h: Fitted, best: Fitted, empty: Fitted, s) -> bool:
+    """Whether two hypotheses of as many effects, each found by itself, cannot be told apart."""
+    if _width(h) != _width(best) or set(h.names) == set(best.names) or not leads(h, empty, s.found):
+        return False
+    alike = len(h.kinds) == len(best.kinds) == 1 and same_shapes(h.kinds[0], best.kinds[0])
+    return not leads(best, h, s.tied) or (alike and h.chi2 <= best.chi2 + s.same_misfit)

@@ -1,0 +1,201 @@
+"""Does the cable remember? The poses in the order of measurement against the same poses in other orders.
+
+A cable with memory explains its poses in one order: that in which they were measured. What poses do not owe to their past (a
+law that softens, a set) may be imitated by memory too, but then other orders fit as well. So the study is fitted with the
+memory effect in the order of measurement and in random orders, in which times and resets keep their places. If poses are
+exchangeable, as they are without memory, the rank of the true order is uniform: an exact permutation test (Good, "Permutation,
+Parametric and Bootstrap Tests of Hypotheses", 2005).
+
+Gains are in nats: half the decrease of the sum of squares against the fit without memory, in the metric of the noise of the
+true order (correlated along the cable), priors included.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from scan2flex_jax.effects import Friction
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.fitting.noise import Noise, stated_noise
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
+from scan2flex_jax.fitting.statistics import noise_of
+from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.study.kinds import kind_format
+from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
+from scan2flex_jax.study.sense import check_study
+
+ORDERS = 19  # permutations: the least p-value is 1/20
+LEVEL = 0.05  # of the p-value
+LEAD = 3.0  # nats over the fit without memory, after the cost of its parameters, and over every other order
+
+
+@dataclass(frozen=True)
+class MemoryTest:
+    """Whether poses owe something to their past.
+
+    ``gain`` (nats) of the memory effect ``kind`` in the order of measurement, ``others`` those in other orders, ``parameters``
+    its values, ``cost`` (nats) of estimating them.
+    """
+
+    kind: str
+    gain: float
+    others: tuple[float, ...] = field(repr=False)
+    parameters: dict[str, float]
+    cost: float
+
+    @property
+    def p_value(self) -> float:
+        """Share of all orders tried, the true one included, that fit at least as well as the true one."""
+        return (1 + sum(other >= self.gain for other in self.others)) / (1 + len(self.others))
+
+    @property
+    def named(self) -> bool:
+        """Whether memory explains the poses, and no other order explains them as well."""
+        lead = self.gain - max(self.others, default=0.0)
+        return self.p_value <= LEVEL and lead >= LEAD and self.gain - self.cost >= LEAD
+
+    def sentence(self) -> str:
+        """The result in words."""
+        orders = f"{len(self.others)} other orders" if len(self.others) > 1 else "one other order"
+        best = f"the best of {orders} gains {max(self.others, default=0.0):.1f}"
+        tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"
+        if self.named:
+            return f"the cable remembers: {tested}"
+        if self.gain - self.cost < LEAD:
+            return f"no memory is seen: {tested}"
+        return f"memory is not established, other orders of the poses fit as well: {tested}"
+
+    def to_json(self) -> dict:
+        """As numbers and lists."""
+        said = {"kind": self.kind, "gain": self.gain, "others": list(self.others), "p_value": self.p_value}
+        return said | {"parameters": self.parameters, "named": self.named}
+
+
+@threaded
+def memory_test(
+    study: Study,
+    kind: str = Friction.kind,
+    *,
+    orders: int = ORDERS,
+    elements: int = FIT_ELEMENTS,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> MemoryTest:
+    """Test whether the poses of a study depend on those before them.
+
+    Args:
+        study: One cable with unknowns; its poses stand in the order of measurement. An effect of this ``kind`` may be declared.
+        kind: The effect with memory: "friction", "torsion_friction" or "relaxation".
+        orders: Random orders to compare with; 19 or more can name memory.
+        elements: Elements of the rod.
+        seed: Draws the orders.
+        progress: Called with a line of text now and then.
+
+    Returns:
+        Gains in all orders, the p-value, and whether memory is to be named.
+
+    Raises:
+        Scan2FlexError: ``kind`` has no memory, or the study cannot be fitted.
+        NotSettledError: No values let every pose settle in the order of measurement.
+
+    Examples:
+        >>> memory_test(load_study("my-cable")).named  # doctest: +SKIP
+        True
+    """
+    plain, remembering = _plain(study, kind), declaring(study, kind)
+    say = progress or (lambda message: None)
+    say(f"with {kind}")
+    true = Problem(remembering, elements)
+    minimum = true.minimise("least-squares")
+    noise = _noise(true, minimum)
+    minimum = _with_priors(true, minimum, noise)
+    least = _cost(true, minimum, noise)
+    say(f"without {kind}")
+    linear = Problem(plain, elements)
+    without = _cost(linear, _with_priors(linear, linear.minimise("least-squares"), noise), noise)
+    gain = without - least
+    own = [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
+    count = int(np.count_nonzero(minimum.evaluation.residual))
+    cost = 0.5 * len(own) * float(np.log(max(count, 2)))
+    rng, others = np.random.default_rng(seed), []
+    for k in range(orders):
+        say(f"order {k + 1} of {orders}")
+        others.append(without - _least(_permuted(remembering, rng), elements, minimum, noise))
+    values = true.layout.slots
+    told = {s.name.partition(".")[2]: float(s.value(minimum.shared[s.at : s.at + s.size])) for s in values if s.name in own}
+    return MemoryTest(kind, gain, tuple(others), told, cost)
+
+
+def _plain(study, kind):
+    """The study without the effect and its unknowns."""
+    effects = tuple(e for e in study.effects if e.kind != kind)
+    unknowns = tuple(u for u in study.unknowns if not u.name.startswith(f"{kind}."))
+    return replace(study, effects=effects, unknowns=unknowns)
+
+
+def declaring(study: Study, kind: str, guesses: Mapping[str, float] | None = None) -> Study:
+    """The study with an effect with memory declared, its parameters unknown unless they are given.
+
+    ``guesses``: starts of the unknown parameters, by name. Raises `Scan2FlexError` for an effect without memory, and where the
+    study lacks what the effect needs (the times of its poses).
+    """
+    guesses = guesses or {}
+    form = kind_format(kind)
+    if form.memory == "none":
+        raise Scan2FlexError(f"{kind} has no memory: test friction, torsion_friction or relaxation.")
+    if all(e.kind != kind for e in study.effects):
+        own = [p.name for p in form.parameters if p.estimable and not p.optional]
+        unknowns = tuple(Unknown(f"{kind}.{name}", guess=guesses.get(name)) for name in own)
+        study = replace(study, effects=(*study.effects, EffectDeclaration(kind)), unknowns=(*study.unknowns, *unknowns))
+    check_study(study)
+    return study
+
+
+def _permuted(study, rng):
+    """The study with its poses in a random other order; times and resets stay where they were."""
+    shown = zip((study.poses[i] for i in other_order(len(study.poses), rng)), study.poses, strict=True)
+    return replace(study, poses=tuple(replace(pose, time=place.time, reset=place.reset) for pose, place in shown))
+
+
+def other_order(count: int, rng: np.random.Generator) -> np.ndarray:
+    """A random order of so many poses that is not the order of measurement; that order for a single pose."""
+    order = np.arange(count)
+    while count > 1 and np.all(order == np.arange(count)):
+        order = rng.permutation(count)
+    return order
+
+
+def _with_priors(problem, minimum, noise):
+    return problem.with_priors(minimum, noise) if problem.layout.has_priors else minimum
+
+
+def _least(study, elements, found, noise) -> float:
+    """Least cost (nats) from the parameters of the true order and from the best start of this one; infinite if none settles."""
+    problem, costs = Problem(study, elements), []
+    goal = problem.goal(problem.first_scale())
+    none = np.zeros((problem.poses.count, problem.layout.local))
+    starts = [np.r_[x, np.zeros(problem.layout.shared - problem.layout.unknowns)] for x in problem.starts()]
+    own = min(starts, key=lambda x: goal.cost(problem.evaluator(x), x, none))
+    for x in (own, found.shared):
+        try:
+            minimum = problem.minimise("least-squares", start=x[: problem.layout.unknowns])
+            costs.append(_cost(problem, _with_priors(problem, minimum, noise), noise))
+        except NotSettledError:
+            continue
+    return min(costs, default=np.inf)
+
+
+def _noise(problem, minimum) -> Noise:
+    return noise_of(minimum.evaluation, problem.poses, problem.length, stated_noise(problem.study))
+
+
+def _cost(problem, minimum, noise) -> float:
+    """Half the sum of squares (nats) in the metric of the noise, priors included."""
+    e, total = minimum.evaluation, 0.0
+    for i in range(problem.poses.count):
+        real = np.asarray(problem.poses.mask[i]) > 0
+        factor = np.linalg.cholesky(noise.covariance(e.s[i][real]))
+        total += float(np.sum(np.linalg.solve(factor, e.residual[i][real][:, :2]) ** 2))
+    prior = np.sum(problem.layout.prior.pull(minimum.shared) ** 2) + np.sum(minimum.local**2)
+    return 0.5 * (total + float(prior))

@@ -1,0 +1,399 @@
+"""The posterior of a hypothesis: its mode, covariance and log evidence.
+
+A `Variant` is a study as stated, or with other turns, a mistake corrected, an effect with memory declared; a hypothesis is a
+variant with a set of effects. Its log evidence is that of `likelihood` at the mode of the parameters (Laplace), averaged over
+the prior sizes of effects, which are known to an order of magnitude, plus the log prior of the hypothesis:
+
+    log p(H) = log prior of the variant - sum over effects of (1 + log of the number of kinds and of discrete sites).
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from scipy import special
+
+from scan2flex_jax.effects.catalogue import catalogue
+from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.fitting.descent import Model, Point, Rules, descend
+from scan2flex_jax.fitting.discrepancy import usual_size
+from scan2flex_jax.fitting.noise import FINEST, sensor_noise, stated_noise
+from scan2flex_jax.fitting.quadratic import Quadratic
+from scan2flex_jax.fitting.result import Fit
+from scan2flex_jax.inference.likelihood import Likelihood, Linear, bare, elpd, inverted
+from scan2flex_jax.inference.priors import Prior
+from scan2flex_jax.inference.program import Component, Index, Program
+from scan2flex_jax.inference.rows import Rows
+from scan2flex_jax.inference.settings import USUAL, ExplainSettings
+from scan2flex_jax.rod.model import Configuration
+from scan2flex_jax.statics.verdict import SOLVED
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.repeats import repeats
+
+SIZES = (1 / 3, 1.0, 3.0, 10.0, 30.0)  # factors on the usual size of an effect, equally likely
+_ROUNDS, _STEPS, _LAST = 3, 10, 30  # of sizes of the noise and parameters in turn; steps of a descent, and of the last one
+_SETTLED = 0.5  # nats
+_DOUBT = 15.0  # nats behind the best, within which a descent that has not converged goes on
+_SHARE = 0.3  # of the baseline residual: noise of unweighted distances
+_TRUSTED = 4.0  # nats that a further Gauss-Newton step may promise
+_WORST_NOISE = 5e-3  # of the length: noise of the sensor to begin from
+_DAMPING = 1e-4
+
+
+@dataclass(eq=False)
+class Fitted:
+    """A hypothesis at the mode ``x`` of its posterior: components at their final sites, ``shapes``, sizes ``u`` of noise and
+    discrepancy, log evidence ``score`` (nats), ``covariance``, ``wider`` (factors on the usual sizes of its effects), whether
+    it ``converged``, its linear model, and ``chi2``."""
+
+    variant: "Variant"
+    components: tuple[Component, ...]
+    x: np.ndarray
+    shapes: list = field(repr=False)
+    u: np.ndarray
+    score: float
+    covariance: np.ndarray = field(repr=False)
+    wider: tuple[float, ...]
+    converged: bool
+    linear: Linear = field(repr=False)
+    chi2: float
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Its effect types."""
+        return tuple(c.kind for c in self.components)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its effect types, that of the variant included."""
+        return (*filter(None, [self.variant.effect]), *self.kinds)
+
+    @property
+    def key(self) -> tuple[str, frozenset[str]]:
+        """Its variant and its effect types."""
+        return self.variant.name, frozenset(self.kinds)
+
+    @property
+    def index(self) -> Index:
+        """Places of its parameters."""
+        return Index(self.variant.program, self.components)
+
+    @property
+    def squares(self) -> float:
+        """Sum of squares (m^2) of the distances of all points."""
+        real = self.variant.program.real
+        return float(sum(np.sum(s.residual[k] ** 2) for s, k in zip(self.shapes, real, strict=True)))
+
+    @property
+    def configuration(self) -> Configuration:
+        """Configurations of all poses."""
+        return configuration(self.shapes)
+
+    def amplitudes(self, k: int) -> np.ndarray:
+        """Of component ``k``."""
+        return self.x[self.index.amplitudes(k)]
+
+    @property
+    def discrepant(self) -> bool:
+        """Whether its poses have a discrepancy."""
+        return self.variant.likelihood.discrepant(self.u)
+
+    @cached_property
+    def elpd(self) -> np.ndarray:
+        """Log predictive density (nats) of each pose, or group of repeats, given the others."""
+        return elpd(self.variant.likelihood, self.linear, self.u, self.variant.groups)
+
+    def gain(self) -> float:
+        """Nats that a discrepancy of the poses gains beside its effects."""
+        return self.variant.likelihood.gain(self.linear, self.u)
+
+    def scattered(self) -> float:
+        """RMS displacement (m) by the discrepancies of the poses."""
+        return float(np.sqrt(np.sum((np.exp(self.u[3]) * self.linear.Z) ** 2) / np.sum(1 - self.variant.rows.pad)))
+
+    def structured(self) -> float:
+        """RMS displacement (m) by correlated noise and discrepancies."""
+        return float(np.hypot(np.exp(self.u[1]), self.scattered()))
+
+
+def configuration(shapes) -> Configuration:
+    """Configurations of solved poses, with a leading axis of poses."""
+    first = shapes[0].configuration
+    return type(first)(*(np.stack([s.configuration[k] for s in shapes]) for k in range(2)))
+
+
+def solved(shapes) -> bool:
+    """Whether every pose is a stable equilibrium with finite residuals."""
+    return all(int(s.verdict.code) == SOLVED and np.all(np.isfinite(s.residual)) for s in shapes)
+
+
+class Variant:
+    """A variant of a study with its baseline fit; refits hypotheses in it.
+
+    ``log_prior`` (nats) of the variant, the ``effect`` with memory that it declares, if any; poses ``apart`` have a wide
+    discrepancy of their own.
+    """
+
+    def __init__(
+        self, name: str, fitted: Fit, log_prior: float = 0.0, settings: ExplainSettings = USUAL, *, scanned: bool = False,
+        effect: str | None = None, apart: Sequence[int] = (),
+    ):  # fmt: skip
+        """Refit the hypothesis without effects."""
+        self.name, self.fit, self.log_prior, self.settings, self.effect = name, fitted, log_prior, settings, effect
+        self.program, minimum, study = Program(fitted.problem, fitted.minimum), fitted.minimum, fitted.problem.study
+        self.context, self.length = self.program.context, self.program.context.length
+        x = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
+        shapes = self.program.shapes((), x)
+        self.rows = Rows(shapes, self.program)
+        self.sensor = float(np.clip(sensor_noise(study), FINEST * self.length, _WORST_NOISE * self.length))
+        real = self.program.real
+        squares = [np.mean(s.residual[k] ** 2) for s, k in zip(shapes, real, strict=True)]
+        self.off = max(float(np.sqrt(np.mean(squares))), 1e-9)
+        alike = settings.scan_alike * self.context.radius_or_guess if scanned else 0.0
+        usual = usual_size(self.program.start)
+        stated = stated_noise(study, of_all=False)
+        self.likelihood = Likelihood(self.rows, self.length, stated, alike, usual, settings, apart)
+        at = {pose.name: i for i, pose in enumerate(study.fit_poses)}
+        same = [[at[name] for name in group if name in at] for group in repeats(study)]
+        alone = [[i] for i in at.values() if all(i not in group for group in same)]
+        self.groups = sorted([*(g for g in same if g), *alone])
+        self.refits, self.best = 0, -np.inf
+        found = self.refitted((), [], x, shapes, plain=False)
+        if found is None:
+            raise ValueError("the baseline fit is solved")
+        self.empty = found
+
+    @property
+    def study(self) -> Study:
+        """Its study."""
+        return self.fit.problem.study
+
+    @cached_property
+    def held_out(self) -> Program | None:
+        """The validate poses; None without any."""
+        problem = self.fit.problem
+        return None if problem.held_out is None else Program(problem, self.fit.minimum, problem.held_out)
+
+    def unseen_vector(self, h: Fitted, program: Program) -> np.ndarray:
+        """Parameters of a hypothesis for poses that were not fitted: their own ones are zero."""
+        n, own = Index(program, h.components), h.index
+        x = np.zeros(n.count)
+        x[: n.shared], x[n.base :] = h.x[: n.shared], h.x[own.base :]
+        return x
+
+    # --- one hypothesis
+
+    def linear(self, shapes, x, components, prior: Prior, scatter: bool = True) -> Linear:
+        """The generative model about a point."""
+        n = Index(self.program, components)
+        own = [n.of_pose(i) for i in range(n.poses)]
+        r = self.rows.of(shapes, [s.residual[:, :, None] for s in shapes])[:, :, 0]
+        X = self.rows.of(shapes, [s.columns for s in shapes]) * np.stack([~prior.frozen[a] for a in own])[:, None]
+        Z = np.zeros((len(r), self.rows.rows, 1))
+        if scatter:
+            Z = self.rows.of(shapes, self.program.scatter(components, x, configuration(shapes)))
+        precision = np.where(prior.frozen, 1.0, prior.precision + prior.weak + prior.width)
+        return Linear(r, X, Z, own, precision, prior.pull(x), prior.cost(x))
+
+    def refitted(
+        self, components, amplitudes, base, shapes=None, u=None, *, plain: bool = True, nearest: float = np.inf,
+        others: bool = True,
+    ) -> Fitted | None:
+        """A hypothesis at its mode, from amplitudes and base parameters; None where it is not solved or hopeless.
+
+        ``plain``: unweighted distances first, as far effects need; ``nearest``: squares (m^2) that these must come near.
+        ``u``: sizes to begin from. ``others``: also from further starts that the catalogue proposes.
+        """
+        components, self.refits = tuple(components), self.refits + 1
+        n, wider, begun = Index(self.program, components), (1.0,) * len(components), shapes
+        x = self._begin(n, components, amplitudes, base)
+        steps = max([1, *(len(c.entry.continuation) for c in components)])
+        for step in range(steps):
+            for k, c in enumerate(components):
+                if c.entry.continuation:
+                    x[n.amplitudes(k)] = c.entry.continued(step, self.context)
+            if plain or steps > 1:
+                hopeless = 4 * nearest / (_SHARE * self.off) ** 2 if np.isfinite(nearest) and step == steps - 1 else np.inf
+                end = self._descend(components, x, begun, self._plain(), wider, hopeless=hopeless)
+                if end is None:
+                    return None
+                x, begun, _ = end
+        if components and begun is shapes:
+            begun = self._within_reach(components, x, shapes)
+            if begun is None:
+                return None
+        found = self._in_turn(components, x, begun, u)
+        self.best = max(self.best, found.score)
+        return max([found, *self._other_starts(found)], key=lambda h: h.score) if others and components else found
+
+    def _begin(self, n, components, amplitudes, base):
+        x = np.zeros(n.count)
+        x[: n.base] = base[: n.base]
+        for k, (c, a) in enumerate(zip(components, amplitudes, strict=True)):
+            site = c.entry.start_site(c.site, self.sensor)
+            x[n.amplitudes(k)], x[n.site(k)] = a, [float(site[name]) for name in c.moving]
+        return x
+
+    def _plain(self):
+        """White rows of unweighted distances."""
+        sd = _SHARE * self.off / np.sqrt(self.rows.count)
+        return np.eye(self.rows.rows) * np.where(self.rows.pad > 0, 1.0, 1.0 / sd)[:, :, None]
+
+    def _within_reach(self, components, x, shapes):
+        """The shapes at a start, made nearer to the absent effects in place where its poses are not solved."""
+        sizes = (Prior(self.program, components).width == 0) & (np.arange(len(x)) >= Index(self.program, components).base)
+        for factor in (1.0, 0.1):
+            x[sizes] *= factor
+            found = self.program.shapes(components, x, None if shapes is None else configuration(shapes))
+            if solved(found):
+                return found
+        return None
+
+    def _in_turn(self, components, x, shapes, u):
+        """Sizes of the noise and parameters in turn, from solved shapes."""
+        converged, last = True, -np.inf
+        sensor = self.sensor
+        starts = [self.likelihood.start(sensor, b) for b in (0.03, 1.0)]
+        if u is not None:
+            starts = [u, np.r_[np.log([sensor, sensor]), u[2], u[3] - 4.0, u[4]]]
+        for turn in range(_ROUNDS):
+            wider = self._sizes(components, x)
+            linear = self.linear(shapes, x, components, Prior(self.program, components, wider))
+            u, value = self.likelihood.nearest(linear, u) if turn else self.likelihood.likeliest(linear, starts)
+            if value - last < _SETTLED or value < self.best - (_DOUBT if np.isfinite(last) else 2 * _DOUBT):
+                break  # the value has the gain of the next linear step in it
+            last = value
+            end = self._descend(components, x, shapes, self.likelihood.whitening(u, linear.Z), wider)
+            if end is None:
+                break
+            x, shapes, converged = end
+        found = self._finished(components, x, shapes, u, converged)
+        if components and not converged and found.score > self.best - _DOUBT:
+            Li = self.likelihood.whitening(found.u, found.linear.Z)
+            end = self._descend(components, x, shapes, Li, found.wider, most=_LAST)
+            if end is not None:
+                found = max(found, self._finished(components, end[0], end[1], found.u, end[2]), key=lambda h: h.score)
+        return found
+
+    def _descend(self, components, x, shapes, Li, wider, most: int = _STEPS, hopeless: float = np.inf):
+        """``(x, shapes, converged)`` of the nearest minimum of the cost under white rows; None without an equilibrium."""
+        prior = Prior(self.program, components, wider)
+        model, x = _Descent(self, components, prior, Li), np.clip(x, prior.low, prior.high)
+        start = self.program.start if shapes is None else configuration(shapes)
+        point, damping, base = model.at(x, start), _DAMPING, model.n.base
+        while not np.isfinite(point.cost) and components and damping < 1e3 * _DAMPING:
+            nearer = point.x.copy()
+            nearer[base:] = np.where(prior.width[base:] > 0, nearer[base:], 0.3 * nearer[base:])
+            point, damping = model.at(nearer, start), damping * 10
+        rules = Rules(
+            most=lambda cost: most, settled=lambda cost: 0.1, damping=_DAMPING, least=1e-9, refused=1e-3, give_up=1e7,
+            closer=(lambda cost: 1e-2) if components else None, bend=True, hopeless=hopeless,
+        )  # fmt: skip
+        end = descend(model, point, rules, damping)
+        return (end.point.x, end.point.found[0], end.converged) if np.isfinite(end.point.cost) else None
+
+    def _sizes(self, components, x):
+        """The prior sizes nearest to the amplitudes."""
+        n, out = Index(self.program, components), []
+        for k, c in enumerate(components):
+            a = np.sqrt(np.mean((x[n.amplitudes(k)] / c.entry.size(self.context)) ** 2))
+            out.append(float(min(SIZES, key=lambda t: abs(np.log(max(a, 0.2) / t)))))
+        return tuple(out)
+
+    def _finished(self, components, x, shapes, u, converged) -> Fitted:
+        """Log evidence, averaged over the prior sizes of the effects, and covariance at the mode."""
+        n, wider = Index(self.program, components), self._sizes(components, x)
+        prior = Prior(self.program, components, wider)
+        linear = self.linear(shapes, x, components, prior)
+        u, _ = self.likelihood.likeliest(linear, [u], most=12)
+        wr, wX = self.likelihood.white(u, linear)
+        A, g = linear.normal(wr, wX)
+        score = self.likelihood(u, bare(linear), gradient=False, shift=False)
+        inside = (x > prior.low) & (x < prior.high) | (np.arange(n.count) < n.base)
+        free, known = ~prior.frozen & inside, linear.precision
+        values = []
+        for sizes in product(SIZES, repeat=len(components)):
+            change = np.zeros(n.count)
+            for k, t in enumerate(sizes):
+                at = n.amplitudes(k)
+                change[at] = np.where(prior.frozen[at], 0.0, prior.precision[at] * ((wider[k] / t) ** 2 - 1.0))
+            B, h = (A + np.diag(change))[np.ix_(free, free)], (g + change * x)[free]
+            log_det, inverse = inverted(B)
+            lost = min(float(h @ inverse @ h), _TRUSTED)
+            value = -0.5 * (linear.quad + change @ x**2 - lost) - 0.5 * log_det
+            values.append(value + 0.5 * np.sum(np.log((known + change)[free & (known + change > 0)])))
+        score += special.logsumexp(values) - np.log(len(values)) + self.log_prior_of(components)
+        score -= self.settings.slab * self.likelihood.discrepant(u) + np.log(2.0) * np.sum(~inside & (prior.width > 0))
+        one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
+        score += np.log(2.0) * sum(o and f for o, f in zip(one, free[n.base :], strict=True))
+        _, covariance = inverted(A - np.diag(np.where(prior.frozen, 0.0, prior.weak)))
+        placed = tuple(
+            Component(c.kind, c.site | dict(zip(c.moving, map(float, x[n.site(k)]), strict=True)))
+            for k, c in enumerate(components)
+        )
+        chi2 = float(np.sum(wr**2))
+        return Fitted(self, placed, x, shapes, u, float(score), covariance, wider, converged, linear, chi2)
+
+    def log_prior_of(self, components) -> float:
+        """Log prior (nats) of a hypothesis."""
+        return self.log_prior - sum(price(c.entry, self.context, self.settings) for c in components)
+
+    def _other_starts(self, found: Fitted) -> Iterator[Fitted]:
+        """Refits from the further starts that the catalogue proposes (a light span for a heavy one elsewhere, ...)."""
+        nodes, slots = np.linspace(0.0, self.length, self.program.elements + 1), self.program.layout.slots
+        for k, c in enumerate(found.components):
+            at = c.site.get("position", 0.0)
+            places = np.array([[np.interp(at, nodes, x) for x in s.configuration.r.T] for s in found.shapes])
+            for a, site, factors in c.entry.other_starts(found.amplitudes(k), c.site, self.context, places):
+                base = found.x[: found.index.base].copy()
+                for slot in slots:
+                    base[slot.at : slot.at + slot.size] += np.log(factors.get(slot.name, 1.0)) if slot.log else 0.0
+                components = (*found.components[:k], Component(c.kind, site), *found.components[k + 1 :])
+                amplitudes = [a if j == k else found.amplitudes(j) for j in range(len(components))]
+                end = self.refitted(components, amplitudes, base, found.shapes, found.u, plain=True, others=False)
+                if end is not None:
+                    yield end
+
+
+def price(entry: CatalogueEntry, context, settings: ExplainSettings) -> float:
+    """Cost (nats) of an effect: of the choice of its kind and of its discrete sites, and of having one more."""
+    discrete = {str({k: v for k, v in s.items() if k not in entry.moving}) for s in entry.sites(context)}
+    return settings.effect + np.log(len(catalogue())) + np.log(len(discrete))
+
+
+class _Descent(Model):
+    """The cost of a hypothesis under fixed white rows."""
+
+    def __init__(self, variant: Variant, components, prior: Prior, Li):
+        self.variant, self.components, self.prior, self.Li = variant, components, prior, Li
+        self.n = Index(variant.program, components)
+        self.low, self.high = prior.low, prior.high
+
+    def at(self, x, start=None) -> Point:
+        program = self.variant.program
+        shapes = program.shapes(self.components, x, program.poses.start if start is None else start)
+        if not solved(shapes):
+            return Point(x, np.inf, None, (shapes, None))
+        linear = self.variant.linear(shapes, x, self.components, self.prior, scatter=False)
+        wr, wX = (self.Li @ linear.r[:, :, None])[:, :, 0], self.Li @ linear.X
+        J = np.zeros((wr.size, self.n.count))
+        for i, a in enumerate(linear.at):
+            J[i * wr.shape[1] : (i + 1) * wr.shape[1], a] = wX[i]
+        cost = float(np.sum(wr**2) + linear.quad)
+        return Point(x, cost, configuration(shapes), (shapes, linear), wr.ravel(), J)
+
+    def about(self, point) -> Quadratic:
+        (_, linear), x, prior = point.found, point.x, self.prior
+        A = point.jacobian.T @ point.jacobian + np.diag(np.where(prior.frozen, 0.0, prior.precision + prior.weak))
+        g = point.jacobian.T @ point.residual + linear.pull
+        free = ~prior.frozen & ~(((x <= prior.low) & (g > 0)) | ((x >= prior.high) & (g < 0)))
+        return Quadratic(x, A, g, np.diag(A) + prior.width, free)
+
+    def bounded(self, move, about):
+        """The move limited to a quarter of a site's range and a factor of e of an unknown."""
+        prior = self.prior
+        reach = np.where(prior.width > 0, 0.25 * (prior.high - prior.low), np.inf)
+        shrink = np.min(np.where(np.abs(move) > reach, reach / np.maximum(np.abs(move), 1e-300), 1.0), initial=1.0)
+        return move * min(shrink, 1.0 / max(np.max(np.abs(move[: self.n.shared]), initial=0.0), 1.0))

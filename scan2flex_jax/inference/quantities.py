@@ -1,0 +1,315 @@
+"""What a hypothesis says: estimates, poses before and after, predictions, the parameters of its effects, where a cause acts."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2flex_jax.effects.catalogue import entry_of
+from scan2flex_jax.effects.distributed_load import DistributedLoad
+from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
+from scan2flex_jax.fitting.estimate import Estimate, estimate_of
+from scan2flex_jax.fitting.influence import Influence, changed_studies, influence_of
+from scan2flex_jax.fitting.influence import Linear as White
+from scan2flex_jax.fitting.law import KINDS, Law, law_at
+from scan2flex_jax.fitting.parameters import layout_of
+from scan2flex_jax.fitting.statistics import closed_inverse
+from scan2flex_jax.geometry.fields import POINTS, smooth_root
+from scan2flex_jax.inference.likelihood import inverted
+from scan2flex_jax.inference.posterior import Fitted, configuration, solved
+from scan2flex_jax.inference.priors import Prior
+from scan2flex_jax.inference.program import Component, Index, Program
+from scan2flex_jax.inference.rows import Rows
+from scan2flex_jax.statics.verdict import SOLVED
+from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
+from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
+
+_FEWEST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
+_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
+
+
+def parameters_of(h: Fitted, k: int) -> dict:
+    """Component ``k`` in the format's parameters."""
+    c = h.components[k]
+    return c.entry.to_parameters(h.amplitudes(k), c.site, h.variant.context)
+
+
+def spreads_of(h: Fitted, k: int) -> dict:
+    """Standard errors of the parameters of component ``k``, by differences along its amplitudes and sites."""
+    c, at = h.components[k], np.r_[h.index.amplitudes(k), h.index.site(k)]
+    split, x = len(c.entry.amplitudes), h.x[at]
+
+    def flat(v):
+        site = c.site | dict(zip(c.moving, (float(value) for value in v[split:]), strict=True))
+        return {n: np.asarray(p, float) for n, p in c.entry.to_parameters(v[:split], site, h.variant.context).items()}
+
+    total = {name: np.zeros_like(v) for name, v in flat(x).items()}
+    values, vectors = np.linalg.eigh(np.nan_to_num(h.covariance[np.ix_(at, at)]))
+    for v, u in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
+        up, down = flat(x + 1e-3 * v * u), flat(x - 1e-3 * v * u)
+        with np.errstate(invalid="ignore"):
+            total = {n: t + np.nan_to_num((up[n] - down[n]) / 2e-3) ** 2 for n, t in total.items()}
+    return {name: np.sqrt(t) for name, t in total.items()}
+
+
+def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]:
+    """Values at the best hypothesis; intervals average over all likely ones, by their evidence.
+
+    With a discrepancy they are those of Student's t with one degree of freedom fewer than poses: its size is known from the
+    scatter between them (Cameron and Miller, "A practitioner's guide to cluster-robust inference", 2015, section VI).
+    """
+    v, out = best.variant, {}
+    layout, hypotheses = v.program.layout, [h for h in averaged if h is best or _comparable(h, best)]
+    hypotheses = hypotheses if best in hypotheses else [best, *hypotheses]
+    weights = np.exp(np.array([h.score for h in hypotheses]) - max(h.score for h in hypotheses))
+    weights = np.maximum(weights, [float(h is best) for h in hypotheses])
+    weights /= weights.sum()
+    freedom = float(max(len(v.groups) - 1, _FEWEST_FREEDOM)) if any(h.discrepant for h in hypotheses) else np.inf
+    for slot in layout.slots:
+        here, S = slice(slot.at, slot.at + slot.size), slot.sums
+        shifts = [np.log(_rescaled(h).get(slot.name, 1.0)) if slot.log else 0.0 for h in hypotheses]
+        own = dict(zip(map(id, hypotheses), shifts, strict=True))[id(best)]
+        centre = S @ best.x[here] + own
+        moves = [S @ h.x[here] + shift - centre for h, shift in zip(hypotheses, shifts, strict=True)]
+        variances = [np.diag(S @ h.covariance[here, here] @ S.T) for h in hypotheses]
+        spread = np.sqrt(sum(w * (a + m**2) for w, a, m in zip(weights, variances, moves, strict=True)))
+        lost = _lost(best)[here]
+        out[slot.name] = estimate_of(
+            slot, centre, np.where(lost, np.inf, spread), own=best.x[here], felt=not np.any(lost), freedom=freedom
+        )
+    return out
+
+
+def _comparable(h: Fitted, best: Fitted) -> bool:
+    """Whether a hypothesis has the unknowns of another, in their places: memory has more, after them."""
+    ours, theirs = best.variant.program.layout.slots, h.variant.program.layout.slots
+    return [s.name for s in theirs[: len(ours)]] == [s.name for s in ours]
+
+
+def _lost(h: Fitted) -> np.ndarray:
+    """Mask of the parameters that the poses do not determine."""
+    wr, wX = h.variant.likelihood.white(h.u, h.linear)
+    prior = Prior(h.variant.program, h.components, h.wider)
+    A, _ = h.linear.normal(wr, wX)
+    return closed_inverse(A - np.diag(np.where(prior.frozen, 0.0, prior.weak)))[1]
+
+
+def _rescaled(h):
+    factors: dict = {}
+    for k, c in enumerate(h.components):
+        factors |= c.entry.rescaled(h.amplitudes(k), c.site, h.variant.context)
+    return factors
+
+
+def predicted(h: Fitted) -> list:
+    """Shapes of the validate poses at the shared parameters of a hypothesis; those that are not solved from their measured
+    curves are continued from the shapes without effects. Empty without such poses."""
+    program, n = h.variant.held_out, h.index
+    if program is None:
+        return []
+    x = h.variant.unseen_vector(h, program)
+    shapes = program.shapes(h.components, x)
+    if solved(shapes) or not h.components:
+        return shapes
+    begin = x.copy()
+    begin[: n.shared] = h.variant.empty.x[: n.shared]
+    for k in range(len(h.components)):
+        begin[Index(program, h.components).amplitudes(k)] = 0.0
+    continued, start = shapes, None
+    for t in _WAY:
+        continued = program.shapes(h.components, begin + t * (x - begin), start)
+        start = configuration(continued)
+    return [own if solved([own]) else other for own, other in zip(shapes, continued, strict=True)]
+
+
+def surprise(h: Fitted, most: float) -> dict[str, float]:
+    """The validate poses whose distance exceeds ``most`` times what the hypothesis expects of it, from noise, discrepancy,
+    tolerances, and the errors of the parameters; by name the ratio, infinite without an equilibrium."""
+    v, n, found, poses = h.variant, h.index, predicted(h), h.variant.study.validate_poses
+    good = [i for i, shape in enumerate(found) if solved([shape])]
+    out = {pose.name: np.inf for i, pose in enumerate(poses) if i not in good}
+    if v.held_out is None or not good:
+        return out
+    shared = np.r_[np.arange(n.shared), np.arange(n.base, n.count)]
+    free = ~Prior(v.program, h.components, h.wider).frozen[shared]
+    V = h.covariance[np.ix_(shared, shared)] * np.outer(free, free)
+    program, shapes = v.held_out.only(good), [found[i] for i in good]
+    rows, x = Rows(shapes, program), v.unseen_vector(h, program)
+    r = rows.of(shapes, [s.residual[:, :, None] for s in shapes])[:, :, 0]
+    X = rows.of(shapes, [s.columns for s in shapes])
+    C, _ = v.likelihood.on(rows).covariance(h.u, rows.of(shapes, program.scatter(h.components, x, configuration(shapes))))
+    local = np.isin(np.arange(X.shape[2]), n.shared + np.arange(n.local))
+    J, own = X[:, :, ~local], X[:, :, local]
+    variance = np.einsum("pnn->pn", C) + np.einsum("pni,ij,pnj->pn", J, V, J) + np.sum(own**2, axis=2)
+    real = rows.pad == 0
+    ratio = np.sqrt(np.sum(r**2 * real, axis=1) / np.sum(variance * real, axis=1))
+    return out | {poses[i].name: float(value) for i, value in zip(good, ratio, strict=True) if value > most}
+
+
+def left_out(h: Fitted) -> np.ndarray:
+    """Per pose the RMS distance (m) between its measured points and their prediction from the other poses, to first order."""
+    v, lin = h.variant, h.linear
+    wr, wX = v.likelihood.white(h.u, lin)
+    A, g = lin.normal(wr, wX)
+    out = np.full(lin.r.shape[0], np.nan)
+    for group in v.groups:
+        B, b = A.copy(), g.copy()
+        for i in group:
+            B[np.ix_(lin.at[i], lin.at[i])] -= wX[i].T @ wX[i]
+            b[lin.at[i]] -= wX[i].T @ wr[i]
+        d = -inverted(B)[1] @ b
+        for i in group:
+            shape, keep = h.shapes[i], v.program.real[i]
+            moved = shape.residual[keep] + shape.columns[keep] @ d[lin.at[i]]
+            out[i] = np.sqrt(np.mean(np.sum(moved**2, axis=1)))
+    return out
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field along the cable: ``s`` (k,) m, posterior ``mean`` and ``std`` (k, 3) in ``unit``."""
+
+    s: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    unit: str
+
+    def to_json(self) -> dict:
+        """Lists."""
+        return {"s": self.s.tolist(), "mean": self.mean.tolist(), "std": self.std.tolist(), "unit": self.unit}
+
+
+def equivalent_loads(h: Fitted) -> tuple[Field, tuple[Field, ...]]:
+    """The load (N/m, scan frame) that would cause the residual of a hypothesis, common to all poses and of each pose: where an
+    effect acts, not which. A Gaussian process along the cable whose size is the likeliest; balance holds by construction.
+    """
+    v, entry = h.variant, entry_of(DistributedLoad.kind)
+    columns, _ = v.program.columns(h.components, h.x, h.configuration, [Component(entry.kind, {})])
+    wr, wX, wS = v.likelihood.white(h.u, h.linear, v.rows.of(h.shapes, columns))
+    A, g = h.linear.normal(wr, wX)
+    _, inverse = inverted(A)
+    size, root = entry.size(v.context), smooth_root(POINTS, 3)
+
+    def of(poses):
+        cross, S, y = np.zeros((len(A), wS.shape[2])), 0.0, 0.0
+        for i in poses:
+            cross[h.linear.at[i]] += wX[i].T @ wS[i]
+            S, y = S + wS[i].T @ wS[i], y + wS[i].T @ wr[i]
+        M, b = (S - cross.T @ inverse @ cross) * np.outer(size, size), -(y - cross.T @ inverse @ g) * size
+        d, V = np.linalg.eigh(0.5 * (M + M.T))
+        d, vb, t = np.maximum(d, 0.0), V.T @ b, np.geomspace(1e-3, 1e2, 60)[:, None]
+        gain = np.sum(0.5 * vb**2 * t**2 / (1 + d * t**2) - 0.5 * np.log1p(d * t**2), axis=1)
+        best = float(t[np.argmax(gain), 0])
+        P = root * size
+        mean = P @ (V @ (vb * best**2 / (1 + d * best**2)))
+        std = np.sqrt(np.sum((P @ V) ** 2 * best**2 / (1 + d * best**2), axis=1))
+        s = np.linspace(0.0, v.length, POINTS)
+        return Field(s, mean.reshape(POINTS, 3), std.reshape(POINTS, 3), "N/m")
+
+    every = range(len(h.linear.at))
+    return of(every), tuple(of([i]) for i in every)
+
+
+def discrepancy_of(h: Fitted) -> Discrepancy:
+    """The discrepancy of the poses given a hypothesis."""
+    v = h.variant
+    if not h.discrepant:
+        return Discrepancy(length=v.length)
+    columns, moved, b, noise = [], [], float(np.exp(h.u[3])), v.likelihood.noise(h.u)
+    for i, Z in enumerate(v.program.scatter(h.components, h.x, h.configuration)):
+        keep, at = v.program.real[i], np.concatenate([g[:1] for g in v.rows.bins[i]])
+        columns.append(Z[keep])
+        shape = h.shapes[i]
+        moved.append(most_likely_part(b, Z[at], shape.residual[at], noise.covariance(shape.s[at])))
+    return Discrepancy(b, v.length, tuple(columns), tuple(moved))
+
+
+def scatter_of(h: Fitted) -> dict[str, float]:
+    """Relative scatter between poses of the size of each effect: weighted deviation of the size that fits each pose by itself,
+    to first order, all other parameters fixed; none for one pose and for sizes that are not estimated."""
+    out: dict[str, float] = {}
+    wr, wX = h.variant.likelihood.white(h.u, h.linear)
+    for k, c in enumerate(h.components):
+        at = h.index.amplitudes(k)
+        size = h.x[at]
+        if c.entry.continuation or not np.any(size) or len(wr) < 2:
+            continue
+        where = [[list(own).index(a) for a in at] for own in h.linear.at]
+        column = np.stack([X[:, w] @ size for X, w in zip(wX, where, strict=True)])
+        weight = np.sum(column**2, axis=1)
+        if not np.any(weight):
+            continue
+        change = -np.sum(column * wr, axis=1) / np.maximum(weight, 1e-300)
+        mean = np.sum(weight * change) / np.sum(weight)
+        value = float(np.sqrt(np.sum(weight * (change - mean) ** 2) / np.sum(weight)))
+        out |= {f"{c.kind}.{name}": value for name in parameters_of(h, k) if name not in (*c.site, "s")}
+    return out
+
+
+def influence_of_hypothesis(h: Fitted) -> Influence:
+    """Sensitivities of the estimates to poses and to stated values, to first order at a hypothesis; solves all poses twice."""
+    v, n, problem = h.variant, h.index, h.variant.fit.problem
+    prior = Prior(v.program, h.components, h.wider)
+    wr, wX = v.likelihood.white(h.u, h.linear)
+    P, N, _ = wX.shape
+    J = np.zeros((P * N, n.count))
+    for i, at in enumerate(h.linear.at):
+        J[i * N : (i + 1) * N, at] = wX[i]
+    held = prior.frozen | (h.x <= prior.low) | (h.x >= prior.high)
+    precision = np.where(held, 1.0, prior.precision + prior.width)
+    rows = tuple(np.arange(i * N, (i + 1) * N) for i in range(P))
+    white = White(wr.ravel(), np.where(held, 0.0, J), rows, precision)
+    Li, changes = v.likelihood.whitening(h.u, h.linear.Z), {}
+    for name, study, step in changed_studies(problem.study):
+        other = Program(problem.with_study(study), v.fit.minimum)
+        shapes = other.shapes(h.components, h.x, h.configuration)
+        if solved(shapes):
+            moved = v.rows.of(shapes, [s.residual[:, :, None] for s in shapes])[:, :, 0] - h.linear.r
+            changes[name] = (Li @ moved[:, :, None])[:, :, 0].ravel() / step
+    known = dict(enumerate(left_out(h)))
+
+    def distance(i, r):
+        return float(known[i])
+
+    logs = problem.logs()[: problem.layout.unknowns]
+    names = [p.name for p in problem.study.fit_poses]
+    return influence_of(white, problem.layout.labels, logs, names, distance, changes)
+
+
+def declared(study: Study, values: dict[str, Estimate], effects: tuple[tuple[str, dict], ...]) -> Study:
+    """The study with effects declared and the estimates as values and guesses."""
+    cable = dict(study.cable) | {n: e.value for n, e in values.items() if "." not in n}
+    unknowns = tuple(replace(u, guess=values[u.name].value) for u in study.unknowns)
+    add = tuple(EffectDeclaration(kind, parameters) for kind, parameters in effects if kind in kind_names())
+    unknowns = tuple(_numbered(study, u) if u.name.startswith(tuple(f"{e.kind}." for e in add)) else u for u in unknowns)
+    return replace(study, cable=cable, unknowns=unknowns, effects=(*study.effects, *add))
+
+
+def _numbered(study, unknown):
+    """An unknown of an effect whose kind is added once more, under the number of its effect."""
+    kind, number, _ = split_name(unknown.name)
+    places = study.effects_of(unknown.name)
+    if number or len(places) > 1:
+        return unknown
+    number = sum(e.kind == kind for e in study.effects[: places[0] + 1])
+    return replace(unknown, name=f"{kind}[{number}].{split_name(unknown.name)[2]}")
+
+
+def laws_of(h: Fitted, p_value: float) -> tuple[Law, ...]:
+    """The moment laws of a hypothesis with their bands and what is read off them."""
+    v, out = h.variant, []
+    study, base = v.study, np.arange(v.program.layout.unknowns)
+    for k, c in enumerate(h.components):
+        if c.kind not in KINDS:
+            continue
+        form = next(p for p in kind_format(c.kind).parameters if p.walk)
+        effect = EffectDeclaration(c.kind, {n: x for n, x in parameters_of(h, k).items() if n != form.name})
+        whole = replace(study, effects=(*study.effects, effect), unknowns=(*study.unknowns, Unknown(f"{c.kind}.{form.name}")))
+        at = np.r_[base, h.index.amplitudes(k)]
+        known = h.x[at], h.covariance[np.ix_(at, at)], v.program.rods(h.components, h.x, h.shapes)
+        out.append(law_at(c.kind, whole, layout_of(whole), *known, lambda secant: p_value))
+    return tuple(out)
+
+
+def stable(shape) -> bool:
+    """Whether a pose is a stable equilibrium."""
+    return int(shape.verdict.code) == SOLVED

@@ -1,0 +1,123 @@
+"""Measured points of the poses as rows of arrays of one shape: averages over bins of neighbouring points.
+
+A pose has one row a bin along the first normal of the model curve, then along the second, then along the tangent for markers.
+Points that lie in a plane with gravity have one normal, that in the plane: their exact zeros across it are no measurement.
+Markers of which some coordinates were measured have rows of these alone. The scatter of points within their bins shows the
+white noise whatever the model.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from scan2flex_jax.fitting.discrepancy import plane_normal
+from scan2flex_jax.fitting.likelihood import in_plane_normal
+
+BINS = 30  # of a pose: enough to resolve the correlation of its noise
+_NEAR = 0.05  # of the largest arc length: `foreshortening` has no limit at the start
+_SCATTERED = 4  # points of a bin from which on they show the noise within it
+
+
+class Rows:
+    """The rows of P poses, N each, padded.
+
+    For each row (P, N): ``count`` of its points, ``pad`` 1 where it is none, ``tangent`` 1 along the tangent, ``near`` (m) its
+    arc length; for each pair (P, N, N): ``lag`` (m), the RMS distance of two of their points, and ``same`` 1 in one direction.
+
+    ``dof`` and ``scatter`` (m^2): degrees of freedom and sum of squares of points within bins about their lines, as many as
+    there are rows at most; ``inside`` (k,) m: their usual places in a bin.
+    """
+
+    def __init__(self, shapes, program):
+        """From the shapes at which the directions of the rows are fixed."""
+        study, points = program.problem.study, program.context.points
+        across = plane_normal(points, study.gravity) if program.poses.rows is None else None
+        self.bins, self.axes, self.kept, self.mean = [], [], [], []
+        for i, (shape, keep) in enumerate(zip(shapes, program.real, strict=True)):
+            at = np.flatnonzero(keep)
+            groups = np.array_split(at[np.argsort(shape.s[at], kind="stable")], min(BINS, len(at)))
+            some = 0 if program.poses.rows is None else int(np.count_nonzero(np.any(program.poses.rows[i] != 0, axis=1)))
+            marked = np.zeros(len(keep), bool) if shape.marked is None else np.asarray(shape.marked) > 0
+            u = None if across is None else in_plane_normal(shape.axes, across)
+            normals = 1 if across is not None or some == 1 else 2
+            along = [k for k, g in enumerate(groups) if np.all(marked[g])] if some in (0, 3) else []
+            self.bins.append(groups)
+            self.mean.append(np.stack([np.bincount(g, minlength=len(keep)) / len(g) for g in groups]))
+            self.axes.append((shape.axes, u, some > 0))
+            self.kept.append((normals, along))
+        self.count_of = [n * len(g) + len(a) for g, (n, a) in zip(self.bins, self.kept, strict=True)]
+        P, N = len(shapes), max(self.count_of)
+        self.poses, self.rows = P, N
+        self.same, self.lag = np.zeros((P, N, N)), np.zeros((P, N, N))
+        self.count, self.pad, self.near, self.tangent = np.ones((P, N)), np.ones((P, N)), np.ones((P, N)), np.zeros((P, N))
+        self.dof, self.scatter, lags, gaps = 0.0, 0.0, [], []
+        for i, (shape, groups, (normals, along)) in enumerate(zip(shapes, self.bins, self.kept, strict=True)):
+            s, size = np.array([shape.s[g].mean() for g in groups]), np.array([len(g) for g in groups])
+            blocks = [*[np.arange(len(s))] * normals, np.array(along, int)]
+            where, ends = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
+            n = len(where)
+            self.count[i, :n], self.pad[i, :n] = size[where], 0.0
+            width = float(np.median([np.ptp(shape.s[g]) for g in groups]))  # over which the noise is averaged
+            self.lag[i, :n, :n] = np.sqrt((s[where][:, None] - s[where]) ** 2 + width**2 / 6.0)
+            self.near[i, :n] = np.maximum(s[where], _NEAR * max(s.max(), 1e-12))
+            self.tangent[i, ends[-2] : n] = 1.0
+            for a, b in pairwise(ends):
+                self.same[i, a:b, a:b] = 1.0
+            gaps += [np.median(np.diff(np.sort(s)))] if len(s) > 1 else []
+            lags += self._within(i, shape, groups, normals)
+        self.inside = np.zeros(0)
+        if self.dof:
+            width, size = np.median(np.array(lags), axis=0)
+            self.inside = np.linspace(0.0, width, round(float(size)))
+            share = min(1.0, float(np.sum(1 - self.pad)) / self.dof)  # neighbours tell the form of the noise at their lags only
+            self.dof, self.scatter = share * self.dof, share * self.scatter
+        self.gap = float(np.median(gaps)) if gaps else 0.0
+
+    def _within(self, i, shape, groups, normals):
+        """Add the scatter of the points of each bin about their line; widths of these bins and numbers of their points."""
+        lags, r = [], self._directed(i, shape, shape.residual[:, :, None])[:, :, 0]
+        for g in groups:
+            if len(g) >= _SCATTERED:
+                T = np.stack([np.ones(len(g)), shape.s[g] - shape.s[g].mean()], axis=1)
+                y = r[g][:, :normals] - T @ np.linalg.lstsq(T, r[g][:, :normals], rcond=None)[0]
+                self.scatter, self.dof = self.scatter + np.sum(y**2), self.dof + normals * (len(g) - 2)
+                lags.append((np.ptp(shape.s[g]), len(g)))
+        return lags
+
+    def of(self, shapes, columns) -> np.ndarray:
+        """Columns (m, 3, K) of each pose as rows (P, N, K)."""
+        out = np.zeros((self.poses, self.rows, columns[0].shape[-1]))
+        for i, (shape, c, groups, (normals, along)) in enumerate(zip(shapes, columns, self.bins, self.kept, strict=True)):
+            turned, n = self._directed(i, shape, np.nan_to_num(c)), len(groups)
+            means = (self.mean[i] @ turned.reshape(len(turned), -1)).reshape(n, *turned.shape[1:])
+            for k in range(normals):
+                out[i, k * n : (k + 1) * n] = means[:, k]
+            out[i, normals * n : self.count_of[i]] = means[along, 2]
+        return out
+
+    def _directed(self, i, shape, columns):
+        """Columns of a pose in the fixed directions: turned about the tangents, or projected onto the one normal in plane."""
+        onto, u, fixed = self.axes[i]
+        if u is not None:
+            one = np.einsum("mck,mc->mk", columns[:, :2], in_plane(shape.axes, onto, u))
+            return np.stack([one, np.zeros_like(one), columns[:, 2]], axis=1)
+        if fixed or shape.axes is onto:
+            return columns
+        c, s = _angle(shape.axes, onto)
+        c, s = c[:, None], s[:, None]
+        return np.stack([c * columns[:, 0] - s * columns[:, 1], s * columns[:, 0] + c * columns[:, 1], columns[:, 2]], axis=1)
+
+
+def in_plane(axes, onto, u):
+    """The in-plane direction ``u`` (m, 2) among the normals of ``onto`` as one among those of ``axes`` (m, 3, 3)."""
+    if axes is onto:
+        return u
+    c, s = _angle(axes, onto)
+    return np.stack([c * u[:, 0] + s * u[:, 1], c * u[:, 1] - s * u[:, 0]], axis=1)
+
+
+def _angle(axes, onto):
+    """Cosine and sine of the angle about the tangents from ``axes`` to ``onto``."""
+    B = np.einsum("mik,mjk->mij", onto, axes)
+    angle = np.arctan2(B[:, 1, 0] - B[:, 0, 1], B[:, 0, 0] + B[:, 1, 1])
+    return np.cos(angle), np.sin(angle)

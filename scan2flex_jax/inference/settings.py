@@ -1,0 +1,64 @@
+"""Every number that decides what `explain` answers, in one object that is passed and stored with the result.
+
+Log probabilities are in nats. What limits the work alone (refits, iterations) stands beside the code.
+"""
+
+from dataclasses import dataclass
+
+from scan2flex_jax.errors import SettingsError
+from scan2flex_jax.fitting.settings import Settings
+
+
+@dataclass(frozen=True)
+class ExplainSettings(Settings):
+    """Priors of the generative model, and the thresholds of the eight decisions (`inference.decision`).
+
+    Noise: a ``stated`` one is known to this standard deviation of its logarithm; an unstated one is ``usual_noise`` of the
+    length, to a factor of ``noise_factor``; its correlation length is ``correlation`` of the length, with a spread of its
+    logarithm of ``correlation_spread``. ``scan_alike``: error of a scan's axis that is alike along a pose, over the radius
+    (`benchmarks.scan_alarms`).
+
+    Discrepancy of each pose: its size is half-Cauchy of ``usual_discrepancy`` of the curvature of the poses, and it costs
+    ``slab`` to have one at all: prior odds of e^-2, and the width of its size's posterior over that of its prior.
+
+    Hypotheses: ``effect`` is the prior cost of each effect beyond the choice of its kind and place, ``turn`` that of a full
+    turn in a pose, ``mistake`` that of a mistake of the input. Sets have at most ``most_effects``.
+
+    Decisions: ``found``, the least difference (nats) in log predictive density by which a hypothesis leads; ``tied``, that
+    over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in chi-squared up to which
+    effects with the same shapes are tied; ``averaged``, the difference in evidence up to which models are in the intervals;
+    ``explains``, the share of the unexplained displacement that effects beside a discrepancy leave at most;
+    ``surprise``, the ratio of a validate pose's distance to the expected one from which it contradicts the model;
+    ``mesh_share``, the mesh error over the noise above which the mesh is refined, up to ``most_elements``.
+    """
+
+    stated: float = 0.15
+    usual_noise: float = 1.0e-3
+    noise_factor: float = 5.0
+    correlation: float = 0.07
+    correlation_spread: float = 0.8
+    scan_alike: float = 0.01
+    usual_discrepancy: float = 0.03
+    slab: float = 8.0
+    effect: float = 1.0
+    turn: float = 2.0
+    mistake: float = 5.0
+    most_effects: int = 3
+    found: float = 4.0
+    named: float = 5.0
+    tied: float = 3.0
+    same_misfit: float = 4.0
+    averaged: float = 8.0
+    explains: float = 0.7
+    surprise: float = 2.0
+    mesh_share: float = 0.2
+    most_elements: int = 160
+
+    def __post_init__(self):
+        """Check the order of the leads, after the signs."""
+        super().__post_init__()
+        if self.found > self.named:
+            raise SettingsError("ExplainSettings: found exceeds named")
+
+
+USUAL = ExplainSettings()

@@ -1,0 +1,196 @@
+"""Variants of a study: as stated, with other turns, a mistake of the input corrected, or an effect with memory declared.
+
+Each is a study of its own with its baseline fit, in which hypotheses are scored alike: the measured points are the same, the
+prediction differs. That one pose does not fit is a variant too, in which this pose has a wide discrepancy of its own.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from scan2flex_jax.compilation import lightly_compiled
+from scan2flex_jax.effects import Friction, MemorySet, Relaxation, TorsionFriction, effect_class
+from scan2flex_jax.effects.catalogue import catalogue
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.fitting import fit, mistakes
+from scan2flex_jax.fitting.least_squares import Progress
+from scan2flex_jax.fitting.poses import places_of
+from scan2flex_jax.fitting.result import Fit
+from scan2flex_jax.fitting.start import memory_starts
+from scan2flex_jax.inference.memory import declaring
+from scan2flex_jax.inference.mesh import mesh_error
+from scan2flex_jax.inference.posterior import Fitted, Variant
+from scan2flex_jax.inference.program import slots_of
+from scan2flex_jax.inference.quantities import predicted
+from scan2flex_jax.inference.search import Search
+from scan2flex_jax.inference.settings import ExplainSettings
+from scan2flex_jax.rod.energy import strains
+from scan2flex_jax.study.mistakes import Mistake
+from scan2flex_jax.study.model import MeasuredCurve, Study
+
+_FEWEST = 5  # fitted poses that can show memory
+_TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can show friction
+
+
+def given(study: Study, elements: int | None, mesh: bool, scanned: bool, settings: ExplainSettings, say: Progress):
+    """``(variant, figures, coarse)``: the study as stated on a fine enough mesh, or its fit alone where a mistake of the input
+    is beyond doubt; elements and mesh error, and the poses whose mesh remains too coarse. Raises `NotSettledError`."""
+    while True:
+        say("baseline fit")
+        fitted = fit(study, elements=elements, slots=slots_of(study))
+        if fitted.mistakes and mistakes.beyond_doubt(fitted.problem, fitted.mistakes):
+            return fitted, {}, []
+        elements, study = fitted.problem.elements, fitted.problem.study  # with the turns that the shapes show
+        variant = Variant("as stated", fitted, settings=settings, scanned=scanned)
+        if not mesh:
+            return variant, {"elements": elements}, []
+        error = mesh_error(fitted.problem, fitted.minimum)
+        most = settings.mesh_share * variant.likelihood.noise(variant.empty.u).total
+        pairs = zip((p.name for p in study.fit_poses), error, strict=True)
+        coarse = [f"{name} ({1e3 * m:.2f} mm)" for name, m in pairs if not m <= most]
+        if not coarse or elements >= settings.most_elements:
+            return variant, {"elements": elements, "mesh_error": float(np.max(error))}, coarse
+        elements *= 2
+        say(f"again with {elements} elements")
+
+
+def stated_turns(study: Study, first: Variant, say: Progress) -> Variant | None:
+    """The study with the turns that it states, where the fit adopted others."""
+    if not first.fit.turned:
+        return None
+    say("with the turns of the study")
+    first.log_prior = -first.settings.turn * len(first.fit.turned)
+    first.empty.score += first.log_prior
+    try:
+        fitted = fit(study, elements=first.program.elements, slots=slots_of(study), other_turns=False)
+    except NotSettledError:
+        return None
+    return Variant("turns as stated", fitted, settings=first.settings)
+
+
+def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]]:
+    """Each likely mistake of the input with the study that it corrects; a pose that does not fit has a discrepancy of its own.
+    """
+    log_prior, study = -first.settings.mistake, first.study
+    for k, mistake in enumerate(first.fit.mistakes):
+        say(str(mistake))
+        name = f"mistake {k + 1}"
+        if len(mistake.study.fit_poses) < len(study.fit_poses):
+            left = {p.name for p in mistake.study.fit_poses}
+            apart = [i for i, p in enumerate(study.fit_poses) if p.name not in left]
+            yield mistake, Variant(name, first.fit, log_prior - np.log(len(study.fit_poses)), first.settings, apart=apart)
+            continue
+        try:
+            fitted = fit(mistake.study, elements=first.program.elements, slots=slots_of(study))
+        except Scan2FlexError:
+            continue
+        yield mistake, Variant(name, fitted, log_prior, first.settings)
+
+
+def remembering(search: Search, say: Progress) -> Iterator[Variant]:
+    """Effects with memory that may explain what no other does: where the best hypothesis leaves a discrepancy, or keeps a set
+    of the pose before, or the noise is not stated and friction may be a part of it; in enough poses, none declared.
+
+    An effect is tried where it gains to first order: the moment that the poses before leave, at their baseline strains, acts
+    like a natural strain.
+    """
+    best = search.causes[0]
+    v, study = best.variant, best.variant.study
+    kept = any(MemorySet.kind in h.kinds for h in search.causes if h.score > best.score - v.settings.named)
+    unstated = v.likelihood.stated is None and bool(best.components)
+    if study.remembers or len(study.fit_poses) < _FEWEST or not (kept or unstated or best.discrepant):
+        return
+    excess, stiffness = _strained(v)
+    twist = np.sqrt(np.mean(np.mean(excess[..., 5], axis=1) ** 2)) * v.length
+    timed = all(pose.time is not None for pose in study.poses)
+    price = v.settings.effect + np.log(len(catalogue()))
+    for kind in (Friction.kind, *[TorsionFriction.kind] * bool(twist > _TWISTED), *[Relaxation.kind] * timed):
+        say(f"score of {kind}")
+        if _gain(best, kind, excess, stiffness) < price:
+            continue
+        say(f"fit with {kind}")
+        try:
+            fitted = fit(declaring(study, kind), elements=v.program.elements)
+        except NotSettledError:
+            continue
+        yield Variant(kind, fitted, -price, v.settings, effect=kind)
+
+
+def _strained(v: Variant) -> tuple[np.ndarray, np.ndarray]:
+    """Excess strains (P, n, 6) and stiffnesses (P, n, 6, 6) of all poses of the study at the baseline fit, in their order."""
+    study, empty = v.study, v.empty
+    rods = dict(zip((p.name for p in study.fit_poses), v.program.rods((), empty.x, empty.shapes), strict=True))
+    if v.held_out is not None:
+        unseen = v.held_out.rods((), v.unseen_vector(empty, v.held_out), predicted(empty))
+        rods |= dict(zip((p.name for p in study.validate_poses), unseen, strict=True))
+    excess = [np.asarray(_excess(*rods[pose.name])) for pose in study.poses]
+    return np.nan_to_num(excess), np.stack([np.asarray(rods[pose.name][0].section.stiffness) for pose in study.poses])
+
+
+def _gain(h: Fitted, kind: str, excess, stiffness) -> float:
+    """Gain (nats) of an effect with memory beside a hypothesis, to first order in its share, without a discrepancy."""
+    v, study = h.variant, h.variant.study
+    at, reset, held = places_of(study, study.fit_poses)
+    natural = []
+    for start in memory_starts(declaring(study, kind), v.fit.problem.poses, v.fit.problem.length):
+        values = {name.partition(".")[2]: value for name, value in start.items()} | {"share": 1.0}
+        natural.append(_natural(effect_class(kind)(**values), excess, stiffness, held, reset))
+    along = np.moveaxis(np.stack(natural), 1, 0)[at]
+    S = v.rows.of(h.shapes, v.program.natural_columns(h.components, h.x, along, h.configuration))
+    u, _ = v.likelihood.without(h.linear, h.u)
+    wr, wX, wS = v.likelihood.white(u, h.linear, S)
+    A, g = h.linear.normal(wr, wX)
+    cross = sum_over_poses(h.linear, wX, wS, len(A))
+    flat = wS.reshape(-1, wS.shape[2])
+    b = -(flat.T @ wr.ravel() - cross.T @ np.linalg.lstsq(A, g, rcond=1e-12)[0])
+    M = np.sum(flat**2, axis=0) - np.sum(cross * np.linalg.lstsq(A, cross, rcond=1e-12)[0], axis=0)
+    share = np.clip(b / np.maximum(M, 1e-300), 0.0, 1.0)
+    return float(np.max(share * b - 0.5 * share**2 * M))
+
+
+def sum_over_poses(linear, wX, wS, count: int) -> np.ndarray:
+    """``X' S`` (count, k) of white rows, over the poses."""
+    cross = np.zeros((count, wS.shape[2]))
+    for i, at in enumerate(linear.at):
+        cross[at] += wX[i].T @ wS[i]
+    return cross
+
+
+@lightly_compiled
+def _excess(rod, configuration):
+    """Excess strains (n, 6) of a rod."""
+    return strains(rod, configuration) - rod.section.natural
+
+
+@lightly_compiled
+def _natural(effect, excess, stiffness, held, reset):
+    """Natural strains (poses, n, 6) that act like the moment of an ``effect`` of share 1."""
+
+    def element(x, K, left):
+        return -jnp.linalg.solve(K, jax.grad(effect.energy_given)(x, K, left))
+
+    def pose(left, at):
+        x, K, held, reset = at
+        left = jnp.where(reset, effect.without_history(len(x)), left)
+        leaves = jax.vmap(lambda x, K, q: effect.leaves(x, K, q, held))(x, K, left)
+        return leaves, jax.vmap(element)(x, K, left)
+
+    return jax.lax.scan(pose, effect.without_history(excess.shape[1]), (excess, stiffness, held, reset))[1]
+
+
+def on_axes(study: Study, elements: int | None, say: Progress) -> Study:
+    """A study of scans with centre curves from the direct fit to the points, at stations along the cable.
+
+    Extracted curves are biased towards the sensor by some tenths of a radius; the direct fit models that bias.
+    """
+    if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
+        return study
+    say("fit to the points of the scans")
+    fitted: Fit = fit(study, elements=elements, progress=say)
+    if fitted.data != "cloud":
+        return fitted.study
+    poses = tuple(replace(p, curve=MeasuredCurve(fitted.poses[p.name].measured)) for p in fitted.study.poses)
+    return replace(fitted.study, poses=poses)

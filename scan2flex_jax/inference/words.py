@@ -1,0 +1,142 @@
+"""Findings of `explain` as data, and their words: nothing else makes sentences of them, and nothing reads a sentence."""
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from scan2flex_jax.fitting.answer import (
+    BAD,
+    FAIR,
+    GOOD,
+    Answer,
+    compose,
+    distance_in_words,
+    left_out_in_words,
+    two_digits,
+    warnings_of,
+)
+from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
+
+Severity = Literal["fine", "doubt", "fault"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One finding: its ``code``, its ``severity``, and the ``values`` that its sentence tells."""
+
+    code: str
+    severity: Severity = "fine"
+    values: dict[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        """The finding in words."""
+        return _WORDS[self.code].format(**self.values)
+
+
+_WORDS = {
+    "nothing": "the baseline model explains these shapes within the noise: no effect predicts poses left out better "
+    "(p = {p:.2g})",
+    "explains": "{effects} {explains} the shapes: what remains is noise",
+    "partly": "{effects} {explains} most of the error; what remains differs from pose to pose and is more than noise",
+    "tied": "{effects} {explains} the shapes, and so would {rivals}",
+    "unexplained": "something is missing, and no known effect explains it",
+    "field": "it behaves like {field} ({nats:.0f} nats ahead): a description, not a cause",
+    "likeliest": "the likeliest, {effects}, leads by {nats:.1f} nats over no effect, and is not established",
+    "one_pose": "in a single pose an effect cannot be tested on another one: nothing is established",
+    "coarse": "the mesh error reaches the noise in {poses}: nothing is concluded",
+    "discrepancy": "beyond the sensor's noise each pose differs in its own way ({mm:.2f} mm, {percent:.2f} % of the length): "
+    "friction, handling, or unlisted physics",
+    "surprise": "pose {pose}, which was not fitted, is off by {ratio:.1f} times what this model expects",
+    "unseen": "pose {pose}, which was not fitted, could not be solved with this model",
+    "change": "with {effects} the error {moves} from {was:.2f} to {now:.2f} mm{more}",
+    "better": "left out in turn, {better} of {poses} fitted poses are predicted better with it than without",
+    "as_good": "shapes alone cannot tell {effects} from an error of the {other}: {when}",
+    "less": "a mistake of the input explains less: {mistake}",
+    "mistaken": "correct the input first: no missing effect is named until then",
+    "turns": "with the stated turns and {effects} the shapes are likelier by {nats:.0f} nats than with the nearest turns alone",
+    "fine": "the error of the baseline model is {mm:.2f} mm, {percent:.0f} % of the radius: it may be that of the scans, which "
+    "is alike along a pose seen from one side",
+    "smooth": "but only if the measured curves err by {mm:.1f} mm RMS, smoothly: state the noise of the scan (`noise` of a "
+    "pose) to decide it",
+}
+FIELDS = {
+    "distributed_load": "a load that varies along the cable, the same in every pose",
+    "curvature_profile": "a natural curvature that varies along the cable",
+}
+
+
+def listed(names) -> str:
+    """Effect types in words."""
+    return " and ".join(name.replace("_", " ") for name in names)
+
+
+def found_in_words(explanation) -> str:
+    """The effects found and those tied with them: ``kink or natural curvature``."""
+    kinds = [r.kind.replace("_", " ") for r in explanation.chosen]
+    rivals = [k.replace("_", " ") for r in explanation.chosen for k in r.tied_with]
+    rivals = [k for k in dict.fromkeys(rivals) if k not in kinds]
+    if explanation.verdict == TIE and not rivals:  # tied with an error of the input
+        rivals = ["something outside the catalogue"]
+    return " and ".join(kinds) + "".join(f" or {k}" for k in rivals)
+
+
+def answer_of(explanation) -> Answer:
+    """The answer of an `Explanation`."""
+    tone, belief = belief_of(explanation)
+    if explanation.fit is None:
+        return Answer((), "", "", belief, tone, warnings_of(explanation.study))
+    study = explanation.fit.study
+    return compose(study, explanation.estimates, explanation.influence, _unseen(explanation), tone, belief)
+
+
+def _unseen(explanation):
+    """The final error on validate poses; without them, on fitted poses left out in turn."""
+    length, rms = explanation.fit.problem.length, explanation.rms("validate")
+    count = sum(p.role == "validate" for p in explanation.poses.values())
+    if count and np.isfinite(rms):
+        before = explanation.rms("validate", after=False)
+        was = f", {1e3 * before:.3g} mm before" if explanation.chosen and np.isfinite(before) else ""
+        return f"{distance_in_words(rms, length)}{was}, in {count} pose{'s' * (count > 1)} that the fit never saw"
+    if count:
+        return "not known: a validate pose could not be solved"
+    return left_out_in_words(explanation.rms_left_out(), length, len(explanation.poses))
+
+
+def belief_of(explanation) -> tuple[str, str]:
+    """Tone and sentence: no, with care, or yes, each with its reason."""
+    e, found = explanation, found_in_words(explanation)
+    fault = _fault(e, found)
+    if fault:
+        return BAD, f"no: {fault}"
+    if e.verdict == NONE:
+        return _of_nothing(e)
+    return {
+        EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),
+        PARTLY: (FAIR, f"with care: {found} removes most of the error, but more than noise remains"),
+        TIE: (FAIR, f"with care: {found} explain the shapes alike; the intervals hold for all of them"),
+    }[e.verdict]
+
+
+def _fault(e, found) -> str:
+    """What makes an answer a "no"; empty if nothing does."""
+    unsolved = [name for name, p in e.poses.items() if not p.stable]
+    said = [f"the input is likely mistaken: {e.mistakes[0]}"] if e.mistakes else []
+    said += ["not in equilibrium, nothing is concluded"] if e.fit is None or e.verdict == UNSOLVED else []
+    said += [f"{', '.join(unsolved)} could not be solved"] if unsolved else []
+    said += ["something is missing, and no known effect explains it"] if e.verdict == UNEXPLAINED else []
+    if e.surprised:
+        pose, ratio = max(e.surprised.items(), key=lambda item: item[1])
+        off = f"is off by {two_digits(ratio)} times what the model expects" if np.isfinite(ratio) else "could not be solved"
+        said.append(f"{found + ' removes much of the error, but ' if found else ''}pose {pose}, which was not fitted, {off}")
+    return next(iter((*said, *([] if said else e.misfits))), "")
+
+
+def _of_nothing(e):
+    if e.discrepancy is not None and e.discrepancy.curvature:
+        size = f"{1e3 * e.discrepancy.rms:.2g} mm beyond the noise"
+        return FAIR, f"with care: no missing effect shows, but poses differ by {size}; the intervals allow for it"
+    if any(s.startswith("but only if") for s in e.sentences):
+        size = f"{1e3 * np.sqrt(2) * e.noise.total:.2g} mm"
+        return FAIR, f"with care: no missing effect shows if the curves err by {size}, smoothly, which the study does not state"
+    return GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"

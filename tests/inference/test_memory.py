@@ -1,0 +1,90 @@
+"""Whether a cable remembers: the test over orders of poses, and studies that declare memory."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.blind import hysteresis
+from benchmarks.memory import remembering, study_of_chains
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import MemoryTest, memory_test
+from scan2flex_jax.inference.memory import _permuted, other_order
+from scan2flex_jax.inference.planning import variations
+from scan2flex_jax.inference.program import Component, Program
+from tests.fitting.test_memory import GRIPS
+
+NOISE = 3e-4
+
+
+def study_with(share, count=6):
+    grips = [hysteresis.Grip(*g) for g in GRIPS[:count]]
+    chains = hysteresis.posed(1.0, 1.0, hysteresis.Dahl(0.05, share, 2.0), grips)
+    return study_of_chains(chains, grips, NOISE, seed=2)
+
+
+def found(gain, *others, cost=6.0):
+    return MemoryTest("friction", gain, others, {"share": 0.5}, cost)
+
+
+@pytest.mark.parametrize(
+    ("test", "named", "words"),
+    [
+        (found(80.0, *[20.0] * 19), True, "the cable remembers: friction gains 80.0 nats"),
+        (found(80.0, *[20.0] * 18, 79.0), False, "other orders of the poses fit as well"),
+        (found(80.0, *[20.0] * 9), False, "other orders of the poses fit as well"),
+        (found(7.0, *[-20.0] * 19), False, "no memory is seen"),
+        (found(80.0, *[80.0] * 19), False, "other orders of the poses fit as well"),
+        (found(80.0, 79.0), False, "the best of one other order gains 79.0 (p = 0.50)"),
+    ],
+)
+def test_memory_is_named_only_where_no_other_order_fits_as_well(test, named, words):
+    """A lead over chance, over the parameters' cost, and over every order that was tried; nine orders cannot show p = 0.05."""
+    assert test.named is named
+    assert words in test.sentence()
+    assert test.to_json()["p_value"] == (1 + sum(o >= test.gain for o in test.others)) / (1 + len(test.others))
+
+
+def test_another_order_keeps_times_and_resets_in_their_places():
+    poses = [replace(p, time=float(i), reset=i == 3) for i, p in enumerate(study_with(0.5).poses)]
+    study = replace(study_with(0.5), poses=tuple(poses))
+    for seed in range(20):
+        other = _permuted(study, np.random.default_rng(seed)).poses
+        assert sorted(p.name for p in other) == [p.name for p in poses]
+        assert [p.name for p in other] != [p.name for p in poses]
+        assert [(p.time, p.reset) for p in other] == [(p.time, p.reset) for p in poses]
+    assert other_order(1, np.random.default_rng(0)).tolist() == [0]
+
+
+def test_a_kind_without_memory_is_refused():
+    with pytest.raises(Scan2FlexError, match="point_mass has no memory: test friction"):
+        memory_test(study_with(0.5), "point_mass")
+
+
+def test_another_pose_is_planned_after_all_of_the_study():
+    words = [said for said, _ in variations(remembering(study_with(0.5)))]
+    assert words[:6] == [f"p{i} again, last" for i in range(1, 7)]
+    assert not any("again, last" in said for said, _ in variations(study_with(0.5)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "named"), [(0.6, True), (0.0, False)])
+def test_friction_of_another_solver_is_named_and_none_where_there_is_none(share, named):
+    said = []
+    tested = memory_test(study_with(share), orders=19 if named else 3, progress=said.append)
+    assert tested.named is named
+    assert said[:2] == ["with friction", "without friction"] and len(said) == 2 + len(tested.others)
+    assert set(tested.parameters) == {"share", "slip_curvature"}
+
+
+@pytest.mark.slow
+def test_effects_are_added_to_poses_with_their_history():
+    """At zero amplitude they are the base, which is solved in the order of the poses."""
+    study = remembering(study_with(0.6, 3), {"share": 0.5, "slip_curvature": 1.5})
+    problem = Problem(study)
+    minimum = problem.minimise("least-squares")
+    program, vector = Program(problem, minimum), np.r_[minimum.shared, minimum.local.ravel()]
+    with_mass = program.shapes((Component("point_mass", {"position": 0.5}),), np.r_[vector, 0.0, 0.5])
+    for base, same in zip(program.shapes((), vector), with_mass, strict=True):
+        np.testing.assert_allclose(base.configuration.r, same.configuration.r, atol=1e-9)

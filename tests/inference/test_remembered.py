@@ -1,0 +1,44 @@
+"""Memory that a study does not declare: how it acts to first order, and what `explain` answers about it."""
+
+import numpy as np
+import pytest
+
+from scan2flex_jax.effects import Friction, Relaxation
+from scan2flex_jax.inference import explain
+from scan2flex_jax.inference.variants import _natural
+
+from .test_memory import study_with
+
+K = np.diag([1e5, 1e5, 1e4, 0.02, 0.02, 0.015])
+
+
+def natural(effect, path, reset=(False, False), held=(0.0, 0.0)):
+    """Natural curvature about d2 of one element for poses of these curvatures."""
+    excess = np.zeros((len(path), 1, 6))
+    excess[:, 0, 4] = path
+    return np.asarray(_natural(effect, excess, np.tile(K, (len(path), 1, 1, 1)), np.array(held), np.array(reset)))[:, 0, 4]
+
+
+def test_a_slider_acts_like_the_natural_curvature_that_it_takes_off_the_moment():
+    """Of share 1 it leaves the moment EI clip(k - q, -slip, slip) of EI k: the difference is that of a natural curvature."""
+    effect = Friction(1.0, 1.0, spread=(1.0,), rounding=1e-9)
+    np.testing.assert_allclose(natural(effect, [3.0, 1.0]), [2.0, 2.0], atol=1e-7)  # it pulls back with all its force
+    np.testing.assert_allclose(natural(effect, [1.0, 3.0]), [0.0, 2.0], atol=1e-7)
+    np.testing.assert_allclose(natural(effect, [3.0, 1.0], reset=(False, True)), [2.0, 0.0], atol=1e-7)
+
+
+def test_relaxation_acts_like_the_part_of_the_last_bend_that_crept_away():
+    found = natural(Relaxation(1.0, 60.0), [2.0, 0.5], held=(60.0, 0.0))
+    np.testing.assert_allclose(found, [0.0, 2.0 * (1.0 - np.exp(-1.0))])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.6, 0.0])
+def test_friction_of_another_solver_is_found_and_none_where_there_is_none(share):
+    found = explain(study_with(share), mesh=False)
+    kinds = {k for r in found.chosen for k in (r.kind, *r.tied_with)}
+    assert ("friction" in kinds) is (share > 0), (found.verdict, kinds)
+    assert (found.verdict == "no missing effect") is (share == 0)
+    if share:
+        (effect,) = [e for e in found.study.effects if e.kind == "friction"] or [None]
+        assert effect is None or 0.0 < effect.parameters["share"] <= 1.0
