@@ -7,16 +7,12 @@ nothing is missing, and the share below 5 % with its 95 % interval (Clopper and 
 """
 
 import argparse
-import json
-import multiprocessing
-import sys
 import tomllib
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 from scipy import stats
 
-from benchmarks.blind_score import diagnose, prepare
+from benchmarks.blind_score import explain_all
 from benchmarks.record import record
 
 LEVEL = 0.05
@@ -32,16 +28,6 @@ def with_nothing_missing(cases: Path, answers: Path) -> dict[str, Path]:
     return found
 
 
-def summary(p: list[float]) -> dict:
-    """Share of alarms, from the probabilities that nothing is missing of cases without an effect."""
-    alarms = sum(v < LEVEL for v in p)
-    low, high = stats.binomtest(alarms, len(p)).proportion_ci(method="exact")
-    return {
-        "cases": len(p), "alarms": alarms, "share": alarms / len(p), "low": float(low), "high": float(high),
-        "probabilities": sorted(p),
-    }  # fmt: skip
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="CASES ANSWERS, in pairs")
@@ -53,16 +39,13 @@ def main() -> None:
     todo: dict[str, Path] = {}
     for cases, answers in zip(args.folders[::2], args.folders[1::2], strict=True):
         todo |= with_nothing_missing(cases, answers)
-    found = json.loads(args.json.read_text()) if args.json.exists() else {}
-    with ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"), prepare) as pool:
-        running = {pool.submit(diagnose, f): name for name, f in todo.items() if name not in found}
-        for finished in as_completed(running):
-            found[running[finished]] = finished.result()
-            args.json.write_text(json.dumps(found))
-            sys.stderr.write(f"{len(found)} of {len(todo)}\n")
-    p = [found[n]["test"]["p_value"] for n in todo if "test" in found[n]]
-    others = {n: r.get("fault") or r.get("skipped") or r.get("verdict") for n, r in found.items() if "test" not in r}
-    record("calibration", summary(p) | {"without_a_test": others})
+    found = explain_all(todo, args.json, args.jobs)
+    p = [r["test"]["p_value"] for r in found.values() if "test" in r]
+    others = {n: r.get("fault") or r.get("verdict") for n, r in found.items() if "test" not in r}
+    alarms = sum(v < LEVEL for v in p)
+    low, high = stats.binomtest(alarms, len(p)).proportion_ci(method="exact")
+    figures = {"cases": len(p), "alarms": alarms, "share": alarms / len(p), "low": float(low), "high": float(high)}
+    record("calibration", figures | {"probabilities": sorted(p), "without_a_test": others})
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Seconds for an equilibrium, its Jacobian, its growth with the mesh, its compilation and a batch.
+"""Seconds for an equilibrium, its Jacobian, and its compilation.
 
 `python -m benchmarks.equilibrium [PART ...]` from the repository's root writes `benchmarks/results/equilibrium.json`; other
 parts keep their figures. The cable: 1 m, EI 0.1, GJ 0.25 N m^2, 0.2 kg/m, the end clamp at (0.6, 0.2, 0) m turned by 90
 degrees about the tangent. Targets: 1 ms from the solution, 5 ms from a generic start, Jacobian at most half a forward solve,
-linear growth, first call 8 s and 2 s from the persistent cache.
+first call 8 s, and 2 s from the persistent cache.
 """
 
 import json
@@ -11,7 +11,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from time import perf_counter, process_time
+from time import perf_counter
 
 import equinox as eqx
 import jax
@@ -20,14 +20,11 @@ import numpy as np
 import optimistix as optx
 
 from benchmarks.record import RESULTS, conclude, machine, one_processor, record, timed, timed_in_turn
-from scan2flex_jax import compilation
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
 
-MESHES = (20, 40, 80, 160, 320, 640, 1280, 2000)
-BATCH, GROUP = 256, 8
 POSES = {  # end position (m), quaternion of the end clamp (scalar first); the start clamp points along +x
     "level": ((0.6, 0.0, 0.0), 0.0),
     "twisted +90": ((0.6, 0.2, 0.0), np.pi / 2),
@@ -110,48 +107,6 @@ def jacobians() -> dict:
     return table
 
 
-def growth() -> dict:
-    """Seconds for each mesh, from a generic start and from the solution, and the growth of the time of one step."""
-    table, m, b = {}, model(), boundary()
-    for n in MESHES:
-        found = equilibrium(m, b, elements=n)
-        generic = timed(waited(equilibrium, m, b, elements=n), 20)
-        warm = timed(waited(equilibrium, m, b, start=found.configuration, elements=n), 20)
-        table[str(n)] = {"generic": generic, "warm": warm} | told(found)
-    ends = [table[str(n)]["generic"]["min_s"] / table[str(n)]["steps"] for n in (MESHES[0], MESHES[-1])]
-    exponent = np.log(ends[1] / ends[0]) / np.log(MESHES[-1] / MESHES[0])
-    return {"meshes": table, "exponent of the time of a step": float(exponent)}
-
-
-def batch() -> dict:
-    """Many cables, EI and GJ each over two decades: one call after the other, the same loop inside one compiled call (what a
-    sweep does on a CPU), one vectorised call, which runs to its slowest lane, and vectorised groups of few lanes with like
-    GJ/EI, one after the other. Processor seconds."""
-    rng = np.random.default_rng(0)
-    EI, GJ = (jnp.array(10.0 ** rng.uniform(-2, 0, BATCH)) for _ in range(2))
-    b = boundary()
-    models = [model(float(x), float(y)) for x, y in zip(EI, GJ, strict=True)]
-    alike = jnp.argsort(GJ / EI)
-
-    def one(x):
-        e = equilibrium(model(*x), b)
-        return e.configuration, e.verdict
-
-    vectorised = compilation.compiled(lambda EI, GJ: jax.vmap(one)((EI, GJ)))
-    mapped = compilation.compiled(lambda EI, GJ: jax.lax.map(one, (EI, GJ)))
-    grouped = compilation.compiled(lambda EI, GJ: jax.lax.map(one, (EI, GJ), batch_size=GROUP))
-    calls = {
-        "loop": lambda: [waited(equilibrium, m, b)() for m in models],
-        "loop in one call": waited(mapped, EI, GJ),
-        "vmap": waited(vectorised, EI, GJ),
-        f"vmap, groups of {GROUP}": waited(grouped, EI[alike], GJ[alike]),
-    }
-    times = {name: t | {"s per cable": t["min_s"] / BATCH} for name, t in timed_in_turn(calls, 5, process_time).items()}
-    verdict = mapped(EI[alike], GJ[alike])[1]
-    steps = [float(f(verdict.steps)) for f in (jnp.mean, jnp.max)] + [float(verdict.steps.reshape(-1, GROUP).max(1).mean())]
-    return {"cables": BATCH, "solved": int(jnp.sum(verdict.solved)), "steps: mean, most, of a group": steps} | times
-
-
 def first_call() -> dict:
     """Seconds of the first solve in this process, imports left out, and of the second."""
     m, b = model(), boundary()
@@ -164,18 +119,14 @@ def first_call() -> dict:
 
 
 def fresh_processes() -> dict:
-    """`first_call` in new processes: one compiles, one finds the result in the cache, one has XLA's own options."""
+    """`first_call` in new processes: the first compiles, the second finds the result in the cache."""
     with tempfile.TemporaryDirectory() as folder:
-        table = {}
-        for name in ("compiling", "from the cache", "compiling with fusion emitters"):
-            argument = "first-call-emitters" if "emitters" in name else "first-call"
-            cache = f"{folder}/{argument}"  # one each, so that none finds parts of another's work
-            settings = {"JAX_COMPILATION_CACHE_DIR": cache, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-            command = [sys.executable, "-m", "benchmarks.equilibrium", argument]
-            begin = perf_counter()
+        settings = {"JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+        command, table = [sys.executable, "-m", "benchmarks.equilibrium", "first-call"], {}
+        for name in ("compiling", "from the cache"):
             done = subprocess.run(command, env=os.environ | settings, capture_output=True, text=True, check=True)
-            table[name] = json.loads(done.stdout) | {"process_s": perf_counter() - begin}
-    return table
+            table[name] = json.loads(done.stdout)
+        return table
 
 
 def watched(r) -> dict[str, float]:
@@ -188,31 +139,17 @@ def watched(r) -> dict[str, float]:
         for count in (2, 12):
             excess = t[f"points and jacobian, {count} parameters"]["jacobian over forward"]
             table[f"{start}: shape and Jacobian of {count} over the shape"] = 1.0 + excess
-    first, last = ((t["generic"]["min_s"] / t["steps"] / int(n)) for n, t in ends(r["growth"]["meshes"]))
-    table[f"a step for one element, {MESHES[-1]} over {MESHES[0]} elements"] = last / first
-    for way in ("loop in one call", f"vmap, groups of {GROUP}"):
-        table[f"batch: {way} over loop"] = r["batch"][way]["min_s"] / r["batch"]["loop"]["min_s"]
-    table["first call: from the cache over compiling"] = (
-        r["first call"]["from the cache"]["first_s"] / r["first call"]["compiling"]["first_s"]
-    )
-    return table
+    cached, compiling = (r["first call"][way]["first_s"] for way in ("from the cache", "compiling"))
+    return table | {"first call: from the cache over compiling": cached / compiling}
 
 
-def ends(meshes):
-    """The coarsest mesh and the finest."""
-    items = list(meshes.items())
-    return items[0], items[-1]
-
-
-PARTS = {"first call": fresh_processes, "solves": solves, "jacobian": jacobians, "growth": growth, "batch": batch}
+PARTS = {"first call": fresh_processes, "solves": solves, "jacobian": jacobians}
 
 
 def main() -> None:
     jax.config.update("jax_enable_x64", True)
     asked = sys.argv[1:]
-    if asked == ["first-call-emitters"]:
-        compilation._options = dict
-    if asked[:1] and asked[0].startswith("first-call"):
+    if asked == ["first-call"]:
         sys.stdout.write(json.dumps(first_call()))
         return
     file = RESULTS / "equilibrium.json"

@@ -2,12 +2,10 @@
 
     SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires [--fits-only]      (the folder that holds `wires-kinect`)
 
-The curves are the picks themselves, 11 to 16 a pose, moved by the radius away from the camera: a snake through so few cuts
-the corners of a loop (red1 335 mm long, 361 mm from pick to pick). The weight per length and the length of 0.40 m are known; a
-pose's clamps are at the ends of its picks, along the directions there. Quantities that the images do not determine have
-tolerances: directions, places, the length (the camera's focal length is nominal), gravity, taken as the image's downward
-direction, and above all the roll of the clamps, of which a picture of a round wire shows nothing; `black3` and `red3` have
-the loops of a twisted wire.
+The curves are the picks themselves, 11 to 16 a pose, moved by the radius away from the camera. The weight per length and the
+length of 0.40 m are known; a pose's clamps are at the ends of its picks, along the directions there. Quantities that the
+images do not determine have tolerances: directions, places, the length (the camera's focal length is nominal), gravity, taken
+as the image's downward direction, and above all the roll of the clamps, which a picture of a round wire does not show.
 
 * "all fitted": the error of the four poses fitted together, with their tolerances used. This is closest to the published
   figures, but no shape is rotated, scaled or stretched to match, as those were.
@@ -24,34 +22,64 @@ cable 1.62, 3.52, 4.28 % (white, black, red).
 import argparse
 import os
 import sys
+import warnings
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from benchmarks.record import record
+from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.inference import explain, fit
+from scan2flex_jax.scan.extraction import extract
+from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
+from scan2flex_jax.study.files import read_text
+from scan2flex_jax.study.limits import curve_limit
+from scan2flex_jax.study.values import Where
 
 LENGTH, RADIUS, NOISE = 0.40, 0.002, 0.0023  # m
 DENSITY = {"white": 0.01740, "black": 0.02718, "red": 0.02150}  # kg/m
 PUBLISHED = {"white": (1.33, 1.62), "black": (2.44, 3.52), "red": (3.05, 4.28)}  # %
 TOLERANCE = {"length": 0.02, "clamp_position": 0.004, "clamp_rotation": 0.15, "clamp_roll": 3.0, "gravity": 0.1}
+FOCAL, CENTRE = 504.0, (320.0, 288.0)  # pixels: the nominal Azure Kinect, 640 x 576 narrow view
 HELD = 1e-3  # relative standard deviation of a bending stiffness that is known from other poses
+
+
+def read_picks(path: str | Path) -> Float[np.ndarray, "n 3"]:
+    """Rows of ``u, v, depth in mm`` without a header, in order along the cable."""
+    limit = curve_limit()
+    text = read_text(Path(path), limit.bytes, Where(str(path)), "the file is not there: name one.", limit)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an empty table, which is refused below
+            picks = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
+    except ValueError as fault:
+        raise Scan2FlexError(f"{path} is no table of u, v, depth in mm: {' '.join(str(fault).split())[:100]}") from fault
+    if picks.shape[1] != 3 or not np.isfinite(picks).all() or not (picks[:, 2] > 0).all():
+        raise Scan2FlexError(f"{path} must hold three finite columns u, v, depth in mm with positive depth")
+    return picks
+
+
+def deproject(picks: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Points (m) in the camera's frame: x = (u - c_u) z / f, y = (v - c_v) z / f, z the depth."""
+    z = 1e-3 * picks[:, 2:]
+    return np.concatenate([(picks[:, :2] - CENTRE) * z / FOCAL, z], axis=1)
 
 
 @cache
 def curve_of(path):
     """The centre curve through the picks of one image."""
-    from benchmarks import kinect_picks  # noqa: PLC0415
-
-    return kinect_picks.curve_from_picks(kinect_picks.read_picks(path), RADIUS, NOISE)
+    points = deproject(read_picks(path))
+    return extract(points, RADIUS, guide_points=points, viewpoints=np.zeros((1, 3)), noise=NOISE)
 
 
 def pose_of(path, role):
     """A pose of the study from its picks, with clamps where they end, without twist between them."""
-    from scan2flex_jax.study import Clamp, MeasuredCurve, StudyPose  # noqa: PLC0415
-
     points, frames = axis_points(path), transported(curve_of(path).tangents)
     clamps = [Clamp(points[k], quaternion(frames[k])) for k in (0, -1)]
     return StudyPose(path.stem, role, *clamps, curve=MeasuredCurve(points))
@@ -59,31 +87,24 @@ def pose_of(path, role):
 
 def axis_points(path):
     """The picks (n, 3), m, moved from the surface that the camera sees to the axis."""
-    from benchmarks import kinect_picks  # noqa: PLC0415
-
-    points = kinect_picks.deproject(kinect_picks.read_picks(path))
+    points = deproject(read_picks(path))
     return points * (1.0 + RADIUS / np.linalg.norm(points, axis=1, keepdims=True))
 
 
 def transported(tangents):
     """Frames (n, 3, 3) along a curve that do not turn about it."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415
-
     side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
-    frame = np.column_stack([side / np.linalg.norm(side), np.cross(tangents[0], side / np.linalg.norm(side)), tangents[0]])
-    out = [frame]
+    frame = np.column_stack([side, np.cross(tangents[0], side), tangents[0]])
+    out = [frame / np.linalg.norm(frame, axis=0)]
     for a, b in pairwise(tangents):
         axis = np.cross(a, b)
         sine = np.linalg.norm(axis)
-        turn = Rotation.from_rotvec(axis / max(sine, 1e-300) * np.arctan2(sine, a @ b)).as_matrix()
-        out.append(turn @ out[-1])
+        out.append(Rotation.from_rotvec(axis / max(sine, 1e-300) * np.arctan2(sine, a @ b)).as_matrix() @ out[-1])
     return np.array(out)
 
 
 def quaternion(frame):
     """Scalar first."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415
-
     return Rotation.from_matrix(frame).as_quat(scalar_first=True)
 
 
@@ -96,8 +117,6 @@ def along(points, count=41):
 
 def study_of(wire, paths, unseen=None):
     """A wire's poses, one of them perhaps for validation only."""
-    from scan2flex_jax.study import Study, Tolerance, Unknown  # noqa: PLC0415
-
     poses = tuple(pose_of(p, "validate" if p == unseen else "fit") for p in paths)
     cable = {"length": LENGTH, "radius": RADIUS, "length_density": DENSITY[wire]}
     unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
@@ -106,9 +125,6 @@ def study_of(wire, paths, unseen=None):
 
 def fitted(study):
     """The fit of a study, or the sentence of its error."""
-    from scan2flex_jax.errors import Scan2FlexError  # noqa: PLC0415
-    from scan2flex_jax.fitting import fit  # noqa: PLC0415
-
     try:
         return fit(study)
     except Scan2FlexError as fault:
@@ -117,8 +133,6 @@ def fitted(study):
 
 def within_tolerances(study, unseen) -> dict:
     """The error of a pose with the cable of ``study``, known from others, while its clamps, length and gravity are fitted."""
-    from scan2flex_jax.study import Unknown  # noqa: PLC0415
-
     EI = study.cable.get("bending_stiffness")
     if EI is None:  # `explain` ends without an estimate where the input is likely mistaken
         return {"failed": "no stiffness to predict with"}
@@ -129,8 +143,6 @@ def within_tolerances(study, unseen) -> dict:
 
 def explained(wire, paths, unseen) -> dict:
     """The explanation of three poses, and the errors of its prediction of the fourth; None if that pose is not solved."""
-    from scan2flex_jax.inference import explain  # noqa: PLC0415
-
     e = explain(study_of(wire, paths, unseen))
     one = e.poses.get(unseen.stem)
     error = {"mean node error over length": node_error(one)} if one is not None and one.stable else {}
@@ -182,28 +194,26 @@ def mean_errors(solved) -> dict:
     return out
 
 
+def wires_folder() -> Path:
+    folder = Path(os.environ.get("SCAN2FLEX_DATA", "")) / "wires-kinect"
+    if not folder.is_dir():
+        sys.exit("the picked points are public in github.com/qj25/adapteddlo_muj: name the folder above them in SCAN2FLEX_DATA")
+    return folder
+
+
 def main() -> None:
     """All wires, all poses left out in turn."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fits-only", action="store_true", help="leave `explain` out")
     fits_only = parser.parse_args().fits_only
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
-    folder = Path(os.environ.get("SCAN2FLEX_DATA", "")) / "wires-kinect"
-    if not folder.is_dir():
-        sys.exit("the picked points are public in github.com/qj25/adapteddlo_muj: name the folder above them in SCAN2FLEX_DATA")
+    folder, out = wires_folder(), {}
     prepare_jax()
-    out = {}
     for wire in DENSITY:
         paths = sorted(folder.glob(f"{wire}*.csv"))
         rows, whole = [left_out(wire, paths, p, fits_only) for p in paths], all_fitted(wire, paths)
-        solved = [r for r in rows if r["solved"]]
-        told = mean_errors(solved)
-        known = {"published, percent": PUBLISHED[wire]}
-        out[wire] = {"all fitted": whole, "poses": rows, **told, **known}
-        found = [r.get("bending_stiffness") or r["why"] for r in rows]
-        sys.stdout.write(f"{wire}: all fitted {whole}; left out in turn {told} {found}\n")
-        sys.stdout.write(f"{[r.get('explained') for r in solved]}\n")
+        means = mean_errors([r for r in rows if r["solved"]])
+        out[wire] = {"all fitted": whole, "poses": rows, **means, "published, percent": PUBLISHED[wire]}
+        sys.stdout.write(f"{wire}: all fitted {whole}; left out in turn {means}\n")
     record("kinect_wires", out)
 
 

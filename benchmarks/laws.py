@@ -1,7 +1,7 @@
-"""Laws of bending recovered from shapes: ``python -m benchmarks.laws [COUNT] [--seed N] [--conductor FILE]``.
+"""Laws of bending recovered from shapes: ``python -m benchmarks.laws [COUNT] [--seed N]``.
 
-40 cables by default, one of five laws each in turn, and with a ``FILE`` one more whose law is a measured curve (`conductor`).
-Every case is recorded when it is done; a run with the seed of the record goes on where that one stopped.
+40 cables by default, one of five laws each in turn. Every case is recorded when it is done; a run with the seed of the record
+goes on where that one stopped.
 
 An independent solver of the rod equations (`benchmarks.blind.rod`) makes the shapes: a cable drawn as for the blind studies in
 4 to 6 poses, with one of five laws of the bending moment, and white noise of a thousandth of the length. The study declares
@@ -25,7 +25,6 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from benchmarks import conductor
 from benchmarks.blind import cases, effects, laws, rod, stability, studies
 from benchmarks.blind import quaternions as qt
 from benchmarks.blind.design import FINE, GRAVITY
@@ -34,12 +33,11 @@ from benchmarks.blind.scene import mesh, observation_matrix
 from benchmarks.blind.shapes import Tolerance
 from benchmarks.record import RESULTS, record
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference import fit
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study
 
 jax.config.update("jax_enable_x64", True)
 SEED, CASES, FEWEST_FIT, MOST_FIT, POINTS = 171, 40, 4, 6, 60
-CONDUCTOR = "conductor"
 STABLE = 0.3  # lowest square of a frequency over g/L: a pose nearer to buckling is left out
 NOISE = 1e-3  # of the length
 GRID, BEYOND, ELEMENTS = 24, 1.2, 80
@@ -78,9 +76,8 @@ class Bilinear:
         return np.where(beyond, self.ratio + lost / k, 1.0), np.where(beyond, -0.5 * lost / k**3, 0.0)
 
 
-def drawn(rng, most, measured=None):
-    """The five laws, their curvatures drawn as parts of the largest curvature ``most`` (1/m) of the linear cable; with a
-    ``measured`` curve that one too, which gives way where the slip with plateau does."""
+def drawn(rng, most):
+    """The five laws, their curvatures drawn as parts of the largest curvature ``most`` (1/m) of the linear cable."""
     knee = most * rng.uniform(0.15, 0.4)
     return {
         "linear": laws.Slip(knee, 1.0),
@@ -88,7 +85,6 @@ def drawn(rng, most, measured=None):
         "hardening": laws.Slip(knee, rng.uniform(1.8, 4.0)),
         "slip with plateau": laws.Slip(2.0 * knee, rng.uniform(0.02, 0.06)),  # below that it falls together
         "bilinear": Bilinear(knee, rng.uniform(0.2, 0.5)),
-        **({} if measured is None else {CONDUCTOR: replace(measured, stretch=2.0 * knee / measured.yields)}),
     }
 
 
@@ -98,7 +94,7 @@ def curvature(F, y):
     return np.hypot(kappa[..., 0], kappa[..., 1])
 
 
-def posed(key, name, measured=None):
+def posed(key, name):
     """``(scene, law, fields, states)`` of a case, with the poses that stay stable; None where too few do."""
     rng = np.random.default_rng(key)
     found = cases.pose_cable(rng, (), FEWEST_FIT)
@@ -106,7 +102,7 @@ def posed(key, name, measured=None):
         return None
     (scene, y, _), sigma = found, mesh(FINE, found[0].cable.length)
     F = effects.build(scene, [], sigma)[0]
-    law = drawn(rng, float(curvature(F, y).max()), measured)[name]
+    law = drawn(rng, float(curvature(F, y).max()))[name]
     for share in STEPS:
         F = replace(F, law=OnTheWay(law, float(share)))
         y, ok = rod.solve(F, y)
@@ -157,11 +153,11 @@ def scored(study, EI, law):
     }  # fmt: skip
 
 
-def one(i, seed, measured=None):
-    """Case ``i`` of a seed: its law and figures, or why there are none; of a ``measured`` curve if there is one."""
-    name = tuple(drawn(np.random.default_rng(0), 1.0))[i % 5] if measured is None else CONDUCTOR
+def one(i, seed):
+    """Case ``i`` of a seed: its law and figures, or why there are none."""
+    name = tuple(drawn(np.random.default_rng(0), 1.0))[i % 5]
     for attempt in range(20):
-        found = posed((seed, i, attempt), name, measured)
+        found = posed((seed, i, attempt), name)
         if found is not None:
             break
     else:
@@ -177,7 +173,6 @@ def one(i, seed, measured=None):
 
 def summary(rows) -> dict:
     """Means over the cases of the five laws that have figures; ``said linear`` of the linear ones and of the others."""
-    rows = [r for r in rows if r["law"] != CONDUCTOR]
     told = [r for r in rows if "failed" not in r]
     linear = [r["linear"] for r in told if r["law"] == "linear"]
     bent = [r["linear"] for r in told if r["law"] != "linear"]
@@ -189,38 +184,20 @@ def summary(rows) -> dict:
     }  # fmt: skip
 
 
-def cases_before(seed) -> list[dict]:
-    """The cases of the record, where it is one of this seed."""
-    path = RESULTS / "laws.json"
-    before = json.loads(path.read_text("utf-8"))["results"] if path.exists() else {}
-    return before["cases"] if before.get("seed") == seed else []
-
-
-def run(count, seed, measured=None):
-    """The cases that the record lacks, each recorded and told when it is done."""
-    rows = cases_before(seed)
-    known = {(r["case"], r["law"] == CONDUCTOR) for r in rows}
-    todo = [(i, None) for i in range(count)] + ([] if measured is None else [(0, measured)])
-    for i, law in ((i, law) for i, law in todo if (i, law is not None) not in known):
-        rows.append(one(i, seed, law))
-        sys.stdout.write(f"{rows[-1]}\n")
-        sys.stdout.flush()
-        record("laws", {"seed": seed, "summary": summary(rows), "cases": rows})
-    sys.stdout.write(f"{summary(rows)}\n")
-
-
 def main():
-    """Run the cases that are asked for."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.laws", description=__doc__.splitlines()[0])
     parser.add_argument("count", type=int, nargs="?", default=CASES, help="cables, one of five laws each in turn")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--conductor", type=Path, metavar="FILE", help="a measured curve: curvature (1/m), moment (N m)")
-    given = parser.parse_args()
-    try:
-        measured = conductor.read(given.conductor) if given.conductor else None
-    except conductor.CurveError as fault:
-        parser.error(str(fault))
-    run(given.count, given.seed, measured)
+    args = parser.parse_args()
+    path = RESULTS / "laws.json"
+    before = json.loads(path.read_text("utf-8"))["results"] if path.exists() else {}
+    rows = before["cases"] if before.get("seed") == args.seed else []
+    for i in range(len(rows), args.count):
+        rows.append(one(i, args.seed))
+        sys.stdout.write(f"{rows[-1]}\n")
+        sys.stdout.flush()
+        record("laws", {"seed": args.seed, "summary": summary(rows), "cases": rows})
+    sys.stdout.write(f"{summary(rows)}\n")
 
 
 if __name__ == "__main__":

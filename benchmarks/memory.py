@@ -24,10 +24,9 @@ from benchmarks.blind.hysteresis import BoucWen, Dahl, Grip
 from benchmarks.record import RESULTS, record
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import memory_test
+from scan2flex_jax.inference import fit, memory_test
 from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
 
 jax.config.update("jax_enable_x64", True)
@@ -153,25 +152,23 @@ def seconds_of_fits() -> dict[str, dict[str, float]]:
 
 
 def summary(rows: list[dict]) -> dict:
-    """What is asked of the cases: named where memory is clear, not named where there is none, loops and predictions."""
+    """Named where memory is clear, not named where there is none; errors of loops and predictions."""
     told = [r for r in rows if "failed" not in r]
     clear = [r for r in told if r["remembers"] and r["moved over noise"] > CLEAR]
     none = [r for r in told if not r["remembers"]]
-    by_law = {law: [r["loop error"] < 0.15 for r in clear if r["law"] == law] for law in (kind.__name__ for kind in LAWS)}
+
+    def count(values):
+        found = list(values)
+        return [sum(found), len(found)]
+
+    by_law = {law.__name__: count(r["loop error"] < 0.15 for r in clear if r["law"] == law.__name__) for law in LAWS}
     return {
         "cases": len(rows), "failed": len(rows) - len(told),
-        "named, memory clear": [sum(r["named"] for r in clear), len(clear)],
-        "not named, no memory": [sum(not r["named"] for r in none), len(none)],
-        "loop area within 15 %": [sum(r["loop error"] < 0.15 for r in clear), len(clear)],
-        "loop area within 15 %, by law": {law: [sum(within), len(within)] for law, within in by_law.items()},
-        "loop area over the true one, median": _median(r["loop"] / r["true loop"] for r in clear),
-        "next pose better": [sum(r["next, friction"] < r["next, plain"] for r in clear), len(clear)],
+        "named, memory clear": count(r["named"] for r in clear), "not named, no memory": count(not r["named"] for r in none),
+        "loop area within 15 %": count(r["loop error"] < 0.15 for r in clear), "loop area within 15 %, by law": by_law,
+        "loop area over the true one, median": float(np.median([r["loop"] / r["true loop"] for r in clear])) if clear else None,
+        "next pose better": count(r["next, friction"] < r["next, plain"] for r in clear),
     }  # fmt: skip
-
-
-def _median(values) -> float | None:
-    found = list(values)
-    return float(np.median(found)) if found else None
 
 
 def main() -> None:

@@ -2,19 +2,16 @@
 
     SCAN2FLEX_DATA=... python -m benchmarks.mistakes      (the folder that holds `practice`, `textile-strip` and `black-wire`)
 
-Every mistake of `mistakes_made` is applied to three simulated studies (the first of the practice studies, by number, that have
-centre curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake counts as
+Every mistake of `KINDS` is applied to three simulated studies (the first of the practice studies, by number, that have centre
+curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake is
 
-* *named* if `check_study` refuses the study, `check` warns or `fit` reports it in its first three lines, with the right remedy,
-  and the corrected study fits as the one before the mistake (within a fifth);
+* *named* if the study is refused, or `check` or the first three lines of `fit` report it, with the right remedy, and the
+  corrected study fits as the one before the mistake (within a fifth);
 * *without trace* if the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
-* *warned* if the first three lines doubt the values without naming it; else it is *missed*, and `explain` is run too.
+* *warned of* if the first three lines doubt the values without naming it; else it is *missed*, and `explain` is run too.
 
 Then all other practice studies, most of them with an undeclared effect, are fitted as they are: any mistake named there is a
-false accusation.
-
-Recorded cases are kept, so that an interrupted run continues; `--again` repeats them. The record is
-`benchmarks/results/mistakes.json`.
+false accusation. Recorded cases are kept, so that an interrupted run continues; `--again` repeats them.
 """
 
 import argparse
@@ -27,11 +24,15 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
 
-from benchmarks.mistakes_made import KINDS, both_held, rotation
 from benchmarks.record import RESULTS, record
+from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study import load_study, study_warnings
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import explain, fit
+from scan2flex_jax.study import Clamp, MeasuredCurve, load_study, study_warnings
 
 ELEMENTS = 20  # of all fits here: the mesh error stays below 1e-4 of the length
 SIMULATED, REAL = 3, ("textile-strip", "black-wire")
@@ -40,6 +41,202 @@ FIRST = 3  # lines that everybody reads
 ALIKE = 1.2  # times the residual of the study before the mistake
 TRACE = 0.1  # of that residual: modelled shapes that differ by less are the same
 NAMED, WARNED, TRACELESS, MISSED = "named", "warned", "without trace", "missed"
+
+
+MILLIMETRES, CENTIMETRES, INCHES, BADLY, POUNDS = 1000.0, 100.0, 1 / 0.0254, 1.02, 2.2046
+
+
+def rotation(clamp):
+    """The rotation of a clamp with a quaternion."""
+    return Rotation.from_quat(clamp.quaternion, scalar_first=True)
+
+
+def _held(clamp):
+    return clamp is not None and clamp.quaternion is not None
+
+
+def both_held(pose):
+    return _held(pose.start) and _held(pose.end)
+
+
+def poses_changed(change, which=None):
+    """A mistake of all poses, or of those that ``which(study)`` gives; None where nothing changes."""
+
+    def made(study):
+        names = [p.name for p in (study.poses if which is None else which(study))]
+        poses = tuple(change(p) if p.name in names else p for p in study.poses)
+        return replace(study, poses=poses) if any(a is not b for a, b in zip(poses, study.poses, strict=True)) else None
+
+    return made
+
+
+def clamps_changed(change, ends=("start", "end")):
+    """Other quaternions of the clamps, by ``change(clamp)``."""
+
+    def one(pose):
+        held = {end: getattr(pose, end) for end in ends if _held(getattr(pose, end))}
+        return replace(pose, **{end: Clamp(c.position, change(c)) for end, c in held.items()}) if held else pose
+
+    return one
+
+
+def _about(axis, degrees):
+    """Clamps written with other axes of the same body."""
+    turn = Rotation.from_euler(axis, degrees, degrees=True)
+    return lambda c: np.roll((rotation(c) * turn).as_quat(), 1)
+
+
+def fit_pose(k):
+    """The fitted pose number ``k`` with two clamps (the last one where there are fewer)."""
+
+    def which(study):
+        some = [p for p in study.fit_poses if both_held(p)] or list(study.fit_poses)
+        return [some[min(k, len(some) - 1)]]
+
+    return which
+
+
+def only_held(change):
+    return lambda p: change(p) if both_held(p) else p
+
+
+def more_turns(more, k):
+    return poses_changed(only_held(lambda p: replace(p, turns=p.turns + more)), fit_pose(k))
+
+
+def all_clamps(change, *ends):
+    return poses_changed(clamps_changed(change, ends or ("start", "end")))
+
+
+def rolls(degrees, end, which=None):
+    return poses_changed(only_held(clamps_changed(_about("z", degrees), (end,))), which)
+
+
+def exchanged(pick):
+    """The curves of two poses exchanged."""
+
+    def made(study):
+        pair = pick(study)
+        if len(pair) < 2:
+            return None
+        curves = {pair[0].name: pair[1].curve, pair[1].name: pair[0].curve}
+        return replace(study, poses=tuple(replace(p, curve=curves.get(p.name, p.curve)) for p in study.poses))
+
+    return made
+
+
+def copied_clamps(study):
+    """The second fitted pose has the clamps of the first one: copied, and not changed."""
+    if len(study.fit_poses) < 2:
+        return None
+    a, b = study.fit_poses[:2]
+    return replace(study, poses=tuple(replace(p, start=a.start, end=a.end) if p is b else p for p in study.poses))
+
+
+def reversed_curve(pose):
+    return replace(pose, curve=MeasuredCurve(pose.curve.points[::-1]))
+
+
+def exchanged_clamps(pose):
+    return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
+
+
+def _shortest(a, b):
+    """The shortest rotation from one unit vector to another."""
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis)
+    return Rotation.from_rotvec(axis / max(sine, 1e-12) * np.arctan2(sine, a @ b))
+
+
+def _opposite(pose, carried):
+    """The end clamp with the opposite roll against a frame carried to it."""
+    roll = (carried.inv() * rotation(pose.end)).as_rotvec()
+    return replace(pose, end=Clamp(pose.end.position, np.roll((carried * Rotation.from_rotvec(-roll)).as_quat(), 1)))
+
+
+def other_roll(study):
+    """Rolls from the first pose's, on the shortest way from tangent to tangent, with the other sign."""
+    first = next((p for p in study.poses if both_held(p)), None)
+    if first is None:
+        return None
+    a = rotation(first.end)
+    along = lambda pose: _shortest(a.as_matrix()[:, 2], rotation(pose.end).as_matrix()[:, 2]) * a  # noqa: E731
+    poses = (_opposite(p, along(p)) if both_held(p) and p is not first else p for p in study.poses)
+    return replace(study, poses=tuple(poses))
+
+
+def other_twist(pose):
+    """The end clamp rolled so that the twist beyond a frame carried along the curve has the other sign."""
+    R, t = rotation(pose.start), rotation(pose.start).as_matrix()[:, 2]
+    points = uniform_filter1d(pose.curve.points, max(1, len(pose.curve.points) // 16), axis=0)
+    for onward in [*np.diff(points, axis=0), rotation(pose.end).as_matrix()[:, 2]]:
+        n = onward / np.linalg.norm(onward)
+        R, t = _shortest(t, n) * R, n
+    return _opposite(pose, R)
+
+
+def scaled(curves=1.0, clamps=1.0, length=1.0, density=1.0):
+    """Parts of a study in another unit."""
+
+    def clamp(c):
+        return None if c is None else Clamp(clamps * c.position, c.quaternion)
+
+    def made(study):
+        poses = [replace(p, start=clamp(p.start), end=clamp(p.end)) for p in study.poses]
+        poses = tuple(replace(p, curve=MeasuredCurve(curves * p.curve.points)) for p in poses)
+        factors = {"length": length, "length_density": density}
+        return replace(study, poses=poses, cable={**study.cable, **{n: f * study.cable[n] for n, f in factors.items()}})
+
+    return made
+
+
+def gravity(other):
+    return lambda study: replace(study, gravity=other(np.asarray(study.gravity)))
+
+
+KINDS = {
+    "first two fitted poses exchanged": (exchanged(lambda s: s.fit_poses[:2]), ("exchange their centre_curve",)),
+    "last two fitted poses exchanged": (exchanged(lambda s: s.fit_poses[::-1][:2]), ("exchange their centre_curve",)),
+    "a fitted and a validate pose exchanged": (
+        exchanged(lambda s: (*s.fit_poses[:1], *s.validate_poses[:1])), ("exchange their centre_curve",)
+    ),
+    "clamps copied from another pose": (copied_clamps, ("look at its clamps", "multiply its end quaternion")),
+    "a turn too many in one pose": (more_turns(1, 0), ("turns =",)),
+    "a turn too few in one pose": (more_turns(-1, 1), ("turns =",)),
+    "end rolled by half a turn in one pose": (rolls(180, "end", fit_pose(1)), ("multiply its end quaternion",)),
+    "end rolled by 90 degrees in one pose": (rolls(90, "end", fit_pose(1)), ("multiply its end quaternion",)),
+    "end rolled by 90 degrees in all poses": (rolls(90, "end"), ("multiply the end quaternions",)),
+    "end rolled by half a turn in all poses": (rolls(180, "end"), ("multiply the end quaternions",)),
+    "start rolled by -90 degrees in all poses": (rolls(-90, "start"), ("multiply the end quaternions",)),
+    "sign of the rolls from pose to pose": (other_roll, ("turn the roll",)),
+    "sign of the twist": (poses_changed(only_held(other_twist)), ("turn the roll",)),
+    "tangent is x": (all_clamps(_about("y", -90)), ("x axis",)),
+    "tangent is y": (all_clamps(_about("x", 90)), ("y axis",)),
+    "tangent is -z": (all_clamps(_about("x", 180)), ("z axis", "multiply the start quaternions")),
+    "tangent inward at the end": (all_clamps(_about("x", 180), "end"), ("multiply the end quaternions",)),
+    "one curve reversed": (poses_changed(reversed_curve, fit_pose(1)), ("reverse the order",)),
+    "all curves reversed": (poses_changed(reversed_curve), ("reverse the order",)),
+    "clamps exchanged in one pose": (poses_changed(exchanged_clamps, fit_pose(1)), ("exchange",)),
+    "clamps exchanged in all poses": (poses_changed(exchanged_clamps), ("exchange",)),
+    "quaternions scalar-last": (all_clamps(lambda c: np.roll(c.quaternion, -1)), ("[w, x, y, z]",)),
+    "quaternions conjugated": (all_clamps(lambda c: c.quaternion * [1, -1, -1, -1]), ("signs of their x, y and z",)),
+    "gravity upward": (gravity(lambda g: -g), ("write gravity",)),
+    "gravity along another axis": (gravity(lambda g: np.roll(g, 1)), ("write gravity",)),
+    "density in g/m": (scaled(density=1000.0), ("check the unit",)),
+    "density in t/m": (scaled(density=0.001), ("check the unit",)),
+    "density in lb/m": (scaled(density=POUNDS), ("check the unit", "looks like lb/m")),
+    "curves in mm": (scaled(curves=MILLIMETRES), ("millimetres",)),
+    "curves in cm": (scaled(curves=CENTIMETRES), ("centimetres",)),
+    "curves in inches": (scaled(curves=INCHES), ("inches",)),
+    "curves 2 % too large": (scaled(curves=BADLY), ("curves look",)),
+    "clamps in mm": (scaled(clamps=MILLIMETRES), ("millimetres",)),
+    "clamps in inches": (scaled(clamps=INCHES), ("inches",)),
+    "clamps 2 % too large": (scaled(clamps=BADLY), ("positions look",)),
+    "length in mm": (scaled(length=MILLIMETRES), ("millimetres",)),
+    "length in cm": (scaled(length=CENTIMETRES), ("centimetres",)),
+    "length in inches": (scaled(length=INCHES), ("inches",)),
+}
+"""By mistake: its function, from study to study or to None where impossible, and words of the right remedy."""
 
 
 def chosen(data: Path) -> dict:
@@ -62,8 +259,6 @@ def answer(data: Path, name: str) -> dict:
 
 def fitted(study):
     """The fit, or the sentence of its refusal."""
-    from scan2flex_jax.fitting import fit  # noqa: PLC0415
-
     try:
         return fit(study, elements=ELEMENTS)
     except Scan2FlexError as fault:
@@ -92,7 +287,7 @@ def judged(study, clean, words, truth) -> dict:
         return out | {"outcome": TRACELESS}
     if found.doubts or not found.believable:
         return out | {"outcome": WARNED}
-    return out | {"outcome": MISSED, "explain": explained(study)}
+    return out | {"outcome": MISSED, "explain": said(explain(study, elements=ELEMENTS, mesh=False))}
 
 
 def traceless(study, found, clean) -> bool:
@@ -118,8 +313,6 @@ def alike(off, residual, clean) -> bool:
 
 def evaluated(study, shared, start=None):
     """All poses of a study, validate poses too, at values of its unknowns."""
-    from scan2flex_jax.fitting.problem import Problem  # noqa: PLC0415
-
     every = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
     return Problem(every, ELEMENTS).evaluator(shared, start=start)
 
@@ -150,12 +343,8 @@ def excluded(found, truth) -> bool | None:
     return any(not low <= true <= high for low, true, high in bars) if bars else None
 
 
-def explained(study) -> dict:
-    """The answer of `explain` to a mistake that nothing else reports."""
-    from scan2flex_jax.inference import explain  # noqa: PLC0415
-
-    found = explain(study, elements=ELEMENTS, mesh=False)
-    return {"verdict": found.verdict, "chosen": [r.kind for r in found.chosen]}
+def said(e) -> dict:
+    return {"verdict": e.verdict, "chosen": [r.kind for r in e.chosen]}
 
 
 def accused(study) -> dict:
@@ -183,36 +372,34 @@ def summed(cases, silent) -> dict:
 
 def main() -> None:
     """All mistakes of all studies, then the studies without one."""
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--again", action="store_true", help="make recorded cases anew")
-    again = parser.parse_args().again
-    data = Path(os.environ.get("SCAN2FLEX_DATA", ""))
+    again, data = parser.parse_args().again, Path(os.environ.get("SCAN2FLEX_DATA", ""))
     if not (data / "practice").is_dir():
         sys.exit("name the folder that holds practice, textile-strip and black-wire in SCAN2FLEX_DATA")
     prepare_jax()
     path = RESULTS / "mistakes.json"
     known = json.loads(path.read_text())["results"] if path.exists() and not again else {"cases": {}, "silent": {}}
     cases, silent = known["cases"], known["silent"]
+
+    def keep(name, kind, found):
+        sys.stdout.write(f"{name} | {kind} | {found}\n")
+        sys.stdout.flush()
+        record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})
+
     for name, study in chosen(data).items():
         clean, mine = None, cases.setdefault(name, {})
         for kind, (change, words) in KINDS.items():
-            if kind in mine:
-                continue
-            mistaken = change(study)
-            clean = clean or (fitted(study) if mistaken is not None else None)
-            mine[kind] = None if mistaken is None else judged(mistaken, clean, words, answer(data, name))
-            sys.stdout.write(f"{name} | {kind} | {mine[kind]}\n")
-            sys.stdout.flush()
-            record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})
+            if kind not in mine:
+                mistaken = change(study)
+                clean = clean or (fitted(study) if mistaken is not None else None)
+                mine[kind] = None if mistaken is None else judged(mistaken, clean, words, answer(data, name))
+                keep(name, kind, mine[kind])
     for folder in [*sorted((data / "practice" / "cases").iterdir()), *(data / n for n in (*REAL, "red-wire"))]:
         study = load_study(folder)
         if folder.name not in silent and all(p.curve is not None for p in study.poses):
             silent[folder.name] = accused(study)
-            sys.stdout.write(f"{folder.name} | nothing mistaken | {silent[folder.name]}\n")
-            sys.stdout.flush()
-            record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})
+            keep(folder.name, "no mistake", silent[folder.name])
 
 
 if __name__ == "__main__":

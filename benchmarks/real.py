@@ -12,9 +12,17 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import jax.numpy as jnp
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks.record import record
+from scan2flex_jax import Boundary, Cable, CableModel, EffectDeclaration, Unknown, equilibrium, explain, fit, load_study, plot
+from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.examples import example_path
+from scan2flex_jax.statics.starts import curve_start
+from scan2flex_jax.study import Tolerance
 
 # What a photograph with hand-made clamps leaves open: length and scale by some per cent, clamps by some degrees.
 LOOSE = {"length": 0.02, "clamp_position": 0.003, "clamp_rotation": 0.09, "gravity": 0.02}
@@ -34,8 +42,6 @@ ABOUT = {
 
 def variants(name, study):
     """The study as measured, and with declarations that a user might add."""
-    from scan2flex_jax.study import Tolerance  # noqa: PLC0415
-
     every = replace(study, poses=tuple(replace(p, role="fit") for p in study.poses))
     yield AS_DECLARED, study
     if len(study.poses) > 1:
@@ -63,29 +69,23 @@ def told(e) -> dict:
     return out | {"p_value": e.p_value, "ranking": ranking, "before": before, "after": after, "poses": poses, "noise": noise}
 
 
-def measured_laws(study, plot, picture: Path | None) -> dict:
+def measured_laws(study, picture: Path | None) -> dict:
     """The bending law of each photograph by itself: moments (N m) with their 95 % bands, and a picture of all."""
-    import matplotlib.pyplot as plt  # noqa: PLC0415
-
-    from scan2flex_jax import EffectDeclaration, Unknown, fit  # noqa: PLC0415
-
     figure, axes = plt.subplots(1, len(study.poses), figsize=(4.6 * len(study.poses), 3.6), layout="constrained", sharey=True)
-    out = {}
+    law, out = EffectDeclaration("bending_law", {"curvature": GRID}), {}
+    unknowns = (*study.unknowns, Unknown("bending_law.factor"))
     for pose, ax in zip(study.poses, axes, strict=True):
-        declared = (*study.effects, EffectDeclaration("bending_law", {"curvature": GRID}))
         alone = (replace(pose, role="fit"),)
-        found = fit(replace(study, poses=alone, effects=declared, unknowns=(*study.unknowns, Unknown("bending_law.factor"))))
-        (law,) = found.laws
-        at = [int(np.argmin(np.abs(law.at - k))) for k in TOLD]
-        rms = found.poses[pose.name].rms
+        found = fit(replace(study, poses=alone, effects=(*study.effects, law), unknowns=unknowns))
+        (one,), rms = found.laws, found.poses[pose.name].rms
+        at = [int(np.argmin(np.abs(one.at - k))) for k in TOLD]
         out[pose.name] = {
-            "rms": rms, "converged": found.converged, "sentences": list(law.sentences()),
-            "moments": [[float(x[i]) for x in (law.at, law.moment, law.low, law.high)] for i in at],
-            "reached": [bool(law.reached[i]) for i in at],
+            "rms": rms, "converged": found.converged, "sentences": list(one.sentences()),
+            "moments": [[float(x[i]) for x in (one.at, one.moment, one.low, one.high)] for i in at],
+            "reached": [bool(one.reached[i]) for i in at],
         }  # fmt: skip
         plot.law(found, ax=ax)
         ax.set_title(f"{pose.name}: {1e3 * rms:.2f} mm RMS", fontsize=10, pad=34)
-        sys.stderr.write(f"{pose.name}, law: {1e3 * rms:.2f} mm\n")
     if picture is not None:
         plot.save(figure, picture)
     plt.close(figure)
@@ -94,11 +94,6 @@ def measured_laws(study, plot, picture: Path | None) -> dict:
 
 def buckling(study, bending_stiffness: float, ratio: float) -> float | None:
     """Twist (degrees) of the end clamp at which the loop jumps to another shape; None up to `MOST_TWIST`."""
-    import jax.numpy as jnp  # noqa: PLC0415
-
-    from scan2flex_jax import Boundary, Cable, CableModel, equilibrium  # noqa: PLC0415
-    from scan2flex_jax.statics.starts import curve_start  # noqa: PLC0415
-
     pose, given = study.poses[0], study.cable
     cable = Cable(given["length"], given["length_density"], bending_stiffness, ratio * bending_stiffness)
     model = CableModel(cable, jnp.asarray(study.gravity))
@@ -125,36 +120,10 @@ def page(name, entry, picture) -> str:
     for words, r in entry["variants"].items():
         lines += [f"## {words[0].upper()}{words[1:]}", ""]
         lines += [f"![{name}, {words}]({picture})", ""] if words == AS_DECLARED else []
-        lines += [f"Verdict: **{r['verdict']}**.", ""]
-        lines += [f"- {s}" for s in r["sentences"]]
-        if "ranking" not in r:
-            continue
-        lines += ["", "| pose | role | baseline, mm | after, mm |", "| --- | --- | --- | --- |"]
-        for pose, p in r["poses"].items():
-            figures = [f"{1e3 * p[k]:.2f}" if k in p else "not solved" for k in ("rms_before", "rms")]
-            lines.append(f"| {pose} | {p['role']} | {' | '.join(figures)} |")
-        lines += ["", "| kind | log evidence, nats | verdict | error on fitted poses, mm | on validate poses, mm |"]
-        lines += ["| --- | --- | --- | --- | --- |"]
-        for k in r["ranking"]:
-            left = f"{_millimetres(k['rms_fit'])} | {_millimetres(k['rms_validate'])}"
-            lines.append(f"| {k['kind']} | {k['log_evidence']:.0f} | {k['verdict']} | {left} |")
-        lines += ["", f"Noise given all signatures: {1e3 * r['noise']['total']:.2f} mm per normal. Estimates:", ""]
-        for n, x in r["after"].items():
-            open_end = "" if x["identifiable"] else " (not determined)"
-            lines.append(f"- {n}: {r['before'][n]:.3g} before, {x['value']:.3g} after{open_end}")
-        lines += [f"- to settle it: {s}" for s in r["settle"]] + [""]
-    if "laws" in entry:
-        about = "A law of any form, fitted to each photograph by itself: moment over curvature, in mN m with its 95 % band."
-        lines += ["## The measured bending law", "", about, "", f"![bending law of each photograph]({name}-law.png)", ""]
-        lines += ["| curvature, 1/m | " + " | ".join(entry["laws"]) + " |", "| --- |" + " --- |" * len(entry["laws"])]
-        for i in range(len(TOLD)):
-            cells = [_moment(*found["moments"][i][1:], found["reached"][i]) for found in entry["laws"].values()]
-            lines.append(f"| {next(iter(entry['laws'].values()))['moments'][i][0]:.1f} | {' | '.join(cells)} |")
-        lines.append("")
-        for pose, found in entry["laws"].items():
-            settled = "" if found["converged"] else ", not settled"
-            lines.append(f"- {pose}: {1e3 * found['rms']:.2f} mm RMS are left{settled}; {'; '.join(found['sentences'])}")
-        lines.append("")
+        lines += [f"Verdict: **{r['verdict']}**.", "", *(f"- {s}" for s in r["sentences"])]
+        if "ranking" in r:
+            lines += _figures(r)
+    lines += _laws(name, entry["laws"]) if "laws" in entry else []
     if "buckling" in entry:
         b = entry["buckling"]
         said = ", ".join(f"{k}: {f'none up to {MOST_TWIST}' if v is None else f'{v:.0f}'}" for k, v in b["predicted"].items())
@@ -165,48 +134,68 @@ def page(name, entry, picture) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _table(head, rows) -> list[str]:
+    return ["", *(f"| {' | '.join(map(str, row))} |" for row in (head, ["---"] * len(head), *rows)), ""]
+
+
+def _figures(r) -> list[str]:
+    """Errors of the poses, ranking, noise, estimates, and measurements that settle a tie."""
+    poses = [[n, p["role"], *(_millimetres(p.get(k, np.inf)) for k in ("rms_before", "rms"))] for n, p in r["poses"].items()]
+    ranking = [[k["kind"], f"{k['log_evidence']:.0f}", k["verdict"], *(_millimetres(k[x]) for x in ("rms_fit", "rms_validate"))]
+               for k in r["ranking"]]  # fmt: skip
+    lines = _table(("pose", "role", "baseline, mm", "after, mm"), poses)
+    head = ("kind", "log evidence, nats", "verdict", "error on fitted poses, mm", "on validate poses, mm")
+    lines += _table(head, ranking)[1:]
+    lines += [f"Noise given all signatures: {1e3 * r['noise']['total']:.2f} mm per normal. Estimates:", ""]
+    for n, x in r["after"].items():
+        not_determined = "" if x["identifiable"] else " (not determined)"
+        lines.append(f"- {n}: {r['before'][n]:.3g} before, {x['value']:.3g} after{not_determined}")
+    return [*lines, *(f"- to settle it: {s}" for s in r["settle"]), ""]
+
+
+def _laws(name, laws) -> list[str]:
+    about = "A law of any form, fitted to each photograph by itself: moment over curvature, in mN m with its 95 % band."
+    lines = ["## The measured bending law", "", about, "", f"![bending law of each photograph]({name}-law.png)"]
+    rows = [[f"{at[0][0]:.1f}", *(_moment(*m[1:], found["reached"][i]) for m, found in zip(at, laws.values(), strict=True))]
+            for i, at in enumerate(zip(*(found["moments"] for found in laws.values()), strict=True))]  # fmt: skip
+    lines += _table(("curvature, 1/m", *laws), rows)
+    for pose, found in laws.items():
+        settled = "" if found["converged"] else ", not settled"
+        lines.append(f"- {pose}: {1e3 * found['rms']:.2f} mm RMS are left{settled}; {'; '.join(found['sentences'])}")
+    return [*lines, ""]
+
+
 def _moment(value, low, high, reached):
-    band = f"{1e3 * value:.3g} ({1e3 * low:.3g} to {1e3 * high:.3g})"
-    return band if reached else f"{band}, not reached"
+    return f"{1e3 * value:.3g} ({1e3 * low:.3g} to {1e3 * high:.3g}){'' if reached else ', not reached'}"
 
 
 def _millimetres(value):
-    if value is None:
-        return "-"
-    return f"{1e3 * value:.2f}" if np.isfinite(value) else "not solved"
+    return "-" if value is None else f"{1e3 * value:.2f}" if np.isfinite(value) else "not solved"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--pages", type=Path)
-    args = parser.parse_args()
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
+    pages, results = parser.parse_args().pages, {}
     prepare_jax()
-    import matplotlib as mpl  # noqa: PLC0415
-
     mpl.use("Agg")
-    from scan2flex_jax import explain, load_study, plot  # noqa: PLC0415
-    from scan2flex_jax.examples import example_path  # noqa: PLC0415
-
-    results = {}
     for name in ABOUT:
         study, entry = load_study(example_path(name)), {"variants": {}}
         for words, variant in variants(name, study):
             e = explain(variant)
             entry["variants"][words] = told(e)
             sys.stderr.write(f"{name}, {words}: {e.verdict}, {e.seconds:.0f} s\n")
-            if args.pages and e.fit is not None and words == AS_DECLARED:
-                plot.save(plot.explained(e), args.pages / f"{name}.png")
+            if pages and e.fit is not None and words == AS_DECLARED:
+                plot.save(plot.explained(e), pages / f"{name}.png")
         if name == "textile-strip":
-            entry["laws"] = measured_laws(study, plot, args.pages / f"{name}-law.png" if args.pages else None)
+            entry["laws"] = measured_laws(study, pages and pages / f"{name}-law.png")
         if name in BUCKLED:
             EI = entry["variants"][AS_DECLARED]["before"]["bending_stiffness"]
             predicted = {str(r): buckling(study, EI, r) for r in RATIOS}
             entry["buckling"] = {"measured": BUCKLED[name], "bending_stiffness": EI, "predicted": predicted}
         results[name] = entry
-        if args.pages:
-            (args.pages / f"{name}.md").write_text(page(name, entry, f"{name}.png"))
+        if pages:
+            (pages / f"{name}.md").write_text(page(name, entry, f"{name}.png"))
     record("real", results)
 
 

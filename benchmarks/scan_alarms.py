@@ -16,13 +16,19 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+import trimesh
 
-from benchmarks.background_score import NAMED, covered, share
 from benchmarks.blind import cases, effects, rod
 from benchmarks.blind.noise import Noise
 from benchmarks.blind.scene import observation_matrix
 from benchmarks.blind.shapes import Lens
+from benchmarks.blind_score import NAMED, covered, share
 from benchmarks.record import record
+from benchmarks.virtual_experiments import guide_points
+from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.inference import explain
+from scan2flex_jax.scan import scanner
+from scan2flex_jax.study import Study
 
 SENSED = 5e-4  # m, of one coordinate of the curves for comparison
 STRENGTH = (4.0, 10.0)  # over it, log-uniform, as `blind.cases` measures it
@@ -68,29 +74,17 @@ def eyes(rng, shape, count):
 
 def scanned(rng, shape, radius, ends, path):
     """A scan of one shape written to ``path``: its viewpoints, and guide points on the side that the first one sees."""
-    import trimesh  # noqa: PLC0415 - the environment must be set first
-
-    from scan2flex_jax.scan import scanner  # noqa: PLC0415
-
     views = eyes(rng, shape, int(rng.integers(1, 4)))
     outward = [shape[0] - shape[1], shape[-1] - shape[-2]]
     clutter = [scanner.clamp_block(shape[k], way / np.linalg.norm(way), radius)
                for k, way, held in zip((0, -1), outward, ends, strict=True) if held]  # fmt: skip
     cloud = scanner.scan(shape, radius, views, scanner.STRUCTURED_LIGHT, int(rng.integers(2**31)), clutter=clutter)
     trimesh.PointCloud(cloud.points).export(path)
-    at = np.linspace(0.03 * FINE, 0.97 * FINE, 8).astype(int)
-    tangent = np.gradient(shape, axis=0)[at]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    look = views[0] - shape[at]
-    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
-    on = shape[at] + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
-    return {"scan": path, "viewpoints": views, "guide_points": on + 0.3 * radius * rng.normal(size=on.shape)}
+    return {"scan": path, "viewpoints": views, "guide_points": guide_points(rng, shape, radius, views[0])}
 
 
 def studies(key, made, folder):
     """The study of scans, and the one of curves with white noise, of the same poses."""
-    from scan2flex_jax.study import Study  # noqa: PLC0415
-
     (scene, fit, _, shapes, radius), rng, poses = made, np.random.default_rng([*key, 1]), {"scan": [], "curve": []}
     view = observation_matrix(np.linspace(0, 1, FINE), np.linspace(0, 1, POINTS))
     for p, shape in enumerate(shapes):
@@ -109,8 +103,6 @@ def studies(key, made, folder):
 
 def answered(study) -> dict:
     """The answer of `explain`, or its failure."""
-    from scan2flex_jax.inference import explain  # noqa: PLC0415
-
     began = perf_counter()
     try:
         told = explain(study).to_json()
@@ -190,8 +182,6 @@ def main() -> None:
     parser.add_argument("--only", default="", help="names of cases, such as n001,e002")
     parser.add_argument("--record", help="name of the record in benchmarks/results: scan_alarms, or scan_none without --strong")
     args = parser.parse_args()
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415
-
     prepare_jax()
     rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
     for name, (index, kinds) in wanted(args).items():

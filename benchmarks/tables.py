@@ -1,368 +1,516 @@
 """The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
 
 `python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
-`<!-- end -->`. A figure that a record lacks is a dash. Tables of the README, docs/first-cable.md, docs/accuracy.md,
-docs/compared.md and docs/theory.md are here; those of the other pages are in their own modules.
+`<!-- end -->`. A table is declared below: the records that it reads, its rows, and its columns, each a heading and a function
+that writes the cell of a row. A value that a record lacks is a dash.
 """
 
+import json
 import math
 import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from benchmarks import exports_tables, mistakes_tables, robustness_tables, scanning_tables, sweep_tables, tip_weights_tables
-from benchmarks.markdown import load, made_on, table
-from benchmarks.peers import tables as peers_tables
+import numpy as np
+
+from benchmarks.record import RESULTS
 
 ROOT = Path(__file__).parents[1]
 README, DOCS = ROOT / "README.md", ROOT / "docs"
 _PART = re.compile(r"(<!-- table:([a-z]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+Cell = Callable[[Any], object]
 
 
-def milliseconds(seconds) -> str:
-    return "-" if seconds is None else f"{1e3 * seconds:.1f} ms"
+class Table(NamedTuple):
+    """``rows`` of the results of all ``records``; ``columns`` by heading; ``note``: a sentence below the table, with keys of
+    the first record in braces, or a function of the results that writes it."""
+
+    records: tuple[str, ...]
+    columns: dict[str, Cell]
+    rows: Callable[..., Iterable]
+    note: str | Callable[..., str] = ""
+
+    def __call__(self) -> str:
+        """The Markdown."""
+        entries = [load(name) for name in self.records]
+        results = [entry["results"] for entry in entries]
+        lines = [list(self.columns), ["---"] * len(self.columns)]
+        lines += [[_written(cell, row) for cell in self.columns.values()] for row in self.rows(*results)]
+        note = self.note.format_map(results[0]) if isinstance(self.note, str) else self.note(*results)
+        of = [f"`{name}`: " if len(entries) > 1 else "" for name in self.records]
+        below = [x for x in (note, *(name + _made_on(entry) for name, entry in zip(of, entries, strict=True))) if x]
+        return "".join(f"| {' | '.join(line)} |\n" for line in lines) + "".join(f"\n{x}\n" for x in below)
 
 
-def equilibrium() -> str:
-    """Times of one equilibrium with 40 elements, of its Jacobian, its growth with the mesh, and the first call."""
-    entry = load("equilibrium")
-    r = entry["results"]
-    rows = []
-    for pose, t in r.get("solves", {}).items():
-        for start in ("generic", "warm"):
-            words = {"generic": "generic start", "warm": "start at the solution"}[start]
-            rows.append([f"pose `{pose}`, {words}", milliseconds(t[start]["min_s"]), f"{t[start]['steps']} steps"])
-        rows.append([f"pose `{pose}`, BFGS", milliseconds(t["bfgs generic"]["min_s"]), f"{t['bfgs generic']['steps']} steps"])
-    for start, t in r.get("jacobian", {}).items():
-        for count in ("2", "12"):
-            j = t[f"points and jacobian, {count} parameters"]
-            share = f"{100 * j['jacobian over forward']:+.0f} % of the shape alone"
-            rows.append([f"shape and Jacobian of {count} parameters, {start} start", milliseconds(j["min_s"]), share])
-    if "growth" in r:
-        meshes = r["growth"]["meshes"]
-        n = list(meshes)[-1]
-        power = f"a step grows with the power {r['growth']['exponent of the time of a step']:.2f} of the elements"
-        rows.append([f"{n} elements, generic start", milliseconds(meshes[n]["generic"]["min_s"]), power])
-    if "batch" in r:
-        b = r["batch"]
-        mean, most, group = b["steps: mean, most, of a group"]
-        told = {"loop": f"{b['solved']} solved", "loop in one call": f"{mean:.1f} steps each", "vmap": f"{most:.0f} steps each"}
-        told |= {way: f"like GJ/EI, {group:.1f} steps each" for way in b if way.startswith("vmap, ")}
-        for way, words in told.items():
-            rows.append([f"each of {b['cables']} cables, {way} (processor time)", milliseconds(b[way]["s per cable"]), words])
-    for name, words in (("compiling", "first call, compiling"), ("from the cache", "first call, from the compilation cache")):
-        rows.append([words, f"{r['first call'][name]['first_s']:.1f} s", "imports left out"])
-    return table(["one equilibrium", "least time", "what it took"], rows) + made_on(entry)
+def load(name: str) -> dict:
+    """The record of one benchmark."""
+    return json.loads((RESULTS / f"{name}.json").read_text())
 
 
-def fit() -> str:
-    """Each method from the paper's 25 guesses."""
-    entry = load("fit")
-    rows = []
-    for name, r in entry["results"].items():
-        if isinstance(r, dict) and "recovered" in r:
-            figures = (f"{r['recovered']} of {r['guesses']}", f"{r['median equilibria']:.0f}", f"{r['median_s']:.2f}")
-            rows.append([name, *figures, f"{r['seconds']:.0f}"])
-    head = ["method", "recovered", "equilibria (median)", "seconds (median)", "seconds (all guesses)"]
-    return table(head, rows) + made_on(entry)
+def _written(cell: Cell, row) -> str:
+    try:
+        value = cell(row)
+    except (KeyError, TypeError):  # a figure that the record lacks
+        value = None
+    return "-" if value is None else str(value)
 
 
-_BLIND = (  # key, words, target
+def _made_on(entry) -> str:
+    """Machine and date of the figures."""
+    m = entry["machine"]
+    return (
+        f"{m['cores']} cores ({m['cpu']}), load average {m['load_average']} at the end; jax {entry['versions']['jax']}, "
+        f"CPU, float64; {entry['date'][:10]}."
+    )
+
+
+def item(*keys, form: str = "{}", times: float = 1.0) -> Cell:
+    """The cell that writes the value at these keys of a row."""
+
+    def cell(row):
+        for key in keys:
+            row = row[key]
+        return None if row is None else form.format(row if times == 1.0 else times * row)
+
+    return cell
+
+
+def percent(*keys, digits: int = 1) -> Cell:
+    return item(*keys, form=f"{{:.{digits}f}} %", times=100.0)
+
+
+def columns(*heads: str) -> dict[str, Cell]:
+    return {head: (lambda row, k=k: row[k]) for k, head in enumerate(heads)}
+
+
+# Scores
+
+
+def scores(*lines: tuple, more: Callable[..., list] = lambda *_: []) -> Callable[..., Iterable]:
+    """Rows of words, value and target from the table of the first record, by lines of key, words and, if any, target; a value
+    is a share with its count, or a number. ``more``: further rows of all records."""
+
+    def rows(*results):
+        table = results[0]["table"]
+        return [(words, _measured(table.get(key)), *(target or "-")) for key, words, *target in lines] + more(*results)
+
+    return rows
+
+
+def _measured(value):
+    if isinstance(value, dict):
+        return None if value["share"] is None else f"{100 * value['share']:.1f} % of {value['of']}"
+    return None if value is None else f"{value:.2f}"
+
+
+def _cost(results, calibration):
+    t, c = results["table"], calibration
+    rows = [
+        ("nothing missing, all such cases of three seeds", f"{100 * c['share']:.1f} % of {c['cases']} ({100 * c['low']:.1f} to "
+         f"{100 * c['high']:.1f} %)", "3-8 %"),
+        ("seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"),
+        ("the same in processor time, compilation included",
+         f"{t['processor_seconds_mean']:.0f}, {t['processor_seconds_most']:.0f}", "-"),
+    ]  # fmt: skip
+    if m := t.get("memory"):
+        words = f"memory of one process with {m['studies']} cases: after 20, at most afterwards, at the end"
+        rows.append((words, f"{m['after_20']:,.0f}, {m['most']:,.0f}, {m['last']:,.0f} MiB", "flat"))
+    return [*rows, ("cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", "-")]
+
+
+MEASURED = columns("", "measured", "target")
+BLIND = Table(("blind", "calibration"), MEASURED, scores(
     ("false_alarms", "nothing missing: alarms at the 5 % level", "3-8 %"),
     ("detected_above_0.7", "one or two effects of strength above 0.7: detected", "95 %"),
     ("truth_in_tie_set_6_poses", "one effect, six poses or more: in the tie set", "90 %"),
-    ("truth_in_tie_set", "one effect, all cases: in the tie set", "-"),
+    ("truth_in_tie_set", "one effect, all cases: in the tie set"),
     ("mean_tie_set", "effect types in a tie set, mean", "2 at most"),
     ("top_1", "one effect: ranked first", "85 %"),
     ("top_1_above_1.5", "the same, strength above 1.5", "95 %"),
     ("named_and_wrong", "named alone, and wrong", "2 % at most"),
     ("both_of_a_pair", "two effects: both found", "80 %"),
-    ("both_tied", "two effects: both in the tied sets", "-"),
-    ("one_of_a_pair", "two effects: at least one in the tie set", "-"),
-    ("off_catalogue_flagged", 'an effect that no catalogue has: answered "unexplained"', "75 %"),
-    ("off_catalogue_field", "the same, or a field that describes it tied with the effects named", "-"),
+    ("both_tied", "two effects: both in the tied sets"),
+    ("one_of_a_pair", "two effects: at least one in the tie set"),
+    ("off_catalogue_flagged", 'an effect outside the catalogue: answered "unexplained"', "75 %"),
     ("fit_within_5_percent", "ranked first and right: RMS after within 5 % of the noise", "all"),
     ("validate_better", "poses never fitted: predicted better than before", "90 %"),
     ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
     ("validate_within_1.15_no_tolerance", "the same in studies without tolerances (a new pose's clamps deviate too)", "all"),
     ("place_within_2_percent", "right effect type with a position along the cable: within 2 % of the length", "all"),
-    ("place_within_2_percent_if_seen", "the same, where its standard error is below 1 % of the length", "-"),
-    ("place_covered", "95 % intervals of positions that hold the truth", "-"),
-    ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"),
-)
-_BACKGROUND = (
+    ("place_within_2_percent_if_seen", "the same, where its standard error is below 1 % of the length"),
+    ("place_covered", "95 % intervals of positions that hold the truth"),
+    ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"), more=_cost,
+))  # fmt: skip
+BACKGROUND = Table(("background",), MEASURED, scores(
     ("background_alone_named", "background alone, and something named", "5 % at most"),
     ("background_in_tie_set", "one effect above it: in the tie set", "85 %"),
-    ("background_missed_for_a_mistake", "not in it, since a likely mistake of the input was reported", "-"),
-    ("background_named_and_wrong", "named, and wrong", "-"),
+    ("background_missed_for_a_mistake", "not in it, since a likely mistake of the input was reported"),
+    ("background_named_and_wrong", "named, and wrong"),
     ("background_size_within_15_percent", "one effect: in the tie set, and its size within 15 %", "80 %"),
     ("background_validate_within_1.3", "one effect: poses never fitted within 1.3 of the error of the true model", "80 %"),
-    ("background_discrepancy_over_true_median", "reported over true scatter, median", "-"),
+    ("background_discrepancy_over_true_median", "reported over true scatter, median"),
     ("background_coverage_95_alone", "95 % intervals of EI and GJ that hold the truth: background alone", "92-97 %"),
     ("background_coverage_95_with_effect", "the same with an effect, after it is searched", "92-97 %"),
     ("background_parameters_covered", "95 % intervals of the effect's parameters that hold the truth", "92-97 %"),
     ("background_coverage_95_plain_fit_alone", "the same of the baseline fit, background alone", "92-97 %"),
     ("background_coverage_95_plain_fit_with_effect", "the same of the baseline fit, before an effect is known", "92-97 %"),
-)
-
-_IDEAL = (
-    ("expected_size_within_15_percent", "an efficient estimator that knows effect type and background: size within 15 %", "-"),
-    ("expected_validate_within_1.3", "the same: poses never fitted within 1.3 of the error of the true model", "-"),
-)
-
-_SCANS_NONE = (
-    ("alarms_scan", "nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most"),
-    ("alarms_curve", "the same poses as curves", "-"),
-    ("covered_scan", "nothing missing: 95 % intervals of EI and GJ from scans that hold the truth", "92-97 %"),
-    ("covered_curve", "the same from curves", "92-97 %"),
-)
-_SCANS_STRONG = (
-    ("named_curve", "a strong effect: named alone from curves", "-"),
-    ("named_scan", "from scans", "-"),
-    ("right_scan", "from scans, and rightly", "-"),
+))  # fmt: skip
+_STRONG = scores(
+    ("named_curve", "a strong effect: named alone from curves"),
+    ("named_scan", "from scans"),
+    ("right_scan", "from scans, and rightly"),
     ("named_as_from_curves", "from scans as from curves", "16 of 20"),
-    ("answered_as_from_curves", "the same answer as from curves, ties and unexplained cases included", "-"),
+    ("answered_as_from_curves", "the same answer as from curves, ties and unexplained cases included"),
 )
+SCANS = Table(("scan_none", "scan_alarms"), MEASURED, scores(
+    ("alarms_scan", "nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most"),
+    ("alarms_curve", "the same poses as curves"),
+    ("covered_scan", "nothing missing: 95 % intervals of EI and GJ from scans that hold the truth", "92-97 %"),
+    ("covered_curve", "the same from curves", "92-97 %"), more=lambda none, strong: list(_STRONG(strong)),
+))  # fmt: skip
 
 
-def _lines(t, keys) -> list[list[str]]:
-    """Rows of shares with their counts, and of other numbers."""
-    rows = []
-    for key, words, wanted in keys:
-        v = t[key]
-        if isinstance(v, dict):
-            rows.append([words, "-" if v["share"] is None else f"{100 * v['share']:.1f} % of {v['of']}", wanted])
-        else:
-            rows.append([words, "-" if v is None else f"{v:.2f}", wanted])
-    return rows
+def _memory(r):
+    s = r["summary"]
+
+    def of(key):
+        return f"{100 * s[key][0] / s[key][1]:.0f} % of {s[key][1]}"
+
+    took = ", ".join(f"{v['clock']:.1f}" for v in r["seconds of fits"].values())
+    return [
+        ("memory that moves the poses by three times the noise or more: named", of("named, memory clear"), "80 %"),
+        ("no memory: not named", of("not named, no memory"), "95 %"),
+        ("the next pose predicted better than without memory", of("next pose better"), "90 %"),
+        ("area of the hysteresis loop within 15 %", of("loop area within 15 %"), "all"),
+        *((f"the same, {law}", f"{n[0]} of {n[1]}", "-") for law, n in s["loop area within 15 %, by law"].items()),
+        ("area of the loop over the true one, median", f"{s['loop area over the true one, median']:.2f}", "0.85 to 1.15"),
+        ("seconds of a fit with 5, 10, 20 poses", took, "30 s for 20"),
+    ]
 
 
-def background() -> str:
-    """The loop on blind cases with a random deviation of each pose: the record `background` of `benchmarks.blind_score`."""
-    entry, ideal = load("background"), load("background_ideal")["results"]["table"]
-    rows = _lines(entry["results"]["table"], _BACKGROUND) + _lines(ideal, _IDEAL)
-    return table(["", "measured", "target"], rows) + made_on(entry)
+MEMORY = Table(("memory",), MEASURED, _memory)
+
+# Real cables
+
+TIP_QUESTIONS = {
+    "without": "without the weight", "carried over": "with it: what the answer above predicts, nothing fitted",
+    "with": "with it, undeclared; EI to 4 % and effects carried over",
+    "with, alone": "with it, undeclared, nothing carried over",
+    "both": "both series in one fit, with the effects found without the weight, mass unknown",
+}  # fmt: skip
+_UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "slip_curvature": "1/m"}
+_SIZES = ("mass", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling", "taper")
 
 
-def scans() -> str:
-    """The loop on scans and on curves of the same poses: records `scan_none` (nothing missing) and `scan_alarms` (strong)."""
-    none, strong = load("scan_none"), load("scan_alarms")
-    rows = _lines(none["results"]["table"], _SCANS_NONE) + _lines(strong["results"]["table"], _SCANS_STRONG)
-    return table(["", "measured", "target"], rows) + made_on(none, "Nothing missing: ") + made_on(strong, "Strong effects: ")
+def _tip_rows(results):
+    for cable, r in results.items():
+        for question, told in r.items():
+            yield {"cable": cable.replace("_", ", "), "question": question} | told
 
 
-def blind() -> str:
-    """The loop on blind cases of an independent simulator."""
-    entry = load("blind")
-    t = entry["results"]["table"]
-    rows = _lines(t, _BLIND)
-    rows.insert(1, _calibrated())
-    rows += _cost(t)
-    rows.append(["cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", "-"])
-    return table(["", "measured", "target"], rows) + made_on(entry)
+def _found(told) -> str:
+    """Verdict, effects with their 95 % intervals, EI."""
+    if "failed" in told:
+        return told["failed"]
+    parts = [told["verdict"]] if "verdict" in told else []
+    parts += [", ".join(map(_effect, told["added"]))] if told.get("added") else []
+    for name, e in told.get("estimates", {}).items():
+        if np.ndim(e["value"]) == 0:
+            parts.append(f"{name} {e['value']:.3g}" + (f" ({e['low']:.3g} to {e['high']:.3g})" if "low" in e else ""))
+    return "; ".join(parts) or "-"
 
 
-def _cost(t) -> list[list[str]]:
-    """Rows of the time of a case, and of the memory of a process of many."""
-    rows = [["seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"]]
-    if t.get("processor_seconds_mean"):
-        figures = f"{t['processor_seconds_mean']:.0f}, {t['processor_seconds_most']:.0f}"
-        rows.append(["the same in seconds of processor time, compilation included", figures, "-"])
-    if t.get("memory"):
-        m = t["memory"]
-        words = f"memory of one process with {m['studies']} cases: after 20, at most afterwards, at the end"
-        rows.append([words, f"{m['after_20']:,.0f}, {m['most']:,.0f}, {m['last']:,.0f} MiB", "flat"])
-    return rows
+def _effect(chosen) -> str:
+    """An effect with its sizes and places; a moment law by its first and last secant factor."""
+    given, said = chosen["parameters"], []
+    if np.ndim(given.get("factor", 0.0)):
+        ends = (f"{given['factor'][k]:.2g} at {given['curvature'][k]:.2g} 1/m" for k in (0, -1))
+        return f"`{chosen['kind']}` (secant factor {' to '.join(ends)})"
+    for name in (n for n in given if n in _SIZES):
+        size, std = float(np.linalg.norm(given[name])), chosen.get("std", {}).get(name)
+        along = None if std is None or not size else abs(float(np.dot(np.ravel(given[name]), np.ravel(std)))) / size
+        said.append(f"{name} {size:.3g}{'' if along is None else f' ± {1.96 * along:.2g}'} {_UNITS.get(name, '')}".strip())
+    return f"`{chosen['kind']}` ({', '.join(said)})"
 
 
-def _calibrated() -> list[str]:
-    """The rate of false alarms in all cases with nothing missing."""
-    c = load("calibration")["results"]
-    words = "the same in all such cases of three seeds, opened before"
-    return [words, f"{100 * c['share']:.1f} % of {c['cases']} ({100 * c['low']:.1f} to {100 * c['high']:.1f} %)", "3-8 %"]
+def _before_after(role) -> Cell:
+    def cell(told):
+        values = [told.get(when, {}).get(role) for when in ("before", "after")]
+        return " to ".join(f"{1e3 * v:.1f}" for v in values if v is not None and np.isfinite(v)) or None
+
+    return cell
 
 
-def firstuse() -> str:
-    """Whole commands with an empty and a filled cache of compiled functions."""
-    entry = load("first_use")
-    rows = [[f"`{n}`" if n == "demo" else n, *(f"{v:.0f} s" for v in r.values())] for n, r in entry["results"].items()]
-    return table(["whole command", "empty cache", "filled cache"], rows) + made_on(entry)
+def _unseen(told):
+    fallen = len(told["fallen over"])
+    return f"{1e3 * told['median of poses never seen']:.1f}" + (f" ({fallen} on another branch)" if fallen else "")
 
 
-def phases() -> str:
-    """Processor seconds of a first command by phase."""
-    entry = load("phases")
-    names = ("importing", "tracing", "lowering", "compiling", "rest", "all")
-    rows = [
-        [f"`{command}`, {state}", *(f"{found.get(name, 0.0):.1f}" for name in names)]
-        for command, states in entry["results"].items() for state, found in states.items()
-    ]  # fmt: skip
-    return table(["processor seconds", *names], rows) + made_on(entry)
+WEIGHTS = Table(("tip_weights",), {
+    "cable": item("cable"), "series": lambda told: TIP_QUESTIONS[told["question"]], "found": _found,
+    "fitted, mm": _before_after("rms_fit"), "left out in turn, mm": _before_after("rms_left_out"),
+    "never seen, mm": _before_after("rms_validate"), "their median, mm": _unseen,
+}, _tip_rows)  # fmt: skip
+
+def _left_out(key) -> Cell:
+    def cell(row):
+        e = row[1][key]
+        return None if e["mean"] is None else f"{100 * e['mean']:.1f} % ({100 * e['worst']:.1f} %) of {e['of']}"
+
+    return cell
 
 
-def sensitivity() -> str:
-    """Recovery from grids of guesses, and errors of the estimates under turned clamps."""
-    entry = load("sensitivity")
-    r, rows = entry["results"], []
+KINECT = Table(("kinect_wires",), {
+    "mean node error over length": item(0), "all four fitted": percent(1, "all fitted", "mean over poses"),
+    "published: adapted rod, MuJoCo": lambda row: ", ".join(f"{x} %" for x in row[1]["published, percent"]),
+    "left out, clamps as read: mean (worst) of poses solved": _left_out("as read"),
+    "left out, clamps within tolerances": _left_out("within tolerances"),
+    "the same, with what `explain` finds": _left_out("explained, within tolerances"),
+}, lambda r: r.items())  # fmt: skip
+
+# Sensitivity, time
+
+
+def _sensitivity(r):
     for name, g in r["guesses"].items():
         some = "" if g["run"] == g["guesses"] else f" (a random {g['run']} of {g['guesses']:,})"
-        found = f"{g['recovered']:,} of {g['run']:,} recovered{some}"
         took = f"{g['median equilibria']:.0f} equilibria, {g['median_s']:.1f} s (medians)"
-        rows.append([f"guesses {name}{_earlier(g)}", found, took])
+        yield f"guesses {name}", f"{g['recovered']:,} of {g['run']:,} recovered{some}", took
     for name, c in r["clamps"].items():
         own = {letter: c[k] for letter, k in (("EI", "bending_stiffness"), ("GJ", "torsional_stiffness")) if k in c}
-        means = ", ".join(_percent(x["mean"], x["standard error"]) for x in own.values())
+        ends = ((100 * math.expm1(x["mean"]), 100 * math.exp(x["mean"]) * x["standard error"]) for x in own.values())
+        means = ", ".join(f"{mean:+.2f} ± {error:.2f} %" for mean, error in ends)
         below = "below the truth: " + ", ".join(f"{100 * x['underestimated']:.0f} %" for x in own.values())
         below += f", both {100 * c['both underestimated']:.0f} %" if "both underestimated" in c else ""
         if all("linear in the turns" in x for x in own.values()):
             below += "; linear in the turns: " + ", ".join(f"{100 * x['linear in the turns']:.0f} %" for x in own.values())
-        rows.append(
-            [f"clamps turned, {name} ({c['draws']:,} draws{_earlier(c)}): mean error of {', '.join(own)}", means, below]
-        )
-    for name, c in r.get("natural curvature", {}).items():
-        rows.append([f"natural curvature {name}", f"{c['recovered']} of {c['starts']} starts recovered", ""])
+        yield f"clamps turned, {name} ({c['draws']:,} draws): mean error of {', '.join(own)}", means, below
     for c in r.get("cantilever", {}).values():
         low, high = c["measured over formula, EI/(w L^3) above 1"]
         power = f"grows with the power {c['power of EI/(g rhoA), stiff half']:.2f} of EI/(g rhoA)"
-        rows.append(["cantilever: error of EI over the formula, EI/(w L^3) above 1", f"{low:.3f} to {high:.3f}", power])
-    return table(["sensitivity", "", ""], rows) + made_on(entry)
+        yield "cantilever: error of EI over the formula, EI/(w L^3) above 1", f"{low:.3f} to {high:.3f}", power
 
 
-def _earlier(figures) -> str:
-    """A note on figures that come from a sweep of the previous release."""
-    return ", earlier run" if figures.get("by") == "the release before" else ""
+SENSITIVITY = Table(("sensitivity",), columns("sensitivity", "result", "cost or origin"), _sensitivity)
+FIT = Table(("sensitivity",), {
+    "method": lambda row: row[0].removeprefix("5 x 5, "), "recovered": lambda row: f"{row[1]['recovered']} of {row[1]['run']}",
+    "equilibria (median)": item(1, "median equilibria", form="{:.0f}"), "seconds (median)": item(1, "median_s", form="{:.2f}"),
+    "seconds (all guesses)": item(1, "seconds", form="{:.0f}"),
+}, lambda r: [row for row in r["guesses"].items() if row[0].startswith("5 x 5")])  # fmt: skip
 
 
-def _percent(log, error) -> str:
-    """The mean of a logarithm and its standard error, as a change in per cent."""
-    return f"{100 * math.expm1(log):+.2f} ± {100 * math.exp(log) * error:.2f} %"
+def _equilibrium(r):
+    for pose, t in r["solves"].items():
+        for start, words in (("generic", "generic start"), ("warm", "start at the solution"), ("bfgs generic", "BFGS")):
+            yield f"pose `{pose}`, {words}", f"{1e3 * t[start]['min_s']:.1f} ms", f"{t[start]['steps']} steps"
+    for start, t in r["jacobian"].items():
+        for count in ("2", "12"):
+            j = t[f"points and jacobian, {count} parameters"]
+            share = f"{100 * j['jacobian over forward']:+.0f} % of the shape alone"
+            yield f"shape and Jacobian of {count} parameters, {start} start", f"{1e3 * j['min_s']:.1f} ms", share
+    for name, words in (("compiling", "first call, compiling"), ("from the cache", "first call, from the compilation cache")):
+        yield words, f"{r['first call'][name]['first_s']:.1f} s", "imports excluded"
 
 
-def kinect() -> str:
-    """Wires on depth images: error of poses that were fitted, and of poses that were not."""
-    entry = load("kinect_wires")
-    rows = []
-    for wire, r in entry["results"].items():
-        whole, (rod, mujoco) = r["all fitted"], r["published, percent"]
-        seen = f"{100 * whole['mean over poses']:.1f} %" if "mean over poses" in whole else "-"
-        left_out = [r[name] for name in ("as read", "within tolerances", "explained, within tolerances")]
-        unseen = [
-            "-" if e["mean"] is None else f"{100 * e['mean']:.1f} % ({100 * e['worst']:.1f} %) of {e['of']}" for e in left_out
-        ]
-        rows.append([wire, seen, f"{rod} %, {mujoco} %", *unseen])
-    head = ["mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
-            "left out, clamps as read: mean (worst) of poses solved", "left out, clamps within tolerances",
-            "the same, with what `explain` finds"]  # fmt: skip
-    return table(head, rows) + made_on(entry)
+EQUILIBRIUM = Table(("equilibrium",), columns("one equilibrium", "least time", "steps or ratio"), _equilibrium)
+
+
+def _batches(b):
+    mean, most, group = b["steps: mean, most, of a group"]
+    steps = {"loop": mean, "loop in one call": mean, "vmap": most, "vmap, groups of 8": group, "compiled solver": mean}
+    for way in (way for way in steps if way in b):
+        yield way, f"{1e3 * b[way]['s per cable']:.2f} ms", f"{steps[way]:.1f}"
+
+
+BATCHES = Table(("batches",), columns("256 cables", "processor time each", "steps each"), _batches)
+FIRST_USE = Table(("first_use",), {
+    "whole command": lambda row: "`demo`" if row[0] == "demo" else row[0],
+    "empty cache": item(1, "empty cache", form="{:.0f} s"), "filled cache": item(1, "filled cache", form="{:.0f} s"),
+}, lambda r: r.items())  # fmt: skip
+
+
+# Other programs
+
+
+def _peers(r):
+    for name, about in r["peers"].items():
+        own = [run for run in r["runs"] if run["peer"] == name]
+        errors = [run["error"] for run in own if "failed" not in run and run.get("rest to", 0.0) is not None]
+        failed = f", {len(own) - len(errors)} failed" if len(own) > len(errors) else ""
+        found = {"runs": f"{len(errors)}{failed}", "error": f"{min(errors):.1e}"} if errors else {}
+        yield r["ratios"].get(name, {}) | {"name": name, "missing": about.get("missing")} | about | found
+
+
+def _ratio(key) -> Cell:
+    def size(x):
+        return f"{x:,.0f}" if x >= 10 else f"{x:.2g}"
+
+    return lambda row: f"{size(row[key]['median'])} ({size(row[key]['least'])})"
+
+
+RATIOS = Table(("peers",), {
+    "program": item("name"), "how": lambda row: row["missing"] or row["what"], "runs": item("runs"),
+    "least error": item("error"), "time over ours, as accurate": _ratio("seconds over ours at equal accuracy"),
+    "error over ours, same mesh": _ratio("error over ours at equal mesh"),
+}, _peers)  # fmt: skip
+
+
+# Scans
+
+
+def _over(case, target) -> float:
+    """The largest ratio of an error to its target."""
+    return max(case["rms_over_noise"] / target, case["bias_over_radius"] / 0.2, abs(case["length_error"]) / 0.005)
+
+
+def _of_class(name) -> Cell:
+    return lambda row: sum(case["class"] == name for case in row[1])
+
+
+def _median(value) -> Callable:
+    return lambda row: np.median([value(case) for case in row[1] if "refused" not in case])
+
+
+_WITH: dict[str, Callable] = {
+    "plain": lambda c: not (c["gap"] or c["guide_points"] or c["table"]), "guide points": lambda c: c["guide_points"],
+    "a gap of 10 %": lambda c: c["gap"], "a table": lambda c: c["table"],
+}  # fmt: skip
+_VIEWS = {f"{n} view{'s' * (n > 1)}": (lambda c, n=n: c["views"] == n) for n in (1, 2, 3)}
+
+
+def _extraction(groups):
+    def rows(r):
+        for sensor, target in r["targets"].items():
+            for name, holds in groups.items():
+                yield f"{sensor}, {name}", [c for c in r["cases"] if c["sensor"] == sensor and holds(c)], target
+
+    return rows
+
+
+def _gaps(r) -> str:
+    gaps = [c for c in r["cases"] if c["gap"] and "refused" not in c]
+    marked = sum(any(low < 0.4 * c["length"] < high for low, high in c["gaps"]) for c in gaps)  # of 0.35 to 0.45 L
+    missed = [c for c in r["cases"] if c["class"] == "missed"]
+    beyond = sum(c["bound_mm"] > r["targets"][c["sensor"]] * c["noise_mm"] for c in missed)
+    return (
+        f"Of the gaps in curves that were found, {marked} of {len(gaps)} were marked as such. Of the {len(missed)} curves\n"
+        f"that missed a target without a warning, {beyond} have a Cramer-Rao bound above it."
+    )
+
+
+EXTRACTED = {
+    "scans": item(0), "cases": lambda row: len(row[1]), "met, sure": _of_class("met"), "not sure": _of_class("not sure"),
+    "refused": _of_class("refused"), "missed, sure": _of_class("missed"),
+    "by at most": lambda row: "{:.1f} times".format(max(_over(c, row[2]) for c in row[1] if c["class"] == "missed"))
+    if any(c["class"] == "missed" for c in row[1]) else None,
+    "RMS over noise": lambda row: f"{_median(lambda c: c['rms_over_noise'])(row):.2f}",
+    "RMS over bound": lambda row: f"{_median(lambda c: c['rms_mm'] / c['bound_mm'])(row):.1f}",
+}  # fmt: skip
+EXTRACTION = Table(("extraction",), EXTRACTED, _extraction(_VIEWS))
+KINDS = Table(("extraction",), EXTRACTED, _extraction(_WITH), _gaps)
+_LETTERS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ"}
+
+
+def _virtual(r):
+    for name, summary in r["summary"].items():
+        for data, s in summary.items():
+            numbers = [(_LETTERS[key], s[key]) for key in _LETTERS if key in s]
+            errors = ", ".join(f"{letter} {100 * x['rms_error']:.2f} %" for letter, x in numbers)
+            stated = ", ".join(f"{100 * x['mean_relative_std']:.2f} %" for _, x in numbers)
+            held = f"{sum(x['covered'] for _, x in numbers)} of {len(numbers) * (s['runs'] - s['failed'])}"
+            far = [s[f"{role} rms_truth_mm"] for role in ("fit", "validate")]
+            yield name, data, errors, stated, held, *("-" if x is None else f"{x:.3f} mm" for x in far)
+
+
+VIRTUAL = Table(("virtual_experiments",), columns(
+    "experiment", "fitted to", "error (RMS)", "stated deviation", "intervals hold it", "fitted poses", "never fitted"
+), _virtual)  # fmt: skip
+
+# Hostile and mistaken input, laws
+
+EXTREMES = Table(("robustness",), {
+    "cable": item(0), "equilibrium": item(1, "equilibrium", "outcome"), "fit": item(1, "fit", "outcome"),
+    "steps, or reason": lambda row: f"{row[1]['equilibrium']['steps']} steps" if row[1]["equilibrium"]["outcome"] == "solved"
+    else row[1]["equilibrium"]["says"],
+}, lambda r: r["cases"].items(),
+    "{outcomes[solved]} solved, {outcomes[refused]} refused, {outcomes[failure]} failed.")  # fmt: skip
+
+
+def _failures(row) -> int:
+    return sum(f["count"] for f in row[1]["failures"].values())
+
+
+ATTACKS = Table(("attacks",), {
+    "reader": item(0), "inputs": item(1, "inputs"), "refused in one sentence": item(1, "refused in one sentence"),
+    "slowest": item(1, "slowest_s", form="{:.0f} ms", times=1e3), "failures": _failures,
+}, lambda r: r["readers"].items(), "{inputs} inputs, {failures} failures.")  # fmt: skip
+
+
+def _named(study) -> Cell:
+    """The outcome for one study, and the step that named the mistake."""
+    steps = {"refusal": "refused", "check": "`check`", "fit": "`fit`"}
+    return lambda row: steps[row[study].get("by")] if row[study]["outcome"] == "named" else row[study]["outcome"]
+
+
+_MADE = (
+    "{made} studies with one of {kinds} mistakes: {named} named with the right remedy, {warned} warned of, {missed} missed,\n"
+    "{without trace} without a trace in the shapes. Intervals that exclude the truth without a warning in the first three\n"
+    "lines: {intervals without a warning that exclude the truth, with a trace} with a trace, {the same without a trace} "
+    "without. Physics named over a mistake: {physics named}.\nStudies without a mistake: {without a mistake}; accused of one: "
+    "{accusations}."
+)
+STUDIES = ("textile-strip", "black-wire", "d04", "d15", "d18")
+def _mistakes(r):
+    for mistake in dict.fromkeys(m for study in r["cases"].values() for m in study):
+        yield {"mistake": mistake} | {name: study.get(mistake) for name, study in r["cases"].items()}
+
+
+MISTAKES = Table(
+    ("mistakes",), {"mistake": item("mistake")} | {study: _named(study) for study in STUDIES}, _mistakes,
+    lambda r: _MADE.format_map(r["table"] | {"accusations": len(r["table"]["accused"])}),
+)  # fmt: skip
+
+
+def _laws(r):
+    for law in dict.fromkeys(c["law"] for c in r["cases"]):
+        own = [c for c in r["cases"] if c["law"] == law]
+        told = [c for c in own if "failed" not in c]
+        held = f"{100 * sum(c['coverage'] for c in told) / len(told):.0f} %" if told else "-"
+        largest = f"{100 * max(c['error'] for c in told):.1f} %" if told else "-"
+        yield law, f"{len(told)} of {len(own)}", held, largest, f"{sum(c['linear'] for c in told)} of {len(told)}"
+
+
+LAWS = Table(("laws",), columns(
+    "law of the shapes", "cables fitted", "curvatures whose band holds it", "largest error", "called linear"
+), _laws)  # fmt: skip
 
 
 def answer() -> str:
-    """The lines that a first fit prints, as `benchmarks.front_page` recorded them."""
-    return "```text\n" + "\n".join(load("front_page")["results"]["lines"]) + "\n```\n"
+    """The first lines of a fit, as `benchmarks.readme` recorded them."""
+    return "```text\n" + "\n".join(load("readme")["results"]["lines"]) + "\n```\n"
 
 
-_STARTS = {
-    "curves": "[centre curves or scans in mm, clamp frames of a robot](#curves-and-robot-frames)",
-    "markers": "[markers of a motion-capture system](#markers)",
-    "arrays": "[arrays in Python](python.md#a-study-from-arrays)",
-}
-
-
-def newcomer() -> str:
-    """From a fresh clone to the first stiffness."""
-    entry = load("newcomer")
-    r = entry["results"]
-    rows = [["clone and install", 2, f"{r['clone'] + r['install']:.0f} s"]]
-    rows += [[words, r[name]["commands"], f"{r[name]['seconds']:.0f} s"] for name, words in _STARTS.items()]
-    return table(["you have", "commands", "first time"], rows) + made_on(entry)
-
-
-def laws() -> str:
-    """Each law of the independent solver: band, error of the moment, and what is said of it."""
-    entry = load("laws")
-    rows = []
-    for law in dict.fromkeys(r["law"] for r in entry["results"]["cases"]):
-        own = [r for r in entry["results"]["cases"] if r["law"] == law]
-        told = [r for r in own if "failed" not in r]
-        if not told:
-            rows.append([law, f"0 of {len(own)}", "-", "-", "-"])
-            continue
-        held = f"{100 * sum(r['coverage'] for r in told) / len(told):.0f} %"
-        said = f"{sum(r['linear'] for r in told)} of {len(told)}"
-        rows.append([law, f"{len(told)} of {len(own)}", held, f"{100 * max(r['error'] for r in told):.1f} %", said])
-    head = ["law of the shapes", "cables fitted", "curvatures whose band holds it", "largest error", "said linear"]
-    return table(head, rows) + made_on(entry)
-
-
-def memory() -> str:
-    """Cables that remember, and cables that do not: named or not, the loop, and the pose to come."""
-    entry = load("memory")
-    r, s = entry["results"], entry["results"]["summary"]
-
-    def share(key):
-        found, of = s[key]
-        return f"{100 * found / of:.0f} % of {of}"
-
-    took = ", ".join(f"{v['clock']:.1f}" for v in r["seconds of fits"].values())
-    rows = [
-        ["memory that moves the poses by three times the noise or more: named", share("named, memory clear"), "80 %"],
-        ["no memory: not named", share("not named, no memory"), "95 %"],
-        ["the next pose predicted better than without memory", share("next pose better"), "90 %"],
-        ["area of the hysteresis loop within 15 %", share("loop area within 15 %"), "all"],
-        *([f"the same, {law}", f"{of[0]} of {of[1]}", "-"] for law, of in s["loop area within 15 %, by law"].items()),
-        ["area of the loop over the true one, median", f"{s['loop area over the true one, median']:.2f}", "0.85 to 1.15"],
-        ["seconds of a fit with 5, 10, 20 poses", took, "30 s for 20"],
-    ]
-    return table(["", "measured", "target"], rows) + made_on(entry)
-
-
-def ratios() -> str:
-    """Error of the elements by ratio of stiffnesses, with their law and with the one that faded."""
-    entry = load("stiffness_ratios")
-    r = entry["results"]
-    usual = r["meshes"].index(40)
-
-    def largest(families, ratio, law, mesh):
-        off = [pose[law][mesh] for family in families for pose in r["families"][family][ratio].values()]
-        return "not solved" if None in off else f"{max(off):.1e}"
-
-    soft = [family for family in r["families"] if family.endswith("soft")]
-    groups = [[family for family in r["families"] if family not in soft], soft]
-    rows = []
-    for ratio in r["families"][soft[0]]:
-        cells = [[*(largest(g, ratio, "error", i) for i in range(3)), largest(g, ratio, "stiffened", usual)] for g in groups]
-        rows.append([ratio, *cells[0], *cells[1]])
-    head = ["ratio", *(f"{n} elements" for n in r["meshes"]), "40, fading law"]
-    return table(head + [f"soft: {words}" for words in head[1:]], rows) + made_on(entry)
-
-
-PAGES = {
+PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"answer": answer},
-    DOCS / "first-cable.md": {"newcomer": newcomer},
-    DOCS / "accuracy.md": {
-        "blind": blind,
-        "background": background,
-        "scans": scans,
-        "tipweights": tip_weights_tables.brief,
-        "kinect": kinect,
-        "sensitivity": sensitivity,
-        "equilibrium": equilibrium,
-        "firstuse": firstuse,
-        "phases": phases,
-    },
-    DOCS / "compared.md": {"fit": fit},
-    DOCS / "theory.md": {"ratios": ratios},
-    DOCS / "adding-an-effect.md": {"laws": laws},
-    DOCS / "missing-effects.md": {"memory": memory},
-}
-"""The tables made here, by page, in the order of the page."""
-_OTHERS = (
-    scanning_tables, sweep_tables, peers_tables, robustness_tables, mistakes_tables, tip_weights_tables, exports_tables,
-)  # fmt: skip
+    DOCS / "accuracy.md": {"blind": BLIND, "background": BACKGROUND, "scans": SCANS, "kinect": KINECT,
+                           "sensitivity": SENSITIVITY, "equilibrium": EQUILIBRIUM, "firstuse": FIRST_USE},
+    DOCS / "compared.md": {"fit": FIT},
+    DOCS / "adding-an-effect.md": {"laws": LAWS},
+    DOCS / "missing-effects.md": {"memory": MEMORY},
+    DOCS / "scanning.md": {"extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
+    DOCS / "sweeps.md": {"batches": BATCHES},
+    DOCS / "peers.md": {"ratios": RATIOS},
+    DOCS / "robustness.md": {"extremes": EXTREMES, "attacks": ATTACKS},
+    DOCS / "mistakes.md": {"mistakes": MISTAKES},
+    DOCS / "real" / "tip-weights.md": {"weights": WEIGHTS},
+}  # fmt: skip
+"""By page, its tables in order."""
 
 
 def pages() -> dict:
     """Every page with its tables, in the order of the page."""
-    return PAGES | {m.PAGE: m.TABLES for m in _OTHERS}
+    return PAGES
 
 
 def filled(text: str, tables: dict) -> str:
@@ -371,7 +519,7 @@ def filled(text: str, tables: dict) -> str:
 
 
 def main() -> None:
-    for page, tables in pages().items():
+    for page, tables in PAGES.items():
         page.write_text(filled(page.read_text(), tables))
 
 

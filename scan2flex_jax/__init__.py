@@ -13,14 +13,13 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax import plot as plot
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
-    from scan2flex_jax.fitting import FitSettings as FitSettings
     from scan2flex_jax.fitting import ResidualFunction as ResidualFunction
     from scan2flex_jax.fitting import boundary_of as boundary_of
-    from scan2flex_jax.fitting import fit as fit
     from scan2flex_jax.fitting import model_of as model_of
     from scan2flex_jax.fitting import residual_function as residual_function
-    from scan2flex_jax.inference import ExplainSettings as ExplainSettings
+    from scan2flex_jax.inference import Settings as Settings
     from scan2flex_jax.inference import explain as explain
+    from scan2flex_jax.inference import fit as fit
     from scan2flex_jax.inference import memory_test as memory_test
     from scan2flex_jax.inference import plan as plan
     from scan2flex_jax.prediction import predict as predict
@@ -53,15 +52,14 @@ _HOMES = {
     "CableModel": "rod.model",
     "Clamp": "study",
     "EffectDeclaration": "study",
-    "ExplainSettings": "inference",
     "Equilibrium": "statics",
-    "FitSettings": "fitting",
     "Markers": "study",
     "MeasuredCurve": "study",
     "MixedNewton": "statics",
     "ResidualFunction": "fitting",
     "ScaledMinimiser": "statics",
     "Scan2FlexError": "errors",
+    "Settings": "inference",
     "Settled": "statics",
     "Study": "study",
     "StudyError": "errors",
@@ -71,7 +69,7 @@ _HOMES = {
     "boundary_of": "fitting",
     "equilibrium": "statics",
     "explain": "inference",
-    "fit": "fitting",
+    "fit": "inference",
     "load_study": "study",
     "memory_test": "inference",
     "model_of": "fitting",

@@ -24,8 +24,7 @@ from scan2flex_jax.study.outputs import write_file
 if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types
     import xarray
 
-    from scan2flex_jax.fitting import Fit
-    from scan2flex_jax.inference import Explanation
+    from scan2flex_jax.inference import Explanation, Fit
     from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"

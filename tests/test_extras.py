@@ -39,10 +39,6 @@ def imports(path: Path):
                 yield library, id(node) in top
 
 
-def test_extras_are_named_for_what_they_add():
-    assert set(EXTRAS) == {"docs", "notebooks", "peers", "report", "sweep", "test"}
-
-
 def test_modules_import_what_is_declared():
     distributions = packages_distributions()
     lent = set.union(*(EXTRAS[extra] for extra in ("report", "sweep")))
@@ -50,11 +46,6 @@ def test_modules_import_what_is_declared():
         for library, at_top in imports(path):
             found = {d.lower() for d in distributions.get(library, [library])}
             assert found & (CORE if at_top else CORE | lent), f"{path.name} imports {library}"
-
-
-def test_tests_get_what_the_extras_that_they_use_give():
-    for extra in ("report", "sweep", "notebooks"):
-        assert EXTRAS[extra] <= EXTRAS["test"]
 
 
 def test_an_interactive_report_without_its_library_names_the_extra(monkeypatch):

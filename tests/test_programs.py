@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from scan2flex_jax import programs
-from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.examples import example_path
 from scan2flex_jax.rod import energy
 
@@ -44,14 +43,10 @@ def asks_python(x):
     return jax.pure_callback(np.sin, x, x)
 
 
-def wrong(x):
-    raise Scan2FlexError("a mistake of the caller")
-
-
 @pytest.fixture(autouse=True)
 def _of_the_package(monkeypatch):
     TRACED.clear()
-    for function in (scaled, asks_python, wrong):
+    for function in (scaled, asks_python):
         monkeypatch.setattr(function, "__module__", "scan2flex_jax.somewhere")
 
 
@@ -67,18 +62,6 @@ def test_a_later_process_computes_the_same_without_tracing():
     for result in results:
         assert result["name"] == "kept" and result["more"] == 4.0
         np.testing.assert_array_equal(result["scaled"], [0.0, 2.0, 4.0])
-
-
-def test_within_a_process_a_program_is_loaded_once():
-    entries = Memory()
-    here = programs.Programs(entries, b"1")
-    for k in range(3):
-        assert here.call(scaled, {}, ({"a": jnp.ones(2) * k}, 3.0), {})["scaled"][0] == 3.0 * k
-    entries.clear()
-    assert here.call(scaled, {}, ({"a": jnp.ones(2)}, 3.0), {})["scaled"][0] == 3.0
-    here.forget()
-    here.call(scaled, {}, ({"a": jnp.ones(2)}, 3.0), {})
-    assert TRACED == [3.0, 3.0] and len(entries) == 1
 
 
 @pytest.mark.parametrize(
@@ -98,14 +81,6 @@ def test_another_value_shape_type_structure_or_version_is_another_program(other,
     called(entries, scaled, {"a": jnp.ones(3)}, 2.0)
     called(entries, scaled, *other, version=version)
     assert len(TRACED) == len(entries) == 2
-
-
-def test_precision_is_part_of_the_key():
-    entries = Memory()
-    called(entries, scaled, {"a": jnp.ones(3)}, 2.0)
-    with jax.default_matmul_precision("float32"):
-        called(entries, scaled, {"a": jnp.ones(3)}, 2.0)
-    assert len(entries) == 2
 
 
 def closing(factor):
@@ -136,30 +111,7 @@ def test_what_is_not_all_in_the_key_is_not_kept(function, args):
     assert not entries and len(TRACED) <= 1, "refused anew at every call"
 
 
-def test_a_mistake_of_the_caller_keeps_its_sentence(monkeypatch):
-    monkeypatch.setattr(programs, "_programs", programs.Programs(Memory(), b"1"))
-    with pytest.raises(Scan2FlexError, match="a mistake of the caller"):
-        programs.call(wrong, {}, wrong, (jnp.ones(3),), {})
-
-
-def test_results_as_arguments_compile_nothing_again():
-    """Results of exported functions are bound to their device, and a first argument is not."""
-    here, x = programs.Programs(Memory(), b"1"), {"a": np.ones(3)}
-    compiled = []
-    jax.monitoring.register_event_duration_secs_listener(
-        lambda event, seconds, **kwargs: compiled.append(event) if "backend_compile" in event else None
-    )
-    for _ in range(3):
-        x = {"a": here.call(scaled, {}, (x, 2.0), {})["scaled"]}
-    assert len(compiled) == 1
-
-
-def test_an_instrumented_package_keeps_nothing():
-    """These tests check the shapes of every call, in traced functions too: a kept program would not."""
-    programs.keep(Memory())
-    assert programs._programs is None
-
-
+@pytest.mark.slow
 def test_a_second_command_traces_nothing_and_answers_the_same(tmp_path):
     environment = os.environ | {"SCAN2FLEX_CACHE": str(tmp_path / "cache")}
     command = [sys.executable, "-c", "from scan2flex_jax.cli import main; main()"]

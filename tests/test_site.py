@@ -4,7 +4,6 @@ import ast
 import importlib.util
 import re
 import tomllib
-from types import SimpleNamespace
 
 import pytest
 
@@ -48,48 +47,11 @@ def test_every_public_name_has_its_place_in_the_reference(hooks):
     assert set(re.findall(r"`scan2flex_jax\.(\w+)`", text)) == set(scan2flex_jax.__all__) - {"plot"}
 
 
-def test_links_of_the_readme_are_links_of_the_site(hooks):
-    given = "[a](docs/study.md#pose) [b](CONTRIBUTING.md) [c](#here) [d](https://example.org/x)"
-    text = hooks._of_site(given, "README.md", "index.md")
-    assert text == "[a](study.md#pose) [b](contributing.md) [c](#here) [d](https://example.org/x)"
-    with pytest.raises(Exception, match=r"README.md links to pyproject.toml"):
-        hooks._of_site("[a](pyproject.toml)", "README.md", "index.md")
-
-
-def test_links_of_a_notebook_are_links_of_the_site(hooks):
-    given = "[a](../docs/study.md#pose) [b](python-only.ipynb) [c](../README.md)"
-    text = hooks._of_site(given, "notebooks/x.ipynb", "notebooks/x.md")
-    assert text == "[a](../study.md#pose) [b](python-only.md) [c](../index.md)"
-
-
-def test_a_page_links_to_files_of_the_repository_that_are_pages(hooks):
-    page = SimpleNamespace(file=SimpleNamespace(src_uri="real/red-wire.md"))
-    given = "[a](../../notebooks/python-only.ipynb) [b](../../CONTRIBUTING.md#test) [c](black-wire.md)"
-    text = hooks.on_page_markdown(given, page)
-    assert text == "[a](../notebooks/python-only.md) [b](../contributing.md#test) [c](black-wire.md)"
-
-
 def test_formulae_become_mathml(hooks):
     made = hooks.on_page_content(r'<span class="arithmatex">\(a &lt; \tfrac12\)</span> <div class="arithmatex">\[x\]</div>')
     assert made.count("<math") == 2
     assert "arithmatex" not in made
     assert "&amp;" not in made  # the entity of the page is its sign in the formula
-
-
-def test_the_style_sheet_names_code_as_the_pages_do():
-    """A rule for ``.language-text`` has an effect only if the site's Markdown writes that class."""
-    pytest.importorskip("mkdocs", reason="the site's libraries come with the extra [docs]")
-    import markdown
-    from mkdocs.config import load_config
-
-    site = load_config(str(ROOT / "mkdocs.yml"))
-    named = set(re.findall(r"\.language-(\w+)", (DOCS / "assets" / "site.css").read_text("utf-8")))
-    assert named
-    for language in named:
-        page = markdown.markdown(
-            f"```{language}\nEI\n```", extensions=site.markdown_extensions, extension_configs=site.mdx_configs
-        )
-        assert f'class="language-{language} ' in page
 
 
 def test_a_page_that_loads_from_the_network_is_refused(hooks, tmp_path):
@@ -129,7 +91,3 @@ def test_the_package_is_installed_from_a_clone():
     """Version 0.1.0 is not on a package index: no page tells a reader to fetch it from there."""
     named = re.compile(r"pip install '?scan2flex_jax'?(?!\[)")
     assert [name_of(page) for page in [*PAGES, ROOT / "README.md"] if named.search(page.read_text("utf-8"))] == []
-
-
-def test_documents_are_found():
-    assert {"docs/study.md", "docs/real/black-wire.md"} <= {name_of(page) for page in PAGES}

@@ -64,7 +64,7 @@ def make_case(key, kinds, most_points):
     answer |= facts(scene, scene, noise, s, seen)
     answer |= _scatter(clean, seen["shapes"], fit) | _attained(clean, case["points"], fit)
     answer |= {"background_reach": under["reach"], "background_drawn": under["moves"]}
-    answer |= {"off_catalogue": "none", "family": "none", "arc_length_given": case["arc_length"]}
+    answer |= {"off_catalogue": "none", "arc_length_given": case["arc_length"]}
     answer |= {"noise_stated": case["stated"], "seed": list(key), "seconds": round(time.perf_counter() - began, 2)}
     return rng, case | {"answer": answer}
 

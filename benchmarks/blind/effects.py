@@ -163,11 +163,6 @@ HIDDEN = {
     "pose_reseating": _pose_reseating, "point_couple": _point_couple, "bending_friction": _bending_friction,
 }  # fmt: skip
 SCATTER = {"pose_curvature": _pose_curvature, "pose_reseating": _pose_reseating}
-FAMILY = {
-    "wavy_bending": "material stiffness", "wavy_curvature": "material curvature", "wavy_mass": "dead mass",
-    "taper_stiffness": "material stiffness", "taper_mass": "dead mass", "pose_loads": "pose-specific loads",
-    "pose_reseating": "clamps per pose", "point_couple": "dead load", "bending_friction": "history",
-}  # fmt: skip
 
 
 def build(scene, effects, sigma):

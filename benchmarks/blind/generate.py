@@ -43,29 +43,9 @@ def parse(text):
     return (() if text == "none" else tuple(text.split("+"))), None
 
 
-def plain(kinds):
-    return tuple(str(k) for k in kinds)
-
-
-def attempt(key, kinds, off, arguments):
-    """One attempt at a case: `(rng, case)` or `None`."""
-    try:
-        if arguments.background:
-            return background.make_case(key, plain(kinds), arguments.points)
-        return cases.make_case(key, plain(kinds), off and str(off), arguments.points)
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return None
-
-
-def truths_of(arguments):
-    if arguments.kinds:
-        return [parse(t) for t in arguments.kinds]
-    mix = background.schedule if arguments.background else schedule
-    return mix(arguments.count, arguments.seed)
-
-
 def run(arguments):
-    truths = truths_of(arguments)
+    mix = background.schedule if arguments.background else schedule
+    truths = [parse(t) for t in arguments.kinds] if arguments.kinds else mix(arguments.count, arguments.seed)
     if arguments.background and any(off or len(kinds) > 1 for kinds, off in truths):
         sys.exit("with --background, each of --kinds is `none` or one kind of the catalogue")
     for index, (kinds, off) in enumerate(truths):
@@ -73,7 +53,14 @@ def run(arguments):
         if (arguments.only and name not in arguments.only) or (Path(arguments.answers) / f"{name}.toml").exists():
             continue
         for trial in range(ATTEMPTS):
-            made = attempt((arguments.seed, index, trial), kinds, off, arguments)
+            key, named = (arguments.seed, index, trial), tuple(map(str, kinds))
+            try:
+                if arguments.background:
+                    made = background.make_case(key, named, arguments.points)
+                else:
+                    made = cases.make_case(key, named, off and str(off), arguments.points)
+            except (np.linalg.LinAlgError, FloatingPointError):
+                continue
             if made is not None:
                 rng, case = made
                 studies.write(rng, {"id": name, **case}, arguments.cases, arguments.answers)

@@ -16,7 +16,7 @@ def scored(peer, answer, beside, curve) -> list[dict]:
     shared = {"peer": peer, "problem": answer["problem"], "size": answer["size"]}
     if "failed" in answer:
         return [shared | {"failed": answer["failed"]}]
-    numbers = {k: answer[k] for k in ("prepare_s", "first_s", "repeats", "wall_median_s") if k in answer}
+    numbers = {k: v for k, v in answer.items() if k in ("prepare_s", "first_s", "repeats", "wall_median_s")}
     own = {str(n): a["found"][0]["seconds"] for n, a in beside.items() if "failed" not in a}
     return [shared | _seen(found, curve) | found["told"] | numbers | {"beside": own} for found in answer["found"]]
 
@@ -71,15 +71,9 @@ def ratios(rows) -> dict:
 
 def watched(results) -> dict[str, float]:
     """For the record: each ratio the other way round, ours over theirs, so that smaller is better."""
-    table = {}
-    for peer, row in results["ratios"].items():
-        for key in ("seconds over ours at equal accuracy", "error over ours at equal mesh"):
-            if row[key]:
-                table[f"{peer}: {key}, turned round"] = 1.0 / row[key]["median"]
-    for way, row in results.get("fits", {}).items():
-        others = (key for key in row if key.endswith("over the first") and row[key] != 1.0)
-        table |= {f"fit, {way}: {key}, turned round": 1.0 / row[key] for key in others}
-    return table
+    keys = ("seconds over ours at equal accuracy", "error over ours at equal mesh")
+    rows = results["ratios"].items()
+    return {f"{peer}: {k}, turned round": 1.0 / row[k]["median"] for peer, row in rows for k in keys if row[k]}
 
 
 def _spread(values):

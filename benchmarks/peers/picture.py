@@ -15,13 +15,8 @@ _STYLE = {
     OURS: ("#c1272d", "o"),
     "scan2flex_jax, BFGS": ("#e8939a", "o"),
     "solve_bvp": ("#222222", "s"),
-    "CasADi + IPOPT": ("#7a5195", "D"),
     "PyElastica": ("#2a6fbb", "^"),
-    "PyElastica, centred": ("#8fbbe8", "^"),
-    "MuJoCo cable": ("#2e8b57", "v"),
-    "MuJoCo cable, centred": ("#93cfae", "v"),
     "MuJoCo flex": ("#d08c00", "<"),
-    "MuJoCo flex, centred": ("#f0c878", "<"),
 }
 
 

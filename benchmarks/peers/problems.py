@@ -97,24 +97,23 @@ def start_at(problem: Problem, s) -> tuple[np.ndarray, np.ndarray]:
     return points, frames[[int(np.argmin(np.abs(along - x))) for x in s]]
 
 
-def start_chain(problem: Problem, links: int, centred: bool = False) -> tuple[float, np.ndarray, np.ndarray]:
+def start_chain(problem: Problem, links: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Link length ds (m), vertices (n + 1, 3) and frames (n, 3, 3) of a chain on such a curve, all links equally long.
 
-    Codes with nearly rigid links would otherwise start from stretched ones and throw the cable about. The outer link lies
-    along the clamp: within the cable (n = links), or ``centred`` on the clamp, half of it outside (n = links + 1 between
-    clamps; before a free end n = links, ds = L/(links - 1/2)).
+    Codes with nearly rigid links would otherwise start from stretched ones and throw the cable about. The outer link is centred
+    on the clamp, half of it outside: n = links + 1 between clamps; before a free end n = links, ds = L/(links - 1/2).
     """
-    ds = problem.length / (links - (0.5 if centred and problem.free else 0.0))
-    lead = ds * (0.5 if centred else 1.0)  # of the outer link, inside the cable
+    ds = problem.length / (links - (0.5 if problem.free else 0.0))
+    lead = 0.5 * ds  # of the outer link, inside the cable
     first = problem.start_frame[:, 2]
     inner = problem._replace(length=problem.length - lead * (1 if problem.free else 2))
     if not problem.free:
         last = problem.end_frame[:, 2]
         inner = inner._replace(end=problem.end - lead * (first + last))
     vertices = _polygon(inner, round(inner.length / ds)) + lead * first
-    vertices = np.vstack([(lead - ds) * first, vertices])
+    vertices = np.vstack([-lead * first, vertices])
     if not problem.free:
-        vertices = np.vstack([vertices, problem.end + (ds - lead) * last])
+        vertices = np.vstack([vertices, problem.end + lead * last])
     return ds, vertices, _framed(problem, np.diff(vertices, axis=0))
 
 

@@ -68,7 +68,7 @@ def fit(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, figure)
     prepare_jax()
-    from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
+    from scan2flex_jax.inference import fit as run  # noqa: PLC0415
 
     with progress(f"fitting {loaded.title}", quiet) as tell:
         asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}" + (f", {elements} elements" if elements else "")
@@ -146,7 +146,7 @@ def demo(
     results = [out / f"{name}.{kind}" for name in (*names, "explanation") for kind in ("png", "json")]
     outputs.claim(*dict.fromkeys((*results, *explanation_pictures(out))))
     prepare_jax()
-    from scan2flex_jax.fitting import fit as run  # noqa: PLC0415
+    from scan2flex_jax.inference.fitting import fitted as run  # noqa: PLC0415
     from scan2flex_jax.inference.program import slots_of  # noqa: PLC0415
 
     cable, wire = (load_study(example_path(name)) for name in names)

@@ -39,8 +39,7 @@ def report(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(out, json)
     prepare_jax()
-    from scan2flex_jax.fitting import Fit, fit  # noqa: PLC0415
-    from scan2flex_jax.inference import Explanation, explain  # noqa: PLC0415
+    from scan2flex_jax.inference import Explanation, Fit, explain, fit  # noqa: PLC0415  # noqa: PLC0415
     from scan2flex_jax.reporting import report as page  # noqa: PLC0415
     from scan2flex_jax.reporting import require_libraries  # noqa: PLC0415
 

@@ -18,13 +18,9 @@ import equinox as eqx
 import numpy as np
 
 from scan2flex_jax.fitting import states
-from scan2flex_jax.fitting.settings import USUAL, NoiseSettings
 from scan2flex_jax.geometry.fields import POINTS, hats, smooth_root
 
 SEAT = 0.05  # of b L: standard deviation (rad) of the rotation of a clamp
-_FLAT = 1e-6  # of the largest extent: points in one plane, as those of a photograph are
-_NEAR = 0.05  # of the length
-_TINY = 1e-12  # of the largest square of a direction: below it a direction moves no point
 
 
 @dataclass(frozen=True)
@@ -86,17 +82,6 @@ def directions(state: states.State) -> states.State:
 _HAT = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # [e_k] x
 
 
-def principal(white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal directions ``U`` (n, q) and sizes ``d`` (q,), per 1/m, of white columns (n, k): ``U diag(d)^2 U' = Z Z'``.
-
-    Computed from the Gram matrix of the few columns, in a tenth of the time of a singular value decomposition.
-    """
-    squares, V = np.linalg.eigh(white.T @ white)
-    seen = squares > _TINY * squares[-1]
-    d = np.sqrt(squares[seen])
-    return white @ (V[:, seen] / d), d
-
-
 def most_likely_part(curvature: float, columns: np.ndarray, residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """The most likely displacement (m, 2) along the normals, given a residual (m, 2) with noise of ``covariance`` (m, m): the
     posterior mean of the Gaussian process (Rasmussen and Williams 2006, eq. 2.25)."""
@@ -108,26 +93,9 @@ def most_likely_part(curvature: float, columns: np.ndarray, residual: np.ndarray
     return Z @ weights
 
 
-def foreshortening(curvature: float, columns: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Standard deviation (m) along the tangent, at arc lengths ``s`` (m), of the second-order displacement by a discrepancy.
-
-    Points (m, c, k) displaced by ``d`` across move towards the start by about ``d^2/s``, which the columns do not contain.
-    """
-    aside = curvature**2 * np.sum(columns[:, :-1] ** 2, axis=(1, 2))
-    return aside / np.maximum(s, _NEAR * np.max(s))
-
-
-def usual_size(configurations, settings: NoiseSettings = USUAL) -> float:
-    """Prior median of the size ``b`` (1/m): a few per cent of the curvature of the poses."""
+def usual_size(configurations, share: float) -> float:
+    """Usual size ``b`` (1/m): a ``share`` of the curvature of the poses."""
     r, R = np.asarray(configurations.r), np.asarray(configurations.R)
     ds = np.linalg.norm(np.diff(r, axis=1), axis=2)
     bend = np.linalg.norm(np.cross(R[:, :-1, :, 2], R[:, 1:, :, 2]), axis=2)
-    return settings.usual_discrepancy * max(float(np.sqrt(np.mean((bend / ds) ** 2))), 1e-3 / float(np.sum(ds[0])))
-
-
-def plane_normal(points, gravity) -> np.ndarray | None:
-    """The unit normal (3,) of the plane in which points (n, 3) lie with gravity, as those of a photograph; None without one."""
-    _, size, directions = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), full_matrices=False)
-    weight = np.asarray(gravity) / max(float(np.linalg.norm(gravity)), 1e-12)
-    flat = size[2] <= _FLAT * size[0] and abs(weight @ directions[2]) < _FLAT
-    return directions[2] if flat else None
+    return share * max(float(np.sqrt(np.mean((bend / ds) ** 2))), 1e-3 / float(np.sum(ds[0])))

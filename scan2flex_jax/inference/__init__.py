@@ -1,16 +1,21 @@
-"""Inference: hypotheses about a study, one generative model with one score for all of them, and the decisions of `explain`.
+"""Inference: from measured shapes to estimates with intervals, and to the physics that the model lacks.
 
-`program`: poses as a function of all parameters; `rows`: measured points; `priors`, `likelihood`: the model; `posterior`: a
-hypothesis at its mode; `search`, `variants`: what is tried; `decision`, `settings`: eight decisions and every number in them;
-`quantities`, `result`, `words`: what is reported; `run`: the sequence of `explain`; `planning`: the next pose; `memory`: the
-test over the order of poses.
+One generative model: `program` (poses as a function of all parameters), `rows` (measured points), `priors`, `likelihood`,
+`posterior` (a hypothesis at its mode), `determined` (what the poses determine), `settings` (every number that decides).
+`fitting` is the sequence of `fit`: `mesh`, `branches` (full turns), `mistakes` (of the input), `direct` with `cloud_noise`
+(scans), `belief`, `estimate`, `law`, `influence`, `fit_result`, `answer`. `explaining` is that of `explain`: `variants`,
+`search`, `decision`, `quantities`, `words`, `explanation`. `planning`: the next pose; `memory`: the test over orders of poses.
 """
 
+from scan2flex_jax.inference.estimate import Estimate
+from scan2flex_jax.inference.explaining import explain
+from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked
+from scan2flex_jax.inference.fit_result import Fit, PoseFit
+from scan2flex_jax.inference.fitting import METHODS, fit
+from scan2flex_jax.inference.law import Law, Reading
 from scan2flex_jax.inference.memory import MemoryTest, memory_test
 from scan2flex_jax.inference.planning import Candidate, Plan, plan
-from scan2flex_jax.inference.result import Explanation, Hypothesis, PoseChange, Ranked
-from scan2flex_jax.inference.run import explain
-from scan2flex_jax.inference.settings import ExplainSettings
+from scan2flex_jax.inference.settings import Settings
 
-__all__ = ["Candidate", "ExplainSettings", "Explanation", "Hypothesis", "MemoryTest", "Plan", "PoseChange", "Ranked"]
-__all__ += ["explain", "memory_test", "plan"]
+__all__ = ["METHODS", "Candidate", "Estimate", "Explanation", "Fit", "Hypothesis", "Law", "MemoryTest", "Plan", "PoseChange"]
+__all__ += ["PoseFit", "Ranked", "Reading", "Settings", "explain", "fit", "memory_test", "plan"]

@@ -9,7 +9,7 @@ curvature and clamp seat of the pose (`fitting.discrepancy`), and
 given error of scans that is the same along a pose. The sizes ``u = (log white, log correlated, log length, log b, logit of the
 share of Matern)`` are those of the largest restricted likelihood times their prior (Patterson and Thompson 1971), for each
 hypothesis at its own ``x``, with exact gradients: 8 to 15 evaluations of 3 ms. The discrepancy has a spike and a slab
-(Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which costs `ExplainSettings.slab`.
+(Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which costs `Settings.slab`.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from scipy import optimize
 
 from scan2flex_jax.fitting.noise import FINEST, Noise
 from scan2flex_jax.inference.rows import Rows
-from scan2flex_jax.inference.settings import ExplainSettings
+from scan2flex_jax.inference.settings import Settings
 
 NONE = 1e-4  # of the usual size of a discrepancy: that counts as none
 _MOST_NOISE, _LONGEST, _MOST_DISCREPANCY = 5e-3, 0.3, 10.0  # of the length, of the length, and over the usual size
@@ -60,7 +60,7 @@ class Likelihood:
     ``usual`` (1/m) the scale of a discrepancy."""
 
     def __init__(
-        self, rows: Rows, length: float, stated: float | None, alike: float, usual: float, settings: ExplainSettings,
+        self, rows: Rows, length: float, stated: float | None, alike: float, usual: float, settings: Settings,
         apart: Sequence[int] = (),
     ):  # fmt: skip
         """Bounds of the sizes from the cable's ``length`` (m); poses ``apart`` have a wide discrepancy of their own."""

@@ -17,10 +17,10 @@ import numpy as np
 
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting.noise import Noise, stated_noise
+from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
-from scan2flex_jax.fitting.statistics import noise_of
 from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.inference.posterior import Variant
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.sense import check_study
@@ -187,7 +187,8 @@ def _least(study, elements, found, noise) -> float:
 
 
 def _noise(problem, minimum) -> Noise:
-    return noise_of(minimum.evaluation, problem.poses, problem.length, stated_noise(problem.study))
+    h = Variant("memory", problem, minimum, held=True).empty
+    return h.variant.likelihood.noise(h.u)
 
 
 def _cost(problem, minimum, noise) -> float:

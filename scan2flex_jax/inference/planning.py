@@ -18,9 +18,9 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
+from scan2flex_jax.inference.explanation import Explanation
 from scan2flex_jax.inference.posterior import Fitted, configuration
 from scan2flex_jax.inference.program import Component, Index, Program
-from scan2flex_jax.inference.result import Explanation
 from scan2flex_jax.inference.rows import Rows
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SENTENCES
@@ -205,7 +205,7 @@ def _judge(base: Fitted, words, pose, rivals, old, leads, now) -> Candidate:
 
 def _measured(base: Fitted, pose: StudyPose) -> Program:
     """A program of the one pose, with its predicted equilibrium as the measurement; with memory after all others."""
-    problem, program, shared = base.variant.fit.problem, base.variant.program, base.x[: base.index.shared]
+    problem, program, shared = base.variant.problem, base.variant.program, base.x[: base.index.shared]
     study, elements = problem.study, program.elements
     if study.remembers:
         later = None if study.poses[-1].time is None else study.poses[-1].time + _pause(study)
@@ -224,7 +224,7 @@ def _measured(base: Fitted, pose: StudyPose) -> Program:
     keep = np.unique(np.linspace(0, elements, min(POINTS, elements + 1)).round().astype(int))[1:-1]
     seen = replace(pose, curve=MeasuredCurve(points[keep], None), markers=None)
     whole = replace(study, poses=(*study.poses, seen)) if study.remembers else study
-    return Program(problem, base.variant.fit.minimum, replace(poses_of(whole, [seen], problem.length, elements), start=settled))
+    return Program(problem, base.variant.minimum, replace(poses_of(whole, [seen], problem.length, elements), start=settled))
 
 
 def _pause(study):

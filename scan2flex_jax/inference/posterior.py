@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 from scipy import special
@@ -19,14 +20,15 @@ from scan2flex_jax.effects.catalogue import catalogue
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.fitting.descent import Model, Point, Rules, descend
 from scan2flex_jax.fitting.discrepancy import usual_size
+from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import FINEST, sensor_noise, stated_noise
+from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.quadratic import Quadratic
-from scan2flex_jax.fitting.result import Fit
 from scan2flex_jax.inference.likelihood import Likelihood, Linear, bare, elpd, inverted
 from scan2flex_jax.inference.priors import Prior
 from scan2flex_jax.inference.program import Component, Index, Program
 from scan2flex_jax.inference.rows import Rows
-from scan2flex_jax.inference.settings import USUAL, ExplainSettings
+from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
@@ -35,6 +37,7 @@ from scan2flex_jax.study.repeats import repeats
 SIZES = (1 / 3, 1.0, 3.0, 10.0, 30.0)  # factors on the usual size of an effect, equally likely
 _ROUNDS, _STEPS, _LAST = 3, 10, 30  # of sizes of the noise and parameters in turn; steps of a descent, and of the last one
 _SETTLED = 0.5  # nats
+_LOOSE, _TIGHT = 0.1, 1e-6  # of the cost: predicted gain at which a descent ends, with effects and without
 _DOUBT = 15.0  # nats behind the best, within which a descent that has not converged goes on
 _SHARE = 0.3  # of the baseline residual: noise of unweighted distances
 _TRUSTED = 4.0  # nats that a further Gauss-Newton step may promise
@@ -130,19 +133,21 @@ def solved(shapes) -> bool:
 
 
 class Variant:
-    """A variant of a study with its baseline fit; refits hypotheses in it.
+    """A variant of a study, from the minimum of its unweighted distances; refits hypotheses in it.
 
     ``log_prior`` (nats) of the variant, the ``effect`` with memory that it declares, if any; poses ``apart`` have a wide
-    discrepancy of their own.
+    discrepancy of their own. ``held``: the hypothesis without effects keeps the parameters of the minimum.
     """
 
     def __init__(
-        self, name: str, fitted: Fit, log_prior: float = 0.0, settings: ExplainSettings = USUAL, *, scanned: bool = False,
-        effect: str | None = None, apart: Sequence[int] = (),
+        self, name: str, problem: Problem, minimum: Minimum, settings: Settings = USUAL, *, log_prior: float = 0.0,
+        scanned: bool = False, effect: str | None = None, apart: Sequence[int] = (), held: bool = False,
     ):  # fmt: skip
         """Refit the hypothesis without effects."""
-        self.name, self.fit, self.log_prior, self.settings, self.effect = name, fitted, log_prior, settings, effect
-        self.program, minimum, study = Program(fitted.problem, fitted.minimum), fitted.minimum, fitted.problem.study
+        self.name, self.problem, self.minimum, self.settings, self.effect = name, problem, minimum, settings, effect
+        self.log_prior, self.held = log_prior, held
+        self.fit: Any = None  # the `Fit` that this variant is of
+        self.program, study = Program(problem, minimum), problem.study
         self.context, self.length = self.program.context, self.program.context.length
         x = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
         shapes = self.program.shapes((), x)
@@ -152,7 +157,7 @@ class Variant:
         squares = [np.mean(s.residual[k] ** 2) for s, k in zip(shapes, real, strict=True)]
         self.off = max(float(np.sqrt(np.mean(squares))), 1e-9)
         alike = settings.scan_alike * self.context.radius_or_guess if scanned else 0.0
-        usual = usual_size(self.program.start)
+        usual = usual_size(self.program.start, settings.usual_discrepancy)
         stated = stated_noise(study, of_all=False)
         self.likelihood = Likelihood(self.rows, self.length, stated, alike, usual, settings, apart)
         at = {pose.name: i for i, pose in enumerate(study.fit_poses)}
@@ -168,13 +173,13 @@ class Variant:
     @property
     def study(self) -> Study:
         """Its study."""
-        return self.fit.problem.study
+        return self.problem.study
 
     @cached_property
     def held_out(self) -> Program | None:
         """The validate poses; None without any."""
-        problem = self.fit.problem
-        return None if problem.held_out is None else Program(problem, self.fit.minimum, problem.held_out)
+        held_out = self.problem.held_out
+        return None if held_out is None else Program(self.problem, self.minimum, held_out)
 
     def unseen_vector(self, h: Fitted, program: Program) -> np.ndarray:
         """Parameters of a hypothesis for poses that were not fitted: their own ones are zero."""
@@ -219,7 +224,7 @@ class Variant:
                 end = self._descend(components, x, begun, self._plain(), wider, hopeless=hopeless)
                 if end is None:
                     return None
-                x, begun, _ = end
+                x, begun, *_ = end
         if components and begun is shapes:
             begun = self._within_reach(components, x, shapes)
             if begun is None:
@@ -265,21 +270,25 @@ class Variant:
             if value - last < _SETTLED or value < self.best - (_DOUBT if np.isfinite(last) else 2 * _DOUBT):
                 break  # the value has the gain of the next linear step in it
             last = value
+            if self.held and not components:
+                converged = self.minimum.converged
+                break
             end = self._descend(components, x, shapes, self.likelihood.whitening(u, linear.Z), wider)
             if end is None:
                 break
-            x, shapes, converged = end
+            x, shapes, converged, _ = end
         found = self._finished(components, x, shapes, u, converged)
-        if components and not converged and found.score > self.best - _DOUBT:
+        if not (converged or (self.held and not components)) and found.score > self.best - _DOUBT:
             Li = self.likelihood.whitening(found.u, found.linear.Z)
             end = self._descend(components, x, shapes, Li, found.wider, most=_LAST)
             if end is not None:
                 found = max(found, self._finished(components, end[0], end[1], found.u, end[2]), key=lambda h: h.score)
         return found
 
-    def _descend(self, components, x, shapes, Li, wider, most: int = _STEPS, hopeless: float = np.inf):
-        """``(x, shapes, converged)`` of the nearest minimum of the cost under white rows; None without an equilibrium."""
-        prior = Prior(self.program, components, wider)
+    def _descend(self, components, x, shapes, Li, wider, most: int = _STEPS, hopeless: float = np.inf, zero=()):
+        """``(x, shapes, converged, cost)`` of the nearest minimum of the cost under white rows, with some parameters held at
+        ``zero``; None without an equilibrium."""
+        prior = Prior(self.program, components, wider, zero)
         model, x = _Descent(self, components, prior, Li), np.clip(x, prior.low, prior.high)
         start = self.program.start if shapes is None else configuration(shapes)
         point, damping, base = model.at(x, start), _DAMPING, model.n.base
@@ -288,11 +297,18 @@ class Variant:
             nearer[base:] = np.where(prior.width[base:] > 0, nearer[base:], 0.3 * nearer[base:])
             point, damping = model.at(nearer, start), damping * 10
         rules = Rules(
-            most=lambda cost: most, settled=lambda cost: 0.1, damping=_DAMPING, least=1e-9, refused=1e-3, give_up=1e7,
+            most=lambda cost: most, settled=lambda cost: _LOOSE if components else _TIGHT, damping=_DAMPING, least=1e-9,
+            refused=1e-3, give_up=1e7,
             closer=(lambda cost: 1e-2) if components else None, bend=True, hopeless=hopeless,
         )  # fmt: skip
         end = descend(model, point, rules, damping)
-        return (end.point.x, end.point.found[0], end.converged) if np.isfinite(end.point.cost) else None
+        if not np.isfinite(end.point.cost):
+            return None
+        return end.point.x, end.point.found[0], end.converged, end.point.cost
+
+    def descended(self, x, shapes, Li, zero=()):
+        """``(x, shapes, converged, cost)`` of the hypothesis without effects under white rows, some parameters ``zero``."""
+        return self._descend((), x, shapes, Li, (), most=_LAST, zero=zero)
 
     def _sizes(self, components, x):
         """The prior sizes nearest to the amplitudes."""
@@ -357,7 +373,7 @@ class Variant:
                     yield end
 
 
-def price(entry: CatalogueEntry, context, settings: ExplainSettings) -> float:
+def price(entry: CatalogueEntry, context, settings: Settings) -> float:
     """Cost (nats) of an effect: of the choice of its kind and of its discrete sites, and of having one more."""
     discrete = {str({k: v for k, v in s.items() if k not in entry.moving}) for s in entry.sites(context)}
     return settings.effect + np.log(len(catalogue())) + np.log(len(discrete))

@@ -26,7 +26,7 @@ from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
-from scan2flex_jax.fitting.evaluate import Evaluator, one, target_of
+from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -96,11 +96,10 @@ class Program:
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context, self.solves = context_of(problem, minimum), 0
         self.previous = _previous(problem, minimum, self.poses)
-        self.in_order = None
+        self.evaluator = problem.evaluator_of(self.poses)
         if self.poses.history is not None:
-            self.in_order = problem.evaluator_of(self.poses)
             local = minimum.local if poses is None else np.zeros((self.poses.count, self.layout.local))
-            self.poses = self.in_order.remembered(minimum.shared, local, self.start)
+            self.poses = self.evaluator.remembered(minimum.shared, local, self.start)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         found = _entries(self.context)
         self.sites = {e.kind: _arrays(e.sites(self.context)[0] | e.rest(self.context)) for e in found}
@@ -119,7 +118,7 @@ class Program:
         """The same study with the poses ``which``, in this order."""
         some = copy(self)
         some.poses = self.poses.only(which)
-        some.in_order = None if self.in_order is None else self.problem.evaluator_of(self.in_order.poses.only(which))
+        some.evaluator = self.problem.evaluator_of(self.evaluator.poses.only(which))
         some.start = jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
         some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
         return some
@@ -129,8 +128,8 @@ class Program:
     def shapes(self, components, x, start: Configuration | None = None) -> list[states.Shape]:
         """All poses solved at the vector ``x`` of a hypothesis, their columns in the order of `Index.of_pose`."""
         index, start = Index(self, components), self.start if start is None else start
-        if self.in_order is not None and not components:
-            return self._solved_in_order(self.in_order, x, index, start)
+        if not components:
+            return self._alone(x, index, start)
 
         def solved(i):
             own = index.of_pose(i)
@@ -170,6 +169,8 @@ class Program:
 
     def scatter(self, components, x, start: Configuration) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its own discrepancy (`fitting.discrepancy`) at an equilibrium, in m per 1/m."""
+        if not components:
+            return self.evaluator.scatter(*self._split(x, Index(self, components)), start)
         return self._along(components, x, start, lambda state, i: discrepancy.directions(state))
 
     def natural_columns(self, components, x, natural, start: Configuration) -> list[np.ndarray]:
@@ -182,6 +183,9 @@ class Program:
 
     def rods(self, components, x, shapes) -> list[tuple[Rod, Configuration]]:
         """The rod of each pose with its energy laws, and its equilibrium."""
+        if not components:
+            shared, local = self._split(x, Index(self, components))
+            return [(self.evaluator.rod(i, shared, local), s.configuration) for i, s in enumerate(shapes)]
         return [(self._state_of(components, x, i).rod, shape.configuration) for i, shape in enumerate(shapes)]
 
     def _state_of(self, components, x, i):
@@ -197,10 +201,13 @@ class Program:
 
         return self._each(of)
 
-    def _solved_in_order(self, in_order: Evaluator, x, index, start):
-        """Without effects in the order of the poses, with derivatives through what each leaves to the next."""
-        local = x[index.shared : index.base].reshape(index.poses, index.local)
-        e, marked = in_order(x[: index.shared], local, start=start), self.poses.marked
+    def _split(self, x, index):
+        """Shared parameters, and local ones (P, local)."""
+        return x[: index.shared], x[index.shared : index.base].reshape(index.poses, index.local)
+
+    def _alone(self, x, index, start):
+        """Without effects; with memory in the order of the poses, with derivatives through what each leaves to the next."""
+        e, marked = self.evaluator(*self._split(x, index), start=start), self.poses.marked
         self.solves += index.poses
         shapes = [states.Shape(*one(e, i)) for i in range(index.poses)]
         return shapes if marked is None else [s._replace(marked=m) for s, m in zip(shapes, marked, strict=True)]

@@ -1,19 +1,20 @@
 """What a hypothesis says: estimates, poses before and after, predictions, the parameters of its effects, where a cause acts."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from scipy import special  # `scipy.stats` imports for longer than a whole fit lasts
 
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.effects.distributed_load import DistributedLoad
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
-from scan2flex_jax.fitting.estimate import Estimate, estimate_of
-from scan2flex_jax.fitting.influence import Influence, changed_studies, influence_of
-from scan2flex_jax.fitting.influence import Linear as White
-from scan2flex_jax.fitting.law import KINDS, Law, law_at
 from scan2flex_jax.fitting.parameters import layout_of
-from scan2flex_jax.fitting.statistics import closed_inverse
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
+from scan2flex_jax.inference.determined import Uncertainty, uncertainty
+from scan2flex_jax.inference.estimate import Estimate, estimate_of
+from scan2flex_jax.inference.influence import Influence, White, changed_studies, influence_of
+from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
 from scan2flex_jax.inference.priors import Prior
@@ -64,18 +65,22 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
     weights = np.maximum(weights, [float(h is best) for h in hypotheses])
     weights /= weights.sum()
     freedom = float(max(len(v.groups) - 1, _FEWEST_FREEDOM)) if any(h.discrepant for h in hypotheses) else np.inf
+    own = known(best)
     for slot in layout.slots:
         here, S = slice(slot.at, slot.at + slot.size), slot.sums
+        lost = ~own.felt[here]
         shifts = [np.log(_rescaled(h).get(slot.name, 1.0)) if slot.log else 0.0 for h in hypotheses]
-        own = dict(zip(map(id, hypotheses), shifts, strict=True))[id(best)]
-        centre = S @ best.x[here] + own
-        moves = [S @ h.x[here] + shift - centre for h, shift in zip(hypotheses, shifts, strict=True)]
-        variances = [np.diag(S @ h.covariance[here, here] @ S.T) for h in hypotheses]
+        shift = dict(zip(map(id, hypotheses), shifts, strict=True))[id(best)]
+        centre = S @ best.x[here] + shift
+        moves = [S @ h.x[here] + d - centre for h, d in zip(hypotheses, shifts, strict=True)]
+        mine = np.where(lost, 0.0, own.covariance[here, here])
+        covariances = [mine if h is best else h.covariance[here, here] for h in hypotheses]
+        variances = [np.diag(S @ C @ S.T) for C in covariances]
         spread = np.sqrt(sum(w * (a + m**2) for w, a, m in zip(weights, variances, moves, strict=True)))
-        lost = _lost(best)[here]
         out[slot.name] = estimate_of(
-            slot, centre, np.where(lost, np.inf, spread), own=best.x[here], felt=not np.any(lost), freedom=freedom
-        )
+            slot, centre, np.where(lost, np.inf, spread), own=best.x[here], determined=bool(np.all(own.determined[here])),
+            felt=not np.any(lost), vaguest=v.settings.vaguest_interval, freedom=freedom,
+        )  # fmt: skip
     return out
 
 
@@ -85,12 +90,12 @@ def _comparable(h: Fitted, best: Fitted) -> bool:
     return [s.name for s in theirs[: len(ours)]] == [s.name for s in ours]
 
 
-def _lost(h: Fitted) -> np.ndarray:
-    """Mask of the parameters that the poses do not determine."""
+def known(h: Fitted) -> Uncertainty:
+    """Which unknowns the poses determine, and their covariance, without the weak priors that only hold the others in place."""
     wr, wX = h.variant.likelihood.white(h.u, h.linear)
     prior = Prior(h.variant.program, h.components, h.wider)
     A, _ = h.linear.normal(wr, wX)
-    return closed_inverse(A - np.diag(np.where(prior.frozen, 0.0, prior.weak)))[1]
+    return uncertainty(h.variant.program.layout, A - np.diag(np.where(prior.frozen, 0.0, prior.weak + prior.width)))
 
 
 def _rescaled(h):
@@ -122,11 +127,16 @@ def predicted(h: Fitted) -> list:
 
 
 def surprise(h: Fitted, most: float) -> dict[str, float]:
-    """The validate poses whose distance exceeds ``most`` times what the hypothesis expects of it, from noise, discrepancy,
-    tolerances, and the errors of the parameters; by name the ratio, infinite without an equilibrium."""
+    """The validate poses whose distance exceeds ``most`` times what the hypothesis expects of it, and by how many times."""
+    return {name: ratio for name, ratio in ratios(h).items() if ratio > most}
+
+
+def ratios(h: Fitted) -> dict[str, float]:
+    """Per validate pose its distance over that which the hypothesis expects, from noise, discrepancy, tolerances, and the
+    errors of the parameters; infinite without an equilibrium."""
     v, n, found, poses = h.variant, h.index, predicted(h), h.variant.study.validate_poses
     good = [i for i, shape in enumerate(found) if solved([shape])]
-    out = {pose.name: np.inf for i, pose in enumerate(poses) if i not in good}
+    out = dict.fromkeys((pose.name for pose in poses), np.inf)
     if v.held_out is None or not good:
         return out
     shared = np.r_[np.arange(n.shared), np.arange(n.base, n.count)]
@@ -142,7 +152,7 @@ def surprise(h: Fitted, most: float) -> dict[str, float]:
     variance = np.einsum("pnn->pn", C) + np.einsum("pni,ij,pnj->pn", J, V, J) + np.sum(own**2, axis=2)
     real = rows.pad == 0
     ratio = np.sqrt(np.sum(r**2 * real, axis=1) / np.sum(variance * real, axis=1))
-    return out | {poses[i].name: float(value) for i, value in zip(good, ratio, strict=True) if value > most}
+    return out | {poses[i].name: float(value) for i, value in zip(good, ratio, strict=True)}
 
 
 def left_out(h: Fitted) -> np.ndarray:
@@ -247,7 +257,7 @@ def scatter_of(h: Fitted) -> dict[str, float]:
 
 def influence_of_hypothesis(h: Fitted) -> Influence:
     """Sensitivities of the estimates to poses and to stated values, to first order at a hypothesis; solves all poses twice."""
-    v, n, problem = h.variant, h.index, h.variant.fit.problem
+    v, n, problem = h.variant, h.index, h.variant.problem
     prior = Prior(v.program, h.components, h.wider)
     wr, wX = v.likelihood.white(h.u, h.linear)
     P, N, _ = wX.shape
@@ -260,7 +270,7 @@ def influence_of_hypothesis(h: Fitted) -> Influence:
     white = White(wr.ravel(), np.where(held, 0.0, J), rows, precision)
     Li, changes = v.likelihood.whitening(h.u, h.linear.Z), {}
     for name, study, step in changed_studies(problem.study):
-        other = Program(problem.with_study(study), v.fit.minimum)
+        other = Program(problem.with_study(study), v.minimum)
         shapes = other.shapes(h.components, h.x, h.configuration)
         if solved(shapes):
             moved = v.rows.of(shapes, [s.residual[:, :, None] for s in shapes])[:, :, 0] - h.linear.r
@@ -294,10 +304,18 @@ def _numbered(study, unknown):
     return replace(unknown, name=f"{kind}[{number}].{split_name(unknown.name)[2]}")
 
 
-def laws_of(h: Fitted, p_value: float) -> tuple[Law, ...]:
-    """The moment laws of a hypothesis with their bands and what is read off them."""
+def laws_of(h: Fitted, p_value: float = 0.0) -> tuple[Law, ...]:
+    """The moment laws of a hypothesis with their bands and what is read off them: those that the study declares, and those of
+    its effects, which have the ``p_value`` of the hypothesis."""
     v, out = h.variant, []
-    study, base = v.study, np.arange(v.program.layout.unknowns)
+    study, layout = v.study, v.program.layout
+    base = np.arange(layout.unknowns)
+    kinds = {effect.kind for effect in study.effects} | set(h.kinds)
+    rods = v.program.rods(h.components, h.x, h.shapes) if kinds & set(KINDS) else []
+    for effect in study.effects:
+        if effect.kind in KINDS:
+            at = h.x[base], known(h).covariance, rods
+            out.append(law_at(effect.kind, study, layout, *at, partial(linear_p_value, h, effect.kind)))
     for k, c in enumerate(h.components):
         if c.kind not in KINDS:
             continue
@@ -305,9 +323,44 @@ def laws_of(h: Fitted, p_value: float) -> tuple[Law, ...]:
         effect = EffectDeclaration(c.kind, {n: x for n, x in parameters_of(h, k).items() if n != form.name})
         whole = replace(study, effects=(*study.effects, effect), unknowns=(*study.unknowns, Unknown(f"{c.kind}.{form.name}")))
         at = np.r_[base, h.index.amplitudes(k)]
-        known = h.x[at], h.covariance[np.ix_(at, at)], v.program.rods(h.components, h.x, h.shapes)
-        out.append(law_at(c.kind, whole, layout_of(whole), *known, lambda secant: p_value))
+        out.append(law_at(c.kind, whole, layout_of(whole), h.x[at], h.covariance[np.ix_(at, at)], rods, lambda secant: p_value))
     return tuple(out)
+
+
+def linear_p_value(h: Fitted, kind: str, secant: float) -> float | None:
+    """Probability of a gain as large as that of a declared law over the linear one if it is linear; None where the law is not
+    estimated, or the fit has not settled.
+
+    ``secant`` (N m^2): stiffness of the linear law to begin from. Under the noise and discrepancy of the linear law the gain is
+    a sum of squares weighted by the eigenvalues of ``S^-1 (S - P)``: ``S`` the precision of the steps of the law after all
+    other numbers followed, ``P`` that of their prior. A scaled chi-squared distribution of the same mean and variance gives its
+    probability (Satterthwaite).
+    """
+    v, slots = h.variant, {slot.name: slot for slot in h.variant.program.layout.slots}
+    slot, stiffness = slots.get(f"{kind}.factor"), slots.get(STIFFNESS[kind])
+    if slot is None or not h.converged:
+        return None
+    own, x, Li = np.arange(slot.at, slot.at + slot.size), h.x.copy(), v.likelihood.whitening(h.u, h.linear.Z)
+    x[own] = 0.0
+    if stiffness is not None:
+        x[stiffness.at : stiffness.at + stiffness.size] = np.log(secant)
+    linear, prior = v.descended(x, h.shapes, Li, zero=own), Prior(v.program, ())
+    if linear is None:
+        return 0.0
+    law = v.linear(linear[1], linear[0], (), prior)
+    Li = v.likelihood.whitening(h.u, law.Z)  # of poses that yield less
+    linear, free = v.descended(linear[0], linear[1], Li, zero=own), v.descended(h.x, h.shapes, Li)
+    if linear is None or free is None:
+        return 0.0
+    law = v.linear(linear[1], linear[0], (), prior, scatter=False)
+    A, _ = law.normal((Li @ law.r[:, :, None])[:, :, 0], Li @ law.X)
+    rest = np.setdiff1d(np.arange(len(A)), own)
+    cross = A[np.ix_(own, rest)]
+    S = A[np.ix_(own, own)] - cross @ inverted(A[np.ix_(rest, rest)])[1] @ cross.T
+    weights = np.maximum(np.linalg.eigvals(np.linalg.solve(S, S - np.diag(prior.precision[own]))).real, 0.0)
+    mean, variance = np.sum(weights), 2.0 * np.sum(weights**2)
+    gain, scale = max(linear[3] - free[3], 0.0), 0.5 * variance / mean
+    return float(special.chdtrc(mean / scale, gain / scale))
 
 
 def stable(shape) -> bool:

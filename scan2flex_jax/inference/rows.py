@@ -10,11 +10,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from scan2flex_jax.fitting.discrepancy import plane_normal
-from scan2flex_jax.fitting.likelihood import in_plane_normal
-
 BINS = 30  # of a pose: enough to resolve the correlation of its noise
 _NEAR = 0.05  # of the largest arc length: `foreshortening` has no limit at the start
+_FLAT, _TINY = 1e-6, 1e-12  # of the largest extent: points in one plane
 _SCATTERED = 4  # points of a bin from which on they show the noise within it
 
 
@@ -106,6 +104,21 @@ class Rows:
         c, s = _angle(shape.axes, onto)
         c, s = c[:, None], s[:, None]
         return np.stack([c * columns[:, 0] - s * columns[:, 1], s * columns[:, 0] + c * columns[:, 1], columns[:, 2]], axis=1)
+
+
+def plane_normal(points, gravity) -> np.ndarray | None:
+    """The unit normal (3,) of the plane in which points (n, 3) lie with gravity, as those of a photograph; None without one."""
+    _, size, directions = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), full_matrices=False)
+    weight = np.asarray(gravity) / max(float(np.linalg.norm(gravity)), _TINY)
+    flat = size[2] <= _FLAT * size[0] and abs(weight @ directions[2]) < _FLAT
+    return directions[2] if flat else None
+
+
+def in_plane_normal(axes: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """The direction (m, 2) among the normals, the first rows of ``axes`` (m, 3, 3), in the plane with the normal ``across``
+    (3,)."""
+    first, second = np.moveaxis(axes[:, :2] @ across, 1, 0)
+    return np.stack([second, -first], axis=1) / np.maximum(np.hypot(first, second), _TINY)[:, None]
 
 
 def in_plane(axes, onto, u):

@@ -1,17 +1,16 @@
-"""Every number that decides what `explain` answers, in one object that is passed and stored with the result.
+"""Every number that decides what `fit` and `explain` answer, in one object that is passed and stored with the result.
 
 Log probabilities are in nats. What limits the work alone (refits, iterations) stands beside the code.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from scan2flex_jax.errors import SettingsError
-from scan2flex_jax.fitting.settings import Settings
 
 
 @dataclass(frozen=True)
-class ExplainSettings(Settings):
-    """Priors of the generative model, and the thresholds of the eight decisions (`inference.decision`).
+class Settings:
+    """Priors of the generative model and of hypotheses, and the thresholds of validation and of the eight decisions.
 
     Noise: a ``stated`` one is known to this standard deviation of its logarithm; an unstated one is ``usual_noise`` of the
     length, to a factor of ``noise_factor``; its correlation length is ``correlation`` of the length, with a spread of its
@@ -21,15 +20,23 @@ class ExplainSettings(Settings):
     Discrepancy of each pose: its size is half-Cauchy of ``usual_discrepancy`` of the curvature of the poses, and it costs
     ``slab`` to have one at all: prior odds of e^-2, and the width of its size's posterior over that of its prior.
 
+    Validation: a residual is no noise above ``beyond_noise`` times the noise that is stated or shown by the points, and above
+    ``largest_noise`` of the length if none is stated; unstated noise is conspicuously smooth where its correlated part exceeds
+    ``smooth`` times the white one. A validate pose contradicts the model from ``surprise`` times the distance that noise,
+    discrepancy, tolerances and errors of the estimates let expect. An interval is withheld above a standard deviation
+    ``vaguest_interval`` of the logarithm.
+
     Hypotheses: ``effect`` is the prior cost of each effect beyond the choice of its kind and place, ``turn`` that of a full
     turn in a pose, ``mistake`` that of a mistake of the input. Sets have at most ``most_effects``.
 
-    Decisions: ``found``, the least difference (nats) in log predictive density by which a hypothesis leads; ``tied``, that
-    over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in chi-squared up to which
-    effects with the same shapes are tied; ``averaged``, the difference in evidence up to which models are in the intervals;
-    ``explains``, the share of the unexplained displacement that effects beside a discrepancy leave at most;
-    ``surprise``, the ratio of a validate pose's distance to the expected one from which it contradicts the model;
-    ``mesh_share``, the mesh error over the noise above which the mesh is refined, up to ``most_elements``.
+    Decisions (`inference.decision`): ``found``, the least difference (nats) in log predictive density by which a hypothesis
+    leads; ``tied``, that over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in
+    chi-squared up to which effects with the same shapes are tied; ``averaged``, the difference in evidence up to which models
+    are in the intervals; ``explains``, the share of the unexplained displacement that effects beside a discrepancy leave at
+    most; ``mesh_share``, the mesh error over the noise above which the mesh is refined, up to ``most_elements``.
+
+    Raises:
+        SettingsError: A number is not positive, ``noise_factor`` is no factor, or ``found`` exceeds ``named``.
     """
 
     stated: float = 0.15
@@ -40,6 +47,11 @@ class ExplainSettings(Settings):
     scan_alike: float = 0.01
     usual_discrepancy: float = 0.03
     slab: float = 8.0
+    beyond_noise: float = 3.0
+    largest_noise: float = 0.01
+    smooth: float = 3.0
+    surprise: float = 2.0
+    vaguest_interval: float = 5.0
     effect: float = 1.0
     turn: float = 2.0
     mistake: float = 5.0
@@ -50,15 +62,22 @@ class ExplainSettings(Settings):
     same_misfit: float = 4.0
     averaged: float = 8.0
     explains: float = 0.7
-    surprise: float = 2.0
     mesh_share: float = 0.2
     most_elements: int = 160
 
     def __post_init__(self):
-        """Check the order of the leads, after the signs."""
-        super().__post_init__()
+        """Raise `SettingsError` with the name of an invalid number."""
+        for name, value in asdict(self).items():
+            if not value > 0:
+                raise SettingsError(f"Settings: {name} is {value}; it must be positive")
+        if not self.noise_factor > 1.0:
+            raise SettingsError(f"Settings: noise_factor is {self.noise_factor}; it must exceed 1")
         if self.found > self.named:
-            raise SettingsError("ExplainSettings: found exceeds named")
+            raise SettingsError("Settings: found exceeds named")
+
+    def to_json(self) -> dict:
+        """All of them, by their names."""
+        return asdict(self)
 
 
-USUAL = ExplainSettings()
+USUAL = Settings()

@@ -15,18 +15,19 @@ from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.effects import Friction, MemorySet, Relaxation, TorsionFriction, effect_class
 from scan2flex_jax.effects.catalogue import catalogue
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting import fit, mistakes
 from scan2flex_jax.fitting.least_squares import Progress
 from scan2flex_jax.fitting.poses import places_of
-from scan2flex_jax.fitting.result import Fit
 from scan2flex_jax.fitting.start import memory_starts
+from scan2flex_jax.inference import mistakes
+from scan2flex_jax.inference.fit_result import Fit
+from scan2flex_jax.inference.fitting import fitted
 from scan2flex_jax.inference.memory import declaring
 from scan2flex_jax.inference.mesh import mesh_error
 from scan2flex_jax.inference.posterior import Fitted, Variant
 from scan2flex_jax.inference.program import slots_of
 from scan2flex_jax.inference.quantities import predicted
 from scan2flex_jax.inference.search import Search
-from scan2flex_jax.inference.settings import ExplainSettings
+from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import MeasuredCurve, Study
@@ -35,19 +36,19 @@ _FEWEST = 5  # fitted poses that can show memory
 _TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can show friction
 
 
-def given(study: Study, elements: int | None, mesh: bool, scanned: bool, settings: ExplainSettings, say: Progress):
+def given(study: Study, elements: int | None, mesh: bool, scanned: bool, settings: Settings, say: Progress):
     """``(variant, figures, coarse)``: the study as stated on a fine enough mesh, or its fit alone where a mistake of the input
     is beyond doubt; elements and mesh error, and the poses whose mesh remains too coarse. Raises `NotSettledError`."""
     while True:
         say("baseline fit")
-        fitted = fit(study, elements=elements, slots=slots_of(study))
-        if fitted.mistakes and mistakes.beyond_doubt(fitted.problem, fitted.mistakes):
-            return fitted, {}, []
-        elements, study = fitted.problem.elements, fitted.problem.study  # with the turns that the shapes show
-        variant = Variant("as stated", fitted, settings=settings, scanned=scanned)
+        first = fitted(study, elements=elements, slots=slots_of(study), settings=settings, scanned=scanned)
+        if first.mistakes and mistakes.beyond_doubt(first.problem, first.mistakes):
+            return first, {}, []
+        elements, study = first.problem.elements, first.problem.study  # with the turns that the shapes show
+        variant = variant_of("as stated", first)
         if not mesh:
             return variant, {"elements": elements}, []
-        error = mesh_error(fitted.problem, fitted.minimum)
+        error = mesh_error(first.problem, first.minimum)
         most = settings.mesh_share * variant.likelihood.noise(variant.empty.u).total
         pairs = zip((p.name for p in study.fit_poses), error, strict=True)
         coarse = [f"{name} ({1e3 * m:.2f} mm)" for name, m in pairs if not m <= most]
@@ -55,6 +56,16 @@ def given(study: Study, elements: int | None, mesh: bool, scanned: bool, setting
             return variant, {"elements": elements, "mesh_error": float(np.max(error))}, coarse
         elements *= 2
         say(f"again with {elements} elements")
+
+
+def variant_of(name: str, fit: Fit, log_prior: float = 0.0, effect: str | None = None) -> Variant:
+    """The variant of a fit to curves, with its prior."""
+    if fit.posterior is None:
+        raise Scan2FlexError("a fit to point clouds has no posterior of its curves")
+    variant = fit.posterior.variant
+    variant.name, variant.fit, variant.effect, variant.log_prior = name, fit, effect, log_prior
+    variant.empty.score += log_prior
+    return variant
 
 
 def stated_turns(study: Study, first: Variant, say: Progress) -> Variant | None:
@@ -65,29 +76,35 @@ def stated_turns(study: Study, first: Variant, say: Progress) -> Variant | None:
     first.log_prior = -first.settings.turn * len(first.fit.turned)
     first.empty.score += first.log_prior
     try:
-        fitted = fit(study, elements=first.program.elements, slots=slots_of(study), other_turns=False)
+        stated = fitted(
+            study, elements=first.program.elements, slots=slots_of(study), other_turns=False, settings=first.settings
+        )
     except NotSettledError:
         return None
-    return Variant("turns as stated", fitted, settings=first.settings)
+    return variant_of("turns as stated", stated)
 
 
 def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]]:
     """Each likely mistake of the input with the study that it corrects; a pose that does not fit has a discrepancy of its own.
     """
-    log_prior, study = -first.settings.mistake, first.study
+    study = first.study
     for k, mistake in enumerate(first.fit.mistakes):
+        log_prior = -first.settings.mistake
         say(str(mistake))
         name = f"mistake {k + 1}"
         if len(mistake.study.fit_poses) < len(study.fit_poses):
             left = {p.name for p in mistake.study.fit_poses}
             apart = [i for i, p in enumerate(study.fit_poses) if p.name not in left]
-            yield mistake, Variant(name, first.fit, log_prior - np.log(len(study.fit_poses)), first.settings, apart=apart)
+            log_prior -= np.log(len(study.fit_poses))
+            own = Variant(name, first.problem, first.minimum, first.settings, log_prior=log_prior, apart=apart)
+            own.fit = first.fit
+            yield mistake, own
             continue
         try:
-            fitted = fit(mistake.study, elements=first.program.elements, slots=slots_of(study))
+            mended = fitted(mistake.study, elements=first.program.elements, slots=slots_of(study), settings=first.settings)
         except Scan2FlexError:
             continue
-        yield mistake, Variant(name, fitted, log_prior, first.settings)
+        yield mistake, variant_of(name, mended, log_prior)
 
 
 def remembering(search: Search, say: Progress) -> Iterator[Variant]:
@@ -113,10 +130,10 @@ def remembering(search: Search, say: Progress) -> Iterator[Variant]:
             continue
         say(f"fit with {kind}")
         try:
-            fitted = fit(declaring(study, kind), elements=v.program.elements)
+            told = fitted(declaring(study, kind), elements=v.program.elements, settings=v.settings)
         except NotSettledError:
             continue
-        yield Variant(kind, fitted, -price, v.settings, effect=kind)
+        yield variant_of(kind, told, -price, kind)
 
 
 def _strained(v: Variant) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +152,7 @@ def _gain(h: Fitted, kind: str, excess, stiffness) -> float:
     v, study = h.variant, h.variant.study
     at, reset, held = places_of(study, study.fit_poses)
     natural = []
-    for start in memory_starts(declaring(study, kind), v.fit.problem.poses, v.fit.problem.length):
+    for start in memory_starts(declaring(study, kind), v.problem.poses, v.problem.length):
         values = {name.partition(".")[2]: value for name, value in start.items()} | {"share": 1.0}
         natural.append(_natural(effect_class(kind)(**values), excess, stiffness, held, reset))
     along = np.moveaxis(np.stack(natural), 1, 0)[at]
@@ -189,8 +206,8 @@ def on_axes(study: Study, elements: int | None, say: Progress) -> Study:
     if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
         return study
     say("fit to the points of the scans")
-    fitted: Fit = fit(study, elements=elements, progress=say)
-    if fitted.data != "cloud":
-        return fitted.study
-    poses = tuple(replace(p, curve=MeasuredCurve(fitted.poses[p.name].measured)) for p in fitted.study.poses)
-    return replace(fitted.study, poses=poses)
+    direct = fitted(study, elements=elements, progress=say)
+    if direct.data != "cloud":
+        return direct.study
+    poses = tuple(replace(p, curve=MeasuredCurve(direct.poses[p.name].measured)) for p in direct.study.poses)
+    return replace(direct.study, poses=poses)

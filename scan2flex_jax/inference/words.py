@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from scan2flex_jax.fitting.answer import (
+from scan2flex_jax.inference.answer import (
     BAD,
     FAIR,
     GOOD,

@@ -11,10 +11,9 @@ from importlib import metadata
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import Fit
-from scan2flex_jax.fitting.answer import Answer, digits_of, moved_in_words
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
-from scan2flex_jax.inference import Explanation, Plan, plan
+from scan2flex_jax.inference import Explanation, Fit, Plan, plan
+from scan2flex_jax.inference.answer import Answer, digits_of, moved_in_words
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import Fit, fit
-from scan2flex_jax.inference import Explanation, explain
+from scan2flex_jax.inference import Explanation, Fit, explain, fit
 from scan2flex_jax.reporting import figures, parts
 from scan2flex_jax.reporting.contents import Contents, contents_of
 from scan2flex_jax.reporting.html import Html, Part, joined, section, tag

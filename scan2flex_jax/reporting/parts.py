@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from scan2flex_jax import plot
-from scan2flex_jax.fitting import Fit
-from scan2flex_jax.fitting.answer import in_mm, noise_in_words
-from scan2flex_jax.inference import Explanation
-from scan2flex_jax.inference.result import parameter_in_words
+from scan2flex_jax.inference import Explanation, Fit
+from scan2flex_jax.inference.answer import in_mm, noise_in_words
+from scan2flex_jax.inference.explanation import parameter_in_words
 from scan2flex_jax.inference.words import found_in_words
 from scan2flex_jax.reporting.contents import Contents
 from scan2flex_jax.reporting.figures import svg

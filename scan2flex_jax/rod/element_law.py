@@ -8,8 +8,8 @@ that variation makes the element softer than its sections,
 
 which agrees with the exact energy up to ``ds^4``. For shear forces this is MacNeal's residual bending flexibility
 ``1/GA + ds^2/(12 EI)`` ("A simple quadrilateral shell element", 1978), which makes plane shapes converge with the fourth
-power of ``ds``; the term in ``Omega`` does so for twisted ones, measured for ratios of the stiffnesses from 1 to 125
-(`benchmarks.stiffness_ratios`). As a compliance it is positive at every strain, whereas the expansion of the energy itself is
+power of ``ds``; the term in ``Omega`` does so for twisted ones, measured for ratios of the stiffnesses from 1 to 125.
+As a compliance it is positive at every strain, whereas the expansion of the energy itself is
 not bounded below for ``GJ >> EI``. It is not convex: where one stiffness is far below the others, the solver stiffens the
 elements until it is near a solution (`statics.newton`).
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
+from scan2flex_jax.inference import fit
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study

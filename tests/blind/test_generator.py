@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
-from benchmarks.blind import design, effects, noise, rod, stability
+from benchmarks.blind import design, effects, rod, stability
 from benchmarks.blind import quaternions as qt
 from benchmarks.blind.scene import Cable, Scene, interpolate, mesh
 
@@ -74,17 +74,27 @@ def test_twisted_pose_agrees_with_scipy_collocation(poses):
 
     def matrices(q):
         w, a, b, c = q
-        return np.array([[w * w + a * a - b * b - c * c, 2 * (a * b - w * c), 2 * (a * c + w * b)],
-                         [2 * (a * b + w * c), w * w - a * a + b * b - c * c, 2 * (b * c - w * a)],
-                         [2 * (a * c - w * b), 2 * (b * c + w * a), w * w - a * a - b * b + c * c]])
+        return np.array(
+            [
+                [w * w + a * a - b * b - c * c, 2 * (a * b - w * c), 2 * (a * c + w * b)],
+                [2 * (a * b + w * c), w * w - a * a + b * b - c * c, 2 * (b * c - w * a)],
+                [2 * (a * c - w * b), 2 * (b * c + w * a), w * w - a * a - b * b + c * c],
+            ]
+        )
 
     def rhs(s, x):
         R, n, m = matrices(x[3:7]), x[7:10], x[10:]
         strain = np.einsum("jik,jk->ik", R, n) / 1e5 + E3[:, None]
         k = K[:, None] * np.einsum("jik,jk->ik", R, m)
         dr, (w, a, b, c) = np.einsum("ijk,jk->ik", R, strain), x[3:7]
-        dq = 0.5 * np.array([-a * k[0] - b * k[1] - c * k[2], w * k[0] + b * k[2] - c * k[1],
-                             w * k[1] + c * k[0] - a * k[2], w * k[2] + a * k[1] - b * k[0]])
+        dq = 0.5 * np.array(
+            [
+                -a * k[0] - b * k[1] - c * k[2],
+                w * k[0] + b * k[2] - c * k[1],
+                w * k[1] + c * k[0] - a * k[2],
+                w * k[2] + a * k[1] - b * k[0],
+            ]
+        )
         weight = np.array([0, 0, CABLE.density * 9.81])[:, None] + 0 * n
         return np.concatenate([dr, dq, weight, -np.cross(dr.T, n.T).T])
 
@@ -106,26 +116,6 @@ def test_fourth_order():
     assert steps[0] / steps[1] == pytest.approx(16, rel=0.25)
     assert steps[1] / steps[2] == pytest.approx(16, rel=0.25)
     assert steps[2] < 1e-6
-
-
-def test_banded_jacobian_is_the_derivative(poses):
-    scene, _, y = poses
-    kinds = [{"kind": "tether", "position": 0.5, "anchor": [0.2, 0.3, 0.5], "stiffness": 2.0, "rest_length": 0.1},
-             {"kind": "support_plane", "normal": [0, 0, 1], "offset": -0.2},
-             {"kind": "elastic_clamp", "stiffness": [1, 2.0]},
-             {"kind": "nonlinear_bending", "slip_curvature": 2.0, "ratio": 0.4}]
-    F = effects.build(scene, kinds, mesh(128, 1.0))[0]
-    rng = np.random.default_rng(0)
-    v = rng.normal(size=y.shape)
-    _, band = rod.linearise(F, y)
-    for p in range(2):
-        product = np.zeros(v[p].size)
-        for k in range(rod.LOWER + rod.UPPER + 1):  # row i of the LAPACK layout holds the diagonal i - column
-            i = np.arange(v[p].size) + k - rod.UPPER
-            inside = (i >= 0) & (i < v[p].size)
-            product[i[inside]] += (band[p, rod.LOWER + k] * v[p].ravel())[inside]
-        exact = rod.residual(F, y + 1j * 1e-30 * v)[p].imag / 1e-30
-        assert np.allclose(product, exact, rtol=1e-9, atol=1e-9 * np.abs(exact).max())
 
 
 def column(load):
@@ -150,53 +140,6 @@ def test_stability_knows_eulers_load_and_the_beams_frequency():
     assert square == pytest.approx(500.564 * CABLE.bending / CABLE.density, rel=5e-3)
 
 
-NULLS = [
-    {"kind": "natural_curvature", "curvature": [0.0, 0, 0]},
-    {"kind": "kink", "position": 0.4, "angle": [0.0, 0, 0], "width": 0.1},
-    {"kind": "anisotropic_bending", "ratio": 1.0, "angle": 0.7},
-    {"kind": "bend_twist_coupling", "coupling": [0.0, 0]},
-    {"kind": "nonlinear_bending", "slip_curvature": 3.0, "ratio": 1.0},
-    {"kind": "stiffness_profile", "position": 0.3, "width": 0.2, "factor": 1.0},
-    {"kind": "extensibility", "axial_stiffness": 1e5},
-    {"kind": "point_mass", "position": 0.4, "mass": 0.0},
-    {"kind": "density_profile", "position": 0.3, "width": 0.2, "factor": 1.0},
-    {"kind": "uniform_load", "force": [0.0, 0, 0]},
-    {"kind": "point_load", "position": 0.4, "force": [0.0, 0, 0]},
-    {"kind": "tether", "position": 0.4, "anchor": [0, 0, 1.0], "stiffness": 5.0, "rest_length": 9.0},
-    {"kind": "support_plane", "normal": [0, 0, 1.0], "offset": -3.0},
-    {"kind": "elastic_clamp", "stiffness": [1e12, 1e12]},
-    {"kind": "clamp_rotation", "rotation": [[0.0, 0, 0], [0, 0, 0]]},
-    {"kind": "clamp_offset", "offset": [[0.0, 0, 0], [0, 0, 0]]},
-    {"kind": "length_error", "length": 1.0},
-    {"kind": "scan_scale", "factor": 1.0},
-    {"kind": "scan_offset", "offset": [0.0, 0, 0]},
-    {"kind": "wavy_bending", "amplitude": 0.0, "waves": 2.0, "phase": 0.1},
-    {"kind": "wavy_curvature", "amplitude": [0.0, 0.0], "waves": 2.0, "phase": 0.1},
-    {"kind": "wavy_mass", "amplitude": 0.0, "waves": 2.0, "phase": 0.1},
-    {"kind": "taper_stiffness", "exponent": 0.0},
-    {"kind": "taper_mass", "exponent": 0.0},
-    {"kind": "pose_loads", "harmonics": np.zeros((2, 3, 3))},
-    {"kind": "pose_reseating", "rotation": np.zeros((2, 2, 3))},
-    {"kind": "point_couple", "position": 0.4, "couple": [0.0, 0, 0]},
-    {"kind": "bending_friction", "moment": 0.0, "scale": 1.0, "sign": [1, -1]},
-    {"kind": "pose_curvature", "harmonics": np.zeros((2, 4, 3))},
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("null", NULLS, ids=lambda e: e["kind"])
-def test_an_effect_of_null_size_changes_nothing(poses, null):
-    scene, F, y = poses
-    G, scale, offset = effects.build(scene, [null], F.sigma)
-    new, ok = rod.solve(G, y)
-    assert ok.all()
-    seen = scale * new[..., :3] + offset
-    assert np.abs(seen - y[..., :3]).max() < 1e-10
-
-
-def test_every_kind_has_a_null():
-    assert {e["kind"] for e in NULLS} == {*effects.CATALOGUE, *effects.HIDDEN, *effects.SCATTER}
-
-
 def test_identities_between_effects(poses):
     """A vertical point load is a point mass; a tilt of gravity is a uniform load; equal sections have no axes."""
     scene, F, y = poses
@@ -214,15 +157,6 @@ def test_identities_between_effects(poses):
     assert np.abs(tilted - shape([{"kind": "uniform_load", "force": CABLE.density * side}])).max() < 1e-12
     turned = shape([{"kind": "clamp_rotation", "rotation": [[0, 0, 0.8], [0, 0, 0.8]]}])
     assert np.abs(turned - y[..., :3]).max() < 1e-10
-
-
-@pytest.mark.parametrize(("kernel", "share"), [("walk", 0.0), ("walk", 0.6), ("waves", 0.6)])
-def test_noise_has_its_variance_and_correlation(kernel, share):
-    law, s = noise.Noise(4e-4, share, 0.05, kernel), np.array([0.0, 0.02, 0.03, 0.11, 0.3])
-    rng = np.random.default_rng(1)
-    draws = np.concatenate([law.draw(rng, s) for _ in range(8000)], axis=1)  # coordinates are independent too
-    sample = draws @ draws.T / draws.shape[1] / law.sigma**2
-    assert np.abs(sample - law.covariance(s) / law.sigma**2).max() < 0.03  # five standard errors
 
 
 def test_the_generator_stands_alone():

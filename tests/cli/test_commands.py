@@ -183,7 +183,7 @@ def test_fit_and_explain_tell_their_progress(command, options, monkeypatch):
         progress("iteration 1: cost 2")
         raise Scan2FlexError("enough")
 
-    monkeypatch.setattr("scan2flex_jax.fitting.fit", told)
+    monkeypatch.setattr("scan2flex_jax.inference.fit", told)
     monkeypatch.setattr("scan2flex_jax.inference.explain", told)
     name = example_names()[0]
     found = CliRunner().invoke(app, [command, str(example_path(name)), *options], env={"SCAN2FLEX_CACHE": "off"})

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.front_page import opening
-from benchmarks.markdown import load
+from benchmarks.readme import opening
+from benchmarks.tables import load
 from scan2flex_jax import load_study
 from scan2flex_jax.cli.app import app
 from tests.documents import DOCS, commands, printed_files, section
@@ -58,8 +58,8 @@ def test_curves_and_robot_frames_lead_to_the_stiffness(scans):
         assert found["estimates"][name]["low"] < true < found["estimates"][name]["high"]
     assert found["poses"]["unseen"]["rms"] < 0.6e-3
     assert (scans / "fit.png").stat().st_size > 10_000
-    shown = load("front_page")["results"]["lines"]
-    assert opening(said)[1:] == shown[1:], "run `python -m benchmarks.front_page`, then `python -m benchmarks.tables`"
+    shown = load("readme")["results"]["lines"]
+    assert opening(said)[1:] == shown[1:], "run `python -m benchmarks.readme`, then `python -m benchmarks.tables`"
 
 
 @pytest.mark.slow

@@ -164,7 +164,7 @@ def test_fit_says_what_it_does(monkeypatch):
     def stopped(study, *_, progress, **__):
         raise Scan2FlexError("enough")
 
-    monkeypatch.setattr("scan2flex_jax.fitting.fit", stopped)
+    monkeypatch.setattr("scan2flex_jax.inference.fit", stopped)
     found = run("fit", example_path("simulated-cable"))
     assert "bending_stiffness, torsional_stiffness from 3 poses (1 more never fitted)" in found.stderr
     assert "30 elements" in run("fit", example_path("simulated-cable"), "--elements", "30").stderr

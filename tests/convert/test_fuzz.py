@@ -18,7 +18,7 @@ TEXTS = st.builds(
     lambda header, rows, mark: "\n".join([header, *(mark.join(row) for row in rows)]).encode(),
     HEADERS, ROWS, st.sampled_from([",", ";", "\t", " ", ", "]),
 )  # fmt: skip
-HURRIED = settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+HURRIED = settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 @HURRIED

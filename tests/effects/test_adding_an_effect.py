@@ -110,6 +110,7 @@ def test_a_law_bends_as_it_says(page):
     assert kind_format("cubic_bending").parameter("scale").unit == "1/m"
 
 
+@pytest.mark.slow
 @of_block(2)
 def test_a_law_of_any_form_is_fitted(page):
     """The simulated cable is linear, and its law is that of the paper's stiffness within its band."""
@@ -131,6 +132,7 @@ def test_a_bend_that_is_kept_is_the_set_of_the_pose_before(page):
     assert kind_format("kept_bend").memory == "order"
 
 
+@pytest.mark.slow
 @of_block(4)
 def test_the_same_clamps_hold_two_shapes(page):
     """Bent further and back, the cable has kept a part of its bend: it sags less deep than on its first way there."""

@@ -24,7 +24,7 @@ MEMORIES = ("friction", "torsion_friction", "relaxation")  # declared only: they
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 
 
-@pytest.mark.parametrize("kind", ENTRIES)
+@pytest.mark.parametrize("kind", scene.NO_AMPLITUDES)
 def test_signature_is_the_slope_of_the_built_effects(kind):
     """Sign and size of the one-step estimate: the derivative at zero against a central (or one-sided) difference."""
     entry = ENTRIES[kind]
@@ -40,7 +40,7 @@ def test_signature_is_the_slope_of_the_built_effects(kind):
             difference = (4 * at(step) - at(2 * step) - 3 * at(0.0)) / (2 * step)
         else:
             difference = (at(step) - at(-step)) / (2 * step)
-        assert np.abs(slope).max() > 0 or kind == "support_plane"
+        assert np.abs(slope).max() > 0
         assert np.abs(slope - difference).max() < 1e-4 * np.abs(slope).max() + 3e-11 / step
 
 
@@ -57,16 +57,18 @@ def test_parameters_go_there_and_back(kind):
 
 @pytest.mark.parametrize("kind", [k for k in KNOWN if k != "anisotropic_bending"])
 def test_amplitudes_and_parameters_mean_the_same(kind):
-    """The built effects change the rod as the declared effect does."""
+    """What is built is the declared effect, or changes the rod as that does."""
     entry, effect = ENTRIES[kind], scene.active(kind)
     parameters = {name: np.asarray(getattr(effect, name)) for name in kind_format(kind).names}
     amplitude, site = entry.from_parameters(parameters, scene.CONTEXT)
     built = entry.build(jnp.asarray(amplitude), site, scene.CONTEXT)
-    for given, wanted in zip(rod_leaves(built), rod_leaves((effect,)), strict=True):
+    same = type(built[0]) is type(effect) and kind != "elastic_clamp"
+    pairs = (built[0], effect) if same else (rod_leaves(built), rod_leaves((effect,)))
+    for given, wanted in zip(*map(jax.tree.leaves, pairs), strict=True):
         np.testing.assert_allclose(given, wanted, rtol=1e-10, atol=1e-12)
 
 
-@pytest.mark.parametrize("rest", [0.0, 0.2, 0.35])
+@pytest.mark.parametrize("rest", [0.0, 0.35])
 def test_a_string_pulls_as_the_tether_that_it_is_reported_as(rest):
     """Taut and slack, and there and back through the catalogue's own numbers."""
     entry, c = ENTRIES["tether"], scene.CONTEXT
@@ -76,14 +78,14 @@ def test_a_string_pulls_as_the_tether_that_it_is_reported_as(rest):
     for name, value in parameters.items():
         np.testing.assert_allclose(back[name], value, rtol=1e-9, atol=1e-12)
     built, tether = entry.build(jnp.asarray(amplitude), site, c)[0], fx.Tether(**parameters)
-    slack = 0
+    slack, node = 0, Node(jnp.asarray(c.centre), jnp.eye(3), jnp.array(0.4), jnp.array(0.02), jnp.array(0.02), scene.pose())
+
+    @jax.jit
+    def force(r):
+        return jax.jacrev(lambda r: [e.node_potential(dataclasses.replace(node, r=r)) for e in (built, tether)])(r)
+
     for r in np.random.default_rng(1).uniform(-0.4, 0.4, (40, 3)) + c.centre:
-        node = Node(jnp.asarray(r), jnp.eye(3), jnp.array(0.4), jnp.array(0.02), jnp.array(0.02), scene.pose())
-
-        def force(effect, node=node):
-            return jax.grad(lambda at: effect.node_potential(dataclasses.replace(node, r=at)))(node.r)
-
-        given, wanted = force(built), force(tether)
+        given, wanted = force(jnp.asarray(r))
         np.testing.assert_allclose(given, wanted, rtol=1e-9, atol=1e-9)
         slack += not np.any(wanted)
     assert (slack > 0) == (rest > 0)

@@ -4,6 +4,7 @@ Sixteen elements; what they leave is said where it is not the least.
 """
 
 import dataclasses
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +24,13 @@ from . import scene
 L, EI, GJ, RHO, G = 1.0, 0.02, 0.015, 0.1, 9.81
 DOWN = jnp.array([0.0, 0.0, -G])
 NOWHERE = jnp.zeros(3)
-LEVEL = {"boundary": scene.straight(), "start": scene.start_of(scene.straight(), 0.0)}
 TURNED_END = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
+
+
+@cache
+def level():
+    boundary = scene.straight()
+    return {"boundary": boundary, "start": scene.start_of(boundary, 0.0)}
 
 
 def hanging():
@@ -33,7 +39,7 @@ def hanging():
 
 
 def tip(*effects, **scenery):
-    return scene.solved(*effects, **{**LEVEL, **scenery})[0][-1]
+    return scene.solved(*effects, **{**level(), **scenery})[0][-1]
 
 
 def stiffened(**changes):
@@ -112,7 +118,7 @@ def test_elastic_clamp_turns_far():
 def test_kink_turns_a_free_cable():
     angle, position = np.array([0.3, -0.2, 0.1]), 0.43
     kink = scene.effect("kink", angle=angle, position=position)
-    _, _, found = scene.solved(kink, gravity=NOWHERE, loaded=False, **LEVEL)
+    _, _, found = scene.solved(kink, gravity=NOWHERE, loaded=False, **level())
     R = found.configuration.R
     np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array(angle)), atol=1e-9)
     flat = np.array([0.0, 0.02, 0.0])
@@ -124,7 +130,7 @@ def test_tether_pulls_towards_its_anchor():
     """All forces on the cable balance: clamp, weight and ``k (distance - rest_length)``."""
     k, rest, position, anchor = 3.0, 0.1, 0.47, np.array([0.3, 0.2, 0.3])
     tether = scene.effect("tether", position=position, anchor=anchor, stiffness=k, rest_length=rest)
-    points, _, found = scene.solved(tether, gravity=DOWN, **LEVEL)
+    points, _, found = scene.solved(tether, gravity=DOWN, **level())
     i, t = int(position * scene.ELEMENTS), position * scene.ELEMENTS % 1
     d, ds = found.configuration.R[:, :, 2], L / scene.ELEMENTS
     place = points[i] * (1 - 3 * t**2 + 2 * t**3) + points[i + 1] * (3 * t**2 - 2 * t**3)
@@ -157,13 +163,13 @@ def test_plane_carries_what_the_clamps_do_not():
 def test_elastic_support_carries_the_weight():
     k = 60.0
     bed = scene.effect("elastic_support", normal=[0.0, 0.0, 1.0], offset=0.0, stiffness=k)
-    points, _, found = scene.solved(bed, gravity=DOWN, **LEVEL)
+    points, _, found = scene.solved(bed, gravity=DOWN, **level())
     np.testing.assert_allclose(points[-1, 2], -RHO * G / k, rtol=3e-2)
     carried = -k * np.trapezoid(points[:, 2], dx=L / scene.ELEMENTS)
     np.testing.assert_allclose(scene.reactions(found)[0][0][2] + carried, RHO * G * L, rtol=1e-8)
 
 
-@pytest.mark.parametrize("turn", [0.4, 2.0, 5.0])
+@pytest.mark.parametrize("turn", [0.4, 5.0])
 def test_nonlinear_bending_rolled_up(turn):
     """Pure bending of a free-moving, turned end: uniform curvature, moment as the format says."""
     slip, ratio = 1.5, 0.3
@@ -218,15 +224,14 @@ def test_a_field_is_the_natural_spline_of_its_places():
     np.testing.assert_allclose(two[:, 0], np.interp(rod.section.s, s[:2], rows[:2, 0]), atol=1e-14)
 
 
-@pytest.mark.slow
 def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
     """Curvature k s about d2: the tip is at the Fresnel integrals, R(L) turned by k L^2 / 2.
 
     An element has the curvature of its middle, which puts its end off by k h^3 / 12 across: k h^2 L / 12 for all of them.
     """
     k = 2.5
-    profile = scene.effect("curvature_profile", s=[0.0, L], curvature=[[0, 0, 0], [0, k * L, 0]])
-    points, _, found = scene.solved(profile, gravity=NOWHERE, loaded=False, **LEVEL)
+    profile = scene.effect("curvature_profile", s=[0.0, L / 2, L], curvature=np.outer([0, k * L / 2, k * L], [0.0, 1.0, 0.0]))
+    points, _, found = scene.solved(profile, gravity=NOWHERE, loaded=False, **level())
     R = found.configuration.R
     np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array([0.0, k * L**2 / 2, 0.0])), atol=1e-9)
     sine, cosine = fresnel(L * np.sqrt(k / np.pi))
@@ -234,11 +239,10 @@ def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
     assert np.linalg.norm(points[-1] - tip_at) < k * (L / scene.ELEMENTS) ** 2 * L / 12
 
 
-@pytest.mark.slow
 def test_a_load_that_grows_along_the_cable():
     """A line load q s / L bends the tip of a cantilever by 11 q L^4 / (120 EI)."""
     q = 1e-4
-    load = scene.effect("distributed_load", s=[0.0, L], force=[[0, 0, 0], [0, 0, -q]])
+    load = scene.effect("distributed_load", s=[0.0, L / 2, L], force=np.outer([0, -q / 2, -q], [0.0, 0.0, 1.0]))
     end = tip(load, gravity=NOWHERE)
     np.testing.assert_allclose(-end[2], 11 * q * L**4 / (120 * EI), rtol=4e-3)
 
@@ -250,7 +254,7 @@ def test_natural_curvature_of_a_free_cable():
         scene.effect("memory_set", memory=0.5, previous=np.tile(2 * curvature, (4, 1))[:3]),
         scene.effect("curvature_profile", curvature=np.tile(curvature, (3, 1))),
     ):
-        _, _, found = scene.solved(effect, gravity=NOWHERE, loaded=False, **LEVEL)
+        _, _, found = scene.solved(effect, gravity=NOWHERE, loaded=False, **level())
         R = found.configuration.R
         np.testing.assert_allclose(R[-1], R[0] @ lie.so3_exp(jnp.array(curvature * L)), atol=1e-9)
 
@@ -278,10 +282,9 @@ def test_scan_effects_act_on_what_is_seen():
     np.testing.assert_allclose(found.points, scene.base_points(), atol=1e-12)
 
 
-@pytest.mark.parametrize("n", [8, 13, 40])
-def test_spans_keep_their_integrals_on_every_mesh(n):
+def test_spans_keep_their_integrals():
     """Box: width. Series compliance: that of the parts. Bell: one, and its centre at the position."""
-    section = discretise(CableModel(Cable(2.0, RHO, EI, GJ), DOWN), scene.straight(length=2.0), n).section
+    section = discretise(CableModel(Cable(2.0, RHO, EI, GJ), DOWN), scene.straight(length=2.0), 13).section
     position, width, factor, ds = 0.87, 0.31, 3.0, section.ds
     np.testing.assert_allclose(jnp.sum(box_means(section, position, width, 2.0)) * ds, width, rtol=1e-13)
     ramp = np.polynomial.legendre.leggauss(60)
@@ -297,7 +300,7 @@ def test_profiles_carry_their_weight_and_stiffness():
     """Clamp reaction of a heavier span and of a taper; the tip of a lightly loaded cantilever with a stiff span."""
     heavy, taper = scene.active("density_profile"), scene.active("density_taper")
     for effect, mass in ((heavy, RHO * (1 + 0.25 * 0.8)), (taper, RHO * np.sinh(0.3) / 0.3)):
-        force = scene.reactions(scene.solved(effect, gravity=DOWN, **LEVEL)[2])[0][0]
+        force = scene.reactions(scene.solved(effect, gravity=DOWN, **level())[2])[0][0]
         np.testing.assert_allclose(force, [0, 0, mass * G * L], atol=1e-3 * mass * G)
     light, s = stiffened(length_density=1e-6), np.linspace(0, L, 200001)
     for kind, stiffness in (

@@ -8,7 +8,7 @@ import pytest
 from . import scene
 
 NOISE = 1.0e-12  # m: remaining error of a solve, for a shape of the size of 1 m
-# kind -> a step for each field that keeps a stencil within one polynomial piece of the smoothing and clear of the nodes
+# field -> a step for each field that keeps a stencil within one polynomial piece of the smoothing and clear of the nodes
 STEPS = {
     "position": 2e-4, "offset": 2e-4, "width": 2e-4, "anchor": 1e-3, "stiffness": 1e-2, "axial_stiffness": 0.5, "lever": 1e-5,
 }  # fmt: skip
@@ -19,7 +19,7 @@ CASES = [(kind, name) for kind in scene.KINDS if kind != "relaxation" for name i
 
 
 def test_null_values_are_the_base_model():
-    """All kinds and the whole catalogue at once, each at its null value."""
+    """All kinds at once, each at its null value."""
     observed, _, found = scene.solved()
     np.testing.assert_allclose(observed, scene.base_points(), rtol=0, atol=1e-12)
     assert int(found.verdict.steps) < 50
@@ -31,6 +31,16 @@ def slope_by_differences(points_at, step):
     narrow, wide = (p[1] - p[-1]) / (2 * step), (p[2] - p[-2]) / (4 * step)
     fine = (4 * narrow - wide) / 3
     return fine, np.abs(narrow - wide).max() ** 2 / max(np.abs(fine).max(), 1e-30) + 3 * NOISE / step
+
+
+@pytest.mark.parametrize("kind", scene.KINDS)
+def test_shapes_have_derivatives_at_the_null_value(kind):
+    """There an estimate begins, and a search for what is missing."""
+    for name in scene.VALUES[kind][1]:
+        null = np.asarray(getattr(scene.effect(kind), name))
+        if np.all(np.isfinite(null)):
+            slope = scene.solved(tangent=scene.direction_of(kind, name, np.ones(null.shape)))[1]
+            assert np.all(np.isfinite(slope))
 
 
 @pytest.mark.parametrize(("kind", "name"), CASES)

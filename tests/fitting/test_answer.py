@@ -7,8 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import fit
-from scan2flex_jax.fitting.answer import (
+from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.inference import fit
+from scan2flex_jax.inference.answer import (
     BAD,
     FAIR,
     GOOD,
@@ -22,10 +23,9 @@ from scan2flex_jax.fitting.answer import (
     symbol_of,
     two_digits,
 )
-from scan2flex_jax.fitting.estimate import Estimate
-from scan2flex_jax.fitting.influence import Influence
-from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.result import in_words
+from scan2flex_jax.inference.estimate import Estimate
+from scan2flex_jax.inference.fit_result import in_words
+from scan2flex_jax.inference.influence import Influence
 from scan2flex_jax.study import Tolerance, Unknown, study_warnings
 
 from . import scenes

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import fit
 from scan2flex_jax.statics.verdict import SOLVED, UNBALANCED
 from scan2flex_jax.study import Unknown
 

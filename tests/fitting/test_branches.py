@@ -8,9 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.branches import drawn
-from scan2flex_jax.fitting import branches, fit
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import branches, fit
 from scan2flex_jax.study import load_study
 
 from . import scenes
@@ -67,16 +66,6 @@ def test_distances_are_those_of_solved_poses():
     assert np.isinf(branches.distances(unsolved, problem.poses.mask)).tolist() == [False, True, False]
 
 
-@pytest.mark.parametrize(("turned", "gain", "adopted"), [(1, 3.0, False), (1, 4.5, True), (2, 6.6, False), (2, 9.0, True)])
-def test_other_turns_that_follow_deviations_of_the_poses_have_to_be_likelier(monkeypatch, turned, gain, adopted):
-    """Few poses are a turn off: two in four that halve the squares of a background may gain 6.6 nats and still be wrong."""
-    declared = with_turns({})
-    other = branches.with_turns(declared, {p.name: p.turns + 1 for p in declared.poses[:turned]})
-    found = [(SimpleNamespace(study=s, evaluator=SimpleNamespace(distance="normal")), None) for s in (declared, other)]
-    monkeypatch.setattr(branches, "log_likelihood", lambda problem, *_: gain * (problem.study is other))
-    assert branches._likeliest(declared, found)[0].study is (other if adopted else declared)
-
-
 def test_turns_that_are_about_as_likely_are_named_before_the_values(right):
     other = Problem(branches.with_turns(right.study, {"plane": 1, "aside-45": -1}), elements=right.problem.elements)
     said = branches._in_doubt(right.problem, other, right.minimum)
@@ -107,17 +96,6 @@ def test_a_fit_that_a_wrong_turn_drew_far_from_the_truth_finds_back(name, turned
     assert {n: t for n, t in turns(f.study).items() if t} == turned
     assert np.max(np.abs(errors(f, EI, GJ))) < 2.5
     assert f.believable
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("number", "turned"), [(7, {"p3"}), (1, {"p2", "p3"})], ids=["far from noise", "almost noise"])
-def test_turns_of_simulated_studies_are_found_where_other_stiffnesses_imitate_them(number, turned):
-    """In the first a residual is left, in the second other turns and a GJ of a third make almost the same torques."""
-    study, truth = drawn(number)
-    f = fit(study)
-    before = turns(study)
-    assert {n for n, t in turns(f.study).items() if t != before[n]} == turned
-    assert np.max(np.abs(errors(f, truth["EI"], truth["GJ"]))) < 2.5
 
 
 @pytest.mark.slow

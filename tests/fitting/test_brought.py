@@ -16,13 +16,12 @@ from scan2flex_jax import (
     Study,
     StudyError,
     Unknown,
-    explain,
     fit,
     load_study,
     save_study,
 )
-from scan2flex_jax.fitting import branches
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import branches
 
 from . import scenes
 
@@ -108,11 +107,6 @@ def test_several_effects_and_some_coordinates_survive_the_disk(tmp_path):
     assert (tmp_path / "b0-markers.csv").read_text().startswith("s,z\n")
     again = load_study(tmp_path)
     assert again == study and again.effects_of("point_mass.mass") == (0, 2)
-
-
-def test_explain_says_that_it_needs_all_coordinates():
-    with pytest.raises(Scan2FlexError, match="'b0' have some coordinates only"):
-        explain(ruler(FULL, [BENDING], KNOWN))
 
 
 def test_a_hair():

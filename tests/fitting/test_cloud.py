@@ -11,9 +11,10 @@ from scipy.integrate import solve_bvp
 
 from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import cloud, fit
-from scan2flex_jax.fitting.direct import Direct, measured_by
+from scan2flex_jax.fitting import cloud
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import fit
+from scan2flex_jax.inference.direct import Direct, measured_by
 from scan2flex_jax.scan import scanner
 from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Unknown
 from tests.reference import rotations

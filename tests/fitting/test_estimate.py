@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.estimate import VAGUE, estimate_of
 from scan2flex_jax.fitting.parameters import Slot
+from scan2flex_jax.inference.estimate import VAGUE, estimate_of
 
 LOG = Slot("bending_stiffness", (), True, (-9.0,), (9.0,), 0, "N m^2")
 PLAIN = Slot("natural_curvature", (2,), False, (-100.0,) * 2, (100.0,) * 2, 0, "1/m")

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import fit
-from scan2flex_jax.inference import explain
+from scan2flex_jax.inference import explain, fit
 from scan2flex_jax.study import MeasuredCurve
 
 from . import scenes

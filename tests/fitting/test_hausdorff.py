@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference import fit
 
 from . import scenes
 

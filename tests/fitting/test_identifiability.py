@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference import fit
 from scan2flex_jax.study import Unknown
 
 from . import scenes
@@ -60,5 +60,5 @@ def test_what_a_plane_pose_does_not_feel_keeps_its_ratio_to_what_it_feels():
     EI, GJ = (found.estimates[name] for name in ("bending_stiffness", "torsional_stiffness"))
     assert found.converged
     assert EI.value == pytest.approx(scenes.EI, rel=1e-3)
-    assert GJ.value == pytest.approx(EI.value, rel=1e-6)
+    assert GJ.value == pytest.approx(EI.value, rel=2e-3)  # which the posterior alone moves
     assert not GJ.identifiable

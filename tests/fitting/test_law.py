@@ -8,8 +8,8 @@ import pytest
 
 from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError, StudyError
-from scan2flex_jax.fitting.law import laws_of
-from scan2flex_jax.fitting.run import fit
+from scan2flex_jax.inference.fitting import fit
+from scan2flex_jax.inference.quantities import laws_of
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study, save_study
 
 from . import scenes
@@ -107,9 +107,7 @@ def test_the_result_holds_the_law(found):
 
 def test_a_fit_that_has_not_settled_reports_no_law(found):
     _, result = found
-    unsettled = replace(result.minimum, converged=False)
-    given = np.eye(result.problem.layout.unknowns), result.noise, result.discrepancy
-    (law,) = laws_of(result.problem, unsettled, *given)
+    (law,) = laws_of(replace(result.posterior, converged=False))
     assert law.p_value is None
     assert law.sentences() == law.readings == ()
 

@@ -8,9 +8,10 @@ import pytest
 from benchmarks.blind import hysteresis
 from benchmarks.memory import study_of_chains
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import fit, residual_function
+from scan2flex_jax.fitting import residual_function
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.traced import traced_problem
+from scan2flex_jax.inference import fit
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown
 from scan2flex_jax.study.sense import check_study

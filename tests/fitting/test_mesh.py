@@ -6,8 +6,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 from scan2flex_jax import Boundary, Cable, CableModel, Study, equilibrium, fit, predict
 from scan2flex_jax.errors import NotSettledError
-from scan2flex_jax.fitting import mesh
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
+from scan2flex_jax.inference import mesh
 
 from . import scenes
 

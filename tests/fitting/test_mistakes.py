@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.mistakes_made import KINDS
+from benchmarks.mistakes import KINDS
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import NotSettledError
-from scan2flex_jax.fitting import fit, mistakes
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import explain
+from scan2flex_jax.inference import explain, fit, mistakes
 from scan2flex_jax.study import Clamp, EffectDeclaration, save_study
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.rotations import columns

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.fitting import fit, residual_function
+from scan2flex_jax.fitting import residual_function
 from scan2flex_jax.fitting.parameters import layout_of, model_at, start_vector, template, values_of
+from scan2flex_jax.inference import fit
 from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown, load_study, save_study
 
 from . import scenes

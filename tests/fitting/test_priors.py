@@ -106,14 +106,14 @@ def test_an_unknown_roll_does_not_turn_into_a_stiffness():
     assert trusting.rms() > 10 * found.rms()
 
 
-def test_progress_says_when_the_noise_gives_the_priors_their_weight():
+def test_progress_says_when_noise_and_priors_are_weighed():
     study = scenes.study_of((Unknown("bending_stiffness"),), tolerance=Tolerance(clamp_rotation=1e-3, clamp_roll=3.0))
     local = np.zeros((3, 12))
     local[:, 11] = [0.2, -0.15, 0.1]
     lines = []
     fit(scenes.measured(study, scenes.exact_curves(study, {"bending_stiffness": scenes.EI}, local), NOISE),
         elements=scenes.ELEMENTS, progress=lines.append)  # fmt: skip
-    assert lines[-1].startswith("with priors: iteration ")
+    assert lines[-1] == "noise, discrepancy and parameters together"
 
 
 def test_they_are_described_and_written_back(tmp_path):

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import METHODS, fit
-from scan2flex_jax.fitting.estimate import Estimate
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.result import PoseFit
+from scan2flex_jax.inference import METHODS, fit
+from scan2flex_jax.inference.estimate import Estimate
+from scan2flex_jax.inference.fit_result import PoseFit
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study, save_study
 
 from . import scenes

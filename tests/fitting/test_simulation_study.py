@@ -7,9 +7,9 @@ import jax
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import fit
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import fit
 
 from . import scenes
 
@@ -97,7 +97,8 @@ def test_progress_says_which_descent_it_is_of():
     fit(scenes.example(), progress=lines.append)
     costs = [float(line.rsplit("cost ", 1)[1]) for line in lines if line.startswith("iteration")]
     assert len(costs) >= 2 and costs == sorted(costs, reverse=True)
-    other = [line for line in lines if not line.startswith("iteration")]
+    *other, last = [line for line in lines if not line.startswith("iteration")]
+    assert last == "noise, discrepancy and parameters together"
     assert other and all(line.startswith("other turns: iteration ") for line in other)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.run import fit
+from scan2flex_jax.inference.fitting import fit
 from scan2flex_jax.study import EffectDeclaration, Unknown
 
 from . import scenes

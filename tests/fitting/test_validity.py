@@ -1,16 +1,11 @@
 """Poses that were never fitted: off by no more than noise, their own tolerances and the estimates' errors, or not."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting import FitSettings, fit
-from scan2flex_jax.fitting.belief import validity
-from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.parameters import layout_of
-from scan2flex_jax.fitting.statistics import unseen_spread
+from scan2flex_jax.inference import Settings, fit
 from scan2flex_jax.study import Tolerance
 
 from . import scenes
@@ -35,38 +30,26 @@ def test_turned_clamps_of_a_new_pose_are_no_fault_of_the_model(turned):
     f = fit(turned)
     pose = f.poses["unseen"]
     assert pose.rms > 1.5 * np.sqrt(2) * NOISE
-    assert pose.spread > pose.rms / 3
-    assert f.valid is True
-    assert f"{1e3 * pose.spread:.2g} mm" in f.sentences[-1]
+    assert f.valid is True and pose.ratio < 1.5
+    assert f"{pose.ratio:.1f} times the expected one" in f.sentences[-1]
 
 
-def test_without_the_tolerance_they_are(turned):
-    f = fit(replace(turned, tolerance=scenes.EXACT))
-    assert f.poses["unseen"].rms > 2.0 * f.poses["unseen"].spread  # beyond what the discrepancy of the poses leads to expect
-    assert f.valid is False
-
-
-def test_a_validate_pose_that_was_not_solved_has_no_error():
-    noise = Noise(2e-4, 0.0, 0.05, 1.5)
-    poses = {"seen": SimpleNamespace(role="fit"), "lost": SimpleNamespace(role="validate", rms=np.nan, spread=np.nan)}
-    valid, (said,) = validity(poses, noise, 2e-4, 1.0, 0.0, misfit=False)
-    assert valid is False
-    assert "does not predict lost" in said and "(no equilibrium was found, noise 0.28 mm)" in said
+def test_without_the_tolerance_each_pose_deviates_by_itself(turned):
+    """What the clamps do is a discrepancy then, which the intervals know of."""
+    f, known = fit(replace(turned, tolerance=scenes.EXACT)), fit(turned)
+    assert f.discrepancy.rms > 10 * NOISE and "the deviations of poses" in f.sentences[-1]
+    for name, true in TRUE.items():
+        e, before = f.estimates[name], known.estimates[name]
+        assert e.low < true < e.high
+        assert e.high - e.low > 1.5 * (before.high - before.low)
 
 
 def test_belief_is_a_matter_of_settings_that_are_stored(turned):
-    f = fit(turned, settings=FitSettings(predicted=1e-3))
+    f = fit(turned, settings=Settings(surprise=1e-3))
     assert f.valid is False
-    assert FitSettings(**f.to_json()["settings"]) == f.settings == FitSettings(predicted=1e-3)
-    with pytest.raises(ValueError, match="predicted is -1"):
-        FitSettings(predicted=-1.0)
-
-
-def test_spread_adds_variances_and_leaves_out_what_is_not_determined():
-    layout = layout_of(scenes.study_of(tolerance=LOOSE))
-    J = np.zeros((5, 2, layout.shared + layout.local))
-    J[:, 0, 0], J[:, 0, 1], J[:, 1, -1] = 3.0, 7.0, 4.0
-    assert unseen_spread(layout, J, np.diag([0.25, np.inf])) == pytest.approx(np.sqrt(1.5**2 + 4.0**2))
+    assert Settings(**f.to_json()["settings"]) == f.settings == Settings(surprise=1e-3)
+    with pytest.raises(ValueError, match="surprise is -1"):
+        Settings(surprise=-1.0)
 
 
 @pytest.mark.parametrize(("stated", "offset", "believed"), [(NOISE, 0.003, False), (NOISE, 0.0, True), (None, 0.003, True)])

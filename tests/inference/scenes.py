@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from reference import clamped_cases, cosserat_bvp, rotations
 
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference.fitting import fitted
 from scan2flex_jax.inference.posterior import Variant
 from scan2flex_jax.inference.program import slots_of
 from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, load_study
@@ -70,7 +70,8 @@ def study(plane=False, gravity=(0.0, 0.0, -9.81), tolerance=None, seed=0, **hidd
 
 def variant_of(study, elements=20, **given):
     """A study with its hypothesis without effects."""
-    return Variant("as stated", fit(study, slots=slots_of(study), elements=elements), **given)
+    found = fitted(study, slots=slots_of(study), elements=elements)
+    return Variant("as stated", found.problem, found.minimum, **given)
 
 
 def case(name, poses=4, unseen=()):

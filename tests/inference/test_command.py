@@ -1,0 +1,40 @@
+"""`scan2flex explain` writes what it says: JSON in the study's format, pictures, and a study that goes round again."""
+
+import json
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scan2flex_jax.cli.app import app
+from scan2flex_jax.study import load_study
+
+pytestmark = pytest.mark.slow
+CASE = Path(__file__).parents[1] / "data" / "blind" / "cases" / "t004"
+ALLOWED = {"no missing effect", "explained", "tied", "unexplained", "not in equilibrium"}
+
+
+def test_explain_writes_result_pictures_and_study(tmp_path):
+    options = ["--json", tmp_path / "result.json", "--figures", tmp_path / "pictures", "--save", tmp_path / "again"]
+    found = CliRunner().invoke(app, ["explain", str(CASE), *map(str, options)])
+    assert found.exit_code == 0, found.output
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["format"] == "scan2flex-result/1"
+    assert result["verdict"] in ALLOWED
+    assert result["verdict"] in found.output
+    study = load_study(CASE)
+    assert list(result["poses"]) == [p.name for p in study.poses]
+    for name, pose in result["poses"].items():
+        assert pose["rms"] >= 0
+        assert ("left_out" in pose) == (next(p for p in study.poses if p.name == name).role == "fit")
+    assert result["after"]["rms_fit"] < result["before"]["rms_fit"]
+    assert result["after"]["rms_left_out"] < result["before"]["rms_left_out"]
+    assert {"kind", "parameters", "log_evidence", "p_value", "verdict", "tied_with"} <= set(result["ranking"][0])
+    load = result["equivalent_load"]
+    assert np.shape(load["mean"]) == np.shape(load["std"]) == (len(load["s"]), 3)
+    for picture in ("explanation.png", "shapes.png"):
+        assert plt.imread(tmp_path / "pictures" / picture).std() > 0.02
+    again = load_study(tmp_path / "again")
+    assert [e.kind for e in again.effects] == [c["kind"] for c in result["chosen"]]

@@ -8,7 +8,7 @@ from scipy import stats
 
 from scan2flex_jax.errors import Scan2FlexError, SettingsError
 from scan2flex_jax.fitting.least_squares import silent
-from scan2flex_jax.inference import ExplainSettings, explain
+from scan2flex_jax.inference import Settings, explain
 from scan2flex_jax.inference.decision import compared, decide, errors_of_input, leads
 from scan2flex_jax.inference.search import Search
 from scan2flex_jax.study import Unknown
@@ -95,7 +95,7 @@ def test_errors_of_the_input_with_the_shapes_of_an_effect_are_known():
 )
 def test_bad_settings_are_refused_by_name(wrong, said):
     with pytest.raises(SettingsError, match=said):
-        ExplainSettings(**wrong)
+        Settings(**wrong)
 
 
 def limp():
@@ -104,7 +104,7 @@ def limp():
 
 
 def test_poses_that_do_not_settle_are_an_answer_and_other_refusals_are_not():
-    settings = ExplainSettings(found=4.5)
+    settings = Settings(found=4.5)
     found = explain(limp(), elements=20, settings=settings)
     assert (found.verdict, found.settings) == ("not in equilibrium", settings)
     assert found.fit is None and found.decision is None and not found.believable

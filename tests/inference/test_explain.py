@@ -8,8 +8,8 @@ import pytest
 
 from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.examples import example_path
-from scan2flex_jax.fitting import fit, residual_function
-from scan2flex_jax.inference import explain, plan
+from scan2flex_jax.fitting import residual_function
+from scan2flex_jax.inference import explain, fit, plan
 from scan2flex_jax.inference.program import Component
 from scan2flex_jax.inference.search import scored
 from scan2flex_jax.study import load_study, save_study

@@ -9,10 +9,9 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import multivariate_normal
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
-from scan2flex_jax.fitting import fit
 from scan2flex_jax.inference.likelihood import Likelihood, elpd, inverted, left_out
 from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Component, Index, Program, slots_of
+from scan2flex_jax.inference.program import Component, Index, Program
 from scan2flex_jax.inference.rows import BINS, Rows
 from scan2flex_jax.inference.settings import USUAL
 from scan2flex_jax.study import MeasuredCurve, Tolerance
@@ -134,7 +133,7 @@ def test_columns_are_differences_of_the_solved_residual(variant, kind, site):
     off = variant.program.shapes(components, x)
     given = variant.program.poses
     on = [p - np.einsum("mk,mkc->mc", s.residual, s.axes) for p, s in zip(given.points, off, strict=True)]
-    program = Program(variant.fit.problem, variant.fit.minimum, replace(given, points=np.stack(on)))
+    program = Program(variant.problem, variant.minimum, replace(given, points=np.stack(on)))
     exact = program.shapes(components, x)
     steps = {0: 1e-3, n.shared + 4: 0.1, n.amplitudes(0)[0]: 0.02 * x[n.amplitudes(0)[0]], n.site(0)[0]: 1e-3}
     for k, step in steps.items():
@@ -189,9 +188,9 @@ def test_points_of_one_plane_have_one_normal():
     rng, whole = np.random.default_rng(4), scenes.study(plane=True, tolerance=TOLERANCE)
     poses = [replace(p, curve=curve(p.name, c, rng, plane=True)) for p, c in zip(whole.poses[1:], COUNTS, strict=True)]
     plane = replace(whole, poses=tuple(poses))
-    fitted = fit(plane, slots=slots_of(plane), elements=20)
-    program = Program(fitted.problem, fitted.minimum)
-    shapes = program.shapes((), np.r_[fitted.minimum.shared, fitted.minimum.local.ravel()])
+    variant = scenes.variant_of(plane)
+    program = variant.program
+    shapes = program.shapes((), variant.empty.x)
     rows = Rows(shapes, program)
     assert rows.count_of == [BINS, BINS, 20]
     found = rows.of(shapes, [s.residual[:, :, None] for s in shapes])[2, :20, 0]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from scan2flex_jax.inference import ExplainSettings
+from scan2flex_jax.inference import Settings
 
 
 @pytest.mark.parametrize(
@@ -15,8 +15,8 @@ from scan2flex_jax.inference import ExplainSettings
 )
 def test_bad_settings_are_refused_by_name(wrong, said):
     with pytest.raises(ValueError, match=said):
-        ExplainSettings(**wrong)
+        Settings(**wrong)
 
 
 def test_there_are_few():
-    assert len(ExplainSettings().to_json()) <= 25
+    assert len(Settings().to_json()) <= 25

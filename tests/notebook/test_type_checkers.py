@@ -33,7 +33,7 @@ result = fit(study, method="bfgs", progress=print)
 reveal_type(result.estimates["bending_stiffness"].value)
 reveal_type(result.calibrated)
 reveal_type(result.minimum.iterations)
-explanation = explain(study, seed=1)
+explanation = explain(study, elements=40)
 reveal_type(explanation.verdict)
 reveal_type(explanation.ranking[0].log_evidence)
 reveal_type(plan(explanation).candidates[0].worth)
@@ -75,7 +75,7 @@ Cable(length="0.9 m", length_density=0.05, bending_stiffness=0.02, torsional_sti
 fit("my-cable")
 fit(study, methd="bfgs")
 fit(study).estimate
-explain(study, seed="one")
+explain(study, elements="forty")
 plan(study)
 predict(study, elements="many")
 equilibrium(study, 3)
@@ -90,29 +90,27 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT), "MYPYPATH": str(ROOT)}
 
 
-def by_mypy(script: Path) -> list[tuple[int, str, str]]:
-    """``(line, severity, message)`` of all that mypy says."""
-    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--no-error-summary", str(script)]
+def by_mypy(folder: Path) -> list[tuple[str, int, str, str]]:
+    """``(script, line, severity, message)`` of all that mypy says."""
+    command = [sys.executable, "-m", "mypy", "--strict", "--follow-imports=silent", "--no-error-summary", str(folder)]
     options = ["--cache-dir", str(ROOT / ".pytest_cache" / "mypy"), "--python-executable", sys.executable]
-    done = subprocess.run(
-        [*command, *options], cwd=script.parent, env=environment(), capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([*command, *options], cwd=folder, env=environment(), capture_output=True, text=True, check=False)
     assert done.returncode in (0, 1), done.stdout + done.stderr
-    found = re.findall(r"^[^\n:]+:(\d+): (\w+): (.*)$", done.stdout, re.M)
-    return [(int(line), severity, message) for line, severity, message in found]
+    found = re.findall(r"^[^\n:]*?(\w+)\.py:(\d+): (\w+): (.*)$", done.stdout, re.M)
+    return [(script, int(line), severity, message) for script, line, severity, message in found]
 
 
-def by_pyright(script: Path) -> list[tuple[int, str, str]]:
-    """``(line, severity, message)`` of all that pyright says."""
-    command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable, str(script)]
-    done = subprocess.run(command, cwd=script.parent, env=environment(), capture_output=True, text=True, check=False)
+def by_pyright(folder: Path) -> list[tuple[str, int, str, str]]:
+    """``(script, line, severity, message)`` of all that pyright says."""
+    command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", sys.executable, str(folder)]
+    done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, check=False)
     try:
         found = json.loads(done.stdout)["generalDiagnostics"]
     except ValueError:
         lines = (done.stderr or done.stdout).strip().splitlines() or ["it said nothing"]
         sentence = f"pyright cannot be started: {lines[-1]}"
         (pytest.fail if os.environ.get("CI") else pytest.skip)(sentence)
-    return [(d["range"]["start"]["line"] + 1, d["severity"], d["message"]) for d in found]
+    return [(Path(d["file"]).stem, d["range"]["start"]["line"] + 1, d["severity"], d["message"]) for d in found]
 
 
 def type_in(message: str) -> str:
@@ -124,25 +122,26 @@ def type_in(message: str) -> str:
     return re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", name)
 
 
+NAMES = scan2flex_jax.__all__
+SCRIPTS = {
+    "typical": SCRIPT,
+    "names": "import scan2flex_jax\n" + "".join(f"reveal_type(scan2flex_jax.{name})\n" for name in NAMES),
+    "mistakes": MISTAKES,
+}
+
+
 @pytest.fixture(scope="module", params=[by_mypy, by_pyright], ids=["mypy", "pyright"])
 def said(request, tmp_path_factory):
-    """What a checker says of a script, by lines."""
+    """What a checker says of each script, by lines; it runs once."""
     folder = tmp_path_factory.mktemp("scripts")
-
-    def of(text):
-        script = folder / f"script_{abs(hash(text))}.py"
-        script.write_text(text)
-        return request.param(script)
-
-    return of
-
-
-def test_the_marker_of_typed_packages_is_there():
-    assert (ROOT / "scan2flex_jax" / "py.typed").is_file()
+    for name, text in SCRIPTS.items():
+        (folder / f"{name}.py").write_text(text)
+    found = request.param(folder)
+    return {name: [rest for script, *rest in found if script == name] for name in SCRIPTS}
 
 
 def test_a_script_of_typical_results_is_typed(said):
-    found = said(SCRIPT)
+    found = said["typical"]
     assert [message for _, severity, message in found if severity in ("error", "warning")] == []
     lines = SCRIPT.splitlines()
     types = {re.fullmatch(r"\s*reveal_type\((.*)\)", lines[at - 1])[1]: type_in(message) for at, _, message in found}
@@ -150,11 +149,10 @@ def test_a_script_of_typical_results_is_typed(said):
 
 
 def test_every_public_name_has_a_type(said):
-    names = scan2flex_jax.__all__
-    found = said("import scan2flex_jax\n" + "".join(f"reveal_type(scan2flex_jax.{name})\n" for name in names))
+    found = said["names"]
     assert [severity for _, severity, _ in found if severity in ("error", "warning")] == []
-    revealed = {names[at - 2]: message for at, _, message in found}
-    assert set(revealed) == set(names)
+    revealed = {NAMES[at - 2]: message for at, _, message in found}
+    assert set(revealed) == set(NAMES)
     assert {name for name, message in revealed.items() if type_in(message) in ("Any", "Unknown")} == set()
     for name, answer in ANSWERS.items():
         of_call = re.search(r'(?:-> |is "type\[)(?:\w+\.)*(\w+)\]?"$', revealed[name])
@@ -162,5 +160,5 @@ def test_every_public_name_has_a_type(said):
 
 
 def test_wrong_names_and_types_are_reported(said):
-    reported = {at for at, severity, _ in said(MISTAKES) if severity == "error"}
+    reported = {at for at, severity, _ in said["mistakes"] if severity == "error"}
     assert reported == set(range(FIRST_MISTAKE + 1, len(MISTAKES.splitlines()) + 1))

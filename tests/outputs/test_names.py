@@ -8,15 +8,10 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from rich.console import Console
 
-from scan2flex_jax.cli import setup
-from scan2flex_jax.fitting import fit
 from scan2flex_jax.prediction import csv_files
-from scan2flex_jax.reporting import report
 from scan2flex_jax.scan import save_picture
 from scan2flex_jax.scan.centre_curve import CentreCurve, RadiusStatistics
-from scan2flex_jax.study import load_study
 from scan2flex_jax.study.names import drawn, file_stem, file_stems, printable
 
 from . import scenes
@@ -95,7 +90,7 @@ def _curve():
     return CentreCurve(scenes.curve(), s, along, frames, std, radius, 1e-4, (), "cloud", warnings=said)
 
 
-TITLES = ["$\\frac{$", "$x^{$", "a\x1b[31mb\x07", "_hidden", "\x0b\x00", "$", "\\$a$", "t" * 100_000]
+TITLES = ["$\\frac{$", "a\x1b[31mb\x07\x0b\x00", "_hidden", "t" * 100_000]
 
 
 @pytest.mark.parametrize("title", TITLES)
@@ -112,7 +107,7 @@ def test_a_picture_of_any_title_is_drawn(title, tmp_path):
     assert save_picture(_curve(), tmp_path / "b.png", title).stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("title", ["a\x1b[2Jb", "\x07\x07", "\u202eevil", "\x9b31m", "a\rb", "\u2066x"])
+@pytest.mark.parametrize("title", ["a\x1b[2Jb\x07\x9b31m", "a\rb\u202eevil\u2066x"])
 def test_a_terminal_gets_no_control_characters(title, tmp_path):
     study = scenes.write_study(tmp_path / "study", [title])
     text = (study / "study.toml").read_text()
@@ -125,22 +120,3 @@ def test_a_terminal_gets_no_control_characters(title, tmp_path):
     refused = scenes.scan2flex("check", study / title, text=False)
     assert refused.returncode == 2
     assert {c for c in refused.stderr.decode() if not c.isprintable()} <= {"\n"}
-
-
-def test_progress_shows_no_control_characters(monkeypatch):
-    shown = []
-    monkeypatch.setattr(setup, "ERRORS", Console(quiet=True, force_terminal=True))
-    monkeypatch.setattr(setup, "Text", lambda text: shown.append(text) or text)
-    with setup.progress("fitting \x1b]0;x\x07") as tell:
-        tell("\u202e")
-    assert len(shown) == 2 and all(text.isprintable() for text in shown)
-
-
-def test_a_page_shows_names_as_text(tmp_path):
-    name = "</script><img src=x onerror=alert(1)>"
-    study = scenes.write_study(tmp_path / "study", [name])
-    text = (study / "study.toml").read_text()
-    (study / "study.toml").write_text(text.replace("A [bold] cable", name) + "\n[unknown.bending_stiffness]\n")
-    page = report(fit(load_study(study), elements=8))
-    assert "<img" not in page.split("</script>", 1)[0] + page.rpartition("<body")[2]
-    assert "alert(1)&gt;" in page

@@ -102,18 +102,6 @@ def test_a_full_disk_leaves_the_old_result(study, tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"out.json", LIST}
 
 
-def test_half_a_backup_is_none(tmp_path, monkeypatch):
-    (tmp_path / "a.csv").write_text("mine")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(files.os, "fsync", full)
-    with pytest.raises(OSError, match="No space left"):
-        files.backup(tmp_path / "a.csv")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.csv"]
-
-
 def test_links_that_lead_in_a_circle_are_one_sentence(study, tmp_path):
     (tmp_path / "a").symlink_to(tmp_path / "b")
     (tmp_path / "b").symlink_to(tmp_path / "a")

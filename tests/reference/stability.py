@@ -33,9 +33,7 @@ def heavy_column_by_integration():
     """The same from phi'' + lambda z phi = 0, phi'(z = 0) = 0 at the top and phi(z = 1) = 0 at the foot."""
 
     def slope_at_foot(load):
-        rhs = solve_ivp(
-            lambda z, y: [y[1], -load * z * y[0]], (0, 1), [1.0, 0.0], method="DOP853", rtol=1e-13, atol=1e-13
-        )
+        rhs = solve_ivp(lambda z, y: [y[1], -load * z * y[0]], (0, 1), [1.0, 0.0], method="DOP853", rtol=1e-13, atol=1e-13)
         return rhs.y[0, -1]
 
     return brentq(slope_at_foot, 6.0, 9.0, xtol=1e-14)

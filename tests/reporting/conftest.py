@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from scan2flex_jax.examples import example_path
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference import fit
 from scan2flex_jax.study import load_study
 from tests.reporting.scenes import EVIL
 

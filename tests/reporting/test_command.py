@@ -20,7 +20,7 @@ def run(*words):
 
 
 def test_report_of_the_fit_alone(fitted, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules["scan2flex_jax.fitting"], "fit", lambda study, **options: fitted)
+    monkeypatch.setattr(sys.modules["scan2flex_jax.inference"], "fit", lambda study, **options: fitted)
     found = run(
         "report", example_path("simulated-cable"), "-o", tmp_path / "r.html", "--no-explain", "--json", tmp_path / "r.json"
     )
@@ -67,7 +67,7 @@ def test_a_report_of_scans_explains_the_scans_themselves(fitted, tmp_path, monke
 def test_a_pose_that_is_not_solved_ends_with_three(fitted, tmp_path, monkeypatch):
     name = "twist-90"
     lost = replace(fitted, poses={**fitted.poses, name: replace(fitted.poses[name], stable=False, verdict="lost")})
-    monkeypatch.setattr(sys.modules["scan2flex_jax.fitting"], "fit", lambda study, **options: lost)
+    monkeypatch.setattr(sys.modules["scan2flex_jax.inference"], "fit", lambda study, **options: lost)
     found = run("report", example_path("simulated-cable"), "-o", tmp_path / "r.html", "--no-explain")
     assert found.exit_code == 3
     assert "no: twist-90 could not be solved (lost)" in (tmp_path / "r.html").read_text("utf-8")

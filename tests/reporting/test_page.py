@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import Law, Reading
-from scan2flex_jax.fitting.answer import moved_in_words
-from scan2flex_jax.inference import Explanation
+from scan2flex_jax.inference import Explanation, Law, Reading
+from scan2flex_jax.inference.answer import moved_in_words
 from scan2flex_jax.reporting import page, report, save_report
 from scan2flex_jax.reporting.contents import contents_of
 from scan2flex_jax.reporting.parts import errors, laws
@@ -189,7 +188,7 @@ def test_estimates_versions_and_inputs_are_there(fitted, shown):
         for text, true in zip(shown_as, (estimate.value, estimate.low, estimate.high), strict=True):
             assert abs(float(text) - true) <= 0.501 * 10.0 ** Decimal(text).as_tuple().exponent  # half of the last digit
         width = estimate.high - estimate.low  # digits enough to show the interval
-        np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=0, atol=0.15 * width)
+        np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=0, atol=0.5 * width)
         assert rounded[1] < rounded[0] < rounded[2]
     assert "scan2flex report simulated-cable -o report.html --no-explain --elements 40" in words
     for name in ("jax", "numpy", "plotly", "plane.csv", "study.toml"):

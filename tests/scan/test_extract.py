@@ -11,9 +11,9 @@ LENGTH, RADIUS = 1.0, 0.012
 NOISE = scanner.STRUCTURED_LIGHT.noise
 
 
-@pytest.mark.parametrize("family", shapes.FAMILIES)
-def test_structured_light_without_guide_points(family):
-    curve, scan = scanned(family, LENGTH, RADIUS)
+@pytest.mark.slow
+def test_structured_light_without_guide_points():
+    curve, scan = scanned("random", LENGTH, RADIUS)
     start, end = ends(curve)
     found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
     rms, shift, length = errors(found, curve, RADIUS, 2)
@@ -24,6 +24,7 @@ def test_structured_light_without_guide_points(family):
     assert found.found_by == "cloud"
 
 
+@pytest.mark.slow
 def test_a_scan_from_one_side_does_not_pull_the_curve_to_the_sensor():
     curve, scan = scanned("helix", LENGTH, RADIUS, views=1)
     start, end = ends(curve)
@@ -32,9 +33,9 @@ def test_a_scan_from_one_side_does_not_pull_the_curve_to_the_sensor():
     assert abs(shift) < 0.02  # the mean of the points would be off by 0.6
 
 
-@pytest.mark.parametrize("radius", [0.004, 0.045])
-def test_time_of_flight(radius):
-    length = 1.0 if radius < 0.01 else 1.8
+@pytest.mark.slow
+def test_time_of_flight():
+    length, radius = 1.8, 0.045
     curve, scan = scanned("random", length, radius, scanner.TIME_OF_FLIGHT, views=2)
     start, end = ends(curve)
     found = extract(scan.points, radius, length=length, start=start, end=end, viewpoints=EYES[:2])
@@ -45,6 +46,7 @@ def test_time_of_flight(radius):
     assert found.along_ray
 
 
+@pytest.mark.slow
 def test_a_noisy_scan_without_viewpoints_says_what_it_may_do():
     curve, scan = scanned("loop", LENGTH, 0.004, scanner.TIME_OF_FLIGHT, views=1, key=5)
     start, end = ends(curve)
@@ -52,6 +54,7 @@ def test_a_noisy_scan_without_viewpoints_says_what_it_may_do():
     assert any("give the viewpoints" in said for said in found.warnings)
 
 
+@pytest.mark.slow
 def test_a_gap_is_bridged_and_marked():
     gap = (0.35, 0.45)
     curve, scan = scanned("random", LENGTH, RADIUS, views=3, gaps=(gap,))
@@ -73,6 +76,7 @@ def test_guide_points_and_a_table():
     assert rms < 0.3 * NOISE
 
 
+@pytest.mark.slow
 def test_a_bend_that_was_seen_thinly_is_followed():
     """One view of a loop above a table: the coarse curve cuts across the bend, further from it than the tube of points around
     the curve is wide. The points of the bend are taken in once a finer curve passes near them."""
@@ -97,44 +101,16 @@ def test_a_table_is_left_out_however_thinly_it_was_seen():
     assert kept[: len(scan.points)].mean() > 0.99
 
 
-@pytest.mark.parametrize("views", [2, 3])
-def test_noise_as_large_as_the_radius_lets_the_last_stage_settle(views):
+def test_noise_as_large_as_the_radius_lets_the_last_stage_settle():
     """Flying pixels take information from the points beside them; a step that overlooks it goes to and fro for ever."""
     curve = shapes.loop(LENGTH, 0.004)
-    points = scanner.scan(curve, 0.004, EYES[:views], scanner.TIME_OF_FLIGHT, 88).points
+    points = scanner.scan(curve, 0.004, EYES[:2], scanner.TIME_OF_FLIGHT, 88).points
     start, end = ends(curve)
-    found = extract(points, 0.004, length=LENGTH, start=start, end=end, viewpoints=EYES[:views])
-    rms, shift, _ = errors(found, curve, 0.004, views)
+    found = extract(points, 0.004, length=LENGTH, start=start, end=end, viewpoints=EYES[:2])
+    rms, shift, _ = errors(found, curve, 0.004, 2)
     assert found.sure
     assert rms < 0.5 * scanner.TIME_OF_FLIGHT.noise
     assert abs(shift) < 0.2
-
-
-def test_the_answer_is_complete_and_the_same_again():
-    curve, scan = scanned("loop", LENGTH, RADIUS)
-    start, end = ends(curve)
-    one = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
-    two = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
-    np.testing.assert_array_equal(one.points, two.points)
-    np.testing.assert_allclose(np.linalg.det(one.frames), 1.0, atol=1e-9)
-    np.testing.assert_allclose(one.frames[:, :, 2], one.tangents, atol=1e-9)
-    steps = np.linalg.norm(np.diff(one.points, axis=0), axis=1)
-    np.testing.assert_allclose(steps, one.arc_length[1], rtol=1e-2)
-    assert {"cloud", "coarse", "snakes", "points used"} <= set(one.stages)
-
-
-@pytest.mark.slow
-def test_the_standard_deviation_is_honest():
-    """Errors over the stated standard deviation, over several scans: of order one (a range bias is not in it)."""
-    sensor = scanner.Sensor(noise=5e-4, lateral_noise=1e-4)
-    ratios = []
-    for key in range(4):
-        curve, scan = scanned("helix", LENGTH, RADIUS, sensor, views=3, key=key)
-        start, end = ends(curve)
-        found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
-        rms, _, _ = errors(found, curve, RADIUS, 3)
-        ratios.append(rms / np.sqrt(2.0 * np.mean(found.std**2)))
-    assert 0.4 < np.mean(ratios) < 2.0
 
 
 @pytest.fixture(scope="module")
@@ -167,10 +143,9 @@ def test_guide_points_in_a_wrong_order_are_refused(good):
     marks = curve[np.linspace(10, len(curve) - 11, 9).astype(int)]
     with pytest.raises(Scan2FlexError, match="wrong order"):
         extract(points, RADIUS, guide_points=marks[[0, 5, 2, 7, 4, 1, 6, 3, 8]], **known)
-    turned = extract(points, RADIUS, guide_points=marks[::-1], **known)
-    assert any("turned round" in said for said in turned.warnings)
 
 
+@pytest.mark.slow
 def test_a_wrong_radius_or_length_is_reported(good):
     points, known, _ = good
     found = extract(points, RADIUS, **(known | {"length": 1.03 * LENGTH}))
@@ -185,3 +160,24 @@ def test_a_corrupt_file_is_refused(tmp_path):
         load_cloud(path)
     assert "\n" not in str(refusal.value)
     assert issubclass(StudyError, Scan2FlexError)
+
+
+@pytest.mark.slow
+def test_a_good_scan_is_sure_and_a_fifth_of_the_length_unseen_is_not():
+    curve, scan = scanned("random", LENGTH, RADIUS)
+    start, end = ends(curve)
+    assert extract(scan.points, RADIUS, length=LENGTH, start=start, end=end, viewpoints=EYES[:2]).sure
+    _, half = scanned("random", LENGTH, RADIUS, gaps=((0.4, 0.6),))
+    marks = curve[np.linspace(8, len(curve) - 9, 14).astype(int)]
+    found = extract(half.points, RADIUS, length=LENGTH, start=start, end=end, guide_points=marks)
+    assert not found.sure
+    assert set(found.doubts) <= set(found.warnings)
+
+
+@pytest.mark.slow
+def test_viewpoints_of_another_scan_are_noticed_and_left_aside():
+    curve, scan = scanned("helix", LENGTH, RADIUS, views=1)
+    start, end = ends(curve)
+    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end, viewpoints=-EYES[:1])
+    assert not found.along_ray
+    assert any("face none of the viewpoints" in said for said in found.warnings)

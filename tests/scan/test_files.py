@@ -59,6 +59,7 @@ def test_a_mesh_is_sampled_the_same_every_time(tmp_path, ending):
     np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_curve_comes_out_of_an_stl(tmp_path):
     curve = shapes.FAMILIES["loop"](LENGTH, RADIUS)
     tube_mesh(curve, RADIUS).export(tmp_path / "cable.stl")

@@ -84,36 +84,15 @@ def test_leaving_the_cloud_costs_and_a_known_gap_does_not():
     assert snakes.snakes_terms(away, gap)["leave"] == 0.0
 
 
-@pytest.mark.parametrize("transform", ["grad", "jvp", "vmap(grad)"])
-def test_the_gradient_is_that_of_finite_differences(transform):
+def test_the_gradient_is_that_of_finite_differences():
     x0, base = problem()
     rng = np.random.default_rng(1)
     direction = jnp.asarray(rng.normal(size=x0.shape)) * RADIUS
     step = 1e-5
     ahead, behind = (snakes.snakes_energy(x0 + way * step * direction, base) for way in (1, -1))
     expected = (ahead - behind) / (2 * step)
-    if transform == "grad":
-        slope = jnp.sum(jax.grad(snakes.snakes_energy)(x0, base) * direction)
-    elif transform == "jvp":
-        slope = jax.jvp(lambda x: snakes.snakes_energy(x, base), (x0,), (direction,))[1]
-    else:
-        both = jax.vmap(jax.grad(snakes.snakes_energy), (0, None))(jnp.stack([x0, x0]), base)
-        slope = jnp.sum(both[1] * direction)
+    slope = jnp.sum(jax.grad(snakes.snakes_energy)(x0, base) * direction)
     np.testing.assert_allclose(slope, expected, rtol=1e-5)
-
-
-@pytest.mark.slow
-def test_all_methods_go_down_and_the_good_ones_agree():
-    x0, base = problem()
-    out = {method: snakes_minimisers.minimise_snakes(x0, base, method, 300) for method in ("least squares", "bfgs", "cg")}
-    best = min(one.energy for one in out.values())
-    assert out["least squares"].converged
-    for method, one in out.items():  # conjugate gradients with a simple line search end early
-        assert one.energy < (1.3 if method == "cg" else 1.05) * best, method
-    numerical = snakes_minimisers.minimise_snakes(x0, base, "cg numerical", 40)
-    automatic = snakes_minimisers.minimise_snakes(x0, base, "cg", 40)
-    np.testing.assert_allclose(numerical.energy, automatic.energy, rtol=1e-3)
-    assert numerical.evaluations > 50 * automatic.evaluations
 
 
 def test_an_unknown_method_is_refused():

@@ -27,7 +27,7 @@ from scan2flex_jax.statics.starts import sagging_start
 START_FRAME = clamped_cases.START_FRAME
 WEIGHTLESS = (0.0, 0.0, 0.0)
 EARTH = (0.0, 0.0, -9.81)
-MESHES = (10, 20, 40)
+MESHES = (20, 40)
 traces = []  # one entry for each time that a model with a point force is traced
 
 
@@ -101,7 +101,7 @@ generic_start = eqx.filter_jit(sagging_start)
 def solved(model, boundary, elements=40, start=None, turns=0) -> Equilibrium:
     """The equilibrium from the given start, or from the generic one."""
     if start is None:
-        start = generic_start(boundary, model.cable.length, model.gravity, turns, elements)
+        start = generic_start(boundary, model.cable.length, model.gravity, jnp.asarray(turns), elements)
     return equilibrium(model, boundary, start=start, elements=elements)
 
 

@@ -16,12 +16,10 @@ from jax.flatten_util import ravel_pytree
 from reference import clamped_cases
 
 from scan2flex_jax.geometry import lie
-from scan2flex_jax.rod.assembly import node_forces
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.energy import potential_energy
 from scan2flex_jax.rod.model import CableModel, discretise
-from scan2flex_jax.statics import implicit
 from scan2flex_jax.statics.solve import equilibrium
 
 from . import cases
@@ -114,43 +112,6 @@ def test_jacfwd_matches_finite_differences(forward, k):
     scale = np.abs(slope).max()
     assert doubt < 1e-6 * scale, "the finite difference is too noisy to judge"
     np.testing.assert_allclose(forward[:, k], slope, atol=1e-6 * scale)
-
-
-def test_first_derivatives_trace_the_balance_once(monkeypatch):
-    """The derivative of the Hessian belongs to higher orders, and a fit does not wait for its tracing."""
-    traced, model_and_boundary = [], built(zero)
-    monkeypatch.setattr(implicit, "node_forces", lambda *given: traced.append(given) or node_forces(*given))
-
-    def points(given):
-        return equilibrium(*given, elements=N).points
-
-    jax.make_jaxpr(lambda given: jax.jvp(points, (given,), (given,)))(model_and_boundary)
-    assert len(traced) == 1
-
-
-@pytest.mark.slow
-def test_jacrev_matches_jacfwd(forward):
-    reverse = jax.jit(jax.jacrev(outcome), compiler_options=UNOPTIMISED)(zero)
-    np.testing.assert_allclose(reverse, forward, atol=1e-9 * np.abs(forward).max())
-
-
-WEIGHTS = jnp.sin(1.0 + jnp.arange(22.0))
-LANES = jnp.stack([0.0 * CENTRE, 0.05 * jnp.sin(jnp.arange(1.0 * CENTRE.size))])
-
-
-def loss(z):
-    return WEIGHTS @ outcome(z)
-
-
-@pytest.mark.slow
-def test_vmap_of_grad_and_grad_of_vmap_agree(forward):
-    """Lanes at the centre and beside it; the centre is known from the forward Jacobian."""
-    inside = jax.jit(jax.vmap(jax.grad(loss)), compiler_options=UNOPTIMISED)(LANES)
-    outside = jax.jit(jax.grad(lambda z: jnp.sum(jax.vmap(loss)(z))), compiler_options=UNOPTIMISED)(LANES)
-    expected = np.asarray(WEIGHTS) @ forward
-    np.testing.assert_allclose(inside[0], expected, atol=1e-9 * np.abs(expected).max())
-    np.testing.assert_allclose(outside, inside, atol=1e-9 * np.abs(expected).max())
-    assert np.abs(inside[1] - inside[0]).max() > 1e-3 * np.abs(expected).max()
 
 
 def test_energy_slope_is_the_partial_one():

@@ -15,7 +15,7 @@ def changed(model, part, share):
 
 
 @pytest.mark.parametrize("pose", POSES)
-@pytest.mark.parametrize("share", [1e-9, 1e-8, 1e-7, 1e-6, 1e-3])
+@pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-3])
 def test_no_part_of_a_short_way_is_missing(pose, share):
     """Against the solution from the generic start, which is far, up to rounding."""
     model, boundary = cases.reference_case(pose)

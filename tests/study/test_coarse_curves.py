@@ -1,5 +1,7 @@
 """What `check` doubts of a curve of few points: never what its points are too far apart to show, always a clamp that is off."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
@@ -7,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.study import Study, pose_facts, study_warnings
 
-FEW = (4, 5, 6, 7, 8, 10, 12, 16, 20, 25, 30, 35, 40)
-SPACINGS = (1.0, 1.5, 2.0)  # points at the powers of even steps: as far apart at the end as twice the mean
+FEW = (4, 5, 6, 8, 12, 20, 30, 40)
+SPACINGS = (1.0, 2.0)  # points at the powers of even steps: as far apart at the end as twice the mean
 
 
 def arc(degrees):
@@ -34,7 +36,8 @@ def helix(curvature, torsion):
     return at
 
 
-def elastica(stiffness, weight=2.0, span=0.6):
+@cache
+def hung(stiffness, weight=2.0, span=0.6):
     """A cable of 1 m, ``stiffness`` (N m^2) and ``weight`` (N/m), held level at both ends ``span`` (m) apart."""
 
     def slopes(s, y):
@@ -49,9 +52,14 @@ def elastica(stiffness, weight=2.0, span=0.6):
     start = [-1.4 * np.sin(2 * np.pi * s), -2.8 * np.pi * np.cos(2 * np.pi * s), span * s, -0.3 * np.sin(np.pi * s)]
     found = solve_bvp(slopes, ends, s, np.stack([*start, 0.1 * weight * one, 0.5 * weight * one]), tol=1e-8, max_nodes=50_000)
     assert found.success
+    return found.sol
+
+
+def elastica(stiffness):
+    """The cable of `hung`: positions and tangents at s."""
 
     def at(s):
-        angle, _, x, z, _, _ = found.sol(s)
+        angle, _, x, z, _, _ = hung(stiffness)(s)
         return np.stack([x, 0 * s, z], axis=1), np.stack([np.cos(angle), 0 * s, np.sin(angle)], axis=1)
 
     return at
@@ -95,7 +103,7 @@ def test_a_curve_of_few_exact_points_is_not_doubted(name):
     assert not found
 
 
-@pytest.mark.parametrize("n", [40, 50, 60, 74, 75, 100, 200])
+@pytest.mark.parametrize("n", [40, 74, 75, 200])
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_clamp_that_is_off_is_doubted(name, n):
     made = study(SHAPES[name], np.linspace(0.0, 1.0, n), off=15.0)

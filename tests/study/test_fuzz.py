@@ -50,7 +50,7 @@ def holds(toml, sag):
         assert load_study(Path(name) / "copy") == study
 
 
-FAST = settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+FAST = settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @FAST

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.mistakes_made import KINDS
+from benchmarks.mistakes import KINDS
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
 from scan2flex_jax.study import EffectDeclaration, check_study, load_study, mistakes, study_warnings
@@ -139,11 +139,13 @@ def test_twist_is_the_angle_beyond_transport(twist):
 )
 def test_a_hypothesis_undoes_the_mistake(study, change, kind):
     """One of the hypotheses gives back gravity and all clamps as they were."""
+
     def off(other):
         pairs = zip(other.poses, study.poses, strict=True)
-        return max(np.abs(columns(a.end.quaternion) - columns(b.end.quaternion)).max() for a, b in pairs) + np.abs(
-            other.gravity - study.gravity
-        ).max()
+        return (
+            max(np.abs(columns(a.end.quaternion) - columns(b.end.quaternion)).max() for a, b in pairs)
+            + np.abs(other.gravity - study.gravity).max()
+        )
 
     wrong = made(study, kind)
     assert off(wrong) > 0.5

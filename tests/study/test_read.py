@@ -15,6 +15,7 @@ from scan2flex_jax.study import (
     ParameterFormat,
     describe,
     kind_names,
+    kinds,
     load_study,
     pose_facts,
     register_kind,
@@ -94,7 +95,8 @@ def test_line_ends_and_byte_order_marks_of_other_systems(tmp_path):
     assert load_study(write_sample(tmp_path / "b", strange, **sag)) == plain
 
 
-def test_a_later_effect_adds_itself(tmp_path):
+def test_a_later_effect_adds_itself(tmp_path, monkeypatch):
+    monkeypatch.setattr(kinds, "_KINDS", dict(kinds._KINDS))  # other tests know the package's own
     taper = KindFormat("taper_for_test", "energy", (ParameterFormat("slope", "1/m"),), "the cable gets thinner")
     assert register_kind(taper) == register_kind(taper) and "taper_for_test" in kind_names()
     with pytest.raises(Scan2FlexError, match="taken"):

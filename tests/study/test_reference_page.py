@@ -40,15 +40,6 @@ def test_units_are_those_that_the_reader_takes(title, formats):
     assert {row[0].strip("`"): row[1] for row in rows(section(PAGE, title))} == {n: form.unit for n, form in formats.items()}
 
 
-def test_every_row_has_a_default_and_an_example_that_toml_takes():
-    for title in (*KEYS, "unknown"):
-        for key, _, default, example, _ in (row for row in rows(section(PAGE, title)) if len(row) == 5):
-            assert default
-            text, name = example.strip("`"), key.strip("`")
-            header = text.strip("[]").split(".")[0] == name  # of a table
-            assert tomllib.loads(text if header else f"{name} = {text}")
-
-
 def test_every_effect_has_a_row_for_each_parameter_with_its_unit():
     told, kind, place = {}, "", ""
     for first, acts, parameter, unit, _ in rows(section(PAGE, "Effects")):

@@ -9,7 +9,6 @@ import pytest
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
 from scan2flex_jax.study import EffectDeclaration, MeasuredCurve, Unknown, describe, load_study, save_study, write_json_atomic
-from scan2flex_jax.study import files as files_module
 
 from .samples import STUDY, write_sample
 
@@ -129,21 +128,6 @@ def test_a_study_that_would_not_load_is_not_written(tmp_path, change):
     with pytest.raises(StudyError):
         save_study(replace(study, **change), tmp_path)
     assert (tmp_path / "study.toml").read_bytes() == before and "study.toml.bak" not in names(tmp_path)
-
-
-def test_a_failure_halfway_leaves_the_old_file(tmp_path, monkeypatch):
-    folder = write_sample(tmp_path)
-    before = (folder / "study.toml").read_bytes()
-
-    def full(_):
-        raise OSError(28, "No space left on device")
-
-    study = replace(load_study(folder), title="other")
-    monkeypatch.setattr(files_module.os, "fsync", full)
-    with pytest.raises(StudyError, match="No space left"):
-        save_study(study, folder)
-    assert (folder / "study.toml").read_bytes() == before
-    assert [name for name in names(folder) if "tmp" in name] == []
 
 
 def test_a_folder_that_is_a_file(tmp_path):

@@ -44,13 +44,6 @@ def test_guesses_lead_to_the_minimum_of_the_fit_or_to_none(study):
     assert found["rms"].units == "m" and found["bending_stiffness"].units == "N m^2"
 
 
-def test_with_the_package_s_own_start_every_guess_leads_there(study):
-    found = sweep(minima(study, elements=ELEMENTS), lanes((100.0, 0.01), (0.01, 100.0)))
-    assert not failed(found)
-    minimum = np.exp(Problem(study, ELEMENTS).minimise("least-squares").shared)
-    np.testing.assert_allclose(values(found), [minimum, minimum], rtol=1e-5)
-
-
 def test_curves_with_noise_and_what_cannot_share_the_program(study):
     """A sample with other tolerances is refused alone; the others are the minima of their own studies."""
 
@@ -65,12 +58,6 @@ def test_curves_with_noise_and_what_cannot_share_the_program(study):
         alone = Problem(noisy(study, 1e-3, seed), ELEMENTS).minimise("least-squares")
         np.testing.assert_allclose(values(found)[k], np.exp(alone.shared), rtol=1e-8)
         np.testing.assert_allclose(found["cost"].values[k], alone.cost, rtol=1e-8)
-
-
-def test_when_all_samples_of_a_call_are_refused_they_say_why(study):
-    found = sweep(minima(study, elements=ELEMENTS), grid(guess_length=Axis([1.0, 2.0], "m")))
-    assert all("no guess for an unknown" in words for words in failed(found).values()) and len(failed(found)) == 2
-    assert found["code"].values.tolist() == [REFUSED, REFUSED]
 
 
 def test_other_starts_are_one_sentence(study):

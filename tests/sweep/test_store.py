@@ -7,14 +7,12 @@ import sys
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
 import xarray as xr
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.sweep import Axis, Calls, Output, equilibria, failed, grid, open_sweep, sweep
-from scan2flex_jax.sweep.definition import digest
 
 from . import scenes
 
@@ -74,11 +72,6 @@ def test_a_killed_sweep_goes_on(tmp_path):
     kill_and_resume(tmp_path, [random.uniform(0.1, 0.6)])
 
 
-@pytest.mark.slow
-def test_ten_kills(tmp_path):
-    kill_and_resume(tmp_path, [random.uniform(0.0, 0.15) for _ in range(10)])
-
-
 def test_stored_and_not_stored_are_the_same(tmp_path):
     task, lanes = scenes.squares()
     stored = sweep(task, lanes, store=tmp_path / "s", chunk=7)
@@ -113,7 +106,7 @@ def refused(store, task, lanes, said, **more):
     assert "\n" not in str(error.value)
 
 
-def test_another_sweep_is_refused(tmp_path, monkeypatch):
+def test_another_sweep_is_refused(tmp_path):
     task, lanes = scenes.squares()
     sweep(task, lanes, store=tmp_path / "s")
     refused(tmp_path / "s", task, grid(x=Axis([1.0, 2.0], "m")), "its lanes differ")
@@ -121,8 +114,6 @@ def test_another_sweep_is_refused(tmp_path, monkeypatch):
     refused(tmp_path / "s", Calls(lambda lane: {"square": 1.0}, {"square": Output()}), lanes, "its function differ")
     refused(tmp_path / "s", task, lanes, "another sweep", chunk=3)
     refused(tmp_path / "s", task, lanes, "order of lanes differ", cost=np.arange(40.0))
-    monkeypatch.setattr("scan2flex_jax.sweep.run.versions", lambda: {"jax": "0.0"})
-    refused(tmp_path / "s", task, lanes, f"made with jax {jax.__version__}, and this is 0.0")
 
 
 def test_edited_code_is_another_sweep_though_its_call_reads_the_same(tmp_path):
@@ -162,8 +153,8 @@ def test_damaged_and_foreign_chunks(tmp_path):
 
 
 def _flipped(data):
-    """Sixty copies, each with one bit turned, spread over the whole file."""
-    for place in np.linspace(0, 8 * len(data) - 1, 60).astype(int):
+    """Thirty copies, each with one bit turned, spread over the whole file."""
+    for place in np.linspace(0, 8 * len(data) - 1, 30).astype(int):
         copy = bytearray(data)
         copy[place // 8] ^= 1 << (place % 8)
         yield bytes(copy)
@@ -212,25 +203,3 @@ def test_text_where_numbers_belong_and_stores_of_earlier_versions(tmp_path):
             open_sweep(tmp_path / "s")
         assert "\n" not in str(error.value)
         refused(tmp_path / "s", *scenes.squares(), said)
-
-
-FACTOR = 2.0
-
-
-def scaled(lane):
-    return {"y": FACTOR * lane["x"]}
-
-
-def test_fingerprints_see_what_a_function_uses(monkeypatch):
-    def with_closure(a):
-        return lambda lane: {"y": a * lane["x"]}
-
-    assert digest(with_closure(1.0)) == digest(with_closure(1.0)) != digest(with_closure(2.0))
-    assert digest(with_closure(np.ones(2))) != digest(with_closure(np.ones(3)))
-    before = digest(scaled)
-    monkeypatch.setattr(sys.modules[__name__], "FACTOR", 3.0)
-    assert digest(scaled) != before
-    assert digest(lambda x: x + 1) != digest(lambda x: x + 2)
-    assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
-    with pytest.raises(Scan2FlexError, match="cannot identify the content of a Generator"):
-        digest(np.random.default_rng(0))

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting import fit
+from scan2flex_jax.inference import fit
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.sweep import (
@@ -32,8 +32,6 @@ from tests.fitting import scenes as studies
 
 from . import scenes
 
-pytestmark = pytest.mark.slow
-
 
 @pytest.fixture(scope="module")
 def swept():
@@ -41,6 +39,7 @@ def swept():
     return sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, chunk=4, progress=lines.append), lines
 
 
+@pytest.mark.slow
 def test_every_lane_is_the_equilibrium_alone(swept):
     found, _ = swept
     for span in scenes.SPANS[:2]:
@@ -54,6 +53,7 @@ def test_every_lane_is_the_equilibrium_alone(swept):
             np.testing.assert_allclose(lane["reaction_force"], e.reactions()[0], rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_clamps_too_far_apart_fail_alone_and_are_named(swept):
     found, _ = swept
     names = {f"span=1.5, bending_stiffness={x:g}" for x in scenes.STIFFNESSES}
@@ -65,6 +65,7 @@ def test_clamps_too_far_apart_fail_alone_and_are_named(swept):
         assert np.all(nan[bad.ravel()]) and not np.any(nan[~bad.ravel()])
 
 
+@pytest.mark.slow
 def test_labels_units_and_progress(swept):
     found, lines = swept
     assert isinstance(found, xr.Dataset)
@@ -75,6 +76,7 @@ def test_labels_units_and_progress(swept):
     assert any("chunk 2 of 2 kept, 6 of 6 lanes, 2 failed" in line for line in lines)
 
 
+@pytest.mark.slow
 def test_a_vectorised_batch_gives_what_the_loop_gives(swept):
     """On a mesh, in the order of cost, with a last batch that is filled up: only rounding differs, and a failed lane harms no
     other."""
@@ -119,6 +121,7 @@ def test_draws_have_one_dimension_and_their_inputs_as_coordinates():
     assert found["size"].dims == ("draw",) and found["tilt"].units == "rad"
 
 
+@pytest.mark.slow
 def test_fits_from_guesses_are_the_fits_alone():
     study = replace(studies.example(), poses=studies.example().fit_poses)
     lanes = grid(guess_bending_stiffness=Axis([0.05, 0.2], "N m^2"), guess_torsional_stiffness=Axis([0.3], "N m^2"))
@@ -133,6 +136,7 @@ def test_fits_from_guesses_are_the_fits_alone():
         assert float(lane["rms"]) == alone.rms() and 0 <= float(lane["out_of_balance"]) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_guess_for_a_known_quantity_is_refused():
     lanes = grid(guess_length=Axis([1.0], "m"))
     said = failed(sweep(fits(studies.example()), lanes))["guess_length=1"]

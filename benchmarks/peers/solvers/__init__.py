@@ -21,13 +21,12 @@ class Found(NamedTuple):
 
 
 class Peer(NamedTuple):
-    """A program and how it is used: its module here, the library it needs, sizes to run (elements, or tolerances)."""
+    """A program and how it is used: its module here, its library, sizes to run (elements, or tolerances)."""
 
     name: str
-    family: str
     what: str
     module: str
-    needs: str
+    library: str
     sizes: tuple
     given: tuple = ()
 
@@ -37,26 +36,19 @@ class Peer(NamedTuple):
         return dict(self.given)
 
     def missing(self) -> str | None:
-        """Why it cannot be run by this interpreter, in a sentence."""
-        if find_spec(self.needs) is None:
-            return f"{self.needs} is not installed: pip install -e '.[peers]', or name an interpreter that has it"
+        """Why it cannot be run, in a sentence."""
+        if find_spec({"pyelastica": "elastica"}.get(self.library, self.library)) is None:
+            return f"{self.library} is not installed: pip install -e '.[peers]'"
         return None
 
 
 MESHES = (10, 20, 40, 80, 160)
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-DIRECT, RELAXATION = "direct", "relaxation"
-_CENTRED = (("centred", True),)
 _ALL = (
-    Peer("scan2flex_jax", DIRECT, "mixed Newton from its own generic start", "ours", "jax", MESHES),
-    Peer("scan2flex_jax, BFGS", DIRECT, "optimistix BFGS, its reference", "ours", "jax", MESHES[:3], (("solver", "bfgs"),)),
-    Peer("solve_bvp", DIRECT, "scipy's collocation of the continuous equations, own mesh", "collocation", "scipy", TOLERANCES),
-    Peer("CasADi + IPOPT", DIRECT, "the same discrete energy, exact Hessians", "nonlinear_program", "casadi", MESHES),
-    Peer("PyElastica", RELAXATION, "end elements fixed", "elastica_rod", "elastica", MESHES[:3]),
-    Peer("PyElastica, centred", RELAXATION, "end elements centred on clamps", "elastica_rod", "elastica", MESHES[:3], _CENTRED),
-    Peer("MuJoCo cable", RELAXATION, "plugin of 3.x, end links fixed", "mujoco_cable", "mujoco", MESHES[:4]),
-    Peer("MuJoCo cable, centred", RELAXATION, "end links centred on clamps", "mujoco_cable", "mujoco", MESHES[:4], _CENTRED),
-    Peer("MuJoCo flex", RELAXATION, "rod of 4.x, end edges fixed", "mujoco_flex", "mujoco", MESHES[:4]),
-    Peer("MuJoCo flex, centred", RELAXATION, "end edges centred on clamps", "mujoco_flex", "mujoco", MESHES[:4], _CENTRED),
+    Peer("scan2flex_jax", "mixed Newton from its own generic start", "ours", "jax", MESHES),
+    Peer("scan2flex_jax, BFGS", "optimistix BFGS, its reference", "ours", "jax", MESHES[:3], (("solver", "bfgs"),)),
+    Peer("solve_bvp", "scipy's collocation of the continuous equations, own mesh", "collocation", "scipy", TOLERANCES),
+    Peer("PyElastica", "end elements centred on clamps", "elastica_rod", "pyelastica", MESHES[:3]),
+    Peer("MuJoCo flex", "end edges centred on clamps", "mujoco_flex", "mujoco", MESHES[:4]),
 )
 PEERS = {p.name: p for p in _ALL}

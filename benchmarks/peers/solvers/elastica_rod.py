@@ -5,8 +5,8 @@ gyration of half an element, which makes shearing no faster than stretching and 
 allows; the damping is close to critical for the slowest mode.
 
 PyElastica holds frames on elements. Clamped as in its own examples, a whole element at the clamp stays straight, an error of
-first order. ``centred`` puts the middle of that element into the clamp instead: the rod is then half an element longer at each
-clamp, and points are the elements' middles.
+first order; with the middle of that element in the clamp, as here, the error is of second order: the rod is half an element
+longer at each clamp, and points are the elements' middles.
 """
 
 import elastica as ea
@@ -26,17 +26,17 @@ class Scene(ea.BaseSystemCollection, ea.Constraints, ea.Forcing, ea.Damping):
     """One rod in the world."""
 
 
-def prepare(problem, elements, centred=False):
+def prepare(problem, elements):
     """A function that builds the rod on the start curve and lets it settle; compiles by a few steps first."""
-    _run(problem, elements, centred, longest=0.0)
-    return lambda: _run(problem, elements, centred)
+    _run(problem, elements, longest=0.0)
+    return lambda: _run(problem, elements)
 
 
-def _run(problem, elements, centred, **limit) -> list[Found]:
-    ds, rod = _rod(problem, elements, centred)
-    scene, step = _scene(problem, rod, ds, centred)
+def _run(problem, elements, **limit) -> list[Found]:
+    ds, rod = _rod(problem, elements)
+    scene, step = _scene(problem, rod, ds)
     stepper, time = ea.PositionVerlet(), np.float64(0.0)
-    s = _stations(problem, rod.n_elems, ds, centred)
+    s = _stations(problem, rod.n_elems, ds)
     period = 2 * np.pi / problem.slowest
     count = max(1, int(period / _CHECKS / step))
 
@@ -47,14 +47,14 @@ def _run(problem, elements, centred, **limit) -> list[Found]:
 
     def state():
         speed = np.sqrt(np.max(np.sum(rod.velocity_collection**2, axis=0)))
-        return s, _points(problem, rod.position_collection.T, centred), speed
+        return s, _points(problem, rod.position_collection.T), speed
 
     return relax(problem, advance, state, count * float(step), **limit)
 
 
-def _rod(problem, elements, centred):
+def _rod(problem, elements):
     """Element length, and the rod on the start curve."""
-    ds, points, frames = start_chain(problem, elements, centred)
+    ds, points, frames = start_chain(problem, elements)
     count = len(frames)
     rod = ea.CosseratRod.straight_rod(
         count, np.zeros(3), problem.start_frame[:, 2], problem.start_frame[:, 0], count * ds, _RADIUS,
@@ -71,11 +71,10 @@ def _rod(problem, elements, centred):
     return ds, rod
 
 
-def _scene(problem, rod, ds, centred):
+def _scene(problem, rod, ds):
     scene = Scene()
     scene.append(rod)
-    ends = ((0,), (-1,)) if not centred else ((0, 1), (-2, -1))
-    positions = ends[0] + (() if problem.free else ends[1])
+    positions = (0, 1) if problem.free else (0, 1, -2, -1)
     held = {"constrained_position_idx": positions, "constrained_director_idx": (0,) if problem.free else (0, -1)}
     scene.constrain(rod).using(ea.FixedConstraint, **held)
     gravity = np.array([0.0, 0.0, -problem.weight / problem.density])
@@ -87,15 +86,11 @@ def _scene(problem, rod, ds, centred):
     return scene, step
 
 
-def _stations(problem, count, ds, centred):
-    if not centred:
-        return np.arange(count + 1) * ds
+def _stations(problem, count, ds):
     s = np.arange(count) * ds
     return np.append(s, problem.length) if problem.free else s
 
 
-def _points(problem, nodes, centred):
-    if not centred:
-        return nodes
+def _points(problem, nodes):
     middles = 0.5 * (nodes[1:] + nodes[:-1])
     return np.vstack([middles, nodes[-1:]]) if problem.free else middles

@@ -1,0 +1,266 @@
+"""The paper's Section 6.2: the influence of guesses, of turned clamps and of stiffness on the estimates.
+
+`python -m benchmarks.sensitivity [PART ...]` from the repository's root writes `benchmarks/results/sensitivity.json` and
+pictures to `docs/sensitivity`. The cable is the one of `benchmarks.paper`. Parts:
+
+    guesses      recovery of EI and GJ from 5 x 5 and 33 x 33 guesses: least squares (also from the guess alone, with no other
+                 start), BFGS, Nelder-Mead; guesses are taken in a random order for as long as there is time
+    clamps       six clamps of three poses turned at random, by up to 3 degrees, unknown to the study (the paper's Fig. 5):
+                 errors, the share of their variance that is linear in the turns, and the effect of a prior on the orientations
+    cantilever   relative error of EI over EI/(g rhoA) of a cantilever whose tip is measured to 1 mm (Section 2.4): the error of
+                 the sinking u over its slope by log EI, and its limit for stiff cables, dEI/EI = 8 EI du/(w L^4), w = g rhoA
+
+Every sweep is kept on disk (`build/sensitivity`): a run that is killed, or whose time is up, goes on from there.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import numpy as np
+
+from benchmarks import paper
+from benchmarks.record import RESULTS, conclude, record
+from scan2flex_jax import Boundary, Cable, CableModel, equilibrium, plot
+from scan2flex_jax.fitting.least_squares import levenberg_marquardt
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.study import Tolerance
+from scan2flex_jax.sweep import Axis, Calls, Outcome, Output, Traced, draws, fits, grid, noisy, random_turns, sweep, turned
+from scan2flex_jax.sweep.definition import versions
+from scan2flex_jax.sweep.task import NOT_RUN
+
+ROOT = Path(__file__).parents[1]
+METHODS = ("least-squares", "guess alone", "bfgs", "nelder-mead")
+TILT = np.deg2rad(3.0)  # the paper's largest turn of a clamp
+NOISE = 3.0e-4  # m, white, of the curves in the study with a prior: no curve is exact, and the prior is weighed against it
+PRIOR = TILT / 3.0  # rad about each axis: an angle even in +-3 degrees about an axis anywhere has this standard deviation
+DRAWS = 1000
+TIP_ERROR = 1.0e-3  # m, standard deviation of the measured sinking of the tip
+VALUES = np.logspace(-3, 1, 33)  # EI, N m^2
+ALONG_X = np.array([0.5, 0.5, 0.5, 0.5])  # quaternion: d3 = +x
+
+
+class Store:
+    """Results of all parts (those of the last run where a part is not run again), and the time that a sweep may take."""
+
+    def __init__(self, longest: float):
+        path = RESULTS / "sensitivity.json"
+        self.results = json.loads(path.read_text())["results"] if path.exists() else {}
+        self.longest = longest
+
+    def sweep(self, name: str, task, samples, **options):
+        """The samples that there was time for; a change of the package begins anew, in another folder."""
+        folder = ROOT / "build" / "sensitivity" / versions()["scan2flex_jax"] / "".join(c if c.isalnum() else "-" for c in name)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        return sweep(task, samples, store=folder, longest=self.longest, **options)
+
+    def keep(self, part: str, name: str, figures: dict) -> None:
+        """Record the figures of one sweep."""
+        self.results.setdefault(part, {})[name] = figures
+        sys.stderr.write(f"{part}, {name}: {json.dumps(figures)}\n")
+        record("sensitivity", self.results)
+
+
+def done(found) -> np.ndarray:
+    """The samples that were run, as a mask."""
+    return found["code"].values != NOT_RUN
+
+
+def save(figure, name: str) -> None:
+    plot.save(figure, ROOT / "docs" / "sensitivity" / f"{name}.png", dpi=80)
+    plt.close(figure)
+
+
+def guesses(store: Store) -> None:
+    study = paper.simulated()
+    for n in (5, 33):
+        axis = Axis(paper.guesses(n), "N m^2")
+        samples = grid(guess_bending_stiffness=axis, guess_torsional_stiffness=axis)
+        order = np.random.default_rng(0).permutation(n * n)
+        for method in METHODS if n == 5 else ("least-squares", "bfgs", "nelder-mead"):
+            task = alone(study) if method == "guess alone" else fits(study, method=method)
+            found = store.sweep(f"guesses {n} x {n}, {method}", task, samples, chunk=5, cost=order)
+            ran, right = done(found), paper.recovered(*(found[name].values for name in paper.STIFF))
+            steps, seconds = found["steps"].values[ran], found["seconds"].values[ran]
+            store.keep("guesses", f"{n} x {n}, {method}", {
+                "guesses": int(ran.size), "run": int(ran.sum()), "recovered": int(right[ran].sum()),
+                "failed": int(np.sum(found["code"].values[ran] != 0)), "equilibria": int(steps.sum()),
+                "median equilibria": float(np.median(steps)), "seconds": float(seconds.sum()),
+                "median_s": float(np.median(seconds)),
+            })  # fmt: skip
+            figure, ax = plt.subplots(figsize=(6.2, 4.0), layout="constrained")
+            ax.set_title(f"{method}: {right[ran].sum()} of {ran.sum()} recovered", fontsize=10)
+            plot.basins(found, ax)
+            save(figure, f"guesses-{method.replace(' ', '-')}-{n}")
+
+
+def alone(study) -> Calls:
+    """Least squares from the guess only."""
+    problem = Problem(study)
+    goal = problem.goal(np.full(problem.poses.count, 1e-3))
+
+    def descend(sample):
+        before = problem.evaluator.equilibria
+        found = levenberg_marquardt(goal, np.log([sample[f"guess_{name}"] for name in paper.STIFF]))
+        solved, verdict = problem.evaluator.equilibria - before, found.evaluation.verdict
+        if not np.isfinite(found.cost):
+            return Outcome({}, int(np.max(verdict.code)), "a pose at the guess is not solved", stable=False, steps=solved)
+        values = dict(zip(paper.STIFF, np.exp(found.shared), strict=True)) | {"cost": found.cost}
+        return Outcome(values, steps=solved, out_of_balance=float(np.max(verdict.out_of_balance)))
+
+    outputs = {name: Output("N m^2") for name in paper.STIFF} | {"cost": Output()}
+    return Calls(descend, outputs, {"study": study, "function": "levenberg_marquardt"})
+
+
+def perturbed(study, sample):
+    """Clamps that the study does not know to be turned; the fit begins from the truth, as the paper's does."""
+    return paper.guessed(turned(study, sample["tilt"]), paper.TRUTH.values())
+
+
+def perturbed_and_noisy(study, sample):
+    """The same with noisy curves, whose noise the study states."""
+    return perturbed(noisy(study, NOISE, int(sample["seed"])), sample)
+
+
+def with_prior(study, sample):
+    """The same with the orientations of the clamps as unknowns under their prior."""
+    return replace(perturbed_and_noisy(study, sample), tolerance=Tolerance(clamp_rotation=PRIOR))
+
+
+def mirrored(study, sample):
+    """Turns out of the plane of the plane pose only: none about d2 of its clamps, the axis of its bending."""
+    return perturbed(study, {"tilt": sample["tilt"] * np.array([1.0, 0.0, 1.0])})
+
+
+def plane():
+    """The plane pose alone, which does not determine GJ: it is known."""
+    study = paper.simulated()
+    unknowns = tuple(u for u in study.unknowns if u.name == "bending_stiffness")
+    cable = {**study.cable, "torsional_stiffness": paper.GJ}
+    return replace(study, cable=cable, unknowns=unknowns, poses=(study.pose("plane"),))
+
+
+def tolerant():
+    return replace(paper.simulated(), tolerance=Tolerance(clamp_rotation=PRIOR))
+
+
+CASES = {  # the study, its change by a sample, options of the fit, the largest angle, number of draws
+    "exact shapes": (paper.simulated, perturbed, {}, TILT, DRAWS),
+    "noise, clamps with a prior": (tolerant, with_prior, {}, TILT, DRAWS),
+    "exact shapes, a third of the angle": (paper.simulated, perturbed, {}, TILT / 3, 250),
+    "noise": (paper.simulated, perturbed_and_noisy, {}, TILT, 250),
+    "exact shapes, the paper's distance": (paper.simulated, perturbed, {"distance": "integrated"}, TILT, 100),
+    "plane pose alone, turned out of its plane": (plane, mirrored, {}, TILT, 100),
+}
+
+
+def clamps(store: Store) -> None:
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.2), layout="constrained", sharex=True, sharey=True)
+    panels = iter(axes)
+    for name, (make, change, options, largest, count) in CASES.items():
+        study = make()
+        turns = random_turns(DRAWS, len(study.poses), largest)[:count]
+        samples = draws(tilt=Axis(turns, "rad"), seed=Axis(np.arange(float(count))))
+        found = store.sweep(f"clamps {name}", fits(study, change, **options), samples, chunk=10)
+        store.keep("clamps", name, errors(found))
+        if count == DRAWS:
+            scattered(next(panels), found, name)
+    save(figure, "clamps")
+
+
+def errors(found) -> dict:
+    """Of the logarithms of the estimates against the truth: mean, its standard error, spread, share below, linear share."""
+    ran, solved, low = done(found), found["code"].values == 0, []
+    out = {"draws": int(ran.sum()), "failed": int(np.sum(ran & ~solved))}
+    for name, value in ((n, v) for n, v in paper.TRUTH.items() if n in found):
+        log = np.log(found[name].values[solved] / value)
+        low.append(log < 0)
+        out[name] = {
+            "mean": float(np.mean(log)), "standard error": float(np.std(log, ddof=1) / np.sqrt(len(log))),
+            "spread": float(np.std(log, ddof=1)), "underestimated": float(np.mean(low[-1])),
+        } | linear_share(found["tilt"].values[solved], log)  # fmt: skip
+    return out | ({"both underestimated": float(np.mean(low[0] & low[1]))} if len(low) == 2 else {})
+
+
+def linear_share(turns, log) -> dict:
+    """Share of the variance that is linear in the turns, cross-validated; from five draws a component on."""
+    X = turns.reshape(len(turns), -1)
+    if len(X) < 5 * X.shape[1]:
+        return {}
+    X, left = np.column_stack([np.ones(len(X)), X]), np.empty_like(log)
+    for fold in range(5):
+        held = np.arange(len(log)) % 5 == fold
+        left[held] = log[held] - X[held] @ np.linalg.lstsq(X[~held], log[~held], rcond=None)[0]
+    return {"linear in the turns": float(1.0 - np.var(left) / np.var(log))}
+
+
+def scattered(ax, found, name) -> None:
+    """Both estimates of every draw with the truth marked."""
+    x, y = (found[k].values for k in paper.STIFF)
+    ax.plot(x, y, ".", ms=3, color="#888888", alpha=0.6)
+    ax.plot(paper.EI, paper.GJ, "s", color="#c1272d", ms=7, label="truth")
+    ax.plot(np.exp(np.nanmean(np.log(x))), np.exp(np.nanmean(np.log(y))), "+", color="k", ms=12, label="mean")
+    ax.set(xlabel="estimate of EI (N m$^2$)", ylabel="estimate of GJ (N m$^2$)")
+    ax.set_title(f"{name} ({np.isfinite(x).sum()} draws)", fontsize=10)
+    ax.legend(frameon=False, fontsize=8)
+
+
+def tip(log_EI):
+    """Sinking of the tip (m) of a horizontal cantilever, and its status."""
+    model = CableModel(Cable(paper.LENGTH, paper.DENSITY, jnp.exp(log_EI), paper.GJ), jnp.array([0.0, 0.0, -paper.G]))
+    e = equilibrium(model, Boundary.of((np.zeros(3), ALONG_X)))
+    return -e.points[-1, 2], e.verdict
+
+
+def slope_of_tip(inputs):
+    slope, verdict = jax.jacfwd(tip, has_aux=True)(jnp.log(inputs["bending_stiffness"]))
+    return {"slope": slope}, verdict
+
+
+def cantilever(store: Store) -> None:
+    found = sweep(Traced(slope_of_tip, {"slope": Output("m")}), grid(bending_stiffness=Axis(VALUES, "N m^2")))
+    w = paper.DENSITY * paper.G
+    error, formula = TIP_ERROR / np.abs(found["slope"].values), 8.0 * VALUES * TIP_ERROR / (w * paper.LENGTH**4)
+    stiff = VALUES / (w * paper.LENGTH**3) > 1.0
+    over = (error / formula)[stiff]
+    store.keep("cantilever", "error of EI", {
+        "EI/(g rhoA) (m^3)": (VALUES / w).tolist(), "error of the tip (m)": TIP_ERROR, "relative error of EI": error.tolist(),
+        "measured over formula, EI/(w L^3) above 1": [float(over.min()), float(over.max())],
+        "power of EI/(g rhoA), stiff half": float(np.polyfit(np.log(VALUES[stiff]), np.log(error[stiff]), 1)[0]),
+    })  # fmt: skip
+    figure, ax = plt.subplots(figsize=(5.6, 4.0), layout="constrained")
+    ax.loglog(VALUES / w, error, color="#c1272d", lw=1.5, label="measured: 1 mm over the slope of the tip")
+    ax.loglog(VALUES / w, formula, "--", color="k", lw=1.0, label=r"$8\,\Delta u\,EI/(g\rho A\,L^4)$")
+    ax.set(xlabel="EI/(g rhoA) (m$^3$), cable of 1 m", ylabel="relative error of EI (-)")
+    ax.legend(frameon=False, fontsize=8)
+    save(figure, "cantilever")
+
+
+PARTS = {"cantilever": cantilever, "clamps": clamps, "guesses": guesses}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.sensitivity", description=__doc__.splitlines()[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    parser.add_argument("--longest", type=float, default=1800.0, help="seconds for one sweep; the next run goes on")
+    args = parser.parse_args()
+    if unknown := set(args.parts) - set(PARTS):
+        parser.error(f"no part is called {min(unknown)!r}: they are {', '.join(PARTS)}")
+    jax.config.update("jax_enable_x64", True)
+    mpl.use("Agg")
+    store = Store(args.longest)
+    for name in args.parts or PARTS:
+        PARTS[name](store)
+    median = {method: store.results["guesses"][f"5 x 5, {method}"]["median equilibria"] for method in METHODS}
+    ratios = {f"equilibria, 5 x 5, least-squares over {m}": median["least-squares"] / median[m] for m in METHODS[2:]}
+    conclude("sensitivity", store.results, ratios)
+
+
+if __name__ == "__main__":
+    main()

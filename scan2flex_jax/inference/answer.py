@@ -1,0 +1,300 @@
+"""The opening lines of a result: rounded estimates and relative intervals, sensitivities, error on unseen poses, and belief.
+
+A `Fit` and an `Explanation` have one `Answer` each; the summary and the report open with it. The sensitivities to length and
+mass are those of `fitting.influence`. A value has as many digits as its interval resolves (`digits_of`).
+"""
+
+import textwrap
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.inference.influence import STATED, Influence
+from scan2flex_jax.study.check import NO_VALIDATE, study_warnings
+from scan2flex_jax.study.model import Study
+
+GOOD, FAIR, BAD = "good", "fair", "bad"
+UNBELIEVED = "(no interval: not to be believed)"
+SYMBOLS = {
+    "bending_stiffness": "EI", "torsional_stiffness": "GJ", "axial_stiffness": "EA", "shear_stiffness": "GA",
+    "length_density": "rho A", "length": "L",
+}  # fmt: skip
+_WORDS = {"length": "length", "length_density": "mass"}
+_MOST = 6  # largest number of entries of an estimate in the answer: a field along the cable is only in the details
+_EXPLAIN = "; `scan2flex explain` looks for what is missing"
+_WIDTH = 116  # columns of the answer on a terminal
+_LINEAR = 10.0  # factor beyond which a formula of first order says nothing
+_SAME = 0.05  # relative difference of sensitivities that are reported as one
+
+
+@dataclass(frozen=True)
+class Row:
+    """One estimate in words: its ``name`` in the format, ``symbol``, ``value`` with unit, 95 % ``interval`` relative to it, and
+    a ``note``. ``value`` and ``interval`` are empty if the poses do not determine it; an answer that is not to be believed has
+    no intervals."""
+
+    name: str
+    symbol: str
+    value: str
+    interval: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """``rows`` of the estimates, the stated values they ``rest`` on with sensitivities, the error on ``unseen`` poses, whether
+    to believe it (``belief``, with its ``tone``: good, fair or bad), the ``warnings`` of `check`, and further ``doubts``."""
+
+    rows: tuple[Row, ...]
+    rest: str
+    unseen: str
+    belief: str
+    tone: str
+    warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    def lines(self) -> list[str]:
+        """In plain text; where the answer is not to be believed, that comes before any value."""
+        wide = max((len(row.symbol) for row in self.rows), default=0)
+        values = max((len(row.value) for row in self.rows), default=0)
+        spans = max((len(row.interval) for row in self.rows), default=0)
+        rows = [f"  {r.symbol:<{wide}}  {r.value:<{values}}  {r.interval:<{spans}}  {r.note}".rstrip() for r in self.rows]
+        belief = [("believe it?", self.belief), *(("", doubt) for doubt in self.doubts)]
+        first, last = (belief, []) if self.tone == BAD else ([], belief)
+        said = [("rests on", self.rest), ("unseen poses", self.unseen), *last]
+        said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]
+        return [*_wrapped(first), *rows, *_wrapped(said)]
+
+
+def _wrapped(said) -> list[str]:
+    """Lines of labels with their texts."""
+    out = []
+    for label, text in said:
+        out += textwrap.wrap(text, _WIDTH, initial_indent=f"  {label:<14}", subsequent_indent=" " * 16, break_on_hyphens=False)
+    return out
+
+
+def rows_of(study: Study, estimates: Mapping) -> tuple[Row, ...]:
+    """One row for each number of the estimates (`fitting.result.Estimate` by name), stiffnesses first."""
+    order = sorted(estimates, key=lambda name: list(SYMBOLS).index(name) if name in SYMBOLS else len(SYMBOLS))
+    return tuple(row for name in order for row in _rows(study, name, estimates[name]))
+
+
+def _rows(study, name, e):
+    values = np.ravel(e.value)
+    if len(values) > _MOST:
+        return
+    low, high = (np.full(len(values), np.nan) if x is None else np.ravel(x) for x in (e.low, e.high))
+    unit = "" if e.unit == "-" else f" {e.unit}"
+    for i, v in enumerate(values):
+        symbol, stated = symbol_of(name, i if np.ndim(e.value) else None), study.cable.get(name)
+        notes = [change_in_words(v, float(np.max(stated)))] if name == "length" and stated is not None else []
+        notes += ["at a bound of its range: widen the range, or question the model"] if e.at_bound else []
+        if e.identifiable and e.low is None:
+            yield Row(name, symbol, f"{number(v, 3)}{unit}", UNBELIEVED, "; ".join(notes))
+            continue
+        if not (e.identifiable and np.isfinite(low[i]) and np.isfinite(high[i])):
+            yield Row(name, symbol, "", "", "; ".join(["not determined by these poses", *notes]))
+            continue
+        digits = digits_of(v, low[i], high[i])
+        interval = f"({number(low[i], 3)} to {number(high[i], 3)})"
+        if low[i] * high[i] > 0:  # no relative interval for a value that may be zero
+            interval = f"({percent(low[i] / v - 1)} {percent(high[i] / v - 1)})"
+        yield Row(name, symbol, f"{number(v, digits)}{unit}", interval, "; ".join(notes))
+
+
+def symbol_of(name: str, entry: int | None = None) -> str:
+    """The symbol of a quantity, with the number of the entry if there are several: EI, EI1, EI2; anchor[0] (tether)."""
+    if name in SYMBOLS:
+        return SYMBOLS[name] + ("" if entry is None else f"{entry + 1}")
+    kind, _, parameter = name.replace("_", " ").replace("[", " ").replace("]", "").rpartition(".")
+    return parameter + ("" if entry is None else f"[{entry}]") + (f" ({kind})" if kind else "")
+
+
+def change_in_words(value: float, stated: float) -> str:
+    """The change of a value from the stated one: ``+0.12 mm from the stated 1.2 m``."""
+    return f"{number(1e3 * (value - stated), 2, sign=True)} mm from the stated {stated:g} m"
+
+
+def digits_of(value: float, low: float, high: float, least: int = 3) -> int:
+    """Significant digits that resolve an interval: one digit of its width, ``least`` to nine in all."""
+    width = abs(high - low)
+    if not (np.isfinite(width) and width > 0 and value):
+        return least
+    return int(np.clip(1 + np.ceil(np.log10(abs(value) / width)), least, 9))
+
+
+def number(value: float, digits: int, sign: bool = False) -> str:
+    """``value`` with ``digits`` significant digits, trailing zeros included, and optionally its sign."""
+    text = f"{value:{'+' if sign else ''}#.{digits}g}"
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa.rstrip('.')}{e}{exponent}"
+
+
+def percent(share: float) -> str:
+    """A relative change in per cent, to two digits and with its sign."""
+    if not np.isfinite(share):
+        return "unknown"
+    return f"{two_digits(100.0 * share, sign=True)} %"
+
+
+def two_digits(value: float, sign: bool = False) -> str:
+    """``value`` with two significant digits, never with an exponent, and optionally its sign."""
+    return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-", sign=sign)
+
+
+def in_mm(metres: float) -> str:
+    """Text in millimetres: three decimals from 1 mm on, three significant digits below."""
+    return f"{1e3 * metres:.3f}" if metres >= 1e-3 or not metres else number(1e3 * metres, 3)
+
+
+def noise_in_words(noise: Noise, length: float) -> str:
+    """The noise of one normal component in millimetres; ``length`` (m) is that of the cable."""
+    over = f"{1e3 * noise.correlation_length:.0f} mm, per normal"
+    said = f"white {in_mm(noise.white)} mm, correlated {in_mm(noise.correlated)} mm over {over}"
+    return f"{said}; the least that is assumed: the shapes show less" if noise.assumed(length) else said
+
+
+def rests_on(study: Study, influence: Influence | None, lost: Collection[str] = ()) -> str:
+    """Length and mass with their tolerances, and the change of the estimates per cent of each, except those ``lost`` (symbols),
+    which the poses do not determine."""
+    parts = [part for part in (_stated(study, name) for name in STATED) if part]
+    moved = [_sensitivity(study, name, influence, lost) for name in (STATED[1], STATED[0])] if influence is not None else []
+    said = " and ".join(parts) or "neither a stated length nor a stated mass"
+    return ": ".join([said, *filter(None, ["; ".join(filter(None, moved))])])
+
+
+def _stated(study, name):
+    value, tolerance = study.known(name), getattr(study.tolerance, name)
+    if value is None:
+        return _elsewhere(study, name)
+    value, length = float(np.max(value)), study.known("length")
+    said = f"{_WORDS[name]} {value:.4g} m"
+    if name == "length_density":
+        said = f"mass per metre {value:.4g} kg/m" if length is None else f"mass {value * float(np.max(length)):.4g} kg"
+    known = f"+- {100 * tolerance / value:.2g} %, which is in the intervals" if tolerance else "taken as exact"
+    return f"{said} ({known})"
+
+
+def _elsewhere(study, name):
+    """A stated prior of an unknown length or mass per length."""
+    unknown = next((u for u in study.unknowns if u.name == name), None)
+    if unknown is None or unknown.prior is None:
+        return ""
+    mean, std = (float(np.max(unknown.prior[k])) for k in ("mean", "std"))
+    what = "length" if name == "length" else "mass per metre"
+    return f"{what} measured as {mean:.4g} +- {100 * std / mean:.2g} % (which is in the intervals)"
+
+
+def _sensitivity(study, name, influence, lost):
+    """``1 % of mass is 1 % of EI and GJ``."""
+    if name not in influence.stated:
+        return ""
+    found = [
+        (_label(label), float(s))
+        for label, s, log in zip(influence.labels, influence.stated[name], influence.logs, strict=True)
+        if log and np.isfinite(s) and "." not in label and _label(label) not in lost
+    ]
+    groups: list[tuple[list[str], float]] = []
+    for symbol, s in found:
+        near = next((names for names, own in groups if abs(own - s) < _SAME * max(abs(own), abs(s), 0.1)), None)
+        if near is None:
+            groups.append(([symbol], s))
+        else:
+            near.append(symbol)
+    if not groups:
+        return ""
+    of = " (at this mass per metre)" if name == "length" and study.known("length_density") is not None else ""
+    return f"1 % of {_WORDS[name]}{of} is " + ", ".join(f"{two_digits(s)} % of {' and '.join(names)}" for names, s in groups)
+
+
+def _label(label: str) -> str:
+    name, bracket, entry = label.partition("[")
+    return symbol_of(name, int(entry.rstrip("]")) if bracket else None)
+
+
+def distance_in_words(rms: float, length: float) -> str:
+    """``0.43 mm RMS (0.036 % of the length)``."""
+    return f"{1e3 * rms:.3g} mm RMS ({percent(rms / length).lstrip('+')} of the length)"
+
+
+def warnings_of(study: Study) -> tuple[str, ...]:
+    """The warnings of `check`, without the one that the belief repeats."""
+    return tuple(w for w in study_warnings(study) if w != NO_VALIDATE)
+
+
+def moved_in_words(influence: Influence | None, pose: str) -> str:
+    """Change of the stiffnesses when a pose is left out: ``EI -0.3 %, GJ +1.2 %``; empty for a pose that was not fitted."""
+    if influence is None or len(influence.poses) < 2:
+        return ""
+    changes, said = influence.of_pose(pose), []
+    for (label, change), log in zip(changes.items(), influence.logs, strict=False):
+        if log and "." not in label:
+            said.append(f"{_label(label)} {percent(change) if 1.0 / _LINEAR < 1.0 + change < _LINEAR else 'not determined'}")
+    return ", ".join(said)
+
+
+def answer_of(fit) -> Answer:
+    """The answer of a `Fit`."""
+    doubts = () if fit.mistakes else fit.doubts
+    return compose(fit.study, fit.estimates, fit.influence, _unseen(fit), *_belief(fit), doubts)
+
+
+def compose(
+    study: Study, estimates: Mapping, influence: Influence | None, unseen: str, tone: str, belief: str,
+    doubts: tuple[str, ...] = (),
+) -> Answer:
+    """An answer; the belief names undetermined estimates, and neither doubts nor warnings repeat a sentence before them."""
+    rows = rows_of(study, estimates)
+    lost = [row.symbol for row in rows if not row.value]
+    belief += f"; these poses do not determine {' and '.join(lost)}" if lost and tone != BAD else ""
+    doubts = tuple(d for d in doubts if d not in belief)
+    warnings = tuple(w for w in warnings_of(study) if w not in doubts)
+    return Answer(rows, rests_on(study, influence, lost), unseen, belief, tone, warnings, doubts)
+
+
+def _unseen(fit):
+    """The error on validate poses; without them, on fitted poses left out in turn."""
+    length, poses = fit.problem.length, [p for p in fit.poses.values() if p.role == "validate"]
+    rms = fit.rms("validate")
+    if poses and np.isfinite(rms) and all(p.stable for p in poses):
+        return f"{distance_in_words(rms, length)} in {_count(len(poses))} that the fit never saw"
+    if poses:
+        return "not known: a validate pose could not be solved"
+    return left_out_in_words(None if fit.influence is None else fit.influence.rms(_points(fit)), length, len(fit.poses))
+
+
+def left_out_in_words(rms: float | None, length: float, poses: int) -> str:
+    """The error on poses left out in turn."""
+    if poses < 2:
+        return "not known: there is one pose only"
+    if rms is None or not np.isfinite(rms):
+        return "not known: a pose left out in turn is not predicted by the others"
+    return f"{distance_in_words(rms, length)} in poses left out in turn, to first order"
+
+
+def _points(fit):
+    return [len(p.residual) for p in fit.poses.values() if p.role == "fit"]
+
+
+def _count(poses: int) -> str:
+    return f"{poses} pose{'s' * (poses > 1)}"
+
+
+def _belief(fit) -> tuple[str, str]:
+    """Tone and sentence: no, with care, or yes, each with its reason."""
+    unsolved = [name for name, p in fit.poses.items() if not p.stable]
+    if fit.mistakes:
+        return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
+    if unsolved:
+        return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
+    judged = fit.sentences[-1]
+    if not fit.converged or fit.misfits:
+        return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
+    if fit.valid is False:
+        return BAD, f"no: {judged}{_EXPLAIN}"
+    if fit.doubts:
+        return FAIR, f"with care: {fit.doubts[0]}"
+    return (FAIR, f"with care: {judged}") if fit.valid is None else (GOOD, f"yes: {judged}")

@@ -1,0 +1,350 @@
+"""`explain`: which physics the model of a study lacks, with the error before and after."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from scan2flex_jax.compilation import make_room
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
+from scan2flex_jax.errors import NotSettledError
+from scan2flex_jax.fitting.least_squares import silent
+from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.inference import belief, variants
+from scan2flex_jax.inference import quantities as of
+from scan2flex_jax.inference.decision import (
+    ABSENT,
+    FAVOURED,
+    FOUND,
+    INCONCLUSIVE,
+    NAMED,
+    NONE,
+    PARTLY,
+    TIE,
+    TIED,
+    TOO_LITTLE,
+    UNEXPLAINED,
+    UNSOLVED,
+    Decision,
+    compared,
+    decide,
+    errors_of_input,
+    leads,
+)
+from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked, rms_over
+from scan2flex_jax.inference.fit_result import Fit
+from scan2flex_jax.inference.posterior import Fitted, Variant
+from scan2flex_jax.inference.search import Search
+from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.inference.words import FIELDS, Finding, listed
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.repeats import repeat_sentences
+from scan2flex_jax.study.sense import check_study
+
+_FINE = 0.1  # of the radius: a smaller residual of scans may be an error of their axis
+
+
+@threaded
+def explain(
+    study: Study,
+    *,
+    elements: int | None = None,
+    progress: Callable[[str], None] | None = None,
+    mesh: bool = True,
+    settings: Settings = USUAL,
+) -> Explanation:
+    """Search for physics that the baseline model lacks, in the ``fit`` poses of ``study``.
+
+    Every hypothesis (effects of the catalogue, sets of them, fields, memory, other turns, mistakes of the input) is scored
+    alike under one generative model (`inference.posterior`): by its log evidence, which orders the search, and by its log
+    predictive density of poses left out, of which eight decisions (`inference.decision`) make the verdict. ``validate`` poses
+    have no part in the scores, and may contradict the answer.
+
+    Args:
+        study: One cable. Distinguishing effects takes six poses or more, some of them not plane.
+        elements: Initial number of elements of the rod; None: as many as `fit` takes.
+        progress: Called with a line of text at each step.
+        mesh: False keeps the mesh, whatever its error.
+        settings: Priors of the model, and thresholds of the decisions.
+
+    Returns:
+        Verdict, table of hypotheses, estimates before and after, and the study with the effects declared. Poses that are not
+        solved give the verdict "not in equilibrium", never an exception; a study with likely input mistakes that no effect
+        outdoes is "unexplained".
+
+    Raises:
+        Scan2FlexError: The study cannot be fitted.
+
+    Examples:
+        >>> explain(load_study("my-cable")).verdict  # doctest: +SKIP
+        'explained'
+    """
+    check_study(study)
+    began, say = time.perf_counter(), progress or silent
+    scanned = any(pose.curve is None and pose.scan is not None for pose in study.fit_poses)
+    make_room()
+    try:
+        study = variants.on_axes(study, elements, say)
+        first, gates, coarse = variants.given(study, elements, mesh, scanned, settings, say)
+    except NotSettledError as fault:
+        return Explanation(study=study, verdict=UNSOLVED, sentences=(str(fault),), seconds=_since(began), settings=settings)
+    if isinstance(first, Fit):
+        return _mistaken(first.study, first.mistakes, began, settings)
+    search = Search([first], say).run()
+    if search.causes[0].discrepant and (stated := variants.stated_turns(study, first, say)) is not None:
+        search.extend(stated)
+    mistaken = [(mistake, v.empty) for mistake, v in variants.corrected(first, say)]
+    for variant in variants.remembering(search, say):
+        search.extend(variant, deeper=False)
+    decision = decide(search, mistaken, bool(coarse), lambda h: of.surprise(h, settings.surprise))
+    if decision.mistakes:
+        return _mistaken(first.fit.study, decision.mistakes, began, settings)
+    say("before and after")
+    answer = _explanation(first, search, decision, began, gates, coarse, scanned)
+    return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
+
+
+def _since(began: float) -> float:
+    return time.perf_counter() - began
+
+
+def _mistaken(study, mistakes, began, settings) -> Explanation:
+    """The explanation of a study with likely input mistakes."""
+    said = (*map(str, mistakes), str(Finding("mistaken")))
+    rest = {"seconds": _since(began), "mistakes": mistakes, "settings": settings}
+    return Explanation(study=study, verdict=UNEXPLAINED, sentences=said, **rest)
+
+
+def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, scanned) -> Explanation:
+    best, fitted = d.best, first.fit
+    study = best.variant.study
+    ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
+    chosen, poses = _chosen(d, ranking), _poses(d)
+    effects = tuple((kind, of.parameters_of(best, k)) for k, kind in enumerate(best.kinds))
+    field = d.description if d.verdict == UNEXPLAINED else None
+    load, pose_loads = of.equivalent_loads(d.empty)
+    discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
+    noise = best.variant.likelihood.noise(best.u)
+    told = (*repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
+    findings = _findings(d, chosen, poses, discrepancy, noise, coarse, scanned)
+    return Explanation(
+        study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),
+        fit=fitted,
+        verdict=d.verdict,
+        p_value=d.p_value,
+        noise=noise,
+        discrepancy=discrepancy,
+        scatter=of.scatter_of(best),
+        hypotheses=_table(search, d),
+        ranking=ranking,
+        chosen=chosen,
+        estimates={name: every[name] for name in fitted.estimates},
+        poses=poses,
+        settle=_settle(d) if d.verdict == TIE else (),
+        sentences=(*map(str, findings), *(s for law in laws for s in law.sentences()), *told),
+        gates=gates,
+        seconds=_since(began),
+        load=load,
+        pose_loads=pose_loads,
+        description=None if field is None else _ranked(field, 0, field.score - d.empty.score, "description"),
+        laws=laws,
+        decision=d,
+        scored=tuple(h for h in search.ranked if h.variant is d.empty.variant),
+        surprised=d.surprised,
+        settings=first.settings,
+    )
+
+
+def _table(search: Search, d: Decision) -> tuple[Hypothesis, ...]:
+    """All hypotheses, those that predict best first."""
+    out = []
+    for h in search.ranked:
+        relation = "less likely"
+        if h is d.best:
+            relation = "best"
+        elif h in d.tied:
+            relation = "tied"
+        elif set(h.names) < set(d.best.names):
+            relation = "simpler"
+        elif set(h.names) > set(d.best.names):
+            relation = "wider"
+        gain = compared(h, d.empty) if len(h.elpd) > 1 else (np.nan, np.nan)
+        out.append(Hypothesis(h.names, h.variant.name, h.score - d.empty.score, *gain, relation))
+    return tuple(sorted(out, key=lambda h: (h.relation != "best", -h.elpd if np.isfinite(h.elpd) else -h.log_evidence)))
+
+
+def _ranking(search: Search, d: Decision) -> tuple[Ranked, ...]:
+    """Every effect type, from its likeliest hypothesis alone, or from first order."""
+    settings, empty, out = search.variants[0].settings, d.empty, dict[str, Ranked]()
+    rivals = {k for h in (d.best, *d.tied) for k in h.names} if d.verdict in FOUND else set()
+    for h in search.ranked:
+        if len(h.names) != 1 or h.names[0] in out:
+            continue
+        kind, gain = h.names[0], h.score - empty.score
+        verdict, tied = TOO_LITTLE if gain >= settings.tied else _seen(h), tuple[str, ...]()
+        if kind in d.best.names and d.verdict in FOUND:
+            verdict, tied = (TIED, tuple(sorted(rivals - {kind}))) if d.verdict == TIE else (_named(search, d), ())
+        elif kind in rivals:
+            verdict, tied = TIED, tuple(sorted(rivals - {kind}))
+        full = kind in rivals or len(out) < settings.most_effects
+        out[kind] = replace(_ranked(h, 0, gain, verdict, tied, full), rms_validate=_rms_unseen(h) if full else None)
+    for kind, s in search.scores.items():
+        if kind not in out:
+            p = s.component.entry.to_parameters(s.amplitudes, s.component.site, empty.variant.context)
+            verdict = TIED if kind in rivals else TOO_LITTLE if s.gain >= settings.tied else ABSENT
+            out[kind] = Ranked(kind, p, s.gain, _p(s.gain), verdict)
+    order = {kind: k for k, kind in enumerate(d.best.names)}
+    return tuple(sorted(out.values(), key=lambda r: (order.get(r.kind, len(order)), -r.log_evidence)))
+
+
+def _rms_unseen(h: Fitted) -> float | None:
+    """RMS distance (m) of the validate poses; None without any, and where one is not solved."""
+    shapes, program = of.predicted(h), h.variant.held_out
+    if program is None or not all(map(of.stable, shapes)):
+        return None
+    rows = np.concatenate([shape.residual[keep] for shape, keep in zip(shapes, program.real, strict=True)])
+    return float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
+
+
+def _named(search, d):
+    """Whether the best hypothesis leads far over those of as many effects."""
+    best, s = d.best, search.variants[0].settings
+    others = [h for h in search.causes if len(h.names) == len(best.names) and set(h.names) != set(best.names)]
+    return NAMED if all(leads(best, h, s.named) for h in others) else FAVOURED
+
+
+def _seen(h: Fitted) -> str:
+    """Whether the absence of an effect is a finding: one usual size of it would have been seen."""
+    if not h.components:
+        return ABSENT
+    at = h.index.amplitudes(0)
+    size = h.components[0].entry.size(h.variant.context)
+    spread = np.sqrt(np.diag(h.covariance)[at])
+    return ABSENT if np.any(3.0 * spread < size) else INCONCLUSIVE
+
+
+def _p(gain: float) -> float:
+    return float(1.0 / (1.0 + np.exp(min(gain, 700.0))))
+
+
+def _ranked(h: Fitted, k: int, gain: float, verdict: str, tied=(), full: bool = True) -> Ranked:
+    """An effect of a hypothesis."""
+    if not h.components:  # memory, whose parameters are unknowns of its variant
+        own = {n.partition(".")[2]: e for n, e in h.variant.fit.estimates.items() if n.startswith(f"{h.variant.effect}.")}
+        std = {name: e.std for name, e in own.items() if e.std is not None}
+        values = {name: e.value for name, e in own.items()}
+        return Ranked(h.names[k], values, gain, _p(gain), verdict, tied, std=std)
+    rms = np.sqrt(h.squares / sum(int(np.sum(real)) for real in h.variant.program.real))
+    std = of.spreads_of(h, k) if full else {}
+    return Ranked(h.kinds[k], of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=float(rms), std=std)
+
+
+def _chosen(d: Decision, ranking) -> tuple[Ranked, ...]:
+    """The effects found, with their parameters and evidence in the best hypothesis."""
+    if d.verdict not in FOUND:
+        return ()
+    known, gain = {r.kind: r for r in ranking}, d.best.score - d.empty.score
+    if not d.best.components:
+        return (known[d.best.names[0]],)
+    of_kind = {kind: (known[kind].verdict, known[kind].tied_with) if kind in known else (FAVOURED, ()) for kind in d.best.kinds}
+    return tuple(_ranked(d.best, k, gain, *of_kind[kind]) for k, kind in enumerate(d.best.kinds))
+
+
+def _settle(d: Decision) -> tuple[str, ...]:
+    """The measurements that would distinguish the tied effects."""
+    known = {e.kind for e in catalogue()}
+    kinds = sorted({k for h in (d.best, *d.tied) for k in h.names if k in known})
+    return tuple(f"{kind}: {entry_of(kind).settle}" for kind in kinds)
+
+
+def _poses(d: Decision) -> dict[str, PoseChange]:
+    """Every pose before and after, in the order of the study."""
+    best, empty, out = d.best, d.empty, {}
+    study, several = best.variant.study, best.variant.program.poses.count > 1
+    left = [of.left_out(h) for h in (empty, best)] if several else []
+    groups = [(best.variant.program, study.fit_poses, empty.shapes, best.shapes)]
+    if best.variant.held_out is not None:
+        groups.append((best.variant.held_out, study.validate_poses, of.predicted(empty), of.predicted(best)))
+    for program, poses, before, after in groups:
+        for i, pose in enumerate(poses):
+            keep, ok0, ok1 = program.real[i], of.stable(before[i]), of.stable(after[i])
+            r0, r1 = (np.where(ok, s.residual[keep], np.nan) for s, ok in ((before[i], ok0), (after[i], ok1)))
+            now, fitted = np.linalg.norm(r1, axis=1), program is best.variant.program and several
+            out[pose.name] = PoseChange(
+                role=pose.role, rms_before=float(np.sqrt(np.mean(np.sum(r0**2, axis=1)))), rms=float(np.sqrt(np.mean(now**2))),
+                worst=float(np.max(now)), stable=ok1, s=after[i].s[keep], residual_before=r0, residual=r1,
+                measured=np.asarray(program.poses.points[i])[keep], modelled=np.asarray(after[i].configuration.r),
+                left_out_before=float(left[0][i]) if fitted else None, left_out=float(left[1][i]) if fitted else None,
+            )  # fmt: skip
+    return {p.name: out[p.name] for p in study.poses if p.name in out}
+
+
+def _findings(d: Decision, chosen, poses, discrepancy, noise, coarse, scanned) -> list[Finding]:
+    """What is to be said, in its order."""
+    v, kinds = d.best.variant, [r.kind for r in chosen]
+    if d.verdict == UNSOLVED:
+        return [Finding("coarse", "fault", {"poses": ", ".join(coarse)})]
+    out = [*_of_verdict(d, kinds, noise, discrepancy), *_of_effects(kinds, poses)]
+    for pose, ratio in d.surprised.items():
+        out.append(Finding("surprise" if np.isfinite(ratio) else "unseen", "fault", {"pose": pose, "ratio": ratio}))
+    if discrepancy.curvature:
+        size = {"mm": 1e3 * discrepancy.rms, "percent": 100 * discrepancy.relative}
+        out.append(Finding("discrepancy", "doubt", size))
+    out += [Finding("less", "doubt", {"mistake": str(m)}) for m in v.fit.mistakes if kinds]
+    rms, radius = rms_over([p for p in poses.values() if p.role == "fit"], "rms_before"), v.context.radius_or_guess
+    if scanned and kinds and rms <= _FINE * radius:
+        out.append(Finding("fine", "doubt", {"mm": 1e3 * rms, "percent": 100 * rms / radius}))
+    return out
+
+
+def _of_verdict(d: Decision, kinds, noise, discrepancy) -> Iterator[Finding]:
+    """The verdict, and what stands against the likeliest hypotheses where none is established."""
+    v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
+    if d.verdict == NONE:
+        yield Finding("nothing", values={"p": d.p_value})
+        smooth = belief.conspicuous(noise, v.length, v.settings)
+        if v.likelihood.stated is None and smooth and not discrepancy.curvature:
+            yield Finding("smooth", "doubt", {"mm": 1e3 * np.sqrt(2) * noise.total})
+    elif d.verdict == UNEXPLAINED:
+        yield Finding("unexplained", "fault")
+        cause, field = d.cause, d.description
+        if field is not None and field.score > max(d.empty.score, cause.score if cause else -np.inf):
+            words = {"field": FIELDS.get(field.kinds[0], listed(field.kinds)), "nats": field.score - d.empty.score}
+            yield Finding("field", "doubt", words)
+        if cause is not None and cause.score > d.empty.score:
+            yield Finding("likeliest", "doubt", {"effects": listed(cause.names), "nats": cause.score - d.empty.score})
+        if v.program.poses.count == 1:
+            yield Finding("one_pose", "doubt")
+    elif d.verdict == TIE:
+        rivals = [listed(h.names) for h in d.tied] or [f"an error of the {s.other}" for s in errors_of_input(kinds)]
+        yield Finding("tied", "doubt", many | {"rivals": " or ".join(dict.fromkeys(rivals))})
+    else:
+        yield Finding("partly" if d.verdict == PARTLY else "explains", "doubt" if d.verdict == PARTLY else "fine", many)
+
+
+def _of_effects(kinds, poses) -> Iterator[Finding]:
+    """The error before and after, and inputs whose errors look alike."""
+    if not kinds:
+        return
+    yield _change(poses, kinds)
+    told = [p for p in poses.values() if p.left_out is not None and np.isfinite(p.left_out)]
+    if told:
+        yield Finding("better", values={"better": sum(p.left_out < p.left_out_before for p in told), "poses": len(told)})
+    for same in errors_of_input(kinds):
+        yield Finding("as_good", "doubt", {"effects": listed(kinds), "other": same.other.replace("_", " "), "when": same.words})
+
+
+def _change(poses, kinds) -> Finding:
+    """The error before and after."""
+    fitted, unseen = ([p for p in poses.values() if p.role == role] for role in ("fit", "validate"))
+    was, now, more = 1e3 * rms_over(fitted, "rms_before"), 1e3 * rms_over(fitted, "rms"), ""
+    for group, figures, words in (
+        (fitted if len(fitted) > 1 else [], ("left_out_before", "left_out"), "poses left out"),
+        (unseen, ("rms_before", "rms"), "validate poses"),
+    ):
+        a, b = (1e3 * rms_over(group, figure) for figure in figures)
+        more += f", in {words} from {a:.2f} to {b:.2f} mm" if np.isfinite(a) and np.isfinite(b) else ""
+    moves = "falls" if now < was else "rises"
+    return Finding("change", values={"effects": listed(kinds), "moves": moves, "was": was, "now": now, "more": more})
+

@@ -1,0 +1,255 @@
+"""`Fit`, the result of a fit: estimates, poses, noise and sentences, its printed summary, and the format's JSON object."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.least_squares import Minimum
+from scan2flex_jax.fitting.noise import Noise
+from scan2flex_jax.fitting.poses import poses_of
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference.answer import (
+    UNBELIEVED,
+    Answer,
+    answer_of,
+    digits_of,
+    in_mm,
+    moved_in_words,
+    noise_in_words,
+    number,
+)
+from scan2flex_jax.inference.estimate import Estimate
+from scan2flex_jax.inference.influence import Influence
+from scan2flex_jax.inference.law import Law
+from scan2flex_jax.inference.posterior import Fitted, Variant
+from scan2flex_jax.inference.quantities import influence_of_hypothesis
+from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.study.check import unit_warnings
+from scan2flex_jax.study.kinds import split_name
+from scan2flex_jax.study.mistakes import Mistake
+from scan2flex_jax.study.model import MeasuredCurve, Study
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """One pose: distances (m) between measured and modelled curve, both curves for a picture, and ``ratio``: of a validate pose
+    its distance over that which noise, discrepancy, tolerances and the errors of the estimates let expect."""
+
+    role: str
+    rms: float
+    worst: float
+    stable: bool
+    measured: np.ndarray = field(repr=False)
+    modelled: np.ndarray = field(repr=False)
+    s: np.ndarray = field(repr=False)
+    residual: np.ndarray = field(repr=False)
+    verdict: str = "stable equilibrium"
+    ratio: float = 0.0
+
+    def to_json(self) -> dict:
+        """As in the study format; a pose that could not be solved has no distances."""
+        out = {"role": self.role, "stable": self.stable}
+        return out | {k: float(v) for k, v in (("rms", self.rms), ("max", self.worst)) if np.isfinite(v)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Estimates with intervals, the poses with their residuals, and the validation on poses that were not fitted.
+
+    ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
+    bound, and whether the validate poses are predicted, which is ``valid`` (None without such poses). ``data``: "curve"
+    (distances to centre curves) or "cloud" (to the points of the scans; the distances of poses are then those of the cable's
+    axis at stations along it). ``turned``: sentences on poses whose turns differ from the study's (`fitting.branches`);
+    ``in_doubt``: on turns that are about as likely as those of the fit.
+    ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
+    poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
+    (`inference.mistakes`). ``posterior`` is that of curves, None for clouds; ``cost`` that of its mode, the ``minimum`` of the
+    ``problem``: squares of residuals in units of noise and discrepancy, and priors.
+    ``mesh``: sentences on the number of elements (`statics.mesh`). ``settings``: the thresholds of the validation. ``laws``:
+    the declared laws of bending and torsion, with their bands.
+    """
+
+    study: Study = field(repr=False)
+    problem: Problem = field(repr=False)
+    minimum: Minimum = field(repr=False)
+    posterior: Fitted | None = field(repr=False)
+    method: str
+    distance: str
+    estimates: dict[str, Estimate]
+    labels: list[str]
+    correlation: np.ndarray
+    poses: dict[str, PoseFit]
+    noise: Noise
+    discrepancy: Discrepancy
+    sentences: tuple[str, ...]
+    valid: bool | None
+    converged: bool
+    equilibria: int
+    seconds: float
+    cost: float
+    data: str
+    turned: tuple[str, ...] = ()
+    in_doubt: tuple[str, ...] = ()
+    mesh: tuple[str, ...] = ()
+    misfits: tuple[str, ...] = ()
+    mistakes: tuple[Mistake, ...] = ()
+    settings: Settings = USUAL
+    laws: tuple[Law, ...] = ()
+
+    def rms(self, role: str = "fit") -> float:
+        """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
+        squares = [p.residual.ravel() for p in self.poses.values() if p.role == role]
+        points = sum(len(p.residual) for p in self.poses.values() if p.role == role)
+        return float(np.sqrt(np.sum(np.concatenate(squares) ** 2) / points)) if points else float("nan")
+
+    @property
+    def believable(self) -> bool:
+        """Whether the fit has converged, with every pose stable and near its curve and validate poses predicted; otherwise its
+        values are unusable, and have no intervals."""
+        sound = self.converged and not self.misfits and not self.mistakes and self.valid is not False
+        return bool(sound and all(p.stable for p in self.poses.values()))
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """The sentences to read before any value, the most serious first."""
+        if self.mistakes:
+            first, *others = map(str, self.mistakes)
+            return (f"likely mistake: {first}", _AS_IT_STANDS, *(f"or: {other}" for other in others))
+        units = [s for s in self.sentences if s in unit_warnings(self.study)]
+        several = _SEVERAL_TURNED.format(len(self.turned)) if len(self.turned) > 1 else _ONE_TURNED
+        turned = (several, *self.turned) if self.turned else ()
+        judged = [s for s in self.sentences[-1:] if self.valid is False]
+        open_ = () if self.converged else (unsettled(self.minimum),)
+        return (*open_, *self.misfits[:1], *units, *turned, *self.in_doubt, *judged)
+
+    @cached_property
+    def influence(self) -> Influence | None:
+        """Sensitivities of the estimates to poses and stated values (`inference.influence`); None for a Hausdorff fit.
+
+        The first access solves the poses twice more.
+        """
+        if self.distance == "hausdorff" or not np.isfinite(self.cost):
+            return None
+        if self.posterior is not None:
+            return influence_of_hypothesis(self.posterior)
+        axes = {name: p.measured for name, p in self.poses.items()}
+        problem, minimum = on_axes(self.problem, self.minimum, axes)
+        return influence_of_hypothesis(Variant("axes", problem, minimum, self.settings, held=True).empty)
+
+    @property
+    def answer(self) -> Answer:
+        """The opening lines of the summary (`fitting.answer`)."""
+        return answer_of(self)
+
+    @property
+    def calibrated(self) -> Study:
+        """The study with the estimates in `[cable]` and as guesses, ready to be saved or fitted again."""
+        cable, effects = dict(self.study.cable), list(self.study.effects)
+        for name, estimate in self.estimates.items():
+            kind, number, parameter = split_name(name)
+            places = self.study.effects_of(name)
+            if kind and (number or len(places) == sum(e.kind == kind for e in effects)):  # else the name means those without it
+                for i in places:
+                    effects[i] = replace(effects[i], parameters={**effects[i].parameters, parameter: estimate.value})
+            elif not kind:
+                cable[name] = estimate.value
+        unknowns = tuple(replace(u, guess=self.estimates[u.name].value) for u in self.study.unknowns)
+        return replace(self.study, cable=cable, effects=tuple(effects), unknowns=unknowns)
+
+    def to_json(self) -> dict:
+        """The format's result object."""
+        return {
+            "format": "scan2flex-result/1",
+            "method": self.method,
+            "data": self.data,
+            "estimates": {name: e.to_json() for name, e in self.estimates.items()},
+            "correlations": {
+                "names": self.labels,
+                "matrix": np.where(np.isfinite(self.correlation), self.correlation, 0.0).tolist(),
+            },
+            "poses": {name: p.to_json() for name, p in self.poses.items()},
+            "noise": self.noise.to_json(),
+            "discrepancy": self.discrepancy.to_json(),
+            "converged": self.converged,
+            "believable": self.believable,
+            **({} if self.valid is None else {"valid": self.valid}),
+            **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
+            "mistakes": [m.to_json() for m in self.mistakes],
+            "messages": list(self.sentences),
+            "equilibria": self.equilibria,
+            "seconds": self.seconds,
+            "settings": self.settings.to_json(),
+        }
+
+    def summary(self) -> str:
+        """The fit in plain text: what was mistaken in the input, the answer, then every estimate, every pose, and further
+        sentences."""
+        answer, first = self.answer, self.doubts if self.mistakes else self.turned
+        answer = replace(answer, doubts=tuple(s for s in answer.doubts if s not in first))
+        lines = [self.study.title, *(f"  {s}" for s in first), "", *answer.lines(), ""]
+        lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
+        lines += [*_correlation_lines(self), *self._pose_lines()]
+        to = "to point clouds" if self.data == "cloud" else "to centre curves"
+        lines += ["", f"  residual as noise: {noise_in_words(self.noise, self.problem.length)}"]
+        said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}
+        lines += [f"  {s}" for s in self.sentences if s not in said and s not in answer.belief]
+        return "\n".join([*lines, f"  {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"])
+
+    def _pose_lines(self):
+        """A table of the poses, with the change of the stiffnesses when each is left out."""
+        moved = {name: moved_in_words(self.influence, name) for name in self.poses}
+        lines = [f"  pose                 role       rms mm    max mm{'   without it' if any(moved.values()) else ''}"]
+        for name, p in self.poses.items():
+            figures = f"{in_mm(p.rms):>9} {in_mm(p.worst):>9}" if np.isfinite(p.rms) else f"  {p.verdict}"
+            lines.append(f"  {name:<20} {p.role:<9}{figures}   {moved[name]}".rstrip())
+        return lines
+
+
+def on_axes(problem: Problem, minimum: Minimum, measured: dict[str, np.ndarray]) -> tuple[Problem, Minimum]:
+    """The problem of the axes ``measured`` (n, 3) m in clouds, at the minimum of the direct fit."""
+    poses = [replace(p, curve=MeasuredCurve(measured[p.name])) for p in problem.study.fit_poses]
+    study = replace(problem.study, poses=(*poses, *problem.study.validate_poses))
+    other = problem.with_study(study)
+    other.poses = poses_of(study, study.fit_poses, other.length, other.elements)
+    other.evaluator = other.evaluator_of(other.poses)
+    start = minimum.evaluation.configuration
+    return other, replace(minimum, evaluation=other.evaluator(minimum.shared, minimum.local, start=start))
+
+
+UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
+STALLED = "the fit has stalled: no step lowers its cost as predicted; its values and intervals are not to be believed"
+_AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
+_ONE_TURNED = "one pose fits only with another number of full turns than the study states"
+_SEVERAL_TURNED = (
+    "{} poses fit only with other turns than the study states: look at the rolls of their clamps before believing the values"
+)
+
+
+def unsettled(minimum: Minimum) -> str:
+    """The status of a minimum that has not converged."""
+    return STALLED if minimum.stalled else UNSETTLED
+
+
+def in_words(e: Estimate) -> str:
+    """A value with its interval and unit, marked if it is not determined or at a bound."""
+    value = np.ravel(e.value)
+    low, high = (None if x is None else np.ravel(x) for x in (e.low, e.high))
+    parts = []
+    for i, v in enumerate(value):
+        digits, span = 5, f" {UNBELIEVED}" if e.identifiable else " (no error bar)"
+        if low is not None and high is not None and np.isfinite(low[i]) and np.isfinite(high[i]):
+            digits = digits_of(v, low[i], high[i], least=4)
+            span = f" [{number(low[i], digits)}, {number(high[i], digits)}]"
+        parts.append(f"{number(v, digits)}{span}")
+    tail = "" if e.identifiable else "  NOT DETERMINED"
+    return ", ".join(parts) + (f" {e.unit}" if e.unit != "-" else "") + tail + ("  AT A BOUND" if e.at_bound else "")
+
+
+def _correlation_lines(fit):
+    n = len(fit.labels)
+    pairs = [(abs(fit.correlation[i, j]), i, j) for i in range(n) for j in range(i)]
+    strong = [(c, i, j) for c, i, j in sorted(pairs, reverse=True) if np.isfinite(c) and c > 0.9]
+    lines = [f"  {fit.labels[j]} and {fit.labels[i]} are correlated: {fit.correlation[i, j]:+.3f}" for _, i, j in strong[:6]]
+    return [*lines, ""] if lines else []

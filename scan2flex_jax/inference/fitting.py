@@ -1,0 +1,272 @@
+"""`fit`: the sequence from a study's measured shapes to estimates with intervals; each step has its own module.
+
+Start (the user's guess, and one from the balance equations), minimise unweighted distances on the measured branches, then the
+mode of the posterior (`posterior`): noise, discrepancy and parameters together, as `explain` has them before any effect.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
+from scan2flex_jax.fitting.noise import stated_noise
+from scan2flex_jax.fitting.poses import check_distance
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.states import DISTANCES
+from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.inference import belief, branches, mistakes
+from scan2flex_jax.inference import quantities as of
+from scan2flex_jax.inference.direct import Direct, measured_by
+from scan2flex_jax.inference.estimate import estimate_of
+from scan2flex_jax.inference.fit_result import Fit, PoseFit, unsettled
+from scan2flex_jax.inference.mesh import Found, on_enough_elements
+from scan2flex_jax.inference.posterior import Variant
+from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
+from scan2flex_jax.study.check import study_warnings, unit_warnings
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.repeats import repeat_sentences
+from scan2flex_jax.study.sense import check_study
+
+METHODS = ("least-squares", "bfgs", "nelder-mead")
+DATA = ("auto", "curve", "cloud")
+
+
+def fit(
+    study: Study,
+    method: str = "least-squares",
+    *,
+    data: str = "auto",
+    distance: str = "normal",
+    elements: int | None = None,
+    progress: Callable[[str], None] | None = None,
+    settings: Settings = USUAL,
+) -> Fit:
+    """Estimate the unknowns of ``study`` from the shapes of its ``fit`` poses (paper, Section 5.2, Eq. 9).
+
+    Args:
+        study: One cable with at least one ``fit`` pose and one unknown.
+        method: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance) or
+            "nelder-mead" (the paper's).
+        data: "curve" fits centre curves (extracted first where a pose has a scan only), "cloud" the points of the scans
+            themselves, "auto" curves where every pose has one or a scan is too coarse for its cable, else clouds.
+        distance: Of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and "nelder-mead": it has
+            no least squares).
+        elements: Elements of the rod; None: 40, or as many more as the bends of the cable need (`statics.mesh`).
+        progress: Called with a line of text now and then.
+        settings: Priors of the model, and thresholds of the validation.
+
+    Returns:
+        Estimates with their intervals, the errors of all poses (m), the noise, and sentences on their validity. A fit that is
+        not to be believed (`Fit.believable`) has no intervals.
+
+    Raises:
+        Scan2FlexError: There is nothing to fit.
+        NotSettledError: No values let every pose settle.
+
+    Examples:
+        >>> result = fit(load_study("my-cable"))  # doctest: +SKIP
+        >>> result.estimates["bending_stiffness"].value  # doctest: +SKIP
+        0.1
+    """
+    return fitted(study, method, data=data, distance=distance, elements=elements, progress=progress, settings=settings)
+
+
+@threaded
+def fitted(
+    study: Study, method: str = "least-squares", *, data: str = "auto", distance: str = "normal", elements: int | None = None,
+    progress: Progress | None = None, settings: Settings = USUAL, slots: tuple[AbstractEffect, ...] = (),
+    other_turns: bool = True, scanned: bool = False,
+) -> Fit:  # fmt: skip
+    """`fit` as `explain` calls it.
+
+    ``slots``: energy laws of effects that may be added later, at zero amplitude, so that a search reuses the functions compiled
+    here. ``other_turns``: False keeps the ``turns`` of the study in every pose. ``scanned``: the curves are axes of scans, with
+    an error alike along a pose.
+    """
+    _check(study, method, distance, data)
+    began, progress = time.perf_counter(), progress or silent
+    whole, scans, said = measured_by(study, data, method, distance, progress)
+    later = _on_branches if other_turns else _as_stated
+    stages = [partial(stage, method=method, progress=progress) for stage in (_minimum, later)]
+    found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
+    problem, minimum, likely, doubt = found
+    turned, whole = branches.sentences(whole, problem.study), problem.study
+    in_doubt = (doubt,) if doubt else ()
+    study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
+    stated, posterior = stated_noise(study), None
+    if scans is None:
+        own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
+        if problem.evaluator.distance != "normal":
+            minimum = problem.seen_by_normals(minimum)
+        said = said if own else (*said, _HELD)
+        progress("noise, discrepancy and parameters together")
+        variant = Variant("as stated", problem, minimum, settings, scanned=scanned, held=not own)
+        posterior = variant.empty
+        minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
+        noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
+        known, poses, laws = of.known(posterior), _pose_fits(posterior), of.laws_of(posterior)
+        estimates = of.estimates(posterior, (posterior,))
+    else:
+        direct = Direct(problem, scans, progress, settings)
+        minimum, noise, known = direct.fit(minimum)
+        discrepancy, laws = Discrepancy(length=problem.length), ()
+        poses, solved = direct.pose_fits(minimum, noise), direct.equilibria
+        said, estimates = (*said, *direct.sentences()), _estimates(problem.layout, minimum.shared, known, settings)
+    misfits = belief.misfits(whole, poses, problem.length, settings)
+    valid, verdict = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
+    verdict = (*belief.of_discrepancy(discrepancy), *verdict)
+    warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
+    said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
+    said = (*said, *mesh.sentences(), *turned, *in_doubt)
+    result = Fit(
+        study=study if scans else whole,
+        problem=problem,
+        minimum=minimum,
+        posterior=posterior,
+        method=method,
+        distance=distance,
+        data="curve" if scans is None else "cloud",
+        estimates=estimates,
+        labels=problem.layout.labels,
+        correlation=_correlation(_in_logs(problem.layout, known.covariance)),
+        poses=poses,
+        noise=noise,
+        discrepancy=discrepancy,
+        sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
+        valid=valid,
+        converged=minimum.converged,
+        equilibria=solved,
+        seconds=time.perf_counter() - began,
+        cost=minimum.cost,
+        turned=turned,
+        in_doubt=in_doubt,
+        mesh=mesh.sentences(),
+        misfits=misfits,
+        mistakes=likely,
+        settings=settings,
+        laws=laws,
+    )
+    return result if result.believable else replace(result, estimates={n: e.withheld() for n, e in estimates.items()})
+
+
+def _at_mode(h, minimum) -> Minimum:
+    """The mode of a posterior as a minimum: its evaluation, and its cost in units of noise and discrepancy."""
+    n, v = h.index, h.variant
+    shared, local = h.x[: n.shared], h.x[n.shared : n.base].reshape(n.poses, n.local)
+    evaluation = v.problem.evaluator(shared, local, start=h.configuration)
+    stalled = not h.converged and minimum.stalled
+    return Minimum(shared, local, evaluation, h.chi2 + h.linear.quad, minimum.iterations, h.converged, stalled)
+
+
+def _known(known, laws, estimates):
+    """Sentences on undetermined values, on laws, and on values at a bound."""
+    return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
+
+
+def _minimum(problem, _, method, progress):
+    """The first minimum, and mistakes of the input that show at once."""
+    minimum, likely = mistakes.before_branches(problem, method, progress)
+    return Found(problem, minimum or problem.minimise(method, progress), likely)
+
+
+def _on_branches(declared, first, method, progress):
+    """Problem and minimum on the measured branches, and mistakes of the input that show there."""
+    if first.mistakes:
+        return first
+    problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
+    problem, minimum = branches.needed(declared.study, problem, minimum, method, progress)
+    likely = mistakes.hidden(declared.study, problem, minimum, progress)
+    problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
+    return Found(problem, minimum, likely, doubt)
+
+
+def _as_stated(declared, first, method, progress):
+    """Problem and minimum with the turns of the study, and mistakes of the input that show there."""
+    likely = first.mistakes or mistakes.hidden(declared.study, declared, first.minimum, progress)
+    return Found(declared, first.minimum, likely)
+
+
+def _correlation(covariance):
+    """Correlations of a covariance; NaN for entries of infinite variance."""
+    spread = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = covariance / np.outer(spread, spread)
+    np.fill_diagonal(correlation, 1.0)
+    return correlation
+
+
+def _in_logs(layout, covariance):
+    """The covariance of quantities or their logarithms, from that of ``x``: the steps of a law add up."""
+    if not any(slot.walk for slot in layout.slots):
+        return covariance
+    open_, S = np.isinf(np.diag(covariance)), layout.sums
+    out = S @ np.where(open_[:, None] | open_, 0.0, covariance) @ S.T
+    out[open_, open_] = np.inf
+    return out
+
+
+_HELD = "the intervals are those of the posterior about the values of this method and distance"
+
+
+def _check(study, method, distance, data="curve"):
+    if data not in DATA:
+        raise Scan2FlexError(f"data {data!r} is not known: use one of {', '.join(DATA)}")
+    if method not in METHODS:
+        raise Scan2FlexError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
+    if distance not in DISTANCES:
+        raise Scan2FlexError(f"distance {distance!r} is not known: use one of {', '.join(DISTANCES)}")
+    if distance == "hausdorff" and method == "least-squares":
+        raise Scan2FlexError("the Hausdorff distance has no least squares: use method bfgs or nelder-mead with it")
+    if isinstance(study, Study) and not study.unknowns:
+        raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
+    check_study(study)
+    check_distance(study, distance)
+
+
+def _pose_fits(h) -> dict[str, PoseFit]:
+    """The poses at the mode of a posterior, in the order of the study."""
+    v, out = h.variant, {}
+    ratio = of.ratios(h)
+    groups = [(v.study.fit_poses, v.program, h.shapes)]
+    if v.held_out is not None:
+        groups.append((v.study.validate_poses, v.held_out, of.predicted(h)))
+    for study_poses, program, shapes in groups:
+        for i, (pose, shape, real) in enumerate(zip(study_poses, shapes, program.real, strict=True)):
+            code, r = int(shape.verdict.code), shape.residual[real]
+            d = np.linalg.norm(r, axis=1) if code == SOLVED else np.full(len(r), np.nan)
+            out[pose.name] = PoseFit(
+                role=pose.role,
+                rms=float(np.sqrt(np.mean(d**2))),
+                worst=float(np.max(d)),
+                stable=code == SOLVED,
+                measured=np.asarray(program.poses.points[i])[real],
+                modelled=np.asarray(shape.configuration.r),
+                s=shape.s[real],
+                residual=r,
+                verdict=SENTENCES[code],
+                ratio=ratio.get(pose.name, 0.0),
+            )
+    return {p.name: out[p.name] for p in v.study.poses if p.name in out}
+
+
+def _estimates(layout, x, known, settings):
+    logs, spread, out = layout.sums @ x[: layout.unknowns], np.sqrt(np.diag(_in_logs(layout, known.covariance))), {}
+    for slot in layout.slots:
+        here = slice(slot.at, slot.at + slot.size)
+        seen = {"determined": bool(np.all(known.determined[here])), "felt": bool(np.all(known.felt[here]))}
+        vaguest = settings.vaguest_interval
+        out[slot.name] = estimate_of(slot, logs[here], spread[here], own=x[here], **seen, vaguest=vaguest)
+    return out
+
+
+def _bound_sentences(estimates):
+    return [
+        f"{n} lies at a bound of its range: widen the range or question the model" for n, e in estimates.items() if e.at_bound
+    ]

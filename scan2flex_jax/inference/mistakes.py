@@ -1,0 +1,242 @@
+"""Search for mistakes of the input by refits, before missing physics: exchanged poses, turns, rolls, axes, gravity, scale.
+
+If `study.visible` finds a doubt, or the residual of the fit exceeds a few thousandths of the length, the study is refitted with
+each likely mistake corrected (`study.mistakes`). A corrected study has no additional parameter: a residual three times smaller
+is no accident. A strong missing effect is sometimes imitated by a correction, though only in part: `explain` compares the two
+where a correction leaves more than noise (`beyond_doubt`). In turn:
+
+1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the corrected curves and at those of
+   the fit; the nearest ones are refitted;
+2. each pose is left out; if the others then fit, its own likely mistakes are solved once each at their stiffnesses, and the
+   best one is refitted with all poses. If none corrects it, the pose is reported as the one that does not fit.
+
+A fit that had to change several poses by full turns (`fitting.branches`) may have adapted to a wrong roll: a corrected study
+is then accepted if it comes as close with the stated turns. A study that does not settle is searched too.
+"""
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from scan2flex_jax.errors import NotSettledError, Scan2FlexError
+from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt
+from scan2flex_jax.fitting.noise import sensor_noise, white_noise
+from scan2flex_jax.fitting.poses import poses_of
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference import branches
+from scan2flex_jax.study import mistakes
+from scan2flex_jax.study.mistakes import Mistake
+from scan2flex_jax.study.model import Study
+from scan2flex_jax.study.visible import carried, clamps_scaled, visible_mistakes
+
+_DOUBTFUL = 0.004  # of the length: RMS distance above which a fit is searched for mistakes
+_STATED = 3.0  # times the stated noise: likewise, above half that distance
+_TIMES = 3.0  # required ratio of distances before and after; missing physics seldom brings one beyond 1.2 (docs/mistakes.md)
+_TIMES_TURNED, _TURNED = 1.02, 2  # that ratio if the fit changed the turns of so many poses
+_CLOSE = 0.03  # of the length: largest accepted RMS distance of a corrected study; real cables leave as much
+_ALIKE = 1.3  # times the distance of the best corrected study: others that explain the curves alike
+_AS_OTHERS = 1.5  # times the distance of the other poses without it: a corrected pose fits as they do
+_ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: least distance of a single pose that does not fit, without and with turns
+_FEWEST = 3  # least number of poses that must fit without the one that does not
+_FOLLOWED, _FEWEST_FOLLOWED = 24, 4  # refits: _FOLLOWED over the number of poses, at least _FEWEST_FOLLOWED, the nearest ones
+_NEARER = 0.6  # times the distance before: a refit below it may be a full turn away from coming close
+_HALVED = 0.5  # times the distance before: required of a mistake that is visible without a solve
+_PATIENCE = 6  # iterations after which a refit that is far off is given up
+_STIFFER = np.log(10.0)  # added to the logarithms of a start that does not settle
+_SENSOR = 3.0  # times the white noise of the curves: a corrected study that comes so close leaves nothing to explain
+_FINEST, _COARSEST = 2.0e-4, 0.01  # of the length: noise of curves that weighs priors
+
+
+class Refit(NamedTuple):
+    """A corrected study: RMS distance of its fitted poses (m), the problem, and its minimum or start."""
+
+    mistake: Mistake
+    off: float
+    problem: Problem
+    minimum: Minimum
+
+
+def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[Minimum | None, tuple[Mistake, ...]]:
+    """The mistakes that are visible without a solve and confirmed by a refit, and the minimum of the study as it stands.
+
+    That minimum is given up if it stays far from the curves. ``(None, ())`` without a confirmed mistake.
+    """
+    found = visible_mistakes(problem.study)
+    if not found:
+        return None, ()
+    minimum = problem.minimise(method, progress, _cost(problem, _CLOSE * problem.length))
+    likely = _Search(problem.study, problem, minimum, progress).confirmed(found)
+    return (minimum, likely) if likely else (None, ())
+
+
+def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
+    """The mistakes whose correction explains the curves of ``study``: the best one, and those that explain them alike.
+
+    ``problem`` and ``minimum`` are its fit on the measured branches. Empty for a fit with a small residual.
+    """
+    search = _Search(study, problem, minimum, progress)
+    return search.hidden() if search.doubtful() else ()
+
+
+def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> NotSettledError:
+    """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found."""
+    search = _Search(problem.study, problem, None, progress)
+    found = search.confirmed(visible_mistakes(problem.study)) or search.hidden()
+    return NotSettledError(fault.sentence, str(found[0]), fault.reasons) if found else fault
+
+
+def beyond_doubt(problem: Problem, likely: tuple[Mistake, ...]) -> bool:
+    """Whether no missing effect could explain the shapes better than these mistakes: they are visible without a solve, or the
+    corrected study comes as close as the noise of the curves (unknown for scans: then too)."""
+    noise = np.sqrt(NORMALS) * max(sensor_noise(problem.study), _FINEST * problem.length)
+    return bool(visible_mistakes(problem.study)) or any(m.after is not None and m.after <= _SENSOR * noise for m in likely)
+
+
+def _distance(problem, residual) -> float:
+    """RMS distance (m) over all points of the fitted poses."""
+    return float(np.sqrt(np.sum(residual**2) / np.sum(np.asarray(problem.poses.mask))))
+
+
+def _cost(problem, off) -> float:
+    """The cost of a fit whose points all have the distance ``off`` (m)."""
+    return float(np.sum(np.sum(np.asarray(problem.poses.mask), axis=1) * (off / problem.first_scale()) ** 2))
+
+
+class _Search:
+    """The refits of one study; without a minimum the study did not settle, and any refit that comes close is better."""
+
+    def __init__(self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress):
+        self.study, self.problem, self.minimum, self.progress = study, problem, minimum, progress
+        self.before = np.inf if minimum is None else _distance(problem, minimum.evaluation.residual)
+        turned = sum(a.turns != b.turns for a, b in zip(study.fit_poses, problem.study.fit_poses, strict=True))
+        self.turned = turned >= _TURNED
+        self.left: list[tuple[Refit, float]] = []
+        self.close = min(self.before / (_TIMES_TURNED if self.turned else _TIMES), _CLOSE * problem.length)
+
+    def doubtful(self) -> bool:
+        """Whether the residual exceeds a few thousandths of the length or the stated noise, or the fit changed turns."""
+        if self.minimum is None:
+            return True
+        own = branches.distances(self.minimum.evaluation, self.problem.poses.mask)
+        stated = np.array([np.inf if p.noise is None else p.noise for p in self.study.fit_poses])
+        limit = _DOUBTFUL * self.problem.length
+        beyond = np.any(own > np.maximum(_STATED * np.sqrt(NORMALS) * stated, 0.5 * limit))
+        return bool(self.turned or self.before > limit or beyond)
+
+    def confirmed(self, found: tuple[Mistake, ...]) -> tuple[Mistake, ...]:
+        """Mistakes that are visible without a solve, if the study with all of them corrected fits better."""
+        refit = self.refitted(found[-1]) if found else None
+        limit = min(_HALVED * self.before, _CLOSE * self.problem.length if self.minimum is None else np.inf)
+        return () if refit is None or refit.off > limit else tuple(self._with_figures(m, refit) for m in found)
+
+    def hidden(self) -> tuple[Mistake, ...]:
+        """The mistakes that only refits reveal; if there is none, the single pose that does not fit."""
+        self.progress("looking for mistakes of the input")
+        found = [*self.accepted(self.of_all_poses()), *self.of_one_pose()]
+        best = min((refit.off for refit in found), default=0.0)
+        alike = [refit for refit in found if refit.off <= _ALIKE * best] or self.alone()
+        return tuple(self._with_figures(refit.mistake, refit) for refit in alike)
+
+    def _with_figures(self, mistake, refit) -> Mistake:
+        return replace(mistake, before=self.before if np.isfinite(self.before) else None, after=refit.off)
+
+    def of_all_poses(self) -> Iterator[Mistake]:
+        """The hypotheses that concern several poses."""
+        yield from clamps_scaled(self.study)
+        if not carried(self.study):
+            yield from mistakes.of_gravity(self.study)
+        yield from mistakes.of_weight(self.study)
+        yield from mistakes.of_rolls(self.study)
+        yield from mistakes.of_frames(self.study)
+        yield from mistakes.of_pairs(self.study)
+
+    def accepted(self, hypotheses: Iterable[Mistake]) -> list[Refit]:
+        """The corrected studies that come close, among the nearest at their starts."""
+        begun = sorted((b for b in map(self.begun, hypotheses) if b is not None), key=lambda b: b.off)
+        most = max(_FEWEST_FOLLOWED, _FOLLOWED // len(self.study.fit_poses))
+        refits = [self._on_its_branches(self.finished(b)) for b in begun[:most]]
+        return [refit for refit in refits if refit.off <= self.close]
+
+    def _on_its_branches(self, refit):
+        """A refit that comes nearer but not close, with a search of its turns."""
+        if self.turned or not self.close < refit.off < _NEARER * self.before:
+            return refit
+        with suppress(Scan2FlexError):
+            found = branches.full_turns(refit.problem, refit.minimum, "least-squares", self.progress)
+            return Refit(refit.mistake, _distance(found[0], found[1].evaluation.residual), *found)
+        return refit
+
+    def of_one_pose(self) -> Iterator[Refit]:
+        """Corrected studies of single poses; for each pose without which the others fit, `left` keeps their refit and the
+        distance (m) of the pose."""
+        poses = self.study.fit_poses
+        if len(poses) == 1:
+            yield from self.accepted(mistakes.of_pose(self.study, poses[0]))
+            return
+        for pose in poses:
+            rest = self.refitted(mistakes.without(self.study, pose))
+            if rest is None or rest.off > self.close:
+                continue
+            off = self._once(rest, self.study, pose.name)
+            self.left.append((rest, off))
+            own = [(self._once(rest, m.study, pose.name), m) for m in mistakes.of_pose(self.study, pose)]
+            nearest = min(own, key=lambda pair: pair[0], default=None)
+            if nearest is not None and nearest[0] < _HALVED * off:
+                yield from (refit for refit in self.accepted([nearest[1]]) if refit.off < _AS_OTHERS * rest.off)
+
+    def alone(self) -> list[Refit]:
+        """The refit without the one pose that does not fit, if enough others do."""
+        if len(self.left) != 1 or len(self.study.fit_poses) <= _FEWEST:
+            return []
+        rest, off = self.left[0]
+        least = (_ALONE_TURNED if self.turned else _ALONE) * self.problem.length
+        return [rest] if off > max(least, _TIMES * rest.off) else []
+
+    def _once(self, rest, study, name) -> float:
+        """Distance (m) of a pose solved at the values of the others."""
+        poses = poses_of(study, [study.pose(name)], self.problem.length, self.problem.elements)
+        found = rest.problem.evaluator_of(poses)(rest.minimum.shared, derivative=False)
+        return float(branches.distances(found, poses.mask)[0])
+
+    def refitted(self, mistake: Mistake) -> Refit | None:
+        """The corrected study fitted; None if none of its starts settles."""
+        begun = self.begun(mistake)
+        return None if begun is None else self.finished(begun)
+
+    def begun(self, mistake: Mistake) -> Refit | None:
+        """The corrected study at the better of its own start and the values of the fit, or stiffer if neither settles."""
+        try:
+            tried = self.problem.with_study(mistake.study)
+            own = tried.starts()[-1]
+        except (Scan2FlexError, ValueError, np.linalg.LinAlgError):  # no start exists for these clamps and curve
+            return None
+        starts = [own] if self.minimum is None else [own, self.minimum.shared[: len(own)]]
+        found = [m for m in (_at(tried, x) for x in starts) if np.isfinite(m.cost)]
+        if not found:
+            stiffer = own + np.where(tried.logs()[: len(own)], _STIFFER, 0.0)
+            found = [m for m in [_at(tried, stiffer)] if np.isfinite(m.cost)]
+        best = min(found, key=lambda m: m.cost, default=None)
+        return None if best is None else Refit(mistake, _distance(tried, best.evaluation.residual), tried, best)
+
+    def finished(self, begun: Refit) -> Refit:
+        """The refit from ``begun``; one that stays far off is given up."""
+        tried = begun.problem
+        goal = replace(tried.goal(tried.first_scale()), beat=_cost(tried, self.close), patience=_PATIENCE)
+        minimum = levenberg_marquardt(goal, begun.minimum.shared)
+        if tried.layout.has_priors and _distance(tried, minimum.evaluation.residual) < self.before:
+            sharp = np.clip([white_noise(p) for p in tried.study.fit_poses], _FINEST * tried.length, _COARSEST * tried.length)
+            minimum = levenberg_marquardt(tried.goal(sharp), minimum.shared, minimum.local)
+        return Refit(begun.mistake, _distance(tried, minimum.evaluation.residual), tried, minimum)
+
+
+def _at(problem, x) -> Minimum:
+    """A start of the unknowns, evaluated without a derivative."""
+    goal = problem.goal(problem.first_scale())
+    shared = np.clip(np.r_[x, np.zeros(problem.layout.shared - problem.layout.unknowns)], goal.low, goal.high)
+    local = np.zeros((problem.poses.count, problem.layout.local))
+    evaluation = problem.evaluator(shared, derivative=False)
+    return Minimum(shared, local, evaluation, goal.cost(evaluation, shared, local), 0, False)
