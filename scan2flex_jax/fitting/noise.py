@@ -12,7 +12,7 @@ import numpy as np
 from scan2flex_jax.fitting.distance import NORMALS
 
 FINEST = 1e-5  # of the length: least noise of a sensor
-_ALONE = 1.5  # times that: the least white and correlated parts together
+_ALONE = 1.1  # times that: no other part counts
 _NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
 _TINY = 1e-300
 

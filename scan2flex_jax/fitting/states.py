@@ -202,11 +202,6 @@ def evaluate(
     return _as_numpy(r, d, s, start, verdict, axes)._replace(marked=target.marked, left=left, leaving=leaving)
 
 
-def no_tangents(state: State) -> State:
-    """An empty set of tangents for `evaluate`."""
-    return still(state, 0)
-
-
 def still(state: State, count: int) -> State:
     """So many zero tangents of a state, to be filled in."""
     return jax.tree.map(lambda x: np.zeros((count, *np.shape(x))), eqx.filter(state, eqx.is_inexact_array))

@@ -41,8 +41,8 @@ def validity(poses, noise, differ, stated, length, misfit, settings: Settings = 
     """Whether the validate poses are predicted, with sentences that give the reason: none is farther off than ``surprise``
     times what noise, discrepancy, tolerances and the errors of the estimates let expect. None without a validate pose.
 
-    ``differ``: whether poses have a discrepancy. Without a stated noise the fit's own residual stands in for it; one that varies
-    slowly along the cable is not the noise of a scanner, and no prediction is then called "within the noise".
+    ``differ``: whether poses have a discrepancy. Without a stated noise the fit's own residual stands in for it; one that
+    varies slowly along the cable is not the noise of a scanner, and no prediction is then called "within the noise".
     """
     unseen = {n: p for n, p in poses.items() if p.role == "validate"}
     if misfit:
@@ -54,7 +54,7 @@ def validity(poses, noise, differ, stated, length, misfit, settings: Settings = 
         return None, ("no validate pose: whether the model predicts other poses is not known",)
     bad = [n for n, p in unseen.items() if not p.ratio <= settings.surprise]
     worst = unseen[max(bad or unseen, key=lambda n: unseen[n].ratio)]
-    error = f"error {two_digits(1e3 * worst.rms)} mm, {worst.ratio:.1f} times the expected one"
+    error = f"error {two_digits(1e3 * worst.rms)} mm, {two_digits(worst.ratio)} times the expected one"
     sizes = error if np.isfinite(worst.rms) else "no equilibrium was found"
     within = "the noise and the deviations of poses" if differ else "the noise"
     if not bad:

@@ -25,6 +25,7 @@ from scan2flex_jax.inference.settings import Settings
 NONE = 1e-4  # of the usual size of a discrepancy: that counts as none
 _MOST_NOISE, _LONGEST, _MOST_DISCREPANCY = 5e-3, 0.3, 10.0  # of the length, of the length, and over the usual size
 _SHORTEST = 0.01  # of the length
+_LEAST = 0.01  # correlated noise over the least white one
 _ODDS = 0.02  # precision of the log ratio of white and correlated noise
 _ROUGH = 8.0  # largest logit of the share of Matern, and its prior variance
 _APART = 100.0  # size of the discrepancy of a pose that does not fit, over the usual one
@@ -71,7 +72,7 @@ class Likelihood:
         noise = least, np.log(max(_MOST_NOISE * length, 2.0 * (stated or 0.0)))
         lengths = np.log(shortest), np.log(max(_LONGEST * length, 1.1 * shortest))
         most = _MOST_DISCREPANCY if rows.poses > 1 else 2 * NONE  # in a single pose, a discrepancy and an effect are the same
-        self.bounds = [noise, noise, lengths, (np.log(NONE * usual), np.log(most * usual))]
+        self.bounds = [noise, (least + np.log(_LEAST), noise[1]), lengths, (np.log(NONE * usual), np.log(most * usual))]
         self.bounds.append((-_ROUGH, _ROUGH))
         T = np.vander(rows.inside / max(rows.inside.max(initial=0.0), 1e-12), 2)
         n = len(rows.inside)

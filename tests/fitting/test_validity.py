@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.inference import Settings, fit
+from scan2flex_jax.inference.answer import two_digits
 from scan2flex_jax.study import Tolerance
 
 from . import scenes
@@ -31,7 +32,7 @@ def test_turned_clamps_of_a_new_pose_are_no_fault_of_the_model(turned):
     pose = f.poses["unseen"]
     assert pose.rms > 1.5 * np.sqrt(2) * NOISE
     assert f.valid is True and pose.ratio < 1.5
-    assert f"{pose.ratio:.1f} times the expected one" in f.sentences[-1]
+    assert f"{two_digits(pose.ratio)} times the expected one" in f.sentences[-1]
 
 
 def test_without_the_tolerance_each_pose_deviates_by_itself(turned):
