@@ -76,7 +76,7 @@ CLAIMS = {
         assert float(lowest.bending_stiffness[0]) == 0.1  # the grid's own node nearest to the truth
         along = np.diag(rms.sel(bending_stiffness=slice(9.0, None), torsional_stiffness=slice(9.0, None)))
         assert along.max() / along.min() < 1.2  # nearly flat: ten times stiffer, about the same shape
-        assert 15 <= int(close(alone).sum()) < 25 and float(found.cost.max()) < 1.01 * float(alone.cost.min())
+        assert 15 <= int(close(alone).sum()) < 25 and float(found.rms.max()) < 1.01 * float(alone.rms.min())
     """,
     "your-own-scans": """
         assert all(curve.sure for curve in curves.values()) and rough.sure

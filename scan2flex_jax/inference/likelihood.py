@@ -25,6 +25,7 @@ from scan2flex_jax.inference.settings import Settings
 NONE = 1e-4  # of the usual size of a discrepancy: that counts as none
 _MOST_NOISE, _LONGEST, _MOST_DISCREPANCY = 5e-3, 0.3, 10.0  # of the length, of the length, and over the usual size
 _SHORTEST = 0.01  # of the length
+_REGULAR = 1e-6  # of the variance of a smooth noise, white, for the factorisation
 _LEAST = 0.01  # correlated noise over the least white one
 _ODDS = 0.02  # precision of the log ratio of white and correlated noise
 _ROUGH = 8.0  # largest logit of the share of Matern, and its prior variance
@@ -117,7 +118,9 @@ class Likelihood:
         white, ZZ = sw**2 / p.count * (1 - p.pad), b**2 * (Z @ Z.transpose(0, 2, 1))
         aside = b**2 * np.sum(Z**2, axis=2) / p.near
         fore = p.tangent * aside**2  # points moved across draw back along the tangent, to second order
-        C, i = sc**2 * K + ZZ + self.alike**2 * p.same, np.arange(p.rows)
+        i = np.arange(p.rows)
+        K[:, i, i] += _REGULAR * (1 - p.pad)
+        C = sc**2 * K + ZZ + self.alike**2 * p.same
         if np.any(self.apart):
             C += self.apart[:, None, None] * ZZ / b**2
         C[:, i, i] += white + fore + p.pad

@@ -18,6 +18,7 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import model_at, template
 from scan2flex_jax.fitting.poses import boundary_of, poses_of
+from scan2flex_jax.inference.decision import NONE
 from scan2flex_jax.inference.explanation import Explanation
 from scan2flex_jax.inference.posterior import Fitted, configuration
 from scan2flex_jax.inference.program import Component, Index, Program
@@ -92,7 +93,8 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
     """Rank candidate poses by the information that they would add.
 
     Args:
-        explanation: The result of `explain`. Rivals are the effects of its tie, or the best two; none where memory was found.
+        explanation: The result of `explain`. Rivals are the effects of its tie, or the best two; none where nothing is missing
+            or memory was found.
         candidates: Study poses (their curves, if any, are ignored). Default: variations of the fitted ones, with the end clamp
             twisted, both clamps rolled, the clamps nearer to each other, or the end clamp moved aside; with memory also each
             fitted pose again, last: approached from another side, or after it has crept.
@@ -159,8 +161,10 @@ def _rolled(clamp, degrees):
 
 
 def _rivals(explanation) -> list[tuple[Component, np.ndarray]]:
-    """Components and amplitudes of the tied effects, or of the best two, each alone."""
+    """Components and amplitudes of the tied effects, or of the best two, each alone; none where nothing is missing."""
     decision, alone = explanation.decision, dict[str, Fitted]()
+    if decision.verdict == NONE:
+        return []
     kinds = list(dict.fromkeys(k for h in (decision.best, *decision.tied) for k in h.kinds))
     for h in explanation.singles:
         alone.setdefault(h.kinds[0], h)

@@ -199,6 +199,8 @@ class Variant:
         Z = np.zeros((len(r), self.rows.rows, 1))
         if scatter:
             Z = self.rows.of(shapes, self.program.scatter(components, x, configuration(shapes)))
+            most = np.max(np.abs(Z), axis=(1, 2), keepdims=True) * self.likelihood.usual / self.length
+            Z /= np.maximum(most, 1.0)  # at a bifurcation the displacement of first order has no bound
         precision = np.where(prior.frozen, 1.0, prior.precision + prior.weak + prior.width)
         return Linear(r, X, Z, own, precision, prior.pull(x), prior.cost(x))
 
