@@ -34,7 +34,8 @@ def of_discrepancy(discrepancy) -> tuple[str, ...]:
 
 def conspicuous(noise: Noise, length: float, settings: Settings = USUAL) -> bool:
     """Whether noise that nobody stated varies so slowly along the cable as no scanner's does."""
-    return noise.correlated > settings.smooth * noise.white and not noise.assumed(length)
+    long = noise.correlation_length > settings.smooth * settings.correlation * length
+    return noise.correlated > settings.smooth * noise.white and long and not noise.assumed(length)
 
 
 def validity(poses, noise, differ, stated, length, misfit, settings: Settings = USUAL) -> tuple[bool | None, tuple[str, ...]]:
