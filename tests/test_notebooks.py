@@ -89,7 +89,7 @@ CLAIMS = {
             estimate = result.estimates[name]
             np.testing.assert_allclose(estimate.value, true, rtol=0.01)
             assert estimate.low < true < estimate.high
-        assert result.valid and result.poses["unseen"].rms < 1.5 * result.poses["sag"].rms
+        assert result.valid and result.poses["unseen"].ratio < 1.5
         assert xml.startswith("<mujoco")
     """,
 }

@@ -71,7 +71,9 @@ def study(plane=False, gravity=(0.0, 0.0, -9.81), tolerance=None, seed=0, **hidd
 def variant_of(study, elements=20, **given):
     """A study with its hypothesis without effects."""
     found = fitted(study, slots=slots_of(study), elements=elements)
-    return Variant("as stated", found.problem, found.minimum, **given)
+    variant = Variant("as stated", found.problem, found.minimum, **given)
+    variant.fit = found
+    return variant
 
 
 def case(name, poses=4, unseen=()):
