@@ -43,6 +43,12 @@ class Evaluation(NamedTuple):
     verdict: Verdict
     axes: np.ndarray | None = None
 
+    @classmethod
+    def of(cls, shapes: list[states.Shape]) -> "Evaluation":
+        """Of solved poses, one after the other."""
+        shapes = [each._replace(marked=None, left=(), leaving=(), entered=()) for each in shapes]
+        return cls(*jax.tree.map(lambda *x: np.stack(x), *shapes)[:6])
+
     @property
     def solved(self) -> bool:
         """Whether every pose is a stable equilibrium with finite residuals."""
@@ -115,8 +121,7 @@ class Evaluator:
             found = each_pose(lambda i: self._pose(p, i, shared, local[i], one(start, i), derivative), p.count)
         else:
             found = self._in_order(p.history, shared, local, start, derivative)
-        found = [each._replace(marked=None, left=(), leaving=(), entered=()) for each in found]
-        return Evaluation(*jax.tree.map(lambda *x: np.stack(x), *found)[:6])
+        return Evaluation.of(found)
 
     def _rows(self, x, derivative):
         """Number of tangents of a call."""

@@ -200,7 +200,7 @@ def _ranking(search: Search, d: Decision) -> tuple[Ranked, ...]:
 
 def _rms_unseen(h: Fitted) -> float | None:
     """RMS distance (m) of the validate poses; None without any, and where one is not solved."""
-    shapes, program = of.predicted(h), h.variant.held_out
+    shapes, program = h.predicted, h.variant.held_out
     if program is None or not all(map(of.stable, shapes)):
         return None
     rows = np.concatenate([shape.residual[keep] for shape, keep in zip(shapes, program.real, strict=True)])
@@ -265,7 +265,7 @@ def _poses(d: Decision) -> dict[str, PoseChange]:
     left = [of.left_out(h) for h in (empty, best)] if several else []
     groups = [(best.variant.program, study.fit_poses, empty.shapes, best.shapes)]
     if best.variant.held_out is not None:
-        groups.append((best.variant.held_out, study.validate_poses, of.predicted(empty), of.predicted(best)))
+        groups.append((best.variant.held_out, study.validate_poses, empty.predicted, best.predicted))
     for program, poses, before, after in groups:
         for i, pose in enumerate(poses):
             keep, ok0, ok1 = program.real[i], of.stable(before[i]), of.stable(after[i])

@@ -13,6 +13,7 @@ import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.discrepancy import Discrepancy
+from scan2flex_jax.fitting.evaluate import Evaluation
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.noise import stated_noise
 from scan2flex_jax.fitting.poses import check_distance
@@ -158,11 +159,10 @@ def fitted(
 
 def _at_mode(h, minimum) -> Minimum:
     """The mode of a posterior as a minimum: its evaluation, and its cost in units of noise and discrepancy."""
-    n, v = h.index, h.variant
+    n = h.index
     shared, local = h.x[: n.shared], h.x[n.shared : n.base].reshape(n.poses, n.local)
-    evaluation = v.problem.evaluator(shared, local, start=h.configuration)
     stalled = not h.converged and minimum.stalled
-    return Minimum(shared, local, evaluation, h.chi2 + h.linear.quad, minimum.iterations, h.converged, stalled)
+    return Minimum(shared, local, Evaluation.of(h.shapes), h.chi2 + h.linear.quad, minimum.iterations, h.converged, stalled)
 
 
 def _known(known, laws, estimates):
@@ -236,7 +236,7 @@ def _pose_fits(h) -> dict[str, PoseFit]:
     ratio = of.ratios(h)
     groups = [(v.study.fit_poses, v.program, h.shapes)]
     if v.held_out is not None:
-        groups.append((v.study.validate_poses, v.held_out, of.predicted(h)))
+        groups.append((v.study.validate_poses, v.held_out, h.predicted))
     for study_poses, program, shapes in groups:
         for i, (pose, shape, real) in enumerate(zip(study_poses, shapes, program.real, strict=True)):
             code, r = int(shape.verdict.code), shape.residual[real]

@@ -43,6 +43,7 @@ _SHARE = 0.3  # of the baseline residual: noise of unweighted distances
 _TRUSTED = 4.0  # nats that a further Gauss-Newton step may promise
 _WORST_NOISE = 5e-3  # of the length: noise of the sensor to begin from
 _DAMPING = 1e-4
+_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
 
 
 @dataclass(eq=False)
@@ -107,6 +108,27 @@ class Fitted:
     def elpd(self) -> np.ndarray:
         """Log predictive density (nats) of each pose, or group of repeats, given the others."""
         return elpd(self.variant.likelihood, self.linear, self.u, self.variant.groups)
+
+    @cached_property
+    def predicted(self) -> list:
+        """Shapes of the validate poses at its shared parameters; those that are not solved from their measured curves are
+        continued from the shapes without effects. Empty without such poses."""
+        program, n = self.variant.held_out, self.index
+        if program is None:
+            return []
+        x = self.variant.unseen_vector(self, program)
+        shapes = program.shapes(self.components, x)
+        if solved(shapes) or not self.components:
+            return shapes
+        begin = x.copy()
+        begin[: n.shared] = self.variant.empty.x[: n.shared]
+        for k in range(len(self.components)):
+            begin[Index(program, self.components).amplitudes(k)] = 0.0
+        continued, start = shapes, None
+        for t in _WAY:
+            continued = program.shapes(self.components, begin + t * (x - begin), start)
+            start = configuration(continued)
+        return [own if solved([own]) else other for own, other in zip(shapes, continued, strict=True)]
 
     def gain(self) -> float:
         """Nats that a discrepancy of the poses gains beside its effects."""

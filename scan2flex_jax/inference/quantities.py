@@ -18,14 +18,13 @@ from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
 from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Component, Index, Program
+from scan2flex_jax.inference.program import Component, Program
 from scan2flex_jax.inference.rows import Rows
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 
 _FEWEST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
-_WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
 
 
 def parameters_of(h: Fitted, k: int) -> dict:
@@ -105,27 +104,6 @@ def _rescaled(h):
     return factors
 
 
-def predicted(h: Fitted) -> list:
-    """Shapes of the validate poses at the shared parameters of a hypothesis; those that are not solved from their measured
-    curves are continued from the shapes without effects. Empty without such poses."""
-    program, n = h.variant.held_out, h.index
-    if program is None:
-        return []
-    x = h.variant.unseen_vector(h, program)
-    shapes = program.shapes(h.components, x)
-    if solved(shapes) or not h.components:
-        return shapes
-    begin = x.copy()
-    begin[: n.shared] = h.variant.empty.x[: n.shared]
-    for k in range(len(h.components)):
-        begin[Index(program, h.components).amplitudes(k)] = 0.0
-    continued, start = shapes, None
-    for t in _WAY:
-        continued = program.shapes(h.components, begin + t * (x - begin), start)
-        start = configuration(continued)
-    return [own if solved([own]) else other for own, other in zip(shapes, continued, strict=True)]
-
-
 def surprise(h: Fitted, most: float) -> dict[str, float]:
     """The validate poses whose distance exceeds ``most`` times what the hypothesis expects of it, and by how many times."""
     return {name: ratio for name, ratio in ratios(h).items() if ratio > most}
@@ -134,7 +112,7 @@ def surprise(h: Fitted, most: float) -> dict[str, float]:
 def ratios(h: Fitted) -> dict[str, float]:
     """Per validate pose its distance over that which the hypothesis expects, from noise, discrepancy, tolerances, and the
     errors of the parameters; infinite without an equilibrium."""
-    v, n, found, poses = h.variant, h.index, predicted(h), h.variant.study.validate_poses
+    v, n, found, poses = h.variant, h.index, h.predicted, h.variant.study.validate_poses
     good = [i for i, shape in enumerate(found) if solved([shape])]
     out = dict.fromkeys((pose.name for pose in poses), np.inf)
     if v.held_out is None or not good:

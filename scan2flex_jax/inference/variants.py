@@ -25,7 +25,6 @@ from scan2flex_jax.inference.memory import declaring
 from scan2flex_jax.inference.mesh import mesh_error
 from scan2flex_jax.inference.posterior import Fitted, Variant
 from scan2flex_jax.inference.program import slots_of
-from scan2flex_jax.inference.quantities import predicted
 from scan2flex_jax.inference.search import Search
 from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.rod.energy import strains
@@ -141,7 +140,7 @@ def _strained(v: Variant) -> tuple[np.ndarray, np.ndarray]:
     study, empty = v.study, v.empty
     rods = dict(zip((p.name for p in study.fit_poses), v.program.rods((), empty.x, empty.shapes), strict=True))
     if v.held_out is not None:
-        unseen = v.held_out.rods((), v.unseen_vector(empty, v.held_out), predicted(empty))
+        unseen = v.held_out.rods((), v.unseen_vector(empty, v.held_out), empty.predicted)
         rods |= dict(zip((p.name for p in study.validate_poses), unseen, strict=True))
     excess = [np.asarray(_excess(*rods[pose.name])) for pose in study.poses]
     return np.nan_to_num(excess), np.stack([np.asarray(rods[pose.name][0].section.stiffness) for pose in study.poses])

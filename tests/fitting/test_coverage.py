@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from scan2flex_jax.inference import fit
+from scan2flex_jax.study import Unknown
 
 from . import scenes
 
@@ -45,3 +46,25 @@ def test_correlation_is_that_of_the_draws(fits):
     values = np.array([[f.estimates[n].value for n in TRUE] for f in fits])
     quoted = np.mean([f.correlation[0, 1] for f in fits])
     assert abs(np.arctanh(np.corrcoef(values.T)[0, 1]) - np.arctanh(quoted)) < 3.5 / np.sqrt(DRAWS - 3)
+
+
+def test_noise_of_the_integrated_distance():
+    """A pose in the plane x-z, noise in all directions: the noise is found at equal arc length too."""
+    study = scenes.study_of([Unknown("bending_stiffness")], poses=("plane",))
+    curves = scenes.exact_curves(study, {"bending_stiffness": scenes.EI})
+    inner = [scenes.measured(study, curves, NOISE, seed) for seed in range(16)]
+    fits = [fit(s, distance="integrated", elements=scenes.ELEMENTS) for s in inner]
+    np.testing.assert_allclose(np.mean([f.noise.total for f in fits]), NOISE, rtol=0.1)
+    z = [(f.estimates["bending_stiffness"].value - scenes.EI) / f.estimates["bending_stiffness"].std for f in fits]
+    assert np.all(np.abs(z) < 4.0), z
+
+
+def test_noise_within_the_plane_of_a_pose_counts():
+    """Noise along the one normal that lies in the plane x-z, and none along y: that normal alone was measured."""
+    study = scenes.study_of([Unknown("bending_stiffness")], poses=("plane",))
+    (curve,) = scenes.exact_curves(study, {"bending_stiffness": scenes.EI})
+    slope = np.gradient(curve, axis=0)
+    normal = np.cross(slope, [0.0, 1.0, 0.0]) / np.linalg.norm(slope, axis=1)[:, None]
+    noisy = curve + NOISE * np.random.default_rng(0).standard_normal((len(curve), 1)) * normal
+    f = fit(scenes.measured(study, [noisy]), distance="integrated", elements=scenes.ELEMENTS)
+    np.testing.assert_allclose(f.noise.total, NOISE, rtol=0.2)

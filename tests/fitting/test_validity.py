@@ -7,6 +7,7 @@ import pytest
 
 from scan2flex_jax.inference import Settings, fit
 from scan2flex_jax.inference.answer import two_digits
+from scan2flex_jax.inference.belief import validity
 from scan2flex_jax.study import Tolerance
 
 from . import scenes
@@ -43,6 +44,14 @@ def test_without_the_tolerance_each_pose_deviates_by_itself(turned):
         e, before = f.estimates[name], known.estimates[name]
         assert e.low < true < e.high
         assert e.high - e.low > 1.5 * (before.high - before.low)
+
+
+def test_a_validate_pose_that_was_not_solved_has_no_error(turned):
+    f = fit(turned)
+    lost = replace(f.poses["unseen"], rms=np.nan, ratio=np.inf, stable=False)
+    valid, (said,) = validity(f.poses | {"unseen": lost}, f.noise, False, NOISE, 1.0, misfit=False)
+    assert valid is False
+    assert "does not predict unseen" in said and "(no equilibrium was found)" in said
 
 
 def test_belief_is_a_matter_of_settings_that_are_stored(turned):

@@ -188,7 +188,7 @@ def test_estimates_versions_and_inputs_are_there(fitted, shown):
         for text, true in zip(shown_as, (estimate.value, estimate.low, estimate.high), strict=True):
             assert abs(float(text) - true) <= 0.501 * 10.0 ** Decimal(text).as_tuple().exponent  # half of the last digit
         width = estimate.high - estimate.low  # digits enough to show the interval
-        np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=0, atol=0.5 * width)
+        np.testing.assert_allclose(rounded, [estimate.value, estimate.low, estimate.high], rtol=0, atol=0.15 * width)
         assert rounded[1] < rounded[0] < rounded[2]
     assert "scan2flex report simulated-cable -o report.html --no-explain --elements 40" in words
     for name in ("jax", "numpy", "plotly", "plane.csv", "study.toml"):
