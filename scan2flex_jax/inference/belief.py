@@ -33,9 +33,11 @@ def of_discrepancy(discrepancy) -> tuple[str, ...]:
 
 
 def conspicuous(noise: Noise, length: float, settings: Settings = USUAL) -> bool:
-    """Whether noise that nobody stated varies so slowly along the cable as no scanner's does."""
-    long = noise.correlation_length > settings.smooth * settings.correlation * length
-    return noise.correlated > settings.smooth * noise.white and long and not noise.assumed(length)
+    """Whether noise that nobody stated varies along the cable as no scanner's does: smoothly, and over lengths or by sizes far
+    beyond the usual ones."""
+    far = settings.smooth * length
+    beyond = noise.correlation_length > far * settings.correlation or noise.total > far * settings.usual_noise
+    return noise.correlated > settings.smooth * noise.white and beyond and not noise.assumed(length)
 
 
 def validity(poses, noise, differ, stated, length, misfit, settings: Settings = USUAL) -> tuple[bool | None, tuple[str, ...]]:

@@ -22,9 +22,9 @@ class Settings:
 
     Validation: a residual is no noise above ``beyond_noise`` times the noise that is stated or shown by the points, and above
     ``largest_noise`` of the length if none is stated; unstated noise is conspicuously smooth where its correlated part exceeds
-    ``smooth`` times the white one, and its length as many times the usual one. A validate pose contradicts the model from
-    ``surprise`` times the distance that noise, discrepancy, tolerances and errors of the estimates let expect. An interval is
-    withheld above a standard deviation ``vaguest_interval`` of the logarithm.
+    ``smooth`` times the white one, and its length or size as many times the usual one. A validate pose contradicts the model
+    from ``surprise`` times the distance that noise, discrepancy, tolerances and errors of the estimates let expect. An interval
+    is withheld above a standard deviation ``vaguest_interval`` of the logarithm.
 
     Hypotheses: ``effect`` is the prior cost of each effect beyond the choice of its kind and place, ``turn`` that of a full
     turn in a pose, ``mistake`` that of a mistake of the input. Sets have at most ``most_effects``.
