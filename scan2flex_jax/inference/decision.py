@@ -73,7 +73,7 @@ def compared(h: Fitted, other: Fitted) -> tuple[float, float]:
     if h is other:
         return 0.0, 0.0
     if len(h.elpd) < 2 or len(h.elpd) != len(other.elpd):
-        return h.score - other.score, 0.0
+        return float(h.score - other.score), 0.0
     d = h.elpd - other.elpd
     return float(np.sum(d)), float(np.std(d, ddof=1) * np.sqrt(len(d)))
 
@@ -91,7 +91,7 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     its RMS distance over the expected one."""
     s = search.variants[0].settings
     empty = max((v.empty for v in search.variants if v.effect is None), key=lambda h: h.score)
-    causes = [h for h in search.causes if h.names]
+    causes = [h for h in search.causes if h.names and h.score > empty.score]
     description = max((h for h in search.ranked if describes(h)), key=_density, default=None)
     cause = _needed(causes, s)
     alone, alternatives = empty.gain(), [h for h in (cause, description) if h is not None]

@@ -91,10 +91,13 @@ def explain(
         return Explanation(study=study, verdict=UNSOLVED, sentences=(str(fault),), seconds=_since(began), settings=settings)
     if isinstance(first, Fit):
         return _mistaken(first.study, first.mistakes, began, settings)
+    mistaken = [(mistake, v.empty) for mistake, v in variants.corrected(first, say)]
+    if beyond := [m for m, h in mistaken if not h.discrepant and leads(h, first.empty, settings.found)]:
+        # nothing is left for an effect to explain
+        return _mistaken(first.fit.study, beyond, began, settings)
     search = Search([first], say).run()
     if search.causes[0].discrepant and (stated := variants.stated_turns(study, first, say)) is not None:
         search.extend(stated)
-    mistaken = [(mistake, v.empty) for mistake, v in variants.corrected(first, say)]
     for variant in variants.remembering(search, say):
         search.extend(variant, deeper=False)
     decision = decide(search, mistaken, bool(coarse), lambda h: of.surprise(h, settings.surprise))

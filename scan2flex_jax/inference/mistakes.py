@@ -3,7 +3,7 @@
 If `study.visible` finds a doubt, or the residual of the fit exceeds a few thousandths of the length, the study is refitted with
 each likely mistake corrected (`study.mistakes`). A corrected study has no additional parameter: a residual three times smaller
 is no accident. A strong missing effect is sometimes imitated by a correction, though only in part: `explain` compares the two
-where a correction leaves more than noise (`beyond_doubt`). In turn:
+by their scores where a correction leaves more than noise. In turn:
 
 1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the corrected curves and at those of
    the fit; the nearest ones are refitted;
@@ -24,7 +24,7 @@ import numpy as np
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt
-from scan2flex_jax.fitting.noise import sensor_noise, white_noise
+from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import branches
@@ -47,7 +47,6 @@ _NEARER = 0.6  # times the distance before: a refit below it may be a full turn 
 _HALVED = 0.5  # times the distance before: required of a mistake that is visible without a solve
 _PATIENCE = 6  # iterations after which a refit that is far off is given up
 _STIFFER = np.log(10.0)  # added to the logarithms of a start that does not settle
-_SENSOR = 3.0  # times the white noise of the curves: a corrected study that comes so close leaves nothing to explain
 _FINEST, _COARSEST = 2.0e-4, 0.01  # of the length: noise of curves that weighs priors
 
 
@@ -87,13 +86,6 @@ def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> 
     search = _Search(problem.study, problem, None, progress)
     found = search.confirmed(visible_mistakes(problem.study)) or search.hidden()
     return NotSettledError(fault.sentence, str(found[0]), fault.reasons) if found else fault
-
-
-def beyond_doubt(problem: Problem, likely: tuple[Mistake, ...]) -> bool:
-    """Whether no missing effect could explain the shapes better than these mistakes: they are visible without a solve, or the
-    corrected study comes as close as the noise of the curves (unknown for scans: then too)."""
-    noise = np.sqrt(NORMALS) * max(sensor_noise(problem.study), _FINEST * problem.length)
-    return bool(visible_mistakes(problem.study)) or any(m.after is not None and m.after <= _SENSOR * noise for m in likely)
 
 
 def _distance(problem, residual) -> float:

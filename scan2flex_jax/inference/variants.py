@@ -18,7 +18,6 @@ from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.least_squares import Progress
 from scan2flex_jax.fitting.poses import places_of
 from scan2flex_jax.fitting.start import memory_starts
-from scan2flex_jax.inference import mistakes
 from scan2flex_jax.inference.fit_result import Fit
 from scan2flex_jax.inference.fitting import fitted
 from scan2flex_jax.inference.memory import declaring
@@ -30,6 +29,7 @@ from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.visible import visible_mistakes
 
 _FEWEST = 5  # fitted poses that can show memory
 _TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can show friction
@@ -37,11 +37,11 @@ _TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can 
 
 def given(study: Study, elements: int | None, mesh: bool, scanned: bool, settings: Settings, say: Progress):
     """``(variant, figures, coarse)``: the study as stated on a fine enough mesh, or its fit alone where a mistake of the input
-    is beyond doubt; elements and mesh error, and the poses whose mesh remains too coarse. Raises `NotSettledError`."""
+    shows without a solve; elements and mesh error, and the poses whose mesh remains too coarse. Raises `NotSettledError`."""
     while True:
         say("baseline fit")
         first = fitted(study, elements=elements, slots=slots_of(study), settings=settings, scanned=scanned)
-        if first.mistakes and mistakes.beyond_doubt(first.problem, first.mistakes):
+        if first.mistakes and visible_mistakes(first.problem.study):
             return first, {}, []
         elements, study = first.problem.elements, first.problem.study  # with the turns that the shapes show
         variant = variant_of("as stated", first)

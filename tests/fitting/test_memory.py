@@ -207,7 +207,8 @@ def test_a_fit_recovers_the_set_that_a_cable_came_with():
     about_d1, about_d2 = found.estimates["friction.initial_set"].value
     assert about_d2 == pytest.approx(-1.5, rel=0.15)  # the plane of the chain is that across -d2
     assert abs(about_d1) < 0.1
-    assert found.minimum.cost < 0.5 * new.minimum.cost
+    assert found.posterior.score > new.posterior.score + 100.0
+    assert max(p.rms for p in found.poses.values()) < 0.5 * min(p.rms for p in new.poses.values())
     assert found.estimates["friction.share"].value == pytest.approx(0.6, rel=0.15)
 
 

@@ -14,7 +14,6 @@ from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import explain, fit, mistakes
 from scan2flex_jax.study import Clamp, EffectDeclaration, save_study
-from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.rotations import columns
 
 from . import scenes
@@ -135,13 +134,3 @@ def test_command_ends_with_the_code_of_what_is_not_to_be_believed(tmp_path):
     assert "likely mistake: the end clamp of every pose is rolled" in found.stdout.splitlines()[1]
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["mistakes"][0]["mend"] in result["messages"][0]
-
-
-@pytest.mark.parametrize(("left", "beyond"), [(4.0, True), (5.0, False)])
-def test_a_correction_that_leaves_more_than_noise_is_open_to_doubt(left, beyond):
-    """``left``: distance of the corrected study over the noise of a coordinate."""
-    study = scenes.example()
-    study = replace(study, poses=tuple(replace(pose, noise=NOISE) for pose in study.poses))
-    problem = Problem(study)
-    likely = Mistake("gravity points along another axis", "turn it", study, before=0.1, after=left * NOISE)
-    assert mistakes.beyond_doubt(problem, (likely,)) is beyond

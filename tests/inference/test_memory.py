@@ -13,12 +13,15 @@ from scan2flex_jax.inference import MemoryTest, memory_test
 from scan2flex_jax.inference.memory import _permuted, other_order
 from scan2flex_jax.inference.planning import variations
 from scan2flex_jax.inference.program import Component, Program
-from tests.fitting.test_memory import GRIPS
 
 NOISE = 3e-4
 
 
+GRIPS = [(0.75, 0.0, 0.0), (0.45, 0.05, 0.6), (0.75, 0.0, 0.0), (0.5, -0.1, -0.3), (0.6, 0.1, 0.3), (0.75, 0.0, 0.0)]
+
+
 def study_with(share, count=6):
+    """Poses whose plane shapes are stable in space without friction."""
     grips = [hysteresis.Grip(*g) for g in GRIPS[:count]]
     chains = hysteresis.posed(1.0, 1.0, hysteresis.Dahl(0.05, share, 2.0), grips)
     return study_of_chains(chains, grips, NOISE, seed=2)
