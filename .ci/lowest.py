@@ -18,7 +18,7 @@ import venv
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS = ("report", "sweep")
+EXTRAS = ("report", "scans", "sweep")
 RUNNERS = ("pytest", "pytest-xdist", "beartype", "hypothesis")
 TESTS = (
     "test_toolchain.py", "test_public_names.py", "cli/test_help.py", "cli/test_measuring.py", "study", "convert",

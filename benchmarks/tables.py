@@ -409,6 +409,18 @@ EXTRACTED = {
 }  # fmt: skip
 EXTRACTION = Table(("extraction",), EXTRACTED, _extraction(_VIEWS))
 KINDS = Table(("extraction",), EXTRACTED, _extraction(_WITH), _gaps)
+FORMATS = Table(
+    ("formats",),
+    {
+        "format": item("format"),
+        "ending": item("ending", form="`{}`"),
+        "file, MB": item("MB", form="{:.0f}"),
+        "seconds": item("seconds", form="{:.2g}"),
+        "memory, MiB": item("memory_MiB", form="{:.0f}"),
+    },
+    lambda results: results["rows"],
+    "{points:,} points, each file read by a process of its own; 24 bytes a point are 23 MiB.",
+)
 _LETTERS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ"}
 
 
@@ -498,7 +510,7 @@ PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "compared.md": {"fit": FIT},
     DOCS / "adding-an-effect.md": {"laws": LAWS},
     DOCS / "missing-effects.md": {"memory": MEMORY},
-    DOCS / "scanning.md": {"extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
+    DOCS / "scanning.md": {"formats": FORMATS, "extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
     DOCS / "sweeps.md": {"batches": BATCHES},
     DOCS / "peers.md": {"ratios": RATIOS},
     DOCS / "robustness.md": {"extremes": EXTREMES, "attacks": ATTACKS},

@@ -41,7 +41,7 @@ def imports(path: Path):
 
 def test_modules_import_what_is_declared():
     distributions = packages_distributions()
-    lent = set.union(*(EXTRAS[extra] for extra in ("report", "sweep")))
+    lent = set.union(*(EXTRAS[extra] for extra in ("report", "scans", "sweep")))
     for path in sorted((ROOT / "scan2flex_jax").rglob("*.py")):
         for library, at_top in imports(path):
             found = {d.lower() for d in distributions.get(library, [library])}

@@ -15,7 +15,8 @@ from scan2flex_jax.convert.frames import (
     sequence_of,
 )
 from scan2flex_jax.convert.start import MeasuredFile, measured_files, new_study
-from scan2flex_jax.convert.units import LENGTHS, length_unit, measured, quantity
+from scan2flex_jax.convert.units import length_unit, measured, quantity
+from scan2flex_jax.study.tables import LENGTHS
 
 __all__ = [
     "CONVENTIONS",

@@ -1,34 +1,26 @@
-"""Centre curves from other tools: detection of a text file's separator, decimal mark, header, columns and unit.
+"""Centre curves from other tools: the columns and the unit of a table (`study.tables`).
 
 Properties that the file determines are detected; an error requests the others. Coordinates are returned in metres, in the
 order of the file, without consecutive duplicates.
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
-from scan2flex_jax.convert.units import LENGTHS, length_unit
+from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study.curves import arc_length_fault, checked_curve
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
+from scan2flex_jax.study.scans import load_geometry
+from scan2flex_jax.study.tables import SAMPLE, Dialect, dialect, rows, unfolded
 from scan2flex_jax.study.values import Where, one_line, shown
 
-_DIALECTS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))  # separator, decimal mark
-_SAMPLE = 300  # lines that determine the dialect
-_PREAMBLE = 60  # most lines before the first point
 _ARC = 0.2  # relative difference up to which a column counts as the arc length of the points
-_NAMES = {"s": "s", "arclength": "s", "arc": "s", "curvilinearabscissa": "s", "abscissa": "s",
-          "points0": "x", "points1": "y", "points2": "z"}  # fmt: skip
-_COORDINATE = re.compile(
-    r"(?:pos|position|p|point|points|coord|coordinate|centre|center)?([xyz])(?:pos|position|coord|coordinate)?"
-)
-_UNIT = re.compile(r"(.*?)[\s_]*[\[(\s_]\s*([a-z]+)\s*[\])]?\s*")
 
 
 @dataclass(frozen=True)
@@ -58,105 +50,45 @@ def read_foreign_points(path: Path, *, units: str | None = None) -> Annotated[np
 
 def _read(path, units, columns, where):
     """Points (m), arc length (m) or None, and the detected properties of the file."""
-    rows = curve_limit()
-    text = read_text(path, rows.bytes, where, "the file is not there: name one.", rows)
-    lines = [line for line in (raw.strip() for raw in text.splitlines()) if line]
-    mark, decimal, first = _dialect(lines, where)
-    table = _table(lines[first:], mark, decimal, where)
-    header = _header(lines, first, mark, table.shape[1])
-    stated = None
+    limit = curve_limit()
+    how, table = _table(path, limit, where)
+    plain = [k for k in range(how.width) if k not in how.texts]
     if columns is not None:
         names = _given(columns, table.shape[1], where)
-    elif header is not None:
-        names, stated = _named(header, where)
+    elif how.names is not None:
+        names = list(how.names)
     else:
-        names = _guessed(table, where)
-    unit = units or stated or "m"
-    if units and stated and units != stated:
-        said = f"it states {stated}, but the given unit is {units}"
+        names = [None] * how.width
+        for k, name in zip(plain, _guessed(table[:, plain], where), strict=True):
+            names[k] = name
+    unit = units or how.unit or "m"
+    if units and how.unit and units != how.unit:
+        said = f"it states {how.unit}, but the given unit is {units}"
         raise where.at("header").fail(f"{said}: leave the unit out, or correct the header.")
     by_name = {name: table[:, i] * length_unit(unit) for i, name in enumerate(names) if name}
     points = np.column_stack([by_name[name] for name in "xyz"])
-    keep = np.r_[True, np.any(points[1:] != points[:-1], axis=1)]
+    there = ~np.isnan(points).any(axis=1)
+    new = np.r_[True, np.any(points[1:] != points[:-1], axis=1)]
+    keep = there & new
     s = by_name["s"][keep] if "s" in by_name else None
     fault = None if s is None or len(s) < 2 else arc_length_fault(points[keep], s)
     s = s if fault is None else None
-    marks = {";": "semicolons", "\t": "tabs", ",": "commas", None: "blanks"}
     given = ", ".join(name or "(left out)" for name in names)
-    notes = [f"{int(keep.sum())} points in {unit}, columns {given}, separated by {marks[mark]}"]
+    notes = [f"{int(keep.sum())} points in {unit}, columns {given}, {how}"]
     notes += [] if fault is None else [f"the column s was left out: {fault}"]
-    notes += ["with decimal commas"] * (decimal == ",")
-    notes += [f"{int(np.sum(~keep))} points that repeat the one before were left out"] * bool(np.any(~keep))
+    notes += [f"{int(np.sum(there & ~new))} points that repeat the one before were left out"] * bool(np.any(there & ~new))
+    notes += [f"{int(np.sum(~there))} rows without a point were left out"] * bool(not np.all(there))
     return points[keep], s, tuple(notes)
 
 
-def _cells(line: str, mark: str | None, decimal: str) -> list[float] | None:
-    """The numbers of a line, or None."""
-    cells = [cell.strip().strip('"') for cell in line.split(mark)]
-    while cells and not cells[-1]:
-        cells.pop()
-    try:
-        return [float(cell.replace(",", ".") if decimal == "," else cell) for cell in cells]
-    except ValueError:
-        return None
-
-
-def _dialect(lines, where):
-    """``(separator, decimal mark, first line of numbers)`` under which the most lines are rows of three numbers or more."""
-    best: tuple[int, tuple[str | None, str, int] | None] = (0, None)
-    for mark, decimal in _DIALECTS:
-        rows = [_cells(line, mark, decimal) for line in lines[:_SAMPLE]]
-        wide = [len(row) if row is not None and len(row) >= 3 else 0 for row in rows]
-        count = sum(w > 0 for w in wide)
-        if count > best[0]:
-            best = (count, (mark, decimal, next(i for i, w in enumerate(wide) if w)))
-    if best[1] is None or best[1][2] > _PREAMBLE:
-        raise where.fail("no line holds three numbers or more: give a text file with one point x,y,z a line.")
-    return best[1]
-
-
-def _table(lines, mark, decimal, where) -> Annotated[np.ndarray, "n c"]:
-    """All rows from the first line of numbers on; a truncated row is an error."""
-    rows = [_cells(line, mark, decimal) for line in lines]
-    width = len(rows[0] or ())
-    for i, row in enumerate(rows):
-        if row is None or len(row) != width:
-            here = where.at(f"point {i + 1}")
-            raise here.fail(f"got {shown(lines[i])}: write {width} numbers, as on the line of the first point.")
-    return np.array(rows, float)
-
-
-def _header(lines, first, mark, columns) -> list[str] | None:
-    """The cells of the line before the first point, if it has the same number of columns."""
-    if first == 0:
-        return None
-    cells = [c.strip().strip('"') for c in lines[first - 1].lstrip("#/% ").split(mark)]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells if len(cells) == columns else None
-
-
-def _named(header, where) -> tuple[list[str | None], str | None]:
-    """The meaning of each column of a header, and the unit that it states."""
-    names, units = [], set()
-    for cell in header:
-        base, unit = cell.lower(), None
-        found = _UNIT.fullmatch(base)
-        if found and found[2] in LENGTHS and found[1]:
-            base, unit = found[1], found[2]
-        plain = re.sub(r"[^a-z0-9]", "", base)
-        coordinate = _COORDINATE.fullmatch(plain)
-        name = _NAMES.get(plain) or (coordinate and coordinate[1])
-        name = name if name and name not in names else None
-        names.append(name)
-        if name and unit:
-            units.add(unit)
-    here = where.at("header")
-    if not {"x", "y", "z"} <= set(names):
-        raise here.fail(f"{shown(', '.join(header))} names no x, y, z: say what the columns are, as in s,x,y,z or -,x,y,z.")
-    if len(units) > 1:
-        raise here.fail(f"it states several units ({', '.join(sorted(units))}): convert the columns to one.")
-    return names, next(iter(units), None)
+def _table(path, limit, where):
+    """The dialect and the rows of a file."""
+    if path.suffix.lower() == ".npy":
+        return Dialect(None, ".", 0, 3), np.asarray(load_geometry(path).vertices)
+    text = read_text(path, limit.bytes, where, "the file is not there: name one.", limit, foreign=True)
+    lines = [line for line in (unfolded(text) or text).splitlines() if line.strip()]
+    how = dialect(lines[:SAMPLE], where)
+    return how, rows(lines[how.first :], how, where)
 
 
 def _given(columns: str, count: int, where) -> list[str | None]:
@@ -183,4 +115,14 @@ def _guessed(table, where) -> list[str | None]:
             return [None, "x", "y", "z"]
         if np.all(step > 0) and abs(np.sum(step) - np.sum(along)) < _ARC * np.sum(along):
             return ["s", "x", "y", "z"]
+    if count == 6 and (_colours(table[:, 3:]) or _normals(table[:, 3:])):
+        return ["x", "y", "z", None, None, None]
     raise where.at("columns").fail(f"there is no header over the {count} columns: {advice}")
+
+
+def _colours(columns):
+    return np.all((columns >= 0) & (columns <= 255) & (columns == np.round(columns)))
+
+
+def _normals(columns):
+    return np.allclose(np.linalg.norm(columns, axis=1), 1.0, atol=1e-3)

@@ -23,13 +23,16 @@ from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, Stud
 from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.scans import load_geometry
 from scan2flex_jax.study.sense import CURVE_LEAST, CURVE_SLACK, looks_like
+from scan2flex_jax.study.survey import KINDS
 from scan2flex_jax.study.values import suggestion
 
-CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv")
-SCANS = (".ply", ".xyz", ".obj", ".stl", ".off", ".glb")
+CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk", ".dxf", ".sldcrv")
+SCANS = tuple(kind for name in KINDS if (kind := f".{name}") not in CURVES)
 GRAVITY = (0.0, 0.0, -9.81)
 _SPARSE = 0.05  # of L: points of a curve with arc lengths are nearer to each other than this
 _END = 0.05  # part of a curve for the parabola that gives the direction at its end
+_SCAN = 100_000  # bytes of a table from which it may be a scan
+_TANGLED = 10.0  # times the extent of the points: the path through them in the order of the file, where it is a scan
 _UNTWISTED = "the clamps were taken from the ends of the curves, without twist: measure them, above all where an end is twisted"
 
 
@@ -61,7 +64,7 @@ def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[Measu
         if kind in CURVES and holds_frames(path):
             raise Scan2FlexError(f"{path} holds frames, not a curve: name it with --clamps, or put it in another folder.")
         name = path.stem.removesuffix("-guides") if guides else path.stem
-        slot = "scan" if kind in SCANS else "guides" if guides else "curve"
+        slot = "guides" if guides else "scan" if kind in SCANS or _is_scan(path) else "curve"
         pose = found.get(name, MeasuredFile(name))
         if getattr(pose, slot) is not None:
             raise Scan2FlexError(f"{path.name} and {getattr(pose, slot).name} are two of a kind for one pose: rename one.")
@@ -72,6 +75,16 @@ def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[Measu
         kinds = ", ".join(CURVES + SCANS)
         raise Scan2FlexError(f"{folder} holds no scans or centre curves ({kinds}): put them there, one file a pose.")
     return poses
+
+
+def _is_scan(path: Path) -> bool:
+    """Whether a large table holds points in no order along a cable."""
+    if path.suffix.lower().removeprefix(".") not in KINDS or path.stat().st_size < _SCAN:
+        return False
+    points = np.asarray(load_geometry(path).vertices, float)
+    points = points[np.isfinite(points).all(axis=1)]
+    along = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    return bool(along > _TANGLED * np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def new_study(
@@ -205,6 +218,11 @@ def _scan(folder, path, units):
         return path.resolve(), []
     target = folder / "scans" / f"{path.stem}.ply"
     loaded = load_geometry(path)
+    if stated := loaded.metadata.get("unit"):
+        if stated != units:
+            said = f"it states {stated}, but the given unit is {units}"
+            raise StudyError(path, "header", f"{said}: leave the unit out, or correct the header.")
+        return path.resolve(), []  # whoever reads it converts it
     try:
         loaded.apply_scale(factor)
         data = loaded.export(file_type="ply")

@@ -4,8 +4,8 @@ import math
 import re
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study.tables import LENGTHS
 
-LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
 _MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237, "oz": 0.028349523125}
 _DENSITIES = {f"{m}/{x}": a / b for m, a in _MASSES.items() for x, b in LENGTHS.items()}
 _OF = {"length": LENGTHS, "mass": _MASSES, "length density": _DENSITIES}

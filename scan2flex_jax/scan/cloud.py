@@ -1,6 +1,6 @@
 """Point clouds: reading, rejecting, cleaning and thinning.
 
-Files are read by trimesh (PLY, XYZ, OBJ, STL and its other formats; a mesh is sampled over its surface). Cleaning removes
+Files of all formats are read by `study.scans`; a mesh is sampled over its surface. Cleaning removes
 isolated points, planes (tables, walls) and points out of reach of a cable of length L between these clamps: the distances of a
 reachable point to the two clamps sum to at most L. It does not look for the blocks of clamps: `centre_curve` ends the curve
 at the clamps. Thinning keeps the density's proportions, so outliers stay as rare as they were. Of its two forms `thin` is the
@@ -44,7 +44,7 @@ class Cloud:
 
 
 def load_cloud(path: str | Path) -> Cloud:
-    """Read a cloud through trimesh; a mesh is sampled evenly over its surface, deterministically."""
+    """Read a cloud (`study.scans`); a mesh is sampled evenly over its surface, deterministically."""
     path = Path(path)
     loaded = load_geometry(path)
     try:
@@ -63,9 +63,14 @@ def _cloud_of(loaded, path) -> Cloud:
         return Cloud(np.asarray(points), np.asarray(mesh.face_normals[face]), (note,))
     vertices = [np.asarray(m.vertices, float).reshape(-1, 3) for m in meshes if hasattr(m, "vertices")]
     points = np.concatenate(vertices) if vertices else np.empty((0, 3))
-    if not len(points):
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.any():
         raise StudyError(path, None, "the scan holds no points")
-    return Cloud(points, _normals(meshes, len(points)))
+    notes = tuple(f"{path.name}: {note}" for m in meshes for note in getattr(m, "metadata", {}).get("notes", ()))
+    if not finite.all():
+        notes += (f"{path.name}: {np.sum(~finite)} of {len(finite)} points are not finite numbers, and were left out",)
+    normals = _normals(meshes, len(points))
+    return Cloud(points[finite], None if normals is None else normals[finite], notes)
 
 
 def _normals(meshes, count):

@@ -28,13 +28,15 @@ CSV_LIMIT = 200_000_000
 PATIENCE = 10.0
 """Seconds to wait for the reader of a pipe."""
 _BLOCK = 1 << 20
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+"""Marks at the beginning of a text in UTF-16."""
 _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(), "\u2028".encode(), "\u2029".encode())
 
 
-def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None) -> str:
+def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None, foreign: bool = False) -> str:
     """The text of a UTF-8 file of at most `limit` bytes; `missing` is the advice for a missing file.
 
-    For a table, `rows` limits the number of lines, counted while reading.
+    For a table, `rows` limits the number of lines, counted while reading. A `foreign` file may be in UTF-16 or Latin-1.
     """
     try:
         if path.is_dir():
@@ -47,8 +49,10 @@ def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | 
     except (OSError, ValueError) as error:
         raise where.fail(f"{one_line(str(path))} cannot be read ({_reason(error)}): check it.") from error
     try:
-        return data.decode("utf-8-sig")
+        return data.decode("utf-16" if foreign and data[:2] in UTF_16 else "utf-8-sig")
     except UnicodeDecodeError as error:
+        if foreign and data.count(0) == 0:
+            return data.decode("latin-1")
         raise where.fail(f"byte {error.start} is no UTF-8 text: save the file as plain text in UTF-8.") from error
 
 

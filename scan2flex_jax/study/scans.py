@@ -1,4 +1,4 @@
-"""Files of scans and meshes: surveyed first, then read by trimesh.
+"""Files of scans and meshes: surveyed first, then read by trimesh, or by a reader of `point_formats`.
 
 The size in a file's header is compared with its content before anything is read (`survey`), so that a file that is too
 large, truncated or empty is refused in one sentence without using memory. A packed file (.gz, or a .zip of one scan) is
@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from scan2flex_jax.errors import StudyError
+from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.limits import Limit, scan_limit
+from scan2flex_jax.study.point_formats import READERS
 from scan2flex_jax.study.survey import KINDS, Survey, survey
 
 _BLOCK = 1 << 20
@@ -108,8 +109,14 @@ def _check(path: Path, found: Survey, limit: Limit) -> None:
 def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
-    if kind == "xyz":
-        return trimesh.PointCloud(_table(data))
+    if kind in READERS:
+        try:
+            found = READERS[kind](data, path, scan_limit())
+        except Scan2FlexError:
+            raise
+        except Exception as fault:  # each library fails in its own way
+            raise unreadable(path, fault) from fault
+        return trimesh.PointCloud(found.points, metadata={"notes": found.notes, "unit": found.unit})
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -119,17 +126,6 @@ def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
         raise unreadable(path, fault) from fault
     finally:
         log.setLevel(level)
-
-
-def _table(data: io.BufferedIOBase) -> np.ndarray:
-    """The first three columns of a text, separated by blanks or commas (trimesh's reader takes ten times the memory)."""
-    text = io.TextIOWrapper(data, "utf-8-sig", errors="replace")  # type: ignore[type-var]  # any stream of bytes does
-    first = next(line for line in text if line.strip() and not line.lstrip().startswith("#"))
-    text.seek(0)
-    mark = "," if "," in first else None
-    points = np.loadtxt(text, dtype=np.float64, delimiter=mark, usecols=(0, 1, 2), ndmin=2)
-    text.detach()
-    return points
 
 
 def unreadable(path: Path, fault: Exception) -> StudyError:

@@ -1,5 +1,7 @@
 """Centre curves as other tools write them: every dialect gives the same points, and doubt is one sentence."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -32,10 +34,29 @@ def lines(table, mark, decimal="."):
         (lines(POINTS / 0.0254, ", "), "in", None),
         (lines(np.repeat(POINTS, 2, axis=0), ","), None, None),
         ("x,y,z,\n" + lines(POINTS, ",").replace("\n", ",\n"), None, None),
+        ("N;Coord;Length;Size\n" + "".join(f"{i};{row};0,5;0\n" for i, row in enumerate(lines(POINTS, " ", ",").splitlines())),
+         None, None),
+        ("".join(f"X {x:.6f} Y {y:.6f} Z {z:.6f}\n" for x, y, z in POINTS), None, None),
+        ("".join(f"{{{x:.6f}, {y:.6f}, {z:.6f}}}\n" for x, y, z in POINTS), None, None),
+        ("".join(f"{x:.4f}mm {y:.4f}mm {z:.4f}mm\n" for x, y, z in 1e3 * POINTS), None, None),
+        ("Point #;X;Y;Z\n" + "".join(f"P{i};{row}\n" for i, row in enumerate(lines(POINTS, ";").splitlines())), None, None),
+        (f"{len(POINTS)}\n" + lines(POINTS, " "), None, None),
+        (lines(np.hstack([POINTS, np.full((12, 3), 200)]), " "), None, None),
+        ("x,y,z\n,,\n" + lines(POINTS, ",") + "nan,nan,nan\n", None, None),
+        (json.dumps(POINTS.round(6).tolist()), None, None),
+        (json.dumps({"name": "cable", "points": [{"x": x, "y": y, "z": z} for x, y, z in POINTS.round(6)]}), None, None),
+        ("LINESTRING Z (" + lines(POINTS, " ").strip().replace("\n", ", ") + ")\n", None, None),
+        ("# vtk DataFile Version 3.0\nc\nASCII\nDATASET POLYDATA\nPOINTS 12 float\n" + lines(POINTS, " ")
+         + "LINES 1 13\n12 0 1 2 3 4 5 6 7 8 9 10 11\n", None, None),
+        ("# polyline\n" + "".join(f"v {row}\n" for row in lines(POINTS, " ").splitlines()) + "l 1 2 3\n", None, None),
+        ("0\nSECTION\n2\nENTITIES\n0\nPOLYLINE\n10\n0\n20\n0\n30\n0\n"
+         + "".join(f"0\nVERTEX\n10\n{x:.6f}\n20\n{y:.6f}\n30\n{z:.6f}\n" for x, y, z in POINTS) + "0\nENDSEC\n0\nEOF\n",
+         None, None),
     ],
     ids=[
         "plain", "format", "german", "paraview", "cloudcompare", "tabs", "order", "index", "given", "semicolon", "blanks",
-        "inch", "repeated", "trailing",
+        "inch", "repeated", "trailing", "artec", "gom", "rhino", "solidworks", "labels", "count", "colours", "holes", "json",
+        "objects", "wkt", "vtk", "obj", "dxf",
     ],
 )  # fmt: skip
 def test_every_dialect_gives_the_same_points(tmp_path, text, units, columns):
@@ -44,6 +65,20 @@ def test_every_dialect_gives_the_same_points(tmp_path, text, units, columns):
     found = read_foreign_curve(file, units=units, columns=columns)
     np.testing.assert_allclose(found.curve.points, POINTS, atol=2e-6)
     assert found.curve.arc_length is None
+
+
+def test_thousands_and_decimal_commas(tmp_path):
+    (tmp_path / "a.csv").write_text("x;y;z\n1.200,50;0,09;-0,08\n12.345.678,00;-0,28;-11,15\n")
+    found = read_foreign_curve(tmp_path / "a.csv", units="mm").curve.points
+    np.testing.assert_allclose(found, [[1.2005, 9e-5, -8e-5], [12345.678, -2.8e-4, -0.01115]])
+
+
+def test_utf_16_latin_1_and_an_array(tmp_path):
+    (tmp_path / "a.txt").write_text("x\ty\tz\n" + lines(POINTS, "\t"), "utf-16")
+    (tmp_path / "b.txt").write_text("# Länge in m\n" + lines(POINTS, "\t"), "latin-1")
+    np.save(tmp_path / "c.npy", POINTS)
+    for name in ("a.txt", "b.txt", "c.npy"):
+        np.testing.assert_allclose(read_foreign_curve(tmp_path / name).curve.points, POINTS, atol=2e-6)
 
 
 @pytest.mark.parametrize("header", ["", "arc length (mm),x (mm),y (mm),z (mm)\n"])

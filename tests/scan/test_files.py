@@ -1,10 +1,14 @@
 """Clouds in the formats that the study promises: points of XYZ, OBJ and PLY as they are, meshes of OBJ and STL sampled."""
 
 import os
+import sys
+import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import extract, load_cloud, shapes, tube_mesh
@@ -15,6 +19,7 @@ from tests.outputs import scenes
 from tests.scan.truth import ends, errors
 
 LENGTH, RADIUS = 1.0, 0.012
+DATA = Path(__file__).parents[1] / "data"
 
 
 @pytest.fixture(scope="module")
@@ -190,10 +195,129 @@ def test_commands_say_so_in_one_sentence(tmp_path, command):
     assert str(found.exception).endswith(said)
 
 
-TABLES = ["0, 1, 2\n3, 4, 5\n", "0,1,2\n3,4,5", "# x y z\n0 1 2 255 0 0\n\n3 4 5 0 0 255\n", "\ufeff0 1 2\r\n3 4 5\r\n"]
+TABLES = {
+    "commas.xyz": "0, 1, 2\n3, 4, 5\n",
+    "no-end.xyz": "0,1,2\n3,4,5",
+    "colours.xyz": "# x y z\n0 1 2 255 0 0\n\n3 4 5 0 0 255\n",
+    "windows.txt": "\ufeff0 1 2\r\n3 4 5\r\n",
+    "intensity.pts": "2\n0 1 2 -120 10 10 10\n3 4 5 -80 20 20 20\n",
+    "cloudcompare.asc": "//X Y Z Scalar field\n0 1 2 0.5\n3 4 5 0.25\n",
+    "header.csv": "intensity,z,y,x\n7,2,1,0\n8,5,4,3\n",
+    "german.csv": "X [mm];Y [mm];Z [mm]\n0,0;1000,0;2.000,00\n3000,0;4000,0;5000,0\n",
+    "millimetres.csv": '"x (mm)";"y (mm)";"z (mm)"\n0;1000;2000\n3000;4000;5000\n',
+    "tabs.txt": "0\t1\t2\n3\t4\t5\n",
+    "holes.xyz": "nan nan nan\n0 1 2\nnan nan nan\n3 4 5\n",
+    "gaps.csv": "x,y,z\n0,1,2\n,,\n3,4,5\n",
+}
 
 
-@pytest.mark.parametrize("text", TABLES)
-def test_tables_of_points_as_others_write_them(tmp_path, text):
-    (tmp_path / "a.xyz").write_text(text, "utf-8")
-    np.testing.assert_array_equal(load_cloud(tmp_path / "a.xyz").points, np.arange(6.0).reshape(2, 3))
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_of_points_as_others_write_them(tmp_path, name):
+    (tmp_path / name).write_text(TABLES[name], "utf-8")
+    found = load_cloud(tmp_path / name)
+    np.testing.assert_allclose(found.points, np.arange(6.0).reshape(2, 3), atol=1e-12)
+    said = {"german.csv": "in mm", "millimetres.csv": "in mm", "holes.xyz": "2 of 4", "gaps.csv": "1 of 3"}.get(name)
+    assert [said in note for note in found.notes] == [True] if said else found.notes == ()
+
+
+def test_a_table_in_utf_16(tmp_path):
+    (tmp_path / "a.txt").write_text("0 1 2\n3 4 5\n", "utf-16")
+    np.testing.assert_array_equal(load_cloud(tmp_path / "a.txt").points, np.arange(6.0).reshape(2, 3))
+
+
+def _las(path, points):
+    laspy = pytest.importorskip("laspy")
+    data = laspy.LasData(laspy.LasHeader(point_format=6, version="1.4"))
+    data.header.scales, data.header.offsets = [1e-6] * 3, points.min(0)
+    data.x, data.y, data.z = points.T
+    data.write(path)
+
+
+def _e57(path, points):
+    """Two scans, the second one from another place: its points are in the frame of the scanner there."""
+    pye57 = pytest.importorskip("pye57")
+    with pye57.E57(str(path), mode="w") as out:
+        turn, shift = Rotation.from_rotvec([0.3, -0.2, 1.0]), np.array([1.0, 2.0, 3.0])
+        quaternion = turn.as_quat(scalar_first=True)
+        moved = turn.inv().apply(points[200:] - shift)
+        for part, pose in ((points[:200], {}), (moved, {"rotation": quaternion, "translation": shift})):
+            out.write_scan_raw({f"cartesian{c}": x for c, x in zip("XYZ", part.T, strict=True)}, **pose)
+
+
+def _ptx(path, points):
+    """One scan with a turned and moved scanner, and a point without a return; the matrix is written transposed."""
+    turn, shift = Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix(), np.array([1.0, 2.0, 3.0])
+    rows = np.vstack([(points - shift) @ turn, np.zeros(3)])
+    matrix = np.vstack([np.column_stack([turn.T, np.zeros(3)]), [*shift, 1.0]])
+    head = [f"{len(rows)}\n1", *(" ".join(map(str, row)) for row in (shift, *turn.T, *matrix))]
+    path.write_text("\n".join([*head, *(" ".join([*map(str, row), "0.5"]) for row in rows)]) + "\n")
+
+
+BINARY = {
+    "a.las": _las,
+    "a.laz": _las,
+    "a.e57": _e57,
+    "a.ptx": _ptx,
+    "a.npy": np.save,
+    "wide.npy": lambda path, points: np.save(path, np.hstack([points, points])),
+    "named.npy": lambda path, points: np.save(path, np.rec.fromarrays(points.T, names="x,y,z")),
+    "a.npz": lambda path, points: np.savez(path, points=points, colours=np.zeros(len(points))),
+}
+
+
+@pytest.mark.parametrize("name", BINARY)
+def test_formats_of_scanners(tmp_path, points, name):
+    """Written by the libraries of the formats."""
+    BINARY[name](tmp_path / name, points)
+    np.testing.assert_allclose(load_cloud(tmp_path / name).points, points, atol=2e-6)
+    assert scan_facts(tmp_path / name)[0] == len(points)
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_pcd(tmp_path, data):
+    """The packed one was written by pypcd4, with a field of intensities."""
+    path = DATA / "pypcd4.pcd"
+    expected = np.random.default_rng(3).normal(size=(200, 3)).astype(np.float32).round(2)
+    if data != "binary_compressed":
+        rows = np.column_stack([np.zeros(200), expected]).astype("<f4")
+        head = f"VERSION .7\nFIELDS rgb x y z\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH 200\nHEIGHT 1\nPOINTS 200\nDATA {data}\n"
+        body = rows.tobytes() if data == "binary" else "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+        path = tmp_path / "a.pcd"
+        path.write_bytes(head.encode() + body)
+    np.testing.assert_allclose(load_cloud(path).points, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "library"), [("a.e57", "pye57"), ("a.las", "laspy"), ("a.laz", "lazrs")])
+def test_a_format_without_its_library_names_the_extra(tmp_path, points, monkeypatch, name, library):
+    BINARY[name](tmp_path / name, points)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(Scan2FlexError, match=rf"{library}.*scan2flex_jax\[scans\]"):
+        load_cloud(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz", "a.e57", "a.npy", "a.npz", "a.ptx", "pypcd4.pcd"])
+def test_a_damaged_file_is_one_sentence(tmp_path, points, name):
+    """Cut anywhere, or with any byte changed: refused, or read as points."""
+    path = DATA / name if name.endswith("pcd") else tmp_path / name
+    if name in BINARY:
+        BINARY[name](path, points)
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    for k in range(24):
+        data = bytearray(whole)
+        if k % 2:
+            data = data[: rng.integers(len(data))]
+        else:
+            data[rng.integers(400)] = rng.integers(256)
+        bad = tmp_path / f"bad{path.suffix}"
+        bad.write_bytes(data)
+        try:
+            assert load_cloud(bad).points.shape[1] == 3
+        except Scan2FlexError as fault:
+            assert bad.name in str(fault) and "\n" not in str(fault)
+
+
+def test_a_packed_array_that_would_fill_the_memory_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("points.npy", bytes(200_000_000))
+    with pytest.raises(Scan2FlexError, match="at most 5000000 points"):
+        load_cloud(tmp_path / "bomb.npz")

@@ -1,0 +1,175 @@
+"""Point clouds in the formats of scanners: E57, LAS, LAZ, PCD, PTX, PTS, other text, and arrays of numpy.
+
+Each reader takes the stream of a file that `survey` has passed, and returns its points (n, 3), in m unless the file states no
+unit, with notes. Poses of the scanner in an E57 or PTX are applied; points without a return are left out. E57, LAS and LAZ are
+read by the libraries of `scan2flex_jax[scans]`.
+"""
+
+import io
+import itertools
+import math
+import struct
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.files import UTF_16
+from scan2flex_jax.study.limits import Limit
+from scan2flex_jax.study.survey import pcd_header
+from scan2flex_jax.study.tables import scanned
+from scan2flex_jax.study.values import Where, one_line
+
+
+class Points(NamedTuple):
+    """Points (m, or in the unit of the file if it states none), notes, and the unit that the file states."""
+
+    points: Annotated[np.ndarray, "n 3"]
+    notes: tuple[str, ...] = ()
+    unit: str | None = None
+
+
+_PTX_HEAD = 10  # lines: columns, rows, position and axes of the scanner, and its 4 x 4 matrix (transposed)
+_INSTALL = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
+
+
+def _e57(stream: Any, path: Path, limit: Limit) -> Points:
+    with _library(path, "E57"):
+        import pye57  # noqa: PLC0415
+    with _on_disk(stream) as name, pye57.E57(name) as file:
+        count = sum(file.get_header(i).point_count for i in range(file.scan_count))
+        if count > limit.points:
+            raise StudyError(path, None, limit.sentence(f"{count} points"))
+        scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
+    parts = [np.column_stack([scan[f"cartesian{c}"] for c in "XYZ"]) for scan in scans]
+    return Points(np.concatenate([np.zeros((0, 3)), *parts]), (f"{len(parts)} scans in one file",) * (len(parts) > 1))
+
+
+def _las(stream: Any, path: Path, limit: Limit) -> Points:
+    with _library(path, "LAS"):
+        import laspy  # noqa: PLC0415
+        import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
+    return Points(np.asarray(laspy.read(stream, closefd=False).xyz, float))
+
+
+def _pcd(stream: Any, path: Path, limit: Limit) -> Points:
+    kind, row, count = pcd_header(stream)
+    if kind == "ascii":
+        start = np.cumsum([0, *(math.prod(row[name].shape) for name in row.names or ())])
+        at = [start[list(row.names or ()).index(c)] for c in "xyz"]
+        return Points(np.loadtxt(stream, usecols=at, ndmin=2))
+    if kind == "binary":
+        return Points(columns(np.frombuffer(stream.read(count * row.itemsize), row)))
+    packed = struct.unpack("<II", stream.read(8))[0]
+    data, fields = _lzf(stream.read(packed), count * row.itemsize), {}
+    for name in row.names or ():  # field after field
+        size = count * row[name].itemsize
+        fields[name], data = data[:size], data[size:]
+    return Points(np.column_stack([np.frombuffer(fields[c], row[c].base) for c in "xyz"]).astype(float))
+
+
+def _lzf(packed: bytes, size: int) -> bytes:
+    """The content of an LZF block (Marc Lehmann's format): runs of literals, and references to what stands before."""
+    out, i = bytearray(), 0
+    while i < len(packed):
+        control = packed[i]
+        i += 1
+        if control < 32:
+            out += packed[i : i + control + 1]
+            i += control + 1
+            continue
+        length = control >> 5
+        if length == 7:
+            length += packed[i]
+            i += 1
+        back = ((control & 31) << 8) + packed[i] + 1
+        i += 1
+        start = len(out) - back
+        if start < 0 or len(out) > size:
+            raise ValueError("its packed data are damaged")
+        length += 2
+        out += out[start : start + length] if length <= back else (bytes(out[start:]) * (length // back + 1))[:length]
+    if len(out) != size:
+        raise ValueError("its packed data are damaged")
+    return bytes(out)
+
+
+def _ptx(stream: Any, path: Path, limit: Limit) -> Points:
+    text, parts = io.TextIOWrapper(stream, "ascii", errors="replace"), []
+    while head := [line for line in itertools.islice(text, _PTX_HEAD) if line.strip()]:
+        count = int(head[0]) * int(head[1])
+        turn, shift = np.array([line.split() for line in head[6:9]], float)[:, :3], np.array(head[9].split(), float)[:3]
+        points = np.loadtxt(itertools.islice(text, count), usecols=(0, 1, 2), ndmin=2)
+        parts.append(points[np.any(points != 0.0, axis=1)] @ turn + shift)
+    text.detach()
+    return Points(np.concatenate(parts), (f"{len(parts)} scans in one file",) * (len(parts) > 1))
+
+
+def _text(stream: Any, path: Path, limit: Limit) -> Points:
+    def lines() -> Iterator[str]:
+        stream.seek(0)
+        wide = stream.read(2) in UTF_16
+        stream.seek(0)
+        if wide:
+            return iter(stream.read().decode("utf-16", errors="replace").splitlines())
+        return (line.decode("utf-8-sig", errors="replace") for line in stream)
+
+    points, unit = scanned(lines, Where(one_line(str(path), 300)))
+    return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit)
+
+
+def _npy(stream: Any, path: Path, limit: Limit) -> Points:
+    return Points(columns(np.load(stream, allow_pickle=False)))
+
+
+def _npz(stream: Any, path: Path, limit: Limit) -> Points:
+    with np.load(stream, allow_pickle=False) as arrays:
+        found = [key for key in arrays.files if _shaped(arrays[key])]
+        if len(found) != 1:
+            raise ValueError(f"{len(found)} of its arrays have the shape (n, 3)")
+        return Points(columns(arrays[found[0]]))
+
+
+def columns(array: np.ndarray) -> Annotated[np.ndarray, "n 3"]:
+    """The points in an array of the shape (n, 3) or wider, or with fields x, y and z."""
+    if not _shaped(array):
+        raise ValueError(f"an array of the shape {array.shape} and type {array.dtype} is no list of points")
+    return np.column_stack([array[c] for c in "xyz"]).astype(float) if array.dtype.names else array[:, :3].astype(float)
+
+
+def _shaped(array: np.ndarray) -> bool:
+    if array.dtype.names:
+        return array.ndim == 1 and {"x", "y", "z"} <= set(array.dtype.names)
+    return array.ndim == 2 and array.shape[1] >= 3 and array.dtype.kind in "fiu"
+
+
+@contextmanager
+def _library(path: Path, kind: str) -> Iterator[None]:
+    try:
+        yield
+    except ImportError as fault:
+        raise StudyError(path, None, f"{kind} needs a library that is not installed ({fault.name}): {_INSTALL}") from fault
+
+
+@contextmanager
+def _on_disk(stream: Any) -> Iterator[str]:
+    """The name of a file with this content."""
+    name = getattr(stream, "name", None)
+    if isinstance(name, str):
+        yield name
+        return
+    with tempfile.NamedTemporaryFile(suffix=".e57") as copy:
+        copy.write(stream.read())
+        copy.flush()
+        yield copy.name
+
+
+READERS: dict[str, Callable[[Any, Path, Limit], Points]] = {
+    "e57": _e57, "las": _las, "laz": _las, "pcd": _pcd, "ptx": _ptx, "npy": _npy, "npz": _npz,
+    **dict.fromkeys(("xyz", "pts", "asc", "txt", "csv", "tsv", "dat"), _text),
+}  # fmt: skip
+"""Readers of points by ending; other kinds are read by trimesh."""

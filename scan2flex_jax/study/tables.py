@@ -1,0 +1,260 @@
+"""Rows of numbers in text files of other programs: the one place that detects how a table is written.
+
+A `Dialect` is the separator, the decimal mark, the first row, the meaning of the columns and the unit of lengths, as the first
+lines of a file show them. Centre curves, markers and guide points (`convert.curves`) and scans (`study.scans`) are read by it.
+Formats that are no tables (polylines in OBJ, VTK, DXF, WKT and JSON) are rewritten as rows first (`unfolded`).
+"""
+
+import itertools
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from scan2flex_jax.study.values import Where, shown
+
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+"""Metres in units of length, by name."""
+SAMPLE = 300
+"""Lines that determine the dialect."""
+_MARKS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))  # separator, decimal mark
+_PREAMBLE = 60  # most lines before the first row
+_COMMENT = ("#", "//")
+_SEPARATED = {";": "by semicolons", "\t": "by tabs", ",": "by commas", None: "by blanks"}
+_NAMES = {"s": "s", "arclength": "s", "arc": "s", "curvilinearabscissa": "s", "abscissa": "s",
+          "points0": "x", "points1": "y", "points2": "z"}  # fmt: skip
+_COORDINATE = re.compile(
+    r"(?:pos|position|p|point|points|coord|coordinate|centre|center)?([xyz])(?:pos|position|coord|coordinate)?"
+)
+_UNIT = re.compile(r"(.*?)[\s_]*[\[(\s_]\s*([a-z]+)\s*[\])]?\s*")
+_DRESS = re.compile(r"[{}()\[\]]|(?<![\w.])[xyz]\s*[=:]?\s+(?=[-+.\d])", re.IGNORECASE)  # {1, 2, 3} and X 1 Y 2 Z 3
+_MEASURED = re.compile(r"(?<=[\d.])\s?(mm|cm|dm|um|m|in|ft)\b")  # 48.350mm
+_GROUPED = {",": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*"), ".": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*")}
+
+
+class Dialect(NamedTuple):
+    """How a table is written; ``first``: index of its first row; ``names``: of each column "x", "y", "z", "s", or None for
+    another; None without a header; ``texts``: columns of labels; ``unit``: None where none is stated."""
+
+    mark: str | None
+    decimal: str
+    first: int
+    width: int
+    texts: frozenset[int] = frozenset()
+    names: tuple[str | None, ...] | None = None
+    unit: str | None = None
+
+    def __str__(self) -> str:
+        commas = ", with decimal commas" if self.decimal == "," else ""
+        return f"separated {_SEPARATED[self.mark]}{commas}"
+
+    def cells(self, line: str) -> list[float | None]:
+        """The numbers of a line: NaN for an empty cell, None for text."""
+        return _stripped(_cells(line, self.mark, self.decimal), self.width)
+
+
+def dialect(lines: list[str], where: Where) -> Dialect:
+    """The dialect under which the most of these lines (not blank) are rows of three numbers or more."""
+    best: tuple[tuple[int, int], Dialect | None] = ((0, 0), None)
+    for mark, decimal in _MARKS:
+        rows = [_stripped(_cells(line, mark, decimal)) for line in lines[:SAMPLE]]
+        full = [i for i, row in enumerate(rows) if _numbers(row) >= 3]
+        score = (len(full), -sum(rows[i].count(None) for i in full))
+        if full and score > best[0]:
+            row = rows[full[0]]
+            texts = frozenset(k for k, x in enumerate(row) if x is None)
+            best = (score, Dialect(mark, decimal, full[0], len(row), texts))
+    found = best[1]
+    if found is None or found.first > _PREAMBLE:
+        raise where.fail("no line holds three numbers or more: give a text file with one point x,y,z a line.")
+    first = found.first
+    while first and len(row := found.cells(lines[first - 1])) == found.width > 1 and None not in row and not _numbers(row):
+        first -= 1  # a row that has lost its numbers
+    units = {match[1].lower() for line in lines[first : first + 3] for match in _MEASURED.finditer(line)}
+    stated = units.pop() if len(units) == 1 else None
+    header = _header(lines, first, found)
+    if header is None:
+        return found._replace(first=first, unit=stated)
+    names, unit = _named(header, where)
+    return found._replace(first=first, names=tuple(names), unit=unit or stated)
+
+
+def rows(lines: Iterable[str], how: Dialect, where: Where, each: str = "point") -> Annotated[np.ndarray, "n c"]:
+    """All rows of these lines, of which the first is the first row; NaN for labels and empty cells.
+
+    A row of another width, or with text where a number stood, is an error that names the ``each`` and its number.
+    """
+    table = []
+    for i, line in enumerate(lines):
+        row = how.cells(line)
+        if len(row) != how.width or any(x is None and k not in how.texts for k, x in enumerate(row)):
+            here = where.at(f"{each} {i + 1}")
+            raise here.fail(f"got {shown(line.strip())}: write {how.width} numbers, as on the line of the first point.")
+        table.append([np.nan if x is None else x for x in row])
+    return np.array(table, float)
+
+
+def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated[np.ndarray, "n 3"], str | None]:
+    """Points of a scan, and the unit that it states, from which they are converted to m.
+
+    They are the columns x, y, z of its header, else the first three.
+
+    ``lines`` begins to read the file, as often as it is called.
+    """
+    how = dialect(list(itertools.islice(_filled(lines()), SAMPLE)), where)
+    plain = [k for k in range(how.width) if k not in how.texts]
+    at = plain[:3] if how.names is None else [how.names.index(c) for c in "xyz"]
+
+    def body() -> Iterator[str]:
+        return (line for line in itertools.islice(_filled(lines()), how.first, None) if not line.lstrip().startswith(_COMMENT))
+
+    plainly = (line.replace(",", ".") for line in body()) if how.decimal == "," else body()
+    try:
+        points = np.loadtxt(plainly, np.float64, delimiter=how.mark, usecols=at, comments=None, ndmin=2)
+    except ValueError:  # labels, thousands, empty or quoted cells: slower
+        points = rows(body(), how, where)[:, at]
+    return points * LENGTHS[how.unit or "m"], how.unit
+
+
+def _filled(lines: Iterable[str]) -> Iterator[str]:
+    return (line for line in lines if line.strip())
+
+
+def _numbers(row: list[float | None]) -> int:
+    """How many cells hold a number."""
+    return sum(x is not None and not math.isnan(x) for x in row)
+
+
+def _number(cell: str, decimal: str) -> float | None:
+    cell = cell.strip().strip('"').strip()
+    if not cell:
+        return np.nan
+    if _GROUPED[decimal].fullmatch(cell):
+        cell = cell.replace("." if decimal == "," else ",", "")
+    elif decimal == "," and "." in cell:
+        return None
+    try:
+        return float(cell.replace(",", ".") if decimal == "," else cell)
+    except ValueError:
+        return None
+
+
+def _cells(line: str, mark: str | None, decimal: str) -> list[float | None]:
+    """The cells of a line; one of several with three numbers between blanks is three cells."""
+    if any(c.isdigit() for c in line):
+        line = _MEASURED.sub(" ", _DRESS.sub(" ", line))
+    found: list[float | None] = []
+    cells = line.strip("\r\n").split(mark)
+    for cell in cells:
+        value, parts = _number(cell, decimal), cell.split()
+        if value is None and len(parts) == 3 and len(cells) > 1 and None not in (inner := [_number(p, decimal) for p in parts]):
+            found += inner
+        else:
+            found.append(value)
+    return found
+
+
+def _stripped(row: list[float | None], width: int = 0) -> list[float | None]:
+    """A row without empty cells at its end, as far as it is wider than ``width``."""
+    end = len(row)
+    while end > width and (last := row[end - 1]) is not None and math.isnan(last):
+        end -= 1
+    return row[:end]
+
+
+def _header(lines: list[str], first: int, how: Dialect) -> list[str] | None:
+    """The cells of the line before the first row, if they are names, one of each column; one of three columns is x, y, z."""
+    if first == 0:
+        return None
+    names = [c.strip().strip('"') for c in lines[first - 1].lstrip("#/% ").strip("\r\n").split(how.mark)]
+    wide = [len(cell.split()) == 3 for cell in lines[first].strip("\r\n").split(how.mark)]
+    if len(names) == len(wide):
+        named = [name for cell, three in zip(names, wide, strict=True) for name in (list("xyz") if three else [cell])]
+        names = named[: how.width]
+    return names if len(names) == how.width and all(_number(name, ".") is None for name in names) else None
+
+
+def _named(header: list[str], where: Where) -> tuple[list[str | None], str | None]:
+    """The meaning of each column of a header, and the unit that it states."""
+    names: list[str | None] = []
+    units = set()
+    for cell in header:
+        base, unit = cell.lower(), None
+        found = _UNIT.fullmatch(base)
+        if found and found[2] in LENGTHS and found[1]:
+            base, unit = found[1], found[2]
+        plain = re.sub(r"[^a-z0-9]", "", base)
+        coordinate = _COORDINATE.fullmatch(plain)
+        name = _NAMES.get(plain) or (coordinate and coordinate[1])
+        name = name if name and name not in names else None
+        names.append(name)
+        if name and unit:
+            units.add(unit)
+    here = where.at("header")
+    if not {"x", "y", "z"} <= set(names):
+        raise here.fail(f"{shown(', '.join(header))} names no x, y, z: say what the columns are, as in s,x,y,z or -,x,y,z.")
+    if len(units) > 1:
+        raise here.fail(f"it states several units ({', '.join(sorted(units))}): convert the columns to one.")
+    return names, next(iter(units), None)
+
+
+def unfolded(text: str) -> str | None:
+    """The points of a polyline in JSON, WKT, OBJ, VTK or DXF as rows of a table; None for another text."""
+    found = next((points for form, points in _FORMS if form.search(text[:4000])), None)
+    triples = None if found is None else found(text)
+    return "\n".join(" ".join(map(str, triple)) for triple in triples) if triples else None
+
+
+def _json(text: str) -> list[Any] | None:
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    inside = [tree]
+    while inside:
+        node = inside.pop(0)
+        if isinstance(node, dict):
+            axes = [node.get(c, node.get(c.upper())) for c in "xyz"]
+            if all(isinstance(axis, list) for axis in axes):
+                return list(zip(*axes, strict=False))
+            inside += node.values()
+        elif isinstance(node, list) and node:
+            if all(isinstance(p, dict) and {"x", "y", "z"} <= set(p) for p in node):
+                return [(p["x"], p["y"], p["z"]) for p in node]
+            if all(isinstance(p, list) and len(p) == 3 and all(isinstance(c, (int, float)) for c in p) for p in node):
+                return node
+            inside += node
+    return None
+
+
+def _vtk(text: str) -> list[Any]:
+    head = re.search(r"^POINTS\s+(\d+)\s+\w+", text, re.MULTILINE)
+    words = text[head.end() :].split()[: 3 * int(head[1])] if head else []
+    return [words[k : k + 3] for k in range(0, len(words), 3)]
+
+
+def _dxf(text: str) -> list[Any]:
+    """The vertices of polylines, points, and ends of lines, in their order: groups 10, 20, 30."""
+    words = [line.strip() for line in text.splitlines()]
+    pairs, entity, found = list(zip(words[::2], words[1::2], strict=False)), "", list[list[str]]()
+    for code, value in pairs:
+        if code == "0":
+            entity = value
+        elif entity in ("VERTEX", "POINT", "LWPOLYLINE", "SPLINE", "LINE") and code in ("10", "11"):
+            found.append([value])
+        elif found and entity in ("VERTEX", "POINT", "SPLINE", "LINE") and code in ("20", "30", "21", "31"):
+            found[-1].append(value)
+    return [p for p in found if len(p) == 3]
+
+
+_FORMS: tuple[tuple[re.Pattern[str], Callable[[str], list[Any] | None]], ...] = (
+    (re.compile(r"\A\s*[\[{]\s*[\[{\"]"), _json),
+    (re.compile(r"\A\s*(?:SRID=\d+;)?(?:LINESTRING|MULTIPOINT)\s*Z?M?\s*\(", re.IGNORECASE),
+     lambda text: [p.split()[:3] for p in re.sub(r"[()]", " ", text.partition("(")[2]).split(",")]),
+    (re.compile(r"\A# vtk DataFile"), _vtk),
+    (re.compile(r"\A\s*0\r?\n\s*SECTION"), _dxf),
+    (re.compile(r"^v\s+[-+.\d]", re.MULTILINE), lambda text: re.findall(r"^v\s+(\S+)\s+(\S+)\s+(\S+)", text, re.MULTILINE)),
+)  # fmt: skip
