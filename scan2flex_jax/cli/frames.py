@@ -23,7 +23,8 @@ def _known(check: str):
 
 
 _UNITS = ("m", "dm", "cm", "mm", "um", "in", "ft")
-_CONVENTIONS = ("kuka", "fanuc", "staubli", "kawasaki", "rpy", "rotvec", "ZYX", "XYZ", "xyz", "zyx")
+_ANGLES = ("kuka", "fanuc", "staubli", "kawasaki", "rpy", "rotvec", "ZYX", "XYZ", "xyz", "zyx")
+_QUATERNIONS = ("scalar-first", "scalar-last")
 Units = Annotated[
     str | None,
     typer.Option(
@@ -36,9 +37,10 @@ Columns = Annotated[str | None, typer.Option(help="Columns of a curve, as in s,x
 Convention = Annotated[
     str | None,
     typer.Option(
-        help="Convention of three angles: kuka, fanuc, staubli, kawasaki, rpy, rotvec, or axes (ZYX moving, xyz fixed).",
-        autocompletion=choices(*_CONVENTIONS),
-        callback=_known("sequence_of"),
+        help="Convention of three angles: kuka, fanuc, staubli, kawasaki, rpy, rotvec, or axes (ZYX moving, xyz fixed);"
+        " of quaternions q1 to q4: scalar-first or scalar-last.",
+        autocompletion=choices(*_ANGLES, *_QUATERNIONS),
+        callback=_known("check_convention"),
     ),
 ]
 Radians = Annotated[bool, typer.Option("--radians", help="Angles are in radians, not in degrees.")]

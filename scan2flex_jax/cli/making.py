@@ -30,6 +30,10 @@ def new(
     markers: Annotated[
         bool, typer.Option("--markers", help="The points are markers, tracked at known arc lengths: columns s,x,y,z.")
     ] = False,
+    arc_lengths: Annotated[
+        Path | None, typer.Option(help="CSV with name,s: arc lengths of the markers of a motion capture, by name.")
+    ] = None,
+    frame: Annotated[int | None, typer.Option(help="Frame of motion captures, from 0; default: the mean of all.")] = None,
     convention: Convention = None,
     radians: Radians = False,
     tangent: Tangent = "z",
@@ -44,10 +48,10 @@ def new(
 
     Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
     """
-    from scan2flex_jax.convert import measured_files, new_study, read_frames  # noqa: PLC0415
+    from scan2flex_jax.convert import frames_of_bodies, measured_files, new_study, read_arc_lengths, read_frames  # noqa: PLC0415
     from scan2flex_jax.study import describe, load_study, save_study  # noqa: PLC0415
 
-    poses = measured_files(folder, () if clamps is None else (clamps,))
+    poses = measured_files(folder, tuple(path for path in (clamps, arc_lengths) if path is not None))
     say(f"{len(poses)} poses: {', '.join(pose.name for pose in poses)}")
     long, heavy, tolerance = _length_and_weight(length, density, mass)
     thick = None
@@ -55,15 +59,17 @@ def new(
         thick = _quantity(radius, "length", "the radius of the cable", "--radius")[0]
     if clamps_from_curves and clamps is not None:
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
-    frames = None
+    frames = frames_of_bodies(poses, units=units, frame=frame, tangent=tangent) or None
     if clamps is not None:
         frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
-    elif not clamps_from_curves:
+    elif clamps_from_curves:
+        frames = None
+    elif frames is None:
         frames = _asked_clamps(poses, units or "m", convention, not radians, tangent)
     study, notes = new_study(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
         gravity=_gravity(gravity), units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
-        markers=markers,
+        markers=markers, frame=frame, arc_lengths=None if arc_lengths is None else read_arc_lengths(arc_lengths, units=units),
     )  # fmt: skip
     scans = scans_of(study)  # read before anything is written
     toml = save_study(study, out or folder)

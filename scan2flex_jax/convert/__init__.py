@@ -3,10 +3,11 @@
 All results are types of `scan2flex_jax.study`, in SI units. No jax here.
 """
 
-from scan2flex_jax.convert.curves import CurveFile, read_foreign_curve
+from scan2flex_jax.convert.curves import CurveFile, read_arc_lengths, read_foreign_curve
 from scan2flex_jax.convert.frames import (
     CONVENTIONS,
     axes_of,
+    check_convention,
     clamp_of_angles,
     clamp_of_matrix,
     clamp_toml,
@@ -14,7 +15,7 @@ from scan2flex_jax.convert.frames import (
     read_frames,
     sequence_of,
 )
-from scan2flex_jax.convert.start import MeasuredFile, measured_files, new_study
+from scan2flex_jax.convert.start import MeasuredFile, frames_of_bodies, measured_files, new_study
 from scan2flex_jax.convert.units import length_unit, measured, quantity
 from scan2flex_jax.study.tables import LENGTHS
 
@@ -24,15 +25,18 @@ __all__ = [
     "CurveFile",
     "MeasuredFile",
     "axes_of",
+    "check_convention",
     "clamp_of_angles",
     "clamp_of_matrix",
     "clamp_toml",
+    "frames_of_bodies",
     "length_unit",
     "measured",
     "measured_files",
     "new_study",
     "other_tangent",
     "quantity",
+    "read_arc_lengths",
     "read_foreign_curve",
     "read_frames",
     "sequence_of",

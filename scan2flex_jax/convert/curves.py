@@ -4,12 +4,14 @@ Properties that the file determines are detected; an error requests the others. 
 order of the file, without consecutive duplicates.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 
+from scan2flex_jax.convert.motion_capture import Capture, capture_in, read_c3d
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.study import arrays
 from scan2flex_jax.study.curves import arc_length_fault, checked_curve
@@ -31,15 +33,79 @@ class CurveFile:
     notes: tuple[str, ...]
 
 
-def read_foreign_curve(path: Path, *, units: str | None = None, columns: str | None = None) -> CurveFile:
-    """The centre curve in a text file of another tool.
+def read_foreign_curve(
+    path: Path,
+    *,
+    units: str | None = None,
+    columns: str | None = None,
+    frame: int | None = None,
+    arc_lengths: dict[str, float] | None = None,
+) -> CurveFile:
+    """The centre curve in a file of another tool; the markers of a motion capture, in their order, are one.
 
     ``units``: the unit of its lengths; by default that of the header, else m. ``columns``: the meaning of the columns,
-    as in "s,x,y,z" or "-,x,y,z" ("-" is ignored); by default from the header or the numbers. Raises `StudyError`.
+    as in "s,x,y,z" or "-,x,y,z" ("-" is ignored); by default from the header or the numbers. ``frame``: of a motion capture,
+    counted from 0; None: the mean of all. ``arc_lengths`` (m): of its markers, by name; others are left out. Raises
+    `StudyError`.
     """
     where = Where(one_line(str(path), 300))
-    points, s, notes = _read(Path(path), units, columns, where)
+    capture = captured(path)
+    if capture is None:
+        points, s, notes = _read(Path(path), units, columns, where)
+    else:
+        points, s, notes = _still(capture, units, frame, arc_lengths, where)
     return CurveFile(checked_curve(points, s, None, where), notes)
+
+
+def read_arc_lengths(path: Path, *, units: str | None = None) -> dict[str, float]:
+    """Arc lengths (m) of markers by name, from a CSV with the header ``name,s``; raises `StudyError`."""
+    where, limit = Where(one_line(str(path), 300)), curve_limit()
+    text = read_text(Path(path), limit.bytes, where, "the file is not there: name one.", limit, foreign=True)
+    lines = [[cell.strip() for cell in re.split("[;,\t]", line)] for line in text.splitlines() if line.strip()]
+    if not lines or [cell.lower() for cell in lines[0]] != ["name", "s"]:
+        raise where.at("header").fail("write the header name,s.")
+    found = {}
+    for k, cells in enumerate(lines[1:]):
+        try:
+            name, s = cells
+            found[name] = length_unit(units or "m") * float(s)
+        except ValueError:
+            raise where.at(f"line {k + 2}").fail(f"got {shown(','.join(cells))}: write a name and a number.") from None
+    return found
+
+
+def captured(path: Path) -> Capture | None:
+    """The motion capture in a file; None for another file. Raises `StudyError`."""
+    path, limit = Path(path), curve_limit()
+    if path.suffix.lower() == ".c3d":
+        return read_c3d(path)
+    if path.suffix.lower() != ".csv":
+        return None
+    where = Where(one_line(str(path), 300))
+    return capture_in(read_text(path, limit.bytes, where, "the file is not there: name one.", limit, foreign=True))
+
+
+def _still(capture, units, frame, arc_lengths, where):
+    """Points (m), arc lengths (m) or None, and notes of a motion capture."""
+    names, points, notes = capture.still(frame, where)
+    unit = _unit(units, capture.unit, where)
+    if arc_lengths is None:
+        return length_unit(unit) * points, None, (*notes, f"in {unit}, in the order of the file")
+    known = sorted((name for name in names if name in arc_lengths), key=arc_lengths.__getitem__)
+    if not known:
+        raise where.fail(f"none of its markers ({', '.join(names[:6])}) has an arc length: name them as the file does.")
+    spare = [name for name in names if name not in arc_lengths]
+    notes += [f"without an arc length, and left out: {', '.join(spare)}"] * bool(spare)
+    at = [names.index(name) for name in known]
+    return length_unit(unit) * points[at], np.array([arc_lengths[name] for name in known]), (*notes, f"in {unit}")
+
+
+def _unit(given, stated, where) -> str:
+    """The unit of lengths, by the user or the file."""
+    if given and stated and given != stated:
+        said = f"it states {stated}, but the given unit is {given}"
+        raise where.at("header").fail(f"{said}: leave the unit out, or correct the header.")
+    return given or stated or "m"
 
 
 def read_foreign_points(path: Path, *, units: str | None = None) -> Annotated[np.ndarray, "n 3"]:
@@ -61,10 +127,7 @@ def _read(path, units, columns, where):
         names = [None] * how.width
         for k, name in zip(plain, _guessed(table[:, plain], where), strict=True):
             names[k] = name
-    unit = units or how.unit or "m"
-    if units and how.unit and units != how.unit:
-        said = f"it states {how.unit}, but the given unit is {units}"
-        raise where.at("header").fail(f"{said}: leave the unit out, or correct the header.")
+    unit = _unit(units, how.unit, where)
     by_name = {name: table[:, i] * length_unit(unit) for i, name in enumerate(names) if name}
     points = np.column_stack([by_name[name] for name in "xyz"])
     there = ~np.isnan(points).any(axis=1)

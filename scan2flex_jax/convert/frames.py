@@ -1,6 +1,7 @@
 """Conversion of robot, tracker and CAD frames to the format's position and quaternion.
 
-A frame is a 4x4 (or 3x4) matrix, a position with three angles in a *named* convention, or a position with a quaternion.
+A frame is a 4x4 (or 3x4) matrix, a position with three angles in a *named* convention, a position with a quaternion, or a pose
+as a robot prints it (`_PRINTED`), whose units and angles are those of the robot.
 Its axis along the cable, from start to end, becomes d3; the two others follow in cyclic order (y, z, x for
 a cable along x). Rotations are scipy's.
 """
@@ -33,6 +34,28 @@ CONVENTIONS = {
 _SEQUENCE = re.compile(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]|([XYZ])(?!\3)([XYZ])(?!\4)[XYZ]")
 _AXES = {"x": np.eye(3)[:, [1, 2, 0]], "y": np.eye(3)[:, [2, 0, 1]], "z": np.eye(3)}  # columns d1, d2, d3
 _POSITION, _QUATERNION, _ANGLES = ("x", "y", "z"), ("qw", "qx", "qy", "qz"), ("a", "b", "c")
+_NUMBERED, _MATRIX = ("q1", "q2", "q3", "q4"), tuple(f"r{i}{j}" for i in "123" for j in "123")
+SCALARS = ("scalar-first", "scalar-last")
+"""Conventions of quaternions q1 to q4."""
+
+
+def _pattern(form: str) -> re.Pattern[str]:
+    """A pattern in which each # is a number and a blank any space."""
+    return re.compile(form.replace(" ", r"\s*").replace("#", r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)"))
+
+
+# by robot: pattern, unit of the position, convention ("" for a quaternion, scalar first), order of the numbers
+_PRINTED = {
+    "Universal Robots": (_pattern(r"p\[ # , # , # , # , # , # \]"), "m", "rotvec", False, range(6)),
+    "KUKA": (_pattern(r"\{ X # , Y # , Z # , A # , B # , C #[^}]*\}"), "mm", "kuka", True, range(6)),
+    "Fanuc": (_pattern(r"X = # mm , Y = # mm , Z = # mm , W = # deg , P = # deg , R = # deg"), "mm", "fanuc", True, range(6)),
+    "ABB": (_pattern(r"\[ \[ # , # , # \] , \[ # , # , # , # \][^;\n]*"), "mm", "", True, range(7)),
+    "ROS": (_pattern(r"position: x: # y: # z: # orientation: x: # y: # z: # w: #"), "m", "", True, (0, 1, 2, 6, 3, 4, 5)),
+}
+_DECLARED = re.compile(
+    r"(?i)\b(?:decl|global|const|pers|local|var|e6pos|pos|frame|robtarget|pose|movel|movej)\b|[:=({,&]+|\bUF.*|\bGP\d"
+)
+_END = re.compile(r"(?i)[_ ]*(start|end)$")
 
 
 def clamp_of_matrix(matrix: Annotated[np.ndarray, "3|4 4"], *, units: str = "m", tangent: str = "z") -> Clamp:
@@ -61,6 +84,12 @@ def clamp_of_angles(
     else:
         turn = Rotation.from_rotvec(values[3:], degrees=degrees)
     return _clamp(values[:3] * length_unit(units), turn.as_matrix(), tangent)
+
+
+def check_convention(convention: str) -> None:
+    """Raise `Scan2FlexError` for a convention that is neither one of angles nor one of `SCALARS`."""
+    if convention not in SCALARS:
+        sequence_of(convention)
 
 
 def sequence_of(convention: str) -> str:
@@ -104,10 +133,12 @@ def clamp_toml(clamp: Clamp) -> str:
 def read_frames(
     path: Path, *, units: str = "m", convention: str | None = None, degrees: bool = True, tangent: str = "z"
 ) -> dict[str, Clamp]:
-    """Clamps by name from a text file: matrices, each under a line with its name, or a CSV with a header.
+    """Clamps by name from a text file: matrices, each under a line with its name, a CSV with a header, or poses of a robot.
 
-    Columns of a CSV: ``name`` or ``pose,end``; ``x,y,z``; and ``qw,qx,qy,qz``, or ``a,b,c`` (angles in ``convention``), or
-    neither (a ball joint). Names are "POSE start" and "POSE end". Raises `Scan2FlexError` with file and line.
+    Columns of a CSV: ``name`` or ``pose,end``; ``x,y,z``; and ``qw,qx,qy,qz``, or ``q1`` to ``q4`` (``convention`` one of
+    `SCALARS`), or ``a,b,c`` (angles in ``convention``), or ``r11`` to ``r33`` (row by row), or none (a ball joint). Poses of a
+    robot are those that Universal Robots, KUKA, Fanuc, ABB and ROS print, each under or behind its name; their units and angles
+    are the robot's. Names are "POSE start" and "POSE end". Raises `Scan2FlexError` with file and line.
     """
     where = Where(one_line(str(path), 300))
     text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.", curve_limit())
@@ -118,7 +149,9 @@ def read_frames(
     header = _cells(lines[0][1])
     rows = _table if set(_POSITION) <= set(header) else _matrices
     found: dict[str, Clamp] = {}
-    for number, name, make in rows(lines, where, header, units, convention, degrees, tangent):
+    robot = next((robot for robot, (pattern, *_) in _PRINTED.items() if pattern.search(text)), None)
+    frames = _printed(text, robot, tangent) if robot else rows(lines, where, header, units, convention, degrees, tangent)
+    for number, name, make in frames:
         here = where.at(f"line {number}")
         if name in found:
             raise here.fail(f"two frames are called {name[:60]!r}: give each its own name.")
@@ -133,13 +166,15 @@ def read_frames(
 
 
 def holds_frames(path: Path) -> bool:
-    """Whether a text file has the header of a table of clamps: names of frames, and x, y, z."""
+    """Whether a text file begins with poses of a robot, or as a table of clamps: with the header of names and x, y, z."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            header = _cells(file.readline(300))
+            text = file.read(1000)
+            header = _cells(text.partition("\n")[0][:300])
     except OSError:
         return False
-    return set(_POSITION) <= set(header) and _is_named(header)
+    printed = any(pattern.search(text) for pattern, *_ in _PRINTED.values())
+    return printed or (set(_POSITION) <= set(header) and _is_named(header))
 
 
 def _cells(line: str) -> list[str]:
@@ -155,12 +190,17 @@ def _is_named(header: list[str]) -> bool:
 def _table(lines, where, header, units, convention, degrees, tangent):
     """Rows of a CSV as (line, name, constructor of the clamp)."""
     mark = next(m for m in ";\t," if m in lines[0][1])
-    known = {"name", "pose", "end", *_POSITION, *_QUATERNION, *_ANGLES}
+    known = {"name", "pose", "end", *_POSITION, *_QUATERNION, *_ANGLES, *_NUMBERED, *_MATRIX}
     if not _is_named(header) or set(header) - known or len(set(header)) < len(header):
         raise where.at("line 1").fail("write a header with name (or pose,end), x,y,z and qw,qx,qy,qz or a,b,c.")
-    angles = set(_ANGLES) <= set(header)
+    angles, matrix = set(_ANGLES) <= set(header), set(_MATRIX) <= set(header)
     if angles and convention is None:
         raise where.fail(f"its angles a,b,c need a convention: name one of {', '.join(CONVENTIONS)}, or axes as in ZYX.")
+    quaternion = next((names for names in (_QUATERNION, _NUMBERED) if set(names) <= set(header)), None)
+    if quaternion == _NUMBERED:
+        if convention not in SCALARS:
+            raise where.fail(f"its quaternions q1,q2,q3,q4 need a convention: name {SCALARS[0]} (ABB) or {SCALARS[1]}.")
+        quaternion = _NUMBERED if convention == SCALARS[0] else ("q4", "q1", "q2", "q3")
     for number, line in lines[1:]:
         cells = [cell.strip().strip('"') for cell in line.split(mark)]
         if len(cells) != len(header):
@@ -173,17 +213,42 @@ def _table(lines, where, header, units, convention, degrees, tangent):
                 return clamp_of_angles(
                     position, _numbers(row, _ANGLES, mark), convention, units=units, degrees=degrees, tangent=tangent
                 )
-            if set(_QUATERNION) <= set(header) and any(row[k] for k in _QUATERNION):
-                q = _numbers(row, _QUATERNION, mark)
-                if abs(np.linalg.norm(q) - 1) > 1e-3:
-                    raise Scan2FlexError(
-                        f"its quaternion has the length {np.linalg.norm(q):.4g}: give a unit one, scalar first."
-                    )
-                turn = Rotation.from_quat(q, scalar_first=True)
-                return _clamp(position * length_unit(units), turn.as_matrix(), tangent)
+            if quaternion and any(row[k] for k in quaternion):
+                return _clamp(position * length_unit(units), _turn(_numbers(row, quaternion, mark)), tangent)
+            if matrix:
+                R = _numbers(row, _MATRIX, mark).reshape(3, 3)
+                return clamp_of_matrix(np.column_stack([R, position]), units=units, tangent=tangent)
             return Clamp(position * length_unit(units))
 
         yield number, row["name"] if "name" in row else f"{row['pose']} {row['end'].lower()}", make
+
+
+def _turn(quaternion) -> np.ndarray:
+    """The rotation matrix of a quaternion, scalar first."""
+    size = np.linalg.norm(quaternion)
+    if abs(size - 1) > 1e-3:
+        raise Scan2FlexError(f"its quaternion has the length {size:.4g}: give a unit one, scalar first.")
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+
+
+def _printed(text, robot, tangent):
+    """Poses as a robot prints them, as (line, name, constructor of the clamp); a name stands before its pose."""
+    pattern, units, convention, degrees, order = _PRINTED[robot]
+    ended = 0
+    for k, found in enumerate(pattern.finditer(text)):
+        values = np.array([float(found[1 + i]) for i in order])
+        before = [_DECLARED.sub(" ", line).strip("\"'-;#!\t ") for line in text[ended : found.start()].splitlines()]
+        name = " ".join(next((line for line in reversed(before) if line), f"frame {k + 1}").split())
+        name = _END.sub(lambda end: f" {end[1].lower()}", name)
+        ended = found.end()
+
+        def make(values=values):
+            if convention:
+                kind = {"units": units, "degrees": degrees, "tangent": tangent}
+                return clamp_of_angles(values[:3], values[3:], convention, **kind)
+            return _clamp(values[:3] * length_unit(units), _turn(values[3:]), tangent)
+
+        yield text.count("\n", 0, found.start()) + 1, name, make
 
 
 def _numbers(row, names, mark):

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.convert.curves import read_foreign_curve, read_foreign_points
-from scan2flex_jax.convert.frames import holds_frames
+from scan2flex_jax.convert.curves import captured, read_foreign_curve, read_foreign_points
+from scan2flex_jax.convert.frames import clamp_of_matrix, holds_frames
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
@@ -26,7 +26,7 @@ from scan2flex_jax.study.sense import CURVE_LEAST, CURVE_SLACK, looks_like
 from scan2flex_jax.study.survey import KINDS
 from scan2flex_jax.study.values import suggestion
 
-CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk", ".dxf", ".sldcrv")
+CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk", ".dxf", ".sldcrv", ".c3d")
 SCANS = tuple(kind for name in KINDS if (kind := f".{name}") not in CURVES)
 GRAVITY = (0.0, 0.0, -9.81)
 _SPARSE = 0.05  # of L: points of a curve with arc lengths are nearer to each other than this
@@ -102,14 +102,16 @@ def new_study(
     validate: tuple[str, ...] = (),
     tolerance: Tolerance | None = None,
     markers: bool = False,
+    frame: int | None = None,
+    arc_lengths: dict[str, float] | None = None,
 ) -> tuple[Study, tuple[str, ...]]:
     """``(study, notes)``: a study with both stiffnesses unknown, ready for `save_study`.
 
     ``length`` m, ``length_density`` kg/m, ``radius`` m (needed for scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
     "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist. ``units`` and ``columns``
     are those of the files; ``tolerance`` the standard deviations of inexact inputs. ``markers``: the points of the text files
-    are markers at known arc lengths (a column s), not curves. Raises `Scan2FlexError` for a name of no pose or a missing
-    input.
+    are markers at known arc lengths (a column s, or ``arc_lengths`` by name), not curves. ``frame``: of motion captures; None:
+    the mean of all. Raises `Scan2FlexError` for a name of no pose or a missing input.
     """
     folder, notes = Path(folder).resolve(), []
     if markers and clamps is None:
@@ -124,7 +126,9 @@ def new_study(
             raise Scan2FlexError(f"the frame {name[:60]!r} belongs to no pose: {suggestion(name, known)}")
     made = []
     for pose in poses:
-        one, said = _pose(folder, pose, clamps, units, columns, "validate" if pose.name in validate else "fit", markers)
+        role = "validate" if pose.name in validate else "fit"
+        reading = {"units": units, "columns": columns, "frame": frame, "arc_lengths": arc_lengths}
+        one, said = _pose(folder, pose, clamps, reading, role, markers)
         _same_unit(pose, one, length)
         made.append(one)
         notes += [f"{pose.name}: {text}" for text in said]
@@ -143,11 +147,27 @@ def new_study(
     return study, tuple(notes)
 
 
-def _pose(folder, files, clamps, units, columns, role, markers):
+def frames_of_bodies(
+    poses: list[MeasuredFile], *, units: str | None = None, frame: int | None = None, tangent: str = "z"
+) -> dict[str, Clamp]:
+    """Clamps by "POSE start" and "POSE end" from rigid bodies of these names in motion captures; empty without any."""
+    found = {}
+    for pose in poses:
+        capture = None if pose.curve is None else captured(pose.curve)
+        if capture is None:
+            continue
+        for name, matrix in capture.frames(frame).items():
+            if name.lower() in ("start", "end"):
+                unit = units or capture.unit or "m"
+                found[f"{pose.name} {name.lower()}"] = clamp_of_matrix(matrix, units=unit, tangent=tangent)
+    return found
+
+
+def _pose(folder, files, clamps, reading, role, markers):
     """One pose, and notes on its files; with ``markers``, the points of its text file are markers."""
     curve, marked, scan, notes = None, None, None, []
     if files.curve:
-        found = read_foreign_curve(files.curve, units=units, columns=columns)
+        found = read_foreign_curve(files.curve, **reading)
         curve, notes = found.curve, list(found.notes)
     start, end = _clamps(files.name, clamps, curve)
     if curve is not None and markers:
@@ -158,9 +178,9 @@ def _pose(folder, files, clamps, units, columns, role, markers):
         if facts is not None and facts.backwards:
             curve, notes = _reversed(curve), [*notes, "turned round: it ran from end to start"]
     if files.scan:
-        scan, said = _scan(folder, files.scan, units)
+        scan, said = _scan(folder, files.scan, reading["units"])
         notes += said
-    guides = None if files.guides is None else read_foreign_points(files.guides, units=units)
+    guides = None if files.guides is None else read_foreign_points(files.guides, units=reading["units"])
     return StudyPose(files.name, role, start, end, curve=curve, scan=scan, markers=marked, guide_points=guides), notes
 
 

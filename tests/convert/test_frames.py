@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.convert import CONVENTIONS, clamp_of_angles, clamp_of_matrix, clamp_toml, read_frames
+from scan2flex_jax.convert.frames import holds_frames
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import rotation_of_quaternion
 
@@ -133,3 +134,53 @@ def test_a_frame_along_the_axes_has_plain_zeros():
     quaternion = clamp_of_angles([0.0, 0.0, 0.0], [0.0, 0.0, 90.0], "kuka", tangent="x").quaternion
     assert sorted(np.round(np.abs(quaternion), 12)) == pytest.approx([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
     assert np.sum(quaternion == 0.0) == 2
+
+
+HALF = np.sqrt(0.5)
+PRINTED = {
+    "ur": "plane_start: p[0.6, 0.0, 0.5, 0.0, 1.5707963267948966, 0.0]\nplane_end = p[0.7, 0, 0.5, 0, 0, 0]\n",
+    "kuka": "DECL E6POS plane_start={X 600.0,Y 0.0,Z 500.0,A 0.0,B 90.0,C 0.0,S 6,T 27,E1 0.0}\n"
+    "DECL E6POS plane_end={X 700,Y 0,Z 500,A 0,B 0,C 0}\n",
+    "fanuc": "plane start\nP[1]{\n   GP1:\n    UF : 0, UT : 1,\n    X =   600.000  mm,  Y =  0.000  mm,  Z =   500.000  mm,\n"
+    "    W =     0.000 deg,  P =    90.000 deg,  R =     0.000 deg\n};\n",
+    "abb": "CONST robtarget plane_start:=[[600,0,500],[0.7071068,0,0.7071068,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+    "CONST robtarget plane_end:=[[700,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n",
+    "ros": "# plane start\nposition:\n  x: 0.6\n  y: 0.0\n  z: 0.5\n"
+    "orientation:\n  x: 0.0\n  y: 0.7071068\n  z: 0.0\n  w: 0.7071068\n"
+    "---\n# plane end\nposition:\n  x: 0.7\n  y: 0.0\n  z: 0.5\norientation:\n  x: 0\n  y: 0\n  z: 0\n  w: 1\n",
+}
+
+
+@pytest.mark.parametrize("robot", PRINTED)
+def test_poses_as_robots_print_them(tmp_path, robot):
+    """Of a flange 0.6 m ahead that is turned by 90 degrees about y."""
+    (tmp_path / "a.txt").write_text(PRINTED[robot])
+    assert holds_frames(tmp_path / "a.txt")
+    found = read_frames(tmp_path / "a.txt")
+    if robot == "fanuc":
+        (found,) = found.values()  # P[1] is its name there
+    else:
+        assert list(found) == ["plane start", "plane end"]
+        np.testing.assert_allclose(found["plane end"].position, [0.7, 0.0, 0.5], atol=1e-12)
+        np.testing.assert_allclose(found["plane end"].quaternion, [1.0, 0.0, 0.0, 0.0], atol=1e-12)
+        found = found["plane start"]
+    np.testing.assert_allclose(found.position, [0.6, 0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(found.quaternion, [HALF, 0.0, HALF, 0.0], atol=1e-7)
+
+
+@pytest.mark.parametrize(("convention", "row"), [("scalar-first", "1,2,3,0.6,0,0.8,0"), ("scalar-last", "1,2,3,0,0.8,0,0.6")])
+def test_numbered_quaternions_need_their_convention(tmp_path, convention, row):
+    (tmp_path / "a.csv").write_text(f"name,x,y,z,q1,q2,q3,q4\na start,{row}\n")
+    with pytest.raises(Scan2FlexError, match="q1,q2,q3,q4 need a convention: name scalar-first"):
+        read_frames(tmp_path / "a.csv")
+    found = read_frames(tmp_path / "a.csv", convention=convention)["a start"]
+    np.testing.assert_allclose(found.quaternion, [0.6, 0.0, 0.8, 0.0])
+
+
+def test_a_matrix_in_nine_columns(tmp_path):
+    head = "name,r11,r12,r13,r21,r22,r23,r31,r32,r33,x,y,z\n"
+    (tmp_path / "a.csv").write_text(head + "a start,0,0,1,0,1,0,-1,0,0,600,0,500\n")
+    np.testing.assert_allclose(read_frames(tmp_path / "a.csv", units="mm")["a start"].quaternion, [HALF, 0.0, HALF, 0.0])
+    (tmp_path / "b.csv").write_text(head + "a start,0,0,2,0,2,0,-2,0,0,600,0,500\n")
+    with pytest.raises(Scan2FlexError, match=r"b\.csv: line 2: .*no rotation"):
+        read_frames(tmp_path / "b.csv")
