@@ -14,7 +14,7 @@ from scan2flex_jax.errors import Scan2FlexError
 def pose(
     file: Annotated[
         Path | None,
-        typer.Argument(help="Matrices under their names, poses as a robot prints them, or a CSV with name, x,y,z and a rotation."),
+        typer.Argument(help="Matrices by name, poses as a robot prints them, or a CSV of names, x,y,z and rotations."),
     ] = None,
     matrix: Annotated[str | None, typer.Option(help="One matrix, 16 (or 12) numbers row by row.")] = None,
     position: Annotated[str | None, typer.Option(help="One position, x,y,z.")] = None,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scan2flex_jax.convert.motion_capture import Capture, capture_in, read_c3d
 from scan2flex_jax.convert.units import length_unit
@@ -22,6 +23,7 @@ from scan2flex_jax.study.scans import load_geometry
 from scan2flex_jax.study.tables import SAMPLE, Dialect, dialect, rows, unfolded
 from scan2flex_jax.study.values import Where, one_line, shown
 
+_FARTHER = 3.0  # times the nearest other point: the median step between points that are out of order
 _ARC = 0.2  # relative difference up to which a column counts as the arc length of the points
 
 
@@ -140,6 +142,8 @@ def _read(path, units, columns, where):
     notes = [f"{int(keep.sum())} points in {unit}, columns {given}, {how}"]
     notes += [] if fault is None else [f"the column s was left out: {fault}"]
     notes += [f"{int(np.sum(there & ~new))} points that repeat the one before were left out"] * bool(np.any(there & ~new))
+    if _out_of_order(points[keep]):
+        notes.append("most points are nearer to others than to their neighbours in the file: sort them along the cable")
     notes += [f"{int(np.sum(~there))} rows without a point were left out"] * bool(not np.all(there))
     return points[keep], s, tuple(notes)
 
@@ -181,6 +185,15 @@ def _guessed(table, where) -> list[str | None]:
     if count == 6 and (_colours(table[:, 3:]) or _normals(table[:, 3:])):
         return ["x", "y", "z", None, None, None]
     raise where.at("columns").fail(f"there is no header over the {count} columns: {advice}")
+
+
+def _out_of_order(points) -> bool:
+    """Whether the steps from point to point are mostly far longer than the distances of nearest neighbours."""
+    if len(points) < 4 or not np.all(np.isfinite(points)):  # refused later, if so
+        return False
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    nearest = cKDTree(points).query(points, 2)[0][:-1, 1]
+    return bool(np.median(steps / np.maximum(nearest, 1e-300)) > _FARTHER)
 
 
 def _colours(columns):

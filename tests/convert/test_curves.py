@@ -67,6 +67,13 @@ def test_every_dialect_gives_the_same_points(tmp_path, text, units, columns):
     assert found.curve.arc_length is None
 
 
+def test_points_out_of_order_are_said(tmp_path):
+    (tmp_path / "a.csv").write_text(lines(POINTS[[3, 11, 0, 7, 5, 9, 1, 10, 2, 8, 4, 6]], ","))
+    (tmp_path / "b.csv").write_text(lines(POINTS, ","))
+    assert any("sort them along the cable" in note for note in read_foreign_curve(tmp_path / "a.csv").notes)
+    assert not any("sort them" in note for note in read_foreign_curve(tmp_path / "b.csv").notes)
+
+
 def test_thousands_and_decimal_commas(tmp_path):
     (tmp_path / "a.csv").write_text("x;y;z\n1.200,50;0,09;-0,08\n12.345.678,00;-0,28;-11,15\n")
     found = read_foreign_curve(tmp_path / "a.csv", units="mm").curve.points
