@@ -421,6 +421,28 @@ FORMATS = Table(
     lambda results: results["rows"],
     "{points:,} points, each file read by a process of its own; 24 bytes a point are 23 MiB.",
 )
+WING = Table(
+    ("wing",),
+    {
+        "wing": item("series"),
+        "EI from the light weights, N m^2": lambda row: _interval(*row["EI"]),
+        "published": item("EI_published"),
+        "heavier ones, RMS": item("rms_heavy_mm", form="{:.1f} mm"),
+        "believed": lambda row: "yes" if row["believed"] else "no",
+        "weights found within their 95 % interval": lambda row: "{} of {}".format(
+            sum(w["low"] <= w["hung"] <= w["high"] for w in row["weights"]), len(row["weights"])
+        ),
+        "heaviest": lambda row: "{hung:g} kg: {found:.2f} ({low:.2f} to {high:.2f})".format(**row["weights"][-1]),
+    },
+    lambda results: results["rows"],
+    "Fitted: weights up to {light_kg:g} kg. The stated noise is {noise_mm:g} mm.",
+)
+
+
+def _interval(value, low, high):
+    return f"{value:.2f}" + ("" if low is None else f" ({low:.2f} to {high:.2f})")
+
+
 _LETTERS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ"}
 
 
@@ -510,6 +532,7 @@ PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "compared.md": {"fit": FIT},
     DOCS / "adding-an-effect.md": {"laws": LAWS},
     DOCS / "missing-effects.md": {"memory": MEMORY},
+    DOCS / "real" / "wing.md": {"wing": WING},
     DOCS / "scanning.md": {"formats": FORMATS, "extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
     DOCS / "sweeps.md": {"batches": BATCHES},
     DOCS / "peers.md": {"ratios": RATIOS},
