@@ -83,9 +83,11 @@ def picture(rows, path):
     for colour, row in zip(("C0", "C1"), rows, strict=True):
         mass, z = np.array(weights(row["series"])).T
         left.plot(mass, 1e3 * z, "o", color=colour, ms=4, label=f"{row['series']}, measured")
-        left.plot(mass, [1e3 * row["predicted"][f"{m:.1f} kg"] for m in mass], color=colour, lw=1, label="from the light weights")
+        predicted = [1e3 * row["predicted"][f"{m:.1f} kg"] for m in mass]
+        left.plot(mass, predicted, color=colour, lw=1, label="from the light weights")
         hung, found, low, high = np.array([list(w.values()) for w in row["weights"]]).T
-        right.errorbar(hung, found - hung, [found - low, high - found], fmt="o", color=colour, ms=4, capsize=2, label=row["series"])
+        bars = [found - low, high - found]
+        right.errorbar(hung, found - hung, bars, fmt="o", color=colour, ms=4, capsize=2, label=row["series"])
     left.axvspan(-0.05, LIGHT + 0.1, color="0.9", zorder=0)
     left.text(LIGHT / 2, 1e3 * rows[-1]["predicted"]["3.0 kg"], "fitted", ha="center", fontsize=9)
     left.set(xlabel="weight at the tip (kg)", ylabel="displacement of the tip (mm)")
