@@ -439,6 +439,21 @@ WING = Table(
 )
 
 
+SBC = Table(
+    ("sbc",),
+    {
+        "noise": lambda row: "white alone" if row["white_alone"] else "as the model expects",
+        "parameter": lambda row: row["parameter"].replace("natural_curvature.curvature", "natural curvature").replace("_", " "),
+        "draws": item("draws"),
+        "uniform ranks: p": item("p_value", form="{:.2f}"),
+        "spread of the normal scores": item("spread", form="{:.2f}"),
+        **{f"in {c} % intervals": item("covered", str(c), form="{:.0f} %", times=100) for c in (50, 80, 95)},
+        "withheld": item("withheld"),
+    },
+    lambda results: results["rows"],
+)
+
+
 def _interval(value, low, high):
     return f"{value:.2f}" + ("" if low is None else f" ({low:.2f} to {high:.2f})")
 
@@ -527,8 +542,8 @@ def answer() -> str:
 
 PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"answer": answer},
-    DOCS / "accuracy.md": {"blind": BLIND, "background": BACKGROUND, "scans": SCANS, "kinect": KINECT,
-                           "sensitivity": SENSITIVITY, "equilibrium": EQUILIBRIUM, "firstuse": FIRST_USE},
+    DOCS / "accuracy.md": {"blind": BLIND, "background": BACKGROUND, "sbc": SBC, "scans": SCANS,
+                           "kinect": KINECT, "sensitivity": SENSITIVITY, "equilibrium": EQUILIBRIUM, "firstuse": FIRST_USE},
     DOCS / "compared.md": {"fit": FIT},
     DOCS / "adding-an-effect.md": {"laws": LAWS},
     DOCS / "missing-effects.md": {"memory": MEMORY},
