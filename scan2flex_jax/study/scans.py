@@ -24,6 +24,8 @@ from scan2flex_jax.study.survey import KINDS, Survey, survey
 
 _BLOCK = 1 << 20
 _ADVICE = "export it again, as PLY or XYZ."
+_NOTES = {"txt", "csv", "dat", "tsv"}
+"""Kinds that an archive may hold beside its scan."""
 _NAMES = ", ".join(f".{kind}" for kind in KINDS)
 
 
@@ -63,7 +65,8 @@ def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str
     """The one scan in an archive: its name, and its stream."""
     try:
         archive = zipfile.ZipFile(stream)
-        found = [m for m in archive.infolist() if Path(m.filename).suffix.lower().removeprefix(".") in KINDS]
+        kinds = {m: Path(m.filename).suffix.lower().removeprefix(".") for m in archive.infolist()}
+        found = [m for m, kind in kinds.items() if kind in KINDS.keys() - _NOTES] or [m for m in kinds if kinds[m] in KINDS]
         if len(found) != 1:
             raise StudyError(path, None, f"the archive holds {len(found)} scans ({_NAMES}): pack one.")
         _check_bytes(path, found[0].file_size, limit)

@@ -13,8 +13,10 @@ from . import scenes
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.xfail(reason="open: a smooth misfit of thrice the stated noise passes as noise, not yet looked into")
-@pytest.mark.parametrize("stated", [scenes.NOISE, None])
+OPEN = pytest.mark.xfail(reason="open: a smooth misfit of thrice the stated noise passes as noise, not yet looked into")
+
+
+@pytest.mark.parametrize("stated", [pytest.param(scenes.NOISE, marks=OPEN), None])
 def test_a_smooth_misfit_of_thrice_the_stated_noise_is_no_good_answer(stated):
     """A wave of 1 mm in each pose, another one in each; unstated it may be an error of the scan, and is called one."""
     study, poses = scenes.study(seed=3), []
