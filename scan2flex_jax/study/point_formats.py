@@ -110,15 +110,18 @@ def _ptx(stream: Any, path: Path, limit: Limit) -> Points:
 
 
 def _text(stream: Any, path: Path, limit: Limit) -> Points:
-    def lines() -> Iterator[str]:
-        stream.seek(0)
-        wide = stream.read(2) in UTF_16
-        stream.seek(0)
-        if wide:
-            return iter(stream.read().decode("utf-16", errors="replace").splitlines())
-        return (line.decode("utf-8-sig", errors="replace") for line in stream)
+    wide = stream.read(2) in UTF_16
+    stream.seek(0)
+    text = io.TextIOWrapper(stream, "utf-16" if wide else "utf-8-sig", errors="replace")
 
-    points, unit = scanned(lines, Where(one_line(str(path), 300)))
+    def lines() -> Iterator[str]:
+        text.seek(0)
+        return iter(text)
+
+    try:
+        points, unit = scanned(lines, Where(one_line(str(path), 300)))
+    finally:
+        text.detach()
     return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit)
 
 

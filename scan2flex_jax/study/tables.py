@@ -109,7 +109,8 @@ def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated
     at = plain[:3] if how.names is None else [how.names.index(c) for c in "xyz"]
 
     def body() -> Iterator[str]:
-        return (line for line in itertools.islice(_filled(lines()), how.first, None) if not line.lstrip().startswith(_COMMENT))
+        kept = itertools.islice(_filled(lines()), how.first, None)
+        return (line for line in kept if line[0] not in "#/" or not line.startswith(_COMMENT))
 
     plainly = (line.replace(",", ".") for line in body()) if how.decimal == "," else body()
     try:
@@ -120,7 +121,8 @@ def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated
 
 
 def _filled(lines: Iterable[str]) -> Iterator[str]:
-    return (line for line in lines if line.strip())
+    """Lines that are not blank, without the blanks around them; a tab in front is an empty cell."""
+    return filter(None, (line.strip(" \r\n") for line in lines))
 
 
 def _numbers(row: list[float | None]) -> int:
