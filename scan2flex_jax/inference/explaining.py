@@ -92,7 +92,7 @@ def explain(
     if isinstance(first, Fit):
         return _mistaken(first.study, first.mistakes, began, settings)
     mistaken = [(mistake, v.empty) for mistake, v in variants.corrected(first, say)]
-    if beyond := [m for m, h in mistaken if not h.discrepant and leads(h, first.empty, settings.found)]:
+    if beyond := tuple(m for m, h in mistaken if not h.discrepant and leads(h, first.empty, settings.found)):
         # nothing is left for an effect to explain
         return _mistaken(first.fit.study, beyond, began, settings)
     search = Search([first], say).run()

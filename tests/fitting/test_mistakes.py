@@ -116,10 +116,10 @@ def test_a_study_that_cannot_settle_says_why(monkeypatch):
 
 @pytest.mark.slow
 def test_explain_names_no_physics_over_a_mistake():
-    """The search for physics is not begun: there would be nothing for it to search in."""
+    """The search for physics is not begun: the corrected study leaves nothing to explain."""
     said = []
     found = explain(made(ROLLED), progress=said.append)
-    assert said == ["baseline fit"]
+    assert not any("first order" in s for s in said)
     assert found.verdict == "unexplained" and not found.believable
     assert HIDDEN[ROLLED] in found.sentences[0]
     assert found.chosen == found.ranking == ()
