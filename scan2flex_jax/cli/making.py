@@ -59,13 +59,12 @@ def new(
         thick = _quantity(radius, "length", "the radius of the cable", "--radius")[0]
     if clamps_from_curves and clamps is not None:
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
-    frames = frames_of_bodies(poses, units=units, frame=frame, tangent=tangent) or None
+    frames = None
     if clamps is not None:
         frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
-    elif clamps_from_curves:
-        frames = None
-    elif frames is None:
-        frames = _asked_clamps(poses, units or "m", convention, not radians, tangent)
+    elif not clamps_from_curves:
+        frames = frames_of_bodies(poses, units=units, frame=frame, tangent=tangent)
+        frames = frames or _asked_clamps(poses, units or "m", convention, not radians, tangent)
     study, notes = new_study(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
         gravity=_gravity(gravity), units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,

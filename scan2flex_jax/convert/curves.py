@@ -52,6 +52,8 @@ def read_foreign_curve(
     """
     where = Where(one_line(str(path), 300))
     capture = captured(path)
+    if capture is None and (frame is not None or arc_lengths is not None):
+        raise where.fail("it is no motion capture, which alone has frames and names of markers: leave both out for it.")
     if capture is None:
         points, s, notes = _read(Path(path), units, columns, where)
     else:

@@ -82,16 +82,16 @@ def dialect(lines: list[str], where: Where) -> Dialect:
     return found._replace(first=first, names=tuple(names), unit=unit or stated)
 
 
-def rows(lines: Iterable[str], how: Dialect, where: Where, each: str = "point") -> Annotated[np.ndarray, "n c"]:
+def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarray, "n c"]:
     """All rows of these lines, of which the first is the first row; NaN for labels and empty cells.
 
-    A row of another width, or with text where a number stood, is an error that names the ``each`` and its number.
+    A row of another width, or with text where a number stood, is an error that names the point by its number.
     """
     table = []
     for i, line in enumerate(lines):
         row = how.cells(line)
         if len(row) != how.width or any(x is None and k not in how.texts for k, x in enumerate(row)):
-            here = where.at(f"{each} {i + 1}")
+            here = where.at(f"point {i + 1}")
             raise here.fail(f"got {shown(line.strip())}: write {how.width} numbers, as on the line of the first point.")
         table.append([np.nan if x is None else x for x in row])
     return np.array(table, float)
@@ -100,9 +100,8 @@ def rows(lines: Iterable[str], how: Dialect, where: Where, each: str = "point") 
 def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated[np.ndarray, "n 3"], str | None]:
     """Points of a scan, and the unit that it states, from which they are converted to m.
 
-    They are the columns x, y, z of its header, else the first three.
-
-    ``lines`` begins to read the file, as often as it is called.
+    They are the columns x, y, z of its header, else the first three. ``lines`` begins to read the file, as often as it is
+    called.
     """
     how = dialect(list(itertools.islice(_filled(lines()), SAMPLE)), where)
     plain = [k for k in range(how.width) if k not in how.texts]

@@ -112,6 +112,13 @@ def test_doubt_is_one_sentence(tmp_path, options, words):
         read_foreign_curve(written(tmp_path, "motive"), **options)
 
 
+@pytest.mark.parametrize("options", [{"frame": 0}, {"arc_lengths": {"m1": 0.1}}])
+def test_frames_and_names_of_another_file_are_not_ignored(tmp_path, options):
+    (tmp_path / "a.csv").write_text("x,y,z\n0,0,0\n1,0,0\n")
+    with pytest.raises(Scan2FlexError, match="no motion capture"):
+        read_foreign_curve(tmp_path / "a.csv", **options)
+
+
 @pytest.mark.parametrize(("text", "words"), [("m1,0.1\n", "header"), ("name,s\nm1,half\n", "line 2.*a name and a number")])
 def test_a_damaged_table_of_arc_lengths(tmp_path, text, words):
     (tmp_path / "arc.csv").write_text(text)

@@ -1,5 +1,6 @@
 """Clouds in the formats that the study promises: points of XYZ, OBJ and PLY as they are, meshes of OBJ and STL sampled."""
 
+import gzip
 import os
 import sys
 import zipfile
@@ -271,6 +272,8 @@ def test_formats_of_scanners(tmp_path, points, name):
     BINARY[name](tmp_path / name, points)
     np.testing.assert_allclose(load_cloud(tmp_path / name).points, points, atol=2e-6)
     assert scan_facts(tmp_path / name)[0] == len(points)
+    (tmp_path / f"{name}.gz").write_bytes(gzip.compress((tmp_path / name).read_bytes()))
+    np.testing.assert_allclose(load_cloud(tmp_path / f"{name}.gz").points, points, atol=2e-6)
 
 
 @pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
