@@ -117,8 +117,9 @@ class Programs:
     def call(self, function: Callable, options: dict, args: tuple, kwargs: dict) -> Any:
         """What ``function`` returns, by its program compiled with ``options``; `UnkeptError` if it cannot be kept."""
         leaves, tree = jax.tree.flatten((args, kwargs))
-        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
-        known = (function, tree, *(_typed(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves))
+        is_array = [eqx.is_array(leaf) for leaf in leaves]
+        arrays = [leaf for leaf, array in zip(leaves, is_array, strict=True) if array]
+        known = (function, tree, *(_typed(leaf) if array else leaf for leaf, array in zip(leaves, is_array, strict=True)))
         if known not in self._loaded:
             with self._locks[known]:  # another thread may be compiling it
                 if known not in self._loaded:
@@ -190,11 +191,12 @@ class _Run:
         # JAX binds results of exported functions to their device: unless it is named, arguments bound and not compile twice
         here = jax.sharding.SingleDeviceSharding(jax.devices()[0])
         self.jitted: Any = jax.jit(flat, in_shardings=here, compiler_options=options)
-        self._result = result
+        leaves, self._tree = jax.tree.flatten(result)
+        self._rest = [None if isinstance(leaf, _Shape) else (leaf,) for leaf in leaves]
 
     def __call__(self, arrays: list) -> Any:
         values = iter(self.jitted(*arrays))
-        return jax.tree.map(lambda leaf: next(values) if isinstance(leaf, _Shape) else leaf, self._result)
+        return self._tree.unflatten([next(values) if rest is None else rest[0] for rest in self._rest])
 
 
 def _context() -> bytes:

@@ -125,8 +125,7 @@ class Evaluator:
 
     def _rows(self, x, derivative):
         """Number of tangents of a call."""
-        wanted = derivative or bool(self.slots)  # with placeholders, one compiled function serves all calls
-        return -(-len(x) // states.WIDTH) * states.WIDTH if wanted else 0
+        return -(-len(x) // states.WIDTH) * states.WIDTH if derivative else 0
 
     def _pose(self, poses, i, shared, local, start, derivative, before=None, held=None):
         """One pose; with memory ``before`` is what the one before it left, None for the first pose."""

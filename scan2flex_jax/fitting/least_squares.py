@@ -130,7 +130,7 @@ def levenberg_marquardt(
         most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
         settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, judged=True, damping=1e-3, least=1e-12,
         give_up=GIVE_UP, closer=None if start is None else lambda cost: _CLOSER * cost,
-        bend=model.bends, progress=goal.progress,
+        bend=model.bends, hopeless=goal.beat, progress=goal.progress,
     )  # fmt: skip
     found = descend(model, model.of(np.r_[shared, local.ravel()], e), rules)
     shared, local = model.split(found.point.x)

@@ -75,7 +75,7 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0, within:
 def _distance(problem, pose, shared):
     poses = poses_of(problem.study, [pose], problem.length, problem.elements)
     evaluator = problem.evaluator_of(poses)
-    found = evaluator(shared)
+    found = evaluator(shared, derivative=False)
     problem.evaluator.equilibria += evaluator.equilibria
     return float(distances(found, poses.mask)[0])
 

@@ -20,12 +20,13 @@ from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import belief, branches, mistakes
+from scan2flex_jax.inference import belief, branches
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference.direct import Direct, measured_by
 from scan2flex_jax.inference.estimate import estimate_of
 from scan2flex_jax.inference.fit_result import Fit, PoseFit, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
+from scan2flex_jax.inference.mistakes import before_branches, hidden
 from scan2flex_jax.inference.posterior import Variant
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -83,19 +84,19 @@ def fit(
 def fitted(
     study: Study, method: str = "least-squares", *, data: str = "auto", distance: str = "normal", elements: int | None = None,
     progress: Progress | None = None, settings: Settings = USUAL, slots: tuple[AbstractEffect, ...] = (),
-    other_turns: bool = True, scanned: bool = False,
+    turns: bool = True, mistakes: bool = True, scanned: bool = False,
 ) -> Fit:  # fmt: skip
     """`fit` as `explain` calls it.
 
     ``slots``: energy laws of effects that may be added later, at zero amplitude, so that a search reuses the functions compiled
-    here. ``other_turns``: False keeps the ``turns`` of the study in every pose. ``scanned``: the curves are axes of scans, with
-    an error alike along a pose.
+    here. ``turns``: False keeps the turns of the study in every pose. ``mistakes``: False looks for none in the input.
+    ``scanned``: the curves are axes of scans, with an error alike along a pose.
     """
     _check(study, method, distance, data)
     began, progress = time.perf_counter(), progress or silent
     whole, scans, said = measured_by(study, data, method, distance, progress)
-    later = _on_branches if other_turns else _as_stated
-    stages = [partial(stage, method=method, progress=progress) for stage in (_minimum, later)]
+    stages = [partial(_minimum, mistakes=mistakes), partial(_on_branches if turns else _as_stated, mistakes=mistakes)]
+    stages = [partial(stage, method=method, progress=progress) for stage in stages]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
@@ -170,26 +171,26 @@ def _known(known, laws, estimates):
     return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
 
 
-def _minimum(problem, _, method, progress):
+def _minimum(problem, _, method, progress, mistakes):
     """The first minimum, and mistakes of the input that show at once."""
-    minimum, likely = mistakes.before_branches(problem, method, progress)
+    minimum, likely = before_branches(problem, method, progress) if mistakes else (None, ())
     return Found(problem, minimum or problem.minimise(method, progress), likely)
 
 
-def _on_branches(declared, first, method, progress):
+def _on_branches(declared, first, method, progress, mistakes):
     """Problem and minimum on the measured branches, and mistakes of the input that show there."""
     if first.mistakes:
         return first
     problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
     problem, minimum = branches.needed(declared.study, problem, minimum, method, progress)
-    likely = mistakes.hidden(declared.study, problem, minimum, progress)
+    likely = hidden(declared.study, problem, minimum, progress) if mistakes else ()
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
     return Found(problem, minimum, likely, doubt)
 
 
-def _as_stated(declared, first, method, progress):
+def _as_stated(declared, first, method, progress, mistakes):
     """Problem and minimum with the turns of the study, and mistakes of the input that show there."""
-    likely = first.mistakes or mistakes.hidden(declared.study, declared, first.minimum, progress)
+    likely = first.mistakes or (hidden(declared.study, declared, first.minimum, progress) if mistakes else ())
     return Found(declared, first.minimum, likely)
 
 

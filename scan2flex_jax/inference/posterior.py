@@ -282,8 +282,7 @@ class Variant:
 
     def _in_turn(self, components, x, shapes, u):
         """Sizes of the noise and parameters in turn, from solved shapes."""
-        converged, last = True, -np.inf
-        sensor = self.sensor
+        converged, last, sensor, linear = True, -np.inf, self.sensor, None
         starts = [self.likelihood.start(sensor, b) for b in (0.03, 1.0)]
         if u is not None:
             starts = [u, np.r_[np.log([sensor, sensor]), u[2], u[3] - 4.0, u[4]]]
@@ -301,7 +300,8 @@ class Variant:
             if end is None:
                 break
             x, shapes, converged, _ = end
-        found = self._finished(components, x, shapes, u, converged)
+            linear = None
+        found = self._finished(components, x, shapes, u, converged, linear)
         if not (converged or (self.held and not components)) and found.score > self.best - _DOUBT:
             Li = self.likelihood.whitening(found.u, found.linear.Z)
             end = self._descend(components, x, shapes, Li, found.wider, most=_LAST)
@@ -342,11 +342,11 @@ class Variant:
             out.append(float(min(SIZES, key=lambda t: abs(np.log(max(a, 0.2) / t)))))
         return tuple(out)
 
-    def _finished(self, components, x, shapes, u, converged) -> Fitted:
-        """Log evidence, averaged over the prior sizes of the effects, and covariance at the mode."""
+    def _finished(self, components, x, shapes, u, converged, linear: Linear | None = None) -> Fitted:
+        """Log evidence, averaged over the prior sizes of the effects, and covariance at the mode; ``linear`` there if known."""
         n, wider = Index(self.program, components), self._sizes(components, x)
         prior = Prior(self.program, components, wider)
-        linear = self.linear(shapes, x, components, prior)
+        linear = linear or self.linear(shapes, x, components, prior)
         u, _ = self.likelihood.likeliest(linear, [u], most=12)
         wr, wX = self.likelihood.white(u, linear)
         A, g = linear.normal(wr, wX)

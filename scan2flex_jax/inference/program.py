@@ -246,8 +246,7 @@ class Program:
     def _solve(self, i, full, sites, along, start):
         found = []
         for part in np.split(along, max(len(along) // WIDTH, 1)):
-            state, tangents = jax.tree.map(np.asarray, self._state(i, full, sites, part))
-            found.append(states.evaluate(state, tangents, start, target_of(self.poses, i)))
+            found.append(states.evaluate(*self._state(i, full, sites, part), start, target_of(self.poses, i)))
             start = found[-1].configuration
         return found[-1]._replace(columns=np.concatenate([f.columns for f in found], axis=-1))
 
@@ -284,7 +283,9 @@ def _state(layout, elements, kinds, template, boundary, x, sites, scene, along):
         model = type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
         return states.state_of(model, boundary_at(layout, boundary, x[layout.shared : base]), elements, slots)
 
-    return state(x), jax.vmap(partial(_pushed, state, x))(along)
+    tangents = jax.vmap(partial(_pushed, state, x))(along)
+    rest = max(WIDTH - len(along), 0)
+    return state(x), jax.tree.map(lambda t: jnp.pad(t, ((0, rest), *[(0, 0)] * (t.ndim - 1))), tangents)
 
 
 def _pushed(function, x, direction):

@@ -108,7 +108,7 @@ class Search:
             self._widen()
 
     def _singles(self, v: Variant):
-        """Single effects by their scores; where the best leaves a discrepancy, or is far, every one and the fields."""
+        """Single effects by their scores; where the best leaves a discrepancy in the first variant, every one and the fields."""
         screen = Screen(v.empty)
         table = screen.singles()
         self.scores |= {k: s for k, s in table.items() if k not in self.scores or s.gain > self.scores[k].gain}
@@ -125,7 +125,7 @@ class Search:
             for pair in screen.pairs()[:_MORE]:
                 if pair[0].gain > least + v.settings.found:
                     self._refit_both(v, *pair)
-        if self._leaves_discrepancy(v):
+        if v is self.variants[0] and self._leaves_discrepancy(v):
             if far or v.empty.scattered() > _NONLINEAR * v.length:
                 self._every(v, table, keep)
             for e in fields():
@@ -187,7 +187,7 @@ class Search:
         """The kinds that may give the shapes of the best single effect, from its place and its base parameters."""
         first = self.best(v, 1)
         place = None if first is None else first.components[0].site.get("position")
-        if first is None or place is None or first.key in self.compared:
+        if first is None or place is None or first.key in self.compared or first.score < v.empty.score:
             return
         self.compared.add(first.key)
         for kind in (e.kind for e in catalogue() if e.kind != first.kinds[0] and same_shapes(e.kind, first.kinds[0])):

@@ -6,6 +6,7 @@ prediction differs. That one pose does not fit is a variant too, in which this p
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -67,6 +68,11 @@ def variant_of(name: str, fit: Fit, log_prior: float = 0.0, effect: str | None =
     return variant
 
 
+def _as(v: Variant) -> dict[str, Any]:
+    """Options of a fit that is compared with a variant."""
+    return {"elements": v.program.elements, "slots": slots_of(v.study), "settings": v.settings}
+
+
 def stated_turns(study: Study, first: Variant, say: Progress) -> Variant | None:
     """The study with the turns that it states, where the fit adopted others."""
     if not first.fit.turned:
@@ -75,9 +81,7 @@ def stated_turns(study: Study, first: Variant, say: Progress) -> Variant | None:
     first.log_prior = -first.settings.turn * len(first.fit.turned)
     first.empty.score += first.log_prior
     try:
-        stated = fitted(
-            study, elements=first.program.elements, slots=slots_of(study), other_turns=False, settings=first.settings
-        )
+        stated = fitted(study, turns=False, mistakes=False, **_as(first))
     except NotSettledError:
         return None
     return variant_of("turns as stated", stated)
@@ -100,7 +104,7 @@ def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]
             yield mistake, own
             continue
         try:
-            mended = fitted(mistake.study, elements=first.program.elements, slots=slots_of(study), settings=first.settings)
+            mended = fitted(mistake.study, mistakes=False, **_as(first))
         except Scan2FlexError:
             continue
         yield mistake, variant_of(name, mended, log_prior)
@@ -129,7 +133,7 @@ def remembering(search: Search, say: Progress) -> Iterator[Variant]:
             continue
         say(f"fit with {kind}")
         try:
-            told = fitted(declaring(study, kind), elements=v.program.elements, settings=v.settings)
+            told = fitted(declaring(study, kind), turns=False, mistakes=False, **_as(v) | {"slots": ()})
         except NotSettledError:
             continue
         yield variant_of(kind, told, -price, kind)
