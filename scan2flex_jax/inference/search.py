@@ -108,7 +108,7 @@ class Search:
             self._widen()
 
     def _singles(self, v: Variant):
-        """Single effects by their scores; where the best leaves a discrepancy in the first variant, every one and the fields."""
+        """Single effects by their scores; where the best leaves a discrepancy in the first variant, all effects and fields."""
         screen = Screen(v.empty)
         table = screen.singles()
         self.scores |= {k: s for k, s in table.items() if k not in self.scores or s.gain > self.scores[k].gain}
