@@ -1,7 +1,8 @@
-"""The first screen of the README: the first lines of a fit, and a real wire before and after.
+"""The first screen of the README: the find of `scan2flex demo`, the first lines of a fit, and a real wire before and after.
 
     SCAN2FLEX_DATA=... python -m benchmarks.readme
 
+Find (`docs/find.png`): measured and modelled shapes of the simulated cable with a sleeve that its study does not mention.
 Lines: the opening of the first fit of docs/first-cable.md, without the time. Picture (`docs/real-cable.png`): a wire on four
 depth images (`benchmarks.kinect_wires`) with a guessed stiffness and fitted; its titles include the error of each pose
 predicted from the other three.
@@ -10,6 +11,7 @@ predicted from the other three.
 import re
 import shutil
 import tempfile
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,18 +21,42 @@ from typer.testing import CliRunner
 
 from benchmarks.kinect_wires import fitted, node_error, study_of, wires_folder
 from benchmarks.record import record
-from scan2flex_jax import fit, load_study, plot
+from scan2flex_jax import explain, fit, load_study, plot
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.examples import example_path
 from scan2flex_jax.prediction import predict
 
 DOCS = Path(__file__).parents[1] / "docs"
 NEW = ["--units", "mm", "--length", "1 m", "--mass", "200 g", "--convention", "kuka", "--tangent", "x", "--validate", "unseen"]
+SHOWN = ("p3", "p5", "p7")  # poses of the find, the last one never fitted
 WIRE = "white"
 GUESS = 1e-3  # N m^2: the order of magnitude that a guess from thickness and feel may give, ten times too stiff
 MEASURED = {"color": "#888888", "ls": "", "marker": "o", "ms": 3.5, "label": "measured", "zorder": 0}
 BEFORE = {"color": "#2a5ca8", "ls": "--", "lw": 1.6, "label": f"before: guessed EI = {GUESS:g} N m²"}
 AFTER = {"color": "#c1272d", "lw": 1.6, "label": "after: fit of the four poses"}
+
+
+def find() -> dict:
+    """Error (m) before and after, and the values found beside the true ones."""
+    folder = example_path("hidden-sleeve")
+    e, truth = explain(load_study(folder)), tomllib.loads((folder / "truth.toml").read_text())
+    figure, axes = plt.subplots(1, len(SHOWN), figsize=(11, 3.6), layout="constrained")
+    for ax, name in zip(axes, SHOWN, strict=True):
+        plot.shapes(e, name, ax)
+        p = e.poses[name]
+        kind = "never fitted" if p.role == "validate" else "fitted"
+        ax.set_title(f"{name}, {kind}: {1e3 * p.rms_before:.1f} mm, then {1e3 * p.rms:.1f} mm", fontsize=10, pad=22)
+    plot.save(figure, DOCS / "find.png", dpi=110)
+    effect, GJ = e.chosen[0], e.estimates["torsional_stiffness"].value
+    return {
+        "kind": effect.kind,
+        "length": e.study.cable["length"],
+        "position": [effect.parameters["position"], effect.std["position"], truth["effect"]["position"]],
+        "fitted": [e.rms(after=False), e.rms()],
+        "unseen": [e.rms("validate", after=False), e.rms("validate")],
+        "GJ": [x / truth["cable"]["torsional_stiffness"] - 1 for x in (e.fit.estimates["torsional_stiffness"].value, GJ)],
+    }
 
 
 def first_lines() -> list[str]:
@@ -75,7 +101,8 @@ def wire(paths) -> dict:
 def main() -> None:
     prepare_jax()
     mpl.use("Agg")
-    record("readme", {"lines": first_lines(), "wire": wire(sorted(wires_folder().glob(f"{WIRE}*.csv")))})
+    paths = sorted(wires_folder().glob(f"{WIRE}*.csv"))
+    record("readme", {"find": find(), "lines": first_lines(), "wire": wire(paths)})
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.fitting import model_of as model_of
     from scan2flex_jax.fitting import residual_function as residual_function
     from scan2flex_jax.inference import Settings as Settings
+    from scan2flex_jax.inference import expect as expect
     from scan2flex_jax.inference import explain as explain
     from scan2flex_jax.inference import fit as fit
     from scan2flex_jax.inference import memory_test as memory_test
@@ -68,6 +69,7 @@ _HOMES = {
     "Unknown": "study",
     "boundary_of": "fitting",
     "equilibrium": "statics",
+    "expect": "inference",
     "explain": "inference",
     "fit": "inference",
     "load_study": "study",

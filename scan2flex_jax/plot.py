@@ -1,8 +1,9 @@
 """Plots of a fit, an explanation or a sweep, on matplotlib axes that each function takes and returns.
 
 Arguments are the object, the part of it to show, then the axes (created by default): `shapes`, `errors`, `residual`,
-`evidence`, `load`, `law`, `basins`. `overview` and `explained` are whole figures of these plots; `save` writes one. The page of
-`report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand above the axes.
+`comparison`, `load`, `law`, `basins`, `expected`. `overview` and `explained` are whole figures of these plots; `save` writes
+one. The page of `report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand
+above the axes.
 """
 
 import io
@@ -24,11 +25,12 @@ from scan2flex_jax.study.outputs import write_file
 if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types
     import xarray
 
-    from scan2flex_jax.inference import Explanation, Fit
+    from scan2flex_jax.inference import Expectation, Explanation, Fit
     from scan2flex_jax.study import Study
 
 MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
+_HARDLY_SEEN = 100.0  # usual sizes: an effect that needs more is drawn there
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
 _BETWEEN = 0.12  # inches above and below a panel: a panel's title is not taken for the label of the axis above it
@@ -117,7 +119,7 @@ def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
             label = _named(name, f" ({p.role})") if pose is None else "modelled" if before is None else "after"
             style = "-" if p.role == "fit" or pose is not None else "--"
             ax.plot(p.s[order], 1e3 * np.linalg.norm(p.residual, axis=1)[order], style, lw=1.4, label=label, color=colour)
-    ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, None))
+    ax.set(xlabel="arc length s (m)", ylabel="distance (mm)", ylim=(0, 1.05 * ax.dataLim.y1))
     if pose is not None:
         ax.set_title(_named(pose, f" ({p.role})"), fontsize=10, pad=22)
     _legend(ax)
@@ -135,9 +137,10 @@ def overview(fit: "Fit | Explanation") -> Figure:
         shapes(fit, name, figure.add_subplot(grid[i // columns, i % columns]))
     if together:
         errors(fit, ax=figure.add_subplot(grid[rows, :]))
-    one = None  # panels share their scale, so that poses can be compared
-    for i, name in enumerate(() if together else names):
-        one = errors(fit, name, figure.add_subplot(grid[rows + i // columns, i % columns], sharey=one))
+    panels = [] if together else [figure.add_subplot(grid[rows + i // columns, i % columns]) for i in range(len(names))]
+    top = max((errors(fit, name, ax).get_ylim()[1] for name, ax in zip(names, panels, strict=False)), default=None)
+    for ax in panels:  # one scale, so that poses can be compared
+        ax.set_ylim(0, top)
     _titled(figure, fit.study.title)
     return figure
 
@@ -241,19 +244,44 @@ def correlations(fit: "Fit", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def evidence(explanation: "Explanation", ax: Axes | None = None, most: int = 10) -> Axes:
-    """Log evidence of the likeliest effect types over the baseline model (nats), coloured by verdict."""
+def comparison(explanation: "Explanation", ax: Axes | None = None, most: int = 10) -> Axes:
+    """Hypotheses by their log predictive density of poses left out, over that without effects (nats), each with the standard
+    error of the difference, as `arviz.plot_compare` draws models; of a single pose, by their log evidence.
+
+    Hollow: effect types that were not refitted, by their gain to first order.
+    """
     ax = plt.subplots()[1] if ax is None else ax
-    rows = explanation.ranking[:most][::-1]
-    colours = {"named": _MODELLED, "favoured": _MODELLED, "tied": "#e5989b"}
-    # absent effect types may lie far below zero: values worse than the baseline are not resolved
-    lengths = [max(r.log_evidence, -5.0) for r in rows]
-    ax.barh([r.kind.replace("_", " ") for r in rows], lengths, color=[colours.get(r.verdict, "#bbbbbb") for r in rows])
-    for i, r in enumerate(rows):
-        ax.annotate(f" {explanation.in_words(r)}", (max(lengths[i], 0.0), i), va="center", fontsize=8)
+    rows = [h for h in explanation.hypotheses if h.kinds][:most]
+    gain = [h.elpd if np.isfinite(h.elpd) else h.log_evidence for h in rows]
+    tried = {kind for h in explanation.hypotheses for kind in h.kinds}
+    rest = [r for r in explanation.ranking if r.kind not in tried][: most - len(rows)]
+    names = [h.name if h.variant == "as stated" else f"{h.name} ({h.variant})" for h in rows] + [_spaced(r.kind) for r in rest]
+    for i, (h, x) in enumerate(zip(rows, gain, strict=True)):
+        colour = {"best": _MODELLED, "tied": "#e5989b"}.get(h.relation, MEASURED)
+        ax.errorbar(x, i, xerr=h.elpd_std if np.isfinite(h.elpd) else None, fmt="o", color=colour, capsize=3, ms=6)
+        ax.annotate(h.relation, (x, i), (0, 7), textcoords="offset points", ha="center", fontsize=8, color=colour)
+    for i, r in enumerate(rest, len(rows)):  # absent effect types may lie far below zero: they are not resolved there
+        ax.plot(max(r.log_evidence, -5.0), i, "o", mfc="none", color=MEASURED, ms=5)
     ax.axvline(0.0, color="k", lw=0.8)
-    low, high = ax.get_xlim()
-    ax.set(xlim=(low, low + 1.7 * (high - low)), xlabel="log evidence over the baseline model (nats)")  # room for the words
+    ax.set_yticks(range(len(names)), names)
+    ax.set(ylim=(len(names) - 0.3, -0.8), xlabel="difference from no effect in log predictive density (nats)")
+    return ax
+
+
+def _spaced(kind):
+    return kind.replace("_", " ")
+
+
+def expected(expectation: "Expectation", ax: Axes | None = None) -> Axes:
+    """The smallest effects that poses would find, over their usual size: what lies left of 1 is worth looking for."""
+    ax = plt.subplots(figsize=(6.4, 5.6), layout="constrained")[1] if ax is None else ax
+    sizes = [min(v.size, _HARDLY_SEEN) for v in expectation.effects]
+    colours = [_MODELLED if size <= 1.0 else MEASURED for size in sizes]
+    ax.hlines(range(len(sizes)), min(sizes), sizes, color=colours, lw=1.0, alpha=0.4)
+    ax.scatter(sizes, range(len(sizes)), color=colours, s=28, zorder=3)
+    ax.axvline(1.0, color="k", lw=0.8)
+    ax.set_yticks(range(len(sizes)), [_spaced(v.kind) for v in expectation.effects], fontsize=8)
+    ax.set(xscale="log", xlabel="smallest effect that would be found, over its usual size", ylim=(len(sizes) - 0.3, -0.7))
     return ax
 
 
@@ -298,13 +326,13 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
 
 
 def explained(explanation: "Explanation") -> Figure:
-    """A figure with the evidence, the equivalent load, and every pose's residual before and after."""
+    """A figure with the comparison of hypotheses, the equivalent load, and every pose's residual before and after."""
     names = list(explanation.poses)
     columns = max(2, _columns(len(names)))
     rows = -(-len(names) // columns) + 1
     figure = plt.figure(figsize=(4.6 * columns, 3.6 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
-    evidence(explanation, figure.add_subplot(grid[0, : columns - 1]))
+    comparison(explanation, figure.add_subplot(grid[0, : columns - 1]))
     load(explanation, figure.add_subplot(grid[0, columns - 1]))
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))

@@ -191,7 +191,8 @@ class _Run:
         # JAX binds results of exported functions to their device: unless it is named, arguments bound and not compile twice
         here = jax.sharding.SingleDeviceSharding(jax.devices()[0])
         self.jitted: Any = jax.jit(flat, in_shardings=here, compiler_options=options)
-        leaves, self._tree = jax.tree.flatten(result)
+        leaves, tree = jax.tree.flatten(result)
+        self._tree: Any = tree
         self._rest = [None if isinstance(leaf, _Shape) else (leaf,) for leaf in leaves]
 
     def __call__(self, arrays: list) -> Any:

@@ -26,8 +26,8 @@ SHAPE_IMMUNE = {"clamp_rotation", "clamp_offset", "elastic_clamp", "length_error
                 "pose_reseating"}  # kinds that tolerances would drown: their studies state none
 
 
-def make_case(key, kinds, off, most_points):
-    """One attempt: `key` seeds it, `kinds` are the true catalogue kinds, `off` a hidden kind or none."""
+def make_case(key, kinds, off, most_points, strength=None):
+    """One attempt: `key` seeds it, `kinds` are the true catalogue kinds, `off` a hidden kind or none, `strength` is drawn."""
     began = time.perf_counter()
     rng = np.random.default_rng(key)
     posed = pose_cable(rng, kinds, FEWEST_FIT)
@@ -37,7 +37,7 @@ def make_case(key, kinds, off, most_points):
     tolerance = draw_tolerance(rng) if not {*kinds, off} & SHAPE_IMMUNE else Tolerance()
     true = deviate(rng, scene, tolerance)
     noise, s = draw_noise(rng, scene.cable.length), draw_points(rng, scene.cable.length, fit + 2, most_points)
-    found = choose_effects(rng, (true, y, fit), (s, scene.cable.length, noise, tolerance), kinds, off)
+    found = choose_effects(rng, (true, y, fit), (s, scene.cable.length, noise, tolerance), kinds, off, strength)
     if found is None or not visible(*found[:2]):
         return None
     truth, answer, tables = found
@@ -152,14 +152,14 @@ def rounded(effect):
     return {k: tidy(v) for k, v in effect.items()}
 
 
-def choose_effects(rng, posed, measured, kinds, off):
+def choose_effects(rng, posed, measured, kinds, off, of_strength=None):
     """The truth at its strengths, and the answer about it: `(effects, answer, tables)`."""
     (scene, y, fit), (s, length, noise, tolerance) = posed, measured
     base = compared(scene, y, kinds)
     if base is None:
         return None
     lens = Lens(base.F.sigma, length, s[:fit], noise)
-    low, high = PAIR_STRENGTH if len(kinds) == 2 else STRENGTH
+    low, high = (of_strength,) * 2 if of_strength else PAIR_STRENGTH if len(kinds) == 2 else STRENGTH
     strength, truth, strengths = strength_on(base, lens), [], []
     for kind in [*kinds, *([off] if off else [])]:
         goal = np.exp(rng.uniform(*np.log((low, high))))

@@ -4,7 +4,8 @@ A fifth of the cases miss nothing, half miss one catalogue effect (all kinds in 
 outside of the catalogue; their order is random. Cases whose answer exists are left alone, so that a run can be resumed;
 a design that fails its checks is drawn again. `--only b003 b007` makes these cases only; `--kinds none kink
 point_mass+tether off:wavy_mass` makes exactly these truths instead of the mix. `--background` makes the class of cases with
-a background (`background.py`) instead: a third with nothing else, and one catalogue effect in the others.
+a background (`background.py`) instead: a third with nothing else, and one catalogue effect in the others. The study of
+`scan2flex demo` is `--kinds point_mass --strength 15 --points 60 --seed 53 --count 1 --prefix hidden-weight`.
 """
 
 import argparse
@@ -58,7 +59,7 @@ def run(arguments):
                 if arguments.background:
                     made = background.make_case(key, named, arguments.points)
                 else:
-                    made = cases.make_case(key, named, off and str(off), arguments.points)
+                    made = cases.make_case(key, named, off and str(off), arguments.points, arguments.strength)
             except (np.linalg.LinAlgError, FloatingPointError):
                 continue
             if made is not None:
@@ -80,6 +81,7 @@ def main():
     parser.add_argument("--kinds", nargs="*", help="truths, one per case, instead of the mix")
     parser.add_argument("--background", action="store_true", help="cases with a background")
     parser.add_argument("--points", type=int, default=MOST_POINTS, help="most points per pose")
+    parser.add_argument("--strength", type=float, help="strength of every effect, instead of one that is drawn")
     parser.add_argument("--prefix", default="b")
     run(parser.parse_args())
 

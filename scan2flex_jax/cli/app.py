@@ -10,7 +10,7 @@ import threading
 
 import typer
 
-from scan2flex_jax.cli import explaining, extracting, fitting, making, measuring, sharing
+from scan2flex_jax.cli import demo, explaining, extracting, fitting, making, measuring, sharing
 from scan2flex_jax.cli.options import BAD_INPUT, EXIT_CODES
 from scan2flex_jax.cli.terminal import close_output, complain
 from scan2flex_jax.errors import Scan2FlexError
@@ -32,7 +32,7 @@ app = typer.Typer(
 for _command in (
     making.new, measuring.pose, measuring.curve, measuring.check, extracting.extract,
     fitting.fit, explaining.explain, explaining.plan,
-    sharing.report, fitting.simulate, sharing.export, fitting.demo,
+    sharing.report, fitting.simulate, sharing.export, demo.demo,
 ):  # fmt: skip
     app.command(epilog=EXIT_CODES)(_command)
 

@@ -13,12 +13,15 @@ from scan2flex_jax.cli.options import (
     Quiet,
     StudyFolder,
     draw_explanation,
+    drawing,
     explained,
     explanation_pictures,
     folder_to_write,
+    picture_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import say
+from scan2flex_jax.errors import Scan2FlexError
 
 
 def explain(
@@ -57,23 +60,47 @@ def explain(
 
 
 def plan(
-    study: StudyFolder, json: JsonFile = None, elements: Elements = None, force: Force = False, quiet: Quiet = False
+    study: StudyFolder,
+    json: JsonFile = None,
+    figure: Annotated[
+        Path | None, typer.Option(help="Draw what planned poses would show to this PNG or SVG.", callback=picture_to_write)
+    ] = None,
+    elements: Elements = None,
+    force: Force = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Rank candidate poses by how much they would add to the answer.
+    """Say what planned poses will tell, or rank the next pose after some are measured.
 
-    Candidates vary the clamps of the first poses: twisted, rolled, nearer, aside. For your own poses use `scan2flex_jax.plan`.
+    With poses that have clamps and no shape yet, and guesses of the unknowns: the intervals to expect, the smallest missing
+    effects that would be found, and the pose to add. With measured poses: candidates by how much they would add to the answer.
+    These vary the clamps of the first poses: twisted, rolled, nearer, aside. For your own poses use `scan2flex_jax.plan`.
 
     Example: scan2flex plan my-cable --json next.json
     """
     from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
+    from scan2flex_jax.study.sense import check_study  # noqa: PLC0415
 
-    loaded = load_study(study)
+    loaded = load_study(study, purpose="predict")
     outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(json)
+    outputs.claim(json, figure)
     prepare_jax()
+    from scan2flex_jax.inference import expect  # noqa: PLC0415
     from scan2flex_jax.inference import plan as rank  # noqa: PLC0415
 
+    if all(pose.curve is None and pose.scan is None and pose.markers is None for pose in loaded.fit_poses):
+        with progress("solving planned poses", quiet):
+            expected = expect(loaded)
+        say(expected.summary())
+        if figure:
+            plot = drawing()
+            plot.save(plot.expected(expected).figure, figure, write=outputs.write)
+        if json:
+            outputs.write_json(json, expected.to_json())
+        return
+    check_study(loaded)
+    if figure:
+        raise Scan2FlexError("--figure is for planned poses, and these are measured: use `scan2flex explain --figures`.")
     result = explained(loaded, elements, quiet=quiet)
     with progress("solving candidate poses", quiet):
         ranked = rank(result)

@@ -1,4 +1,4 @@
-"""Commands that estimate and predict: fit, simulate, demo."""
+"""Commands that estimate and predict: fit, simulate."""
 
 from itertools import chain
 from pathlib import Path
@@ -14,10 +14,7 @@ from scan2flex_jax.cli.options import (
     Quiet,
     StudyFolder,
     choices,
-    draw_explanation,
     drawing,
-    explained,
-    explanation_pictures,
     folder_to_write,
     picture_to_write,
 )
@@ -103,14 +100,14 @@ def simulate(
 ) -> None:
     """Predict shapes, section forces and moments, and clamp reactions of all poses, as CSV.
 
-    Every parameter must have a value: under [cable], or as a guess.
+    Every parameter must have a value: under [cable], or as a guess. Poses need only clamps.
 
     Example: scan2flex simulate calibrated --out predicted
     """
     from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
-    loaded = load_study(study)
+    loaded = load_study(study, purpose="predict")
     outputs = Outputs(loaded, source=study, force=force)
     prepare_jax()
     from scan2flex_jax.prediction import csv_files, predict, write_csv  # noqa: PLC0415
@@ -125,41 +122,3 @@ def simulate(
         outputs.write_json(json, {n: p.to_json() for n, p in predictions.items()})
     if not all(bool(p.verdict.solved) for p in predictions.values()):
         raise typer.Exit(NOT_TO_BELIEVE)
-
-
-def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the pictures and results.", callback=folder_to_write)] = Path(
-        "scan2flex-demo"
-    ),
-    force: Force = False,
-    quiet: Quiet = False,
-) -> None:
-    """Fit two studies that come with the package, and search for physics missing from the model of the real wire.
-
-    Example: scan2flex demo --out pictures
-    """
-    from scan2flex_jax.examples import example_path  # noqa: PLC0415
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-
-    names, outputs = ("simulated-cable", "black-wire"), Outputs(force=force)
-    results = [out / f"{name}.{kind}" for name in (*names, "explanation") for kind in ("png", "json")]
-    outputs.claim(*dict.fromkeys((*results, *explanation_pictures(out))))
-    prepare_jax()
-    from scan2flex_jax.inference.fitting import fitted as run  # noqa: PLC0415
-    from scan2flex_jax.inference.program import slots_of  # noqa: PLC0415
-
-    cable, wire = (load_study(example_path(name)) for name in names)
-    plot = drawing()
-    for name, loaded in zip(names, (cable, wire), strict=True):
-        with progress(f"fitting {name}", quiet) as tell:
-            result = run(loaded, progress=tell, slots=slots_of(loaded))  # functions that the search reuses
-        say(result.summary())
-        plot.save(plot.overview(result), out / f"{name}.png", write=outputs.write)
-        outputs.write_json(out / f"{name}.json", result.to_json())
-        say(f"\n  picture: {out / name}.png   result: {out / name}.json\n")
-    result = explained(wire, None, quiet)
-    if result.fit is not None:
-        draw_explanation(result, out, outputs.write)
-        say(f"\n  pictures: {out / 'explanation.png'}, {out / 'shapes.png'}")
-    outputs.write_json(out / "explanation.json", result.to_json())

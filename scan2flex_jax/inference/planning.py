@@ -113,8 +113,13 @@ def plan(explanation: Explanation, candidates: Iterable[StudyPose] | None = None
         raise Scan2FlexError("There is no plan without a solved baseline fit: the explanation has the reason.")
     memory = bool(decision.best.variant.effect)
     base = decision.best if memory else decision.empty
-    given = [(p.name, p) for p in candidates] if candidates is not None else variations(base.variant.study)
-    rivals = [] if memory else _rivals(explanation)
+    given = None if candidates is None else [(p.name, p) for p in candidates]
+    return ranked_poses(base, [] if memory else _rivals(explanation), given)
+
+
+def ranked_poses(base: Fitted, rivals: list[tuple[Component, np.ndarray]], given=None) -> Plan:
+    """The plan beside a hypothesis without effects: of the poses ``given`` with words, by default `variations`."""
+    given = variations(base.variant.study) if given is None else given
     old = _information(base, base.variant.program, base.shapes, base.variant.rows, rivals)
     leads, now = _leads(rivals, old), _log_volume(old, base)
     out = [_judge(base, words, pose, rivals, old, leads, now) for words, pose in given]

@@ -246,7 +246,8 @@ class Program:
     def _solve(self, i, full, sites, along, start):
         found = []
         for part in np.split(along, max(len(along) // WIDTH, 1)):
-            found.append(states.evaluate(*self._state(i, full, sites, part), start, target_of(self.poses, i)))
+            state, tangents = self._state(i, full, sites, part)
+            found.append(states.evaluate(state, tangents, start, target_of(self.poses, i)))
             start = found[-1].configuration
         return found[-1]._replace(columns=np.concatenate([f.columns for f in found], axis=-1))
 

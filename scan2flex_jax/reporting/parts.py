@@ -116,7 +116,7 @@ def missing(c: Contents) -> Iterator[Html]:
     if e.settle:
         said += [tag("p", "To settle it:"), tag("ul", (tag("li", sentence) for sentence in e.settle))]
     if e.noise is not None and e.concluded:
-        said += [_ranking(e), _panel(lambda ax: plot.evidence(e, ax), "evidence of the effects", _WIDE)]
+        said += [_ranking(e), _panel(lambda ax: plot.comparison(e, ax), "comparison of the hypotheses", _WIDE)]
     if e.noise is not None:
         said.append(tag("div", _residuals(c, e), class_="screen"))
     yield section("missing", "What the model lacks", said, class_="lacks")

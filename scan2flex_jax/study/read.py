@@ -19,7 +19,7 @@ from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import TOLERANCE
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
-from scan2flex_jax.study.sense import check_study
+from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
 
 FORMAT = "scan2flex-study/1"
@@ -83,11 +83,12 @@ class FolderFiles:
         return existing(self.folder, name, where)
 
 
-def load_study(folder_or_toml: str | Path) -> Study:
+def load_study(folder_or_toml: str | Path, *, purpose: Purpose = "fit") -> Study:
     """Read and check a study.
 
     Args:
         folder_or_toml: The folder of the study, or its `study.toml`.
+        purpose: "predict" takes poses that have no shape, only clamps (see `check_study`).
 
     Returns:
         The checked study, with the curves and markers that it names.
@@ -114,7 +115,7 @@ def load_study(folder_or_toml: str | Path) -> Study:
     missing = f"the folder holds no {path.name}: write one, or name another folder."
     data = _parse(read_text(path, TOML_LIMIT, where, missing), where)
     with np.errstate(all="ignore"):
-        return read_tables(data, where, folder, FolderFiles(folder, path.parent))
+        return read_tables(data, where, folder, FolderFiles(folder, path.parent), purpose)
 
 
 def _parse(content: str, where: Where) -> dict[str, Any]:
@@ -132,7 +133,7 @@ def _parse(content: str, where: Where) -> dict[str, Any]:
         raise where.fail(f"it is not TOML ({reason}): correct that place.") from error
 
 
-def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: StudyFiles) -> Study:
+def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: StudyFiles, purpose: Purpose = "fit") -> Study:
     """The checked study of a TOML tree; `where` is the file, `files` provides the files it names."""
     given = data.get("format")
     if given != FORMAT:
@@ -151,7 +152,7 @@ def read_tables(data: dict[str, Any], where: Where, folder: Path | None, files: 
     )
     study = replace(study, unknowns=_unknowns(study, data.get("unknown", {}), where.at("unknown")))
     with where.placed({"curve": "centre_curve"}):
-        check_study(study)
+        check_study(study, purpose)
     return study
 
 

@@ -20,6 +20,7 @@ from scan2flex_jax.study.curves import checked_curve, checked_markers
 from scan2flex_jax.study.files import backup, inside, write_atomic, writing_error
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FORMAT, STUDY_FILE, FolderFiles, load_study, read_tables
+from scan2flex_jax.study.sense import Purpose
 from scan2flex_jax.study.values import Where, one_line
 
 _Kind = TypeVar("_Kind")
@@ -109,7 +110,9 @@ def save_study(study: Study, folder: str | Path) -> Path:
     files = NamedFiles(study.folder)
     tree = study_tables(study, files)
     with np.errstate(all="ignore"):
-        again = read_tables(tree, Where(one_line(str(toml), 300)), study.folder, files)
+        planned = not any(pose.curve or pose.scan or pose.markers for pose in study.poses)
+        purpose: Purpose = "predict" if planned else "fit"
+        again = read_tables(tree, Where(one_line(str(toml), 300)), study.folder, files, purpose)
     if again != study:
         raise StudyError(toml, None, "the study would not read back as it is: use names and values of the format.")
     try:
@@ -125,7 +128,7 @@ def save_study(study: Study, folder: str | Path) -> Path:
 def _put_toml(path: Path, study: Study, text: str) -> None:
     """Write study.toml, unless the existing one has the same content."""
     try:
-        if path.exists() and load_study(path) == study:
+        if path.exists() and load_study(path, purpose="predict") == study:
             return
     except StudyError:
         pass  # the existing file is no study, and is kept in the backup

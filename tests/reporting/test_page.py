@@ -202,7 +202,7 @@ def pictures(shown):
 def test_an_explanation_brings_its_evidence_and_the_tie(fitted):
     shown = Page(report(explained(fitted)))
     load = "equivalent load along the cable"
-    assert {"evidence of the effects", load, "residual of pose twist-90"} <= pictures(shown)
+    assert {"comparison of the hypotheses", load, "residual of pose twist-90"} <= pictures(shown)
     words = shown.words()
     assert "tied: kink or natural curvature" in words
     assert "tied with natural_curvature" in words
@@ -217,7 +217,7 @@ def test_an_explanation_brings_its_evidence_and_the_tie(fitted):
 def test_evidence_is_not_shown_where_nothing_is_concluded(fitted):
     found = explained(fitted, "not in equilibrium")
     shown = Page(report(found))
-    assert "evidence of the effects" not in pictures(shown)
+    assert "comparison of the hypotheses" not in pictures(shown)
     assert {"equivalent load along the cable", "residual of pose twist-90"} <= pictures(shown)
     assert "natural_curvature" not in found.summary().split("tied with")[0]
     assert "log evidence" not in found.summary() + shown.words()

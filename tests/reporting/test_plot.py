@@ -19,7 +19,7 @@ DRAWN = {
     "errors": (plot.errors, lambda fitted: fitted, {}),
     "residual": (plot.residual, explained, {}),
     "residual of one pose": (plot.residual, explained, {"pose": EVIL}),
-    "evidence": (plot.evidence, explained, {}),
+    "comparison": (plot.comparison, explained, {}),
     "load": (plot.load, explained, {}),
 }
 
