@@ -568,6 +568,17 @@ def works() -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in [("", "measured"), ("---", "---"), *lines])
 
 
+def _newton(r):
+    links = sorted({row["links"] for row in r["rows"]})
+    for name in dict.fromkeys(row["cable"] for row in r["rows"]):
+        off = {row["links"]: row["off"] for row in r["rows"] if row["cable"] == name}
+        yield name, " / ".join(f"{100 * off[n]:.2f} %" for n in links), " / ".join(map(str, links))
+
+
+NEWTON = Table(("newton",), columns("cable", "largest distance of a link, over the length", "links"), _newton,
+               "Newton {newton}, on the CPU.")  # fmt: skip
+
+
 PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"find": find, "works": works, "answer": answer},
     DOCS / "accuracy.md": {"blind": BLIND, "background": BACKGROUND, "sbc": SBC, "scans": SCANS,
@@ -577,6 +588,7 @@ PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "missing-effects.md": {"memory": MEMORY},
     DOCS / "real" / "wing.md": {"wing": WING},
     DOCS / "scanning.md": {"formats": FORMATS, "extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
+    DOCS / "export.md": {"newton": NEWTON},
     DOCS / "sweeps.md": {"batches": BATCHES},
     DOCS / "peers.md": {"ratios": RATIOS},
     DOCS / "robustness.md": {"extremes": EXTREMES, "attacks": ATTACKS},

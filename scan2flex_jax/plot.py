@@ -259,12 +259,17 @@ def comparison(explanation: "Explanation", ax: Axes | None = None, most: int = 1
     for i, (h, x) in enumerate(zip(rows, gain, strict=True)):
         colour = {"best": _MODELLED, "tied": "#e5989b"}.get(h.relation, MEASURED)
         ax.errorbar(x, i, xerr=h.elpd_std if np.isfinite(h.elpd) else None, fmt="o", color=colour, capsize=3, ms=6)
-        ax.annotate(h.relation, (x, i), (0, 7), textcoords="offset points", ha="center", fontsize=8, color=colour)
+        if h.relation in ("best", "tied"):
+            ax.annotate(h.relation, (x, i), (0, 7), textcoords="offset points", ha="center", fontsize=8, color=colour)
     for i, r in enumerate(rest, len(rows)):  # absent effect types may lie far below zero: they are not resolved there
-        ax.plot(max(r.log_evidence, -5.0), i, "o", mfc="none", color=MEASURED, ms=5)
+        label = "not refitted, to first order" if i == len(rows) else None
+        ax.plot(max(r.log_evidence, -5.0), i, "o", mfc="none", color=MEASURED, ms=5, label=label)
     ax.axvline(0.0, color="k", lw=0.8)
     ax.set_yticks(range(len(names)), names)
-    ax.set(ylim=(len(names) - 0.3, -0.8), xlabel="difference from no effect in log predictive density (nats)")
+    score = "log predictive density" if any(np.isfinite(h.elpd) for h in rows) else "log evidence"
+    ax.set(ylim=(len(names) - 0.3, -0.9), xlabel=f"difference from no effect in {score} (nats)")
+    if rest:
+        _legend(ax)
     return ax
 
 

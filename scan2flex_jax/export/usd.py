@@ -32,8 +32,7 @@ def to_usd(cable: HungCable) -> str:
     cable.require("USD", HOLDS)
     K = cable.softened[0]
     values = dict(zip(_UNITS, (K[2, 2], K[0, 0], K[3, 3], K[5, 5]), strict=True))
-    points, rest = _closed(cable), _unloaded(cable)
-    rest_points = _chain(cable.position[0], rest[:, :, 2], cable.element_length)
+    points, rest = closed(cable), unloaded(cable)
     lines = [
         *_head(cable), *_scene(cable.gravity), *_material(values), *_attachments(cable),
         *_prim(
@@ -47,7 +46,7 @@ def to_usd(cable: HungCable) -> str:
                 f'float[] widths = [{_number(2.0 * cable.drawn_radius)}] (\n    interpolation = "constant"\n)',
                 f"float3[] extent = {_tuples(_extent(points, cable.drawn_radius))}",
                 "rel material:binding:physics = </World/CableMaterial>",
-                f"point3f[] physics:restShapePoints = {_tuples(rest_points)}",
+                f"point3f[] physics:restShapePoints = {_tuples(rest_points(cable, rest))}",
                 f"normal3f[] physics:restNormals = {_tuples(_normals(rest))}",
                 f"float[] physics:masses = [{', '.join(map(_number, cable.link_masses))}]",
                 'uniform token physics:masses:elementType = "segment"',
@@ -91,7 +90,12 @@ def _chain(start, tangents, ds):
     return np.cumsum(np.concatenate([[start - 0.5 * ds * tangents[0]], ds * tangents]), axis=0)
 
 
-def _closed(cable):
+def rest_points(cable: HungCable, rest: np.ndarray) -> np.ndarray:
+    """Points (n + 2, 3) of the unloaded curve, from the rotations of its segments."""
+    return _chain(cable.position[0], rest[:, :, 2], cable.element_length)
+
+
+def closed(cable: HungCable) -> np.ndarray:
     """The curve in the pose, with segments of exactly the element length: otherwise a stiff cable would start with a jerk.
 
     Its tangents are those of the nodes, with a second-order rotation so that the last segment is centred on the end.
@@ -109,7 +113,7 @@ def _normals(rotation):
     return np.concatenate([rotation[:, :, 1], rotation[-1:, :, 1]])
 
 
-def _unloaded(cable):
+def unloaded(cable: HungCable) -> np.ndarray:
     """Rotations (n + 1, 3, 3) of the segments under no load, the first as in the pose."""
     turns = Rotation.from_rotvec(cable.element_length * cable.natural[:, 3:])
     out = [Rotation.from_matrix(cable.rotation[0])]

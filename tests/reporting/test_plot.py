@@ -84,7 +84,7 @@ def test_four_poses_make_a_square(fitted):
     assert {ax.get_subplotspec().colspan.start for ax in figure.axes[:4]} == {0, 1}
 
 
-@pytest.mark.parametrize("name", [name for name in DRAWN if name != "evidence"])
+@pytest.mark.parametrize("name", [name for name in DRAWN if name != "comparison"])
 def test_legends_hide_no_data(fitted, name):
     draw, subject, options = DRAWN[name]
     figure, ax = plt.subplots(layout="constrained")

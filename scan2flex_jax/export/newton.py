@@ -1,0 +1,74 @@
+"""The calibrated cable in a `newton.ModelBuilder`: the rod that Newton's importer makes of the OpenUSD file, held at its ends.
+
+Links, rest shape and rigidities are those of `export.usd` (Newton 1.8 gives both the same joints); an end that is clamped is a
+link without mass, which Newton does not move, so that no joint runs beside another.
+"""
+
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.export.hanging import hung
+from scan2flex_jax.export.usd import HOLDS, closed, rest_points, unloaded
+from scan2flex_jax.study.model import Study
+
+
+def to_newton(study: Study, builder: Any, *, pose: str | None = None, elements: int = 40, **options: Any) -> tuple[list, list]:
+    """Add the calibrated cable of a study to a Newton model, hanging in one pose.
+
+    Args:
+        study: A study whose parameters all have values, such as ``fit(study).calibrated``.
+        builder: A `newton.ModelBuilder`. Its gravity is left as it is: that of the study must be set there.
+        pose: The name of a pose; None: the first one.
+        elements: Joints of the chain; it has one more link.
+        options: Further arguments of `newton.ModelBuilder.add_rod`, such as ``label``, ``color``, ``bend_damping``.
+
+    Returns:
+        Indices of the bodies and of the joints of the rod, in order from the start.
+
+    Raises:
+        Scan2FlexError: Newton is not installed, a parameter has no value, the pose is not solved, or a rod of Newton cannot
+            represent the cable.
+
+    Examples:
+        >>> builder = newton.ModelBuilder(gravity=(0.0, 0.0, -9.81))  # doctest: +SKIP
+        >>> bodies, joints = to_newton(fit(study).calibrated, builder, elements=40)  # doctest: +SKIP
+    """
+    try:
+        newton, warp = import_module("newton"), import_module("warp")
+    except ImportError as error:
+        raise Scan2FlexError("Newton is not installed: pip install newton.") from error
+    cable = hung(study, pose, elements)
+    cable.require("Newton", HOLDS)
+    rest, K = unloaded(cable), cable.softened[0]
+    rod = newton.Rod(
+        closed(cable), quaternions=_xyzw(cable.rotation), rest_points=rest_points(cable, rest), rest_quaternions=_xyzw(rest),
+        radius=cable.drawn_radius, stretch_rigidity=K[2, 2], shear_rigidity=K[0, 0], bend_rigidity=K[3, 3],
+        twist_rigidity=K[5, 5],
+    )  # fmt: skip
+    bodies, joints = builder.add_rod(rod=rod, **options)
+    for body, mass in zip(bodies, cable.link_masses, strict=True):
+        _weigh(builder, body, float(mass))
+    for body, held, at in ((bodies[0], cable.held[0], cable.position[0]), (bodies[-1], cable.held[-1], cable.position[-1])):
+        if held.all():
+            _weigh(builder, body, 0.0)
+        elif held.any():
+            place = warp.transform(warp.vec3(*map(float, at)), warp.quat_identity())
+            builder.add_joint_ball(parent=-1, child=body, parent_xform=place)
+    return bodies, joints
+
+
+def _xyzw(rotation) -> np.ndarray:
+    return Rotation.from_matrix(rotation).as_quat()
+
+
+def _weigh(builder, body, mass: float) -> None:
+    """Give a body a mass (kg), and the rotational inertia of its shape with it; 0: it does not move."""
+    factor = mass / builder.body_mass[body] if builder.body_mass[body] else 0.0
+    builder.body_mass[body] = mass
+    builder.body_inertia[body] = builder.body_inertia[body] * factor
+    builder.body_inv_mass[body] = 1.0 / mass if mass else 0.0
+    builder.body_inv_inertia[body] = builder.body_inv_inertia[body] * (1.0 / factor if factor else 0.0)
