@@ -27,10 +27,10 @@ ALLOWED = {
     "statics": {"geometry", "rod", "compilation", "errors"},
 }
 ALLOWED["fitting"] = set(ALLOWED)
-ALLOWED["inference"] = {*ALLOWED["fitting"], "fitting"}
-ALLOWED["sweep"] = {*ALLOWED["inference"], "inference"}
 ALLOWED["prediction"] = {*ALLOWED["fitting"], "fitting"}
-ALLOWED["plot"] = {*ALLOWED["prediction"], "prediction", "inference"}
+ALLOWED["inference"] = {*ALLOWED["prediction"], "prediction"}
+ALLOWED["sweep"] = {*ALLOWED["inference"], "inference"}
+ALLOWED["plot"] = {*ALLOWED["inference"], "inference"}
 ALLOWED["convert"] = {"study", "errors"}
 ALLOWED["export"] = {*ALLOWED["prediction"], "prediction"}
 ALLOWED["reporting"] = {*ALLOWED["plot"], "plot"}
