@@ -94,7 +94,7 @@ def expect(study: Study, *, noise: float | None = None, settings: Settings = USU
     Args:
         study: Its unknowns need guesses; poses need only clamps (curves, if any, choose the branch).
         noise: RMS distance (m) of the points to be measured from the centre line; None: the noise that the study states, or
-            1/1000 of the length.
+            1/1000 of the length along each of two normals.
         settings: Priors of the model, and thresholds of what counts as found.
 
     Returns:
