@@ -5,7 +5,7 @@ outside of the catalogue; their order is random. Cases whose answer exists are l
 a design that fails its checks is drawn again. `--only b003 b007` makes these cases only; `--kinds none kink
 point_mass+tether off:wavy_mass` makes exactly these truths instead of the mix. `--background` makes the class of cases with
 a background (`background.py`) instead: a third with nothing else, and one catalogue effect in the others. The study of
-`scan2flex demo` is `--kinds point_mass --strength 15 --points 60 --seed 53 --count 1 --prefix hidden-weight`.
+`scan2flex demo` is `--kinds stiffness_profile --strength 15 --points 60 --seed 55 --count 1`.
 """
 
 import argparse
