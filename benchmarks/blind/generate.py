@@ -47,6 +47,8 @@ def parse(text):
 def run(arguments):
     mix = background.schedule if arguments.background else schedule
     truths = [parse(t) for t in arguments.kinds] if arguments.kinds else mix(arguments.count, arguments.seed)
+    if arguments.background and arguments.strength:
+        sys.exit("--strength is not for --background, whose effects are as strong as their background asks")
     if arguments.background and any(off or len(kinds) > 1 for kinds, off in truths):
         sys.exit("with --background, each of --kinds is `none` or one kind of the catalogue")
     for index, (kinds, off) in enumerate(truths):

@@ -90,7 +90,7 @@ def plan(
 
     if all(pose.curve is None and pose.scan is None and pose.markers is None for pose in loaded.fit_poses):
         with progress("solving planned poses", quiet):
-            expected = expect(loaded)
+            expected = expect(loaded, elements=elements)
         say(expected.summary())
         if figure:
             plot = drawing()

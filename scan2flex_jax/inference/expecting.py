@@ -88,20 +88,24 @@ class Expectation:
 
 
 @threaded
-def expect(study: Study, *, noise: float | None = None, settings: Settings = USUAL) -> Expectation:
+def expect(
+    study: Study, *, noise: float | None = None, elements: int | None = None, settings: Settings = USUAL
+) -> Expectation:
     """Expect what the ``fit`` poses of a study will tell, before they are measured.
 
     Args:
         study: Its unknowns need guesses; poses need only clamps (curves, if any, choose the branch).
         noise: RMS distance (m) of the points to be measured from the centre line; None: the noise that the study states, or
             1/1000 of the length along each of two normals.
+        elements: Elements of the rod; None: 40.
         settings: Priors of the model, and thresholds of what counts as found.
 
     Returns:
         The intervals to expect, the smallest effects that would be found, and the pose that would add most.
 
     Raises:
-        Scan2FlexError: A guess is missing, nothing is unknown, a pose does not settle at the guesses, or the cable remembers.
+        Scan2FlexError: ``noise`` is not positive, a guess is missing, nothing is unknown, a pose does not settle at the
+            guesses, or the cable remembers.
 
     Examples:
         >>> print(expect(load_study("planned")).summary())  # doctest: +SKIP
@@ -110,24 +114,26 @@ def expect(study: Study, *, noise: float | None = None, settings: Settings = USU
     if study.remembers or not study.unknowns:
         why = "the cable remembers its poses" if study.remembers else "nothing is unknown"
         raise Scan2FlexError(f"There is nothing to expect of this study: {why}.")
-    h = _foreseen(study, noise, settings)
+    if noise is not None and not 0.0 < noise < np.inf:
+        raise Scan2FlexError(f"The noise is {noise}; it must be a positive number of metres.")
+    h = _foreseen(study, noise, elements or FIT_ELEMENTS, settings)
     plan = ranked_poses(h, [])
     sigma = np.sqrt(2) * h.variant.likelihood.noise(h.u).total
     return Expectation(study, float(sigma), of.estimates(h, (h,)), tuple(_visible(h)), plan)
 
 
-def _foreseen(study: Study, noise, settings) -> Fitted:
+def _foreseen(study: Study, noise, elements: int, settings) -> Fitted:
     """The hypothesis without effects at the guesses, of poses measured there in simulation."""
-    keep = np.unique(np.linspace(0, FIT_ELEMENTS, POINTS).round().astype(int))[1:-1]
+    keep = np.unique(np.linspace(0, elements, min(POINTS, elements + 1)).round().astype(int))[1:-1]
     poses, solved = [], []
     for pose in study.fit_poses:
-        e = settled(study, pose, FIT_ELEMENTS)[1]
+        e = settled(study, pose, elements)[1]
         if not bool(e.verdict.solved):
             raise Scan2FlexError(f"pose {pose.name} does not settle at the guesses: {e.verdict.sentence()}")
         poses.append(replace(pose, curve=MeasuredCurve(np.asarray(e.points)[keep], None), markers=None, scan=None))
         solved.append(jax.tree.map(np.asarray, e.configuration))
     told = replace(study, poses=tuple(poses))
-    problem = Problem(told, FIT_ELEMENTS, slots=slots_of(told))
+    problem = Problem(told, elements, slots=slots_of(told))
     x = np.r_[problem.both_starts()[0], np.zeros(problem.layout.shared - problem.layout.unknowns)]
     local, start = np.zeros((problem.poses.count, problem.layout.local)), jax.tree.map(lambda *c: np.stack(c), *solved)
     minimum = Minimum(x, local, problem.evaluator(x, local, start=start), 0.0, 0, converged=True)

@@ -63,6 +63,7 @@ def test_plane_poses_do_not_determine_torsion():
 def test_a_file_without_curves_is_planned(tmp_path):
     save_study(replace(planned(), folder=None), tmp_path / "planned")
     words = ["plan", tmp_path / "planned", "--figure", tmp_path / "seen.png", "--json", tmp_path / "seen.json", "--quiet"]
+    words += ["--elements", 48]
     told = CliRunner().invoke(app, [*map(str, words)], env={"SCAN2FLEX_CACHE": "off"})
     assert told.exit_code == 0, told.output
     assert "what 3 poses will tell" in told.output
@@ -78,5 +79,7 @@ def test_the_picture_has_a_row_for_every_effect(expectation):
 def test_what_cannot_be_expected_is_said():
     with pytest.raises(Scan2FlexError, match="nothing is unknown"):
         expect(replace(planned(), unknowns=(), cable=planned().cable | {"bending_stiffness": 0.1, "torsional_stiffness": 0.25}))
+    with pytest.raises(Scan2FlexError, match="must be a positive number of metres"):
+        expect(planned(), noise=-1e-3)
     with pytest.raises(Scan2FlexError, match="guess"):
         expect(replace(planned(), unknowns=(Unknown("bending_stiffness"), Unknown("torsional_stiffness"))))
