@@ -15,7 +15,7 @@ from scan2flex_jax.effects.bending_law import BendingLaw as BendingLaw
 from scan2flex_jax.effects.catalogue import EFFECTS, add_kind, effect_class, kinds, register_effect
 from scan2flex_jax.effects.clamp_offset import ClampOffset as ClampOffset
 from scan2flex_jax.effects.clamp_rotation import ClampRotation as ClampRotation
-from scan2flex_jax.effects.conversion import effect_of, ordered, parameters_of
+from scan2flex_jax.effects.conversion import effect_of, ordered
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile as CurvatureProfile
 from scan2flex_jax.effects.density_profile import DensityProfile as DensityProfile
 from scan2flex_jax.effects.density_taper import DensityTaper as DensityTaper
@@ -24,7 +24,7 @@ from scan2flex_jax.effects.elastic_clamp import ElasticClamp as ElasticClamp
 from scan2flex_jax.effects.elastic_support import ElasticSupport as ElasticSupport
 from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.effects.extensibility import Extensibility as Extensibility
-from scan2flex_jax.effects.format import parameter
+from scan2flex_jax.effects.format import parameter, parameters_of
 from scan2flex_jax.effects.friction import Friction as Friction
 from scan2flex_jax.effects.kink import Kink as Kink
 from scan2flex_jax.effects.length_error import LengthError as LengthError

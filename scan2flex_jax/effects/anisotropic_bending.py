@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.entry import CatalogueEntry, Context
 from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 
@@ -55,21 +55,16 @@ class BendingSplit(AbstractEffect):
         stretch = jnp.eye(6).at[3:5, 3:5].set(A)
         return eqx.tree_at(lambda x: x.stiffness, section, stretch @ section.stiffness @ stretch)
 
-
-def _split(parameters):
-    """Amplitudes of `BendingSplit`."""
-    angle = 2.0 * float(parameters["angle"])
-    return np.log(float(parameters["ratio"])) * np.array([np.cos(angle), np.sin(angle)])
+    def reported(self, context: Context) -> dict[str, Array]:
+        """The parameters of the format."""
+        p, q = self.split
+        return {"ratio": jnp.exp(jnp.hypot(p, q)), "angle": 0.5 * jnp.arctan2(q, p)}
 
 
 ENTRY = CatalogueEntry(
     AnisotropicBending, ("log ratio cos 2 angle", "log ratio sin 2 angle"),
     lambda c: np.full(2, 0.2),  # twenty per cent: a braid or an imperfectly round core; flat cables have more
     build=lambda a, site, c: (BendingSplit(a),),
-    to_parameters=lambda a, site, c: {
-        "ratio": float(np.exp(np.hypot(a[0], a[1]))), "angle": float(0.5 * np.arctan2(a[1], a[0])),
-    },
-    from_parameters=lambda p, c: (_split(p), {}),
     rescaled=lambda a, site, c: {"bending_stiffness": float(np.exp(-0.5 * np.hypot(a[0], a[1])))},
     bounds_of=lambda c: (np.full(2, -4.0), np.full(2, 4.0)),
     signature="a sideways shift that changes with the roll of the cable and comes back after 180 degrees",

@@ -24,16 +24,8 @@ _STRONG = 0.5  # log factor below which spans of different widths are distinguis
 
 
 def plain(name: str, cls: Make, *shape: int) -> dict[str, Any]:
-    """``build``, ``to_parameters`` and ``from_parameters`` for a single parameter that is the amplitude itself."""
-
-    def value(a):
-        return np.asarray(a).reshape(shape) if shape else float(np.asarray(a)[0])
-
-    return {
-        "build": lambda a, site, context: (cls(a.reshape(shape)),),
-        "to_parameters": lambda a, site, context: {name: value(a)},
-        "from_parameters": lambda p, context: (np.asarray(p[name], float).reshape(-1), {}),
-    }
+    """``build`` for a single parameter ``name`` that is the amplitude itself."""
+    return {"build": lambda a, site, context: (cls(**{name: a.reshape(shape)}),)}
 
 
 def along(name: str, cls: Make) -> dict[str, Any]:
@@ -47,15 +39,7 @@ def along(name: str, cls: Make) -> dict[str, Any]:
         "field": True,
         "amplitudes": tuple(f"component {k}" for k in range(count)),
         "build": lambda a, site, c: (cls(**{name: (jnp.asarray(root) @ a).reshape(POINTS, 3), "s": at(c.length)}),),
-        "to_parameters": lambda a, site, c: {"s": at(float(c.length)), name: (root @ np.asarray(a)).reshape(POINTS, 3)},
-        "from_parameters": lambda p, c: (np.linalg.solve(root, _at_points(p[name], p["s"], c.length).ravel()), {}),
     }
-
-
-def _at_points(values, s, length):
-    """A field at the points of `along`, linear between its own points."""
-    values, where = np.asarray(values, float), np.linspace(0.0, length, POINTS)
-    return np.stack([np.interp(where, np.asarray(s), values[:, k]) for k in range(3)], axis=1)
 
 
 def span(cls: Make, carried: Callable[[Any], Any]) -> dict[str, Any]:
@@ -79,20 +63,11 @@ def span(cls: Make, carried: Callable[[Any], Any]) -> dict[str, Any]:
         "other_starts": other_widths,
         "amplitudes": ("log factor",),
         "build": lambda a, site, context: (cls(site["position"], site["width"], jnp.exp(a[0])),),
-        "to_parameters": lambda a, site, context: {**_floats(site), "factor": float(np.exp(a[0]))},
-        "from_parameters": lambda p, context: (
-            np.log([float(p["factor"])]),
-            {"position": float(p["position"]), "width": float(p["width"])},
-        ),
         "sites": lambda c: tuple(
             {"position": s, "width": w * c.length} for w in _WIDTHS for s in positions(c, 17)
         ),
         "bounds_of": lambda c: (np.log([0.05]), np.log([20.0])),
     }  # fmt: skip
-
-
-def _floats(site):
-    return {name: float(x) for name, x in site.items()}
 
 
 def places(context: Context) -> tuple[Site, ...]:
@@ -118,27 +93,10 @@ def ends_without(per_end: int) -> Callable[[Site], np.ndarray]:
     return lambda site: np.repeat(np.asarray(site["ends"]) == 0, per_end)
 
 
-def both_ends(given: np.ndarray, context: Context) -> np.ndarray:
-    """Values of the clamped ends, or of both, as rows of start and end; an end without a clamp has zeros."""
-    full = np.zeros((2, *given.shape[1:]))
-    full[clamped(context) if len(given) < 2 else [0, 1]] = given
-    return full
-
-
 def vectors(name: str, cls: Make) -> dict[str, Any]:
     """``build`` and the other fields for an effect with one vector per end."""
-
-    def rows(a, site, c):
-        return (np.asarray(a).reshape(2, 3) * np.asarray(site["ends"])[:, None])[clamped(c)]
-
-    def back(p, c):
-        full = both_ends(np.asarray(p[name], float), c)
-        return full.reshape(-1), {"ends": np.any(full != 0, axis=1).astype(float)}
-
     return {
-        "build": lambda a, site, c: (cls(a.reshape(2, 3) * jnp.asarray(site["ends"])[:, None]),),
-        "to_parameters": lambda a, site, c: {name: rows(a, site, c)},
-        "from_parameters": back,
+        "build": lambda a, site, c: (cls(**{name: a.reshape(2, 3) * jnp.asarray(site["ends"])[:, None]}),),
         "sites": ends,
         "inactive_of": ends_without(3),
     }

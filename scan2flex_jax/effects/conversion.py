@@ -1,4 +1,4 @@
-"""Conversion of declared effects to effect objects and back.
+"""Effect objects of declared effects.
 
 A class has one field per parameter of the format, of the same name; a parameter with one value per end is an array with
 leading axis 2 (start, end), in which an end without a clamp holds an inactive value.
@@ -37,15 +37,6 @@ def effect_of(kind: str, parameters: dict[str, Any], clamped_ends: Sequence[str]
     inert = getattr(cls, "inert", INERT)
     stated = [p for p in format.parameters if p.name in parameters]
     return cls(**{p.name: _given(p, parameters[p.name], clamped_ends, inert, format) for p in stated})
-
-
-def parameters_of(effect: AbstractEffect, clamped_ends: Sequence[str] = ENDS) -> dict[str, Any]:
-    """The parameters of an effect in the format's types: floats and numpy arrays."""
-    format = kind_format(type(effect).kind)
-    fields = effect.reported() if hasattr(effect, "reported") else {n: getattr(effect, n) for n in format.names}
-    rows = [ENDS.index(end) for end in clamped_ends]
-    arrays = {p: np.asarray(fields[p.name]) for p in format.parameters}
-    return {p.name: x[rows] if p.per_end else float(x) if x.ndim == 0 else x for p, x in arrays.items()}
 
 
 def ordered(effects: Iterable[AbstractEffect]) -> tuple[AbstractEffect, ...]:

@@ -20,13 +20,15 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.builders import both_ends, clamped, ends, ends_without
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.builders import ends, ends_without
+from scan2flex_jax.effects.entry import CatalogueEntry, Context, SameShapes
 from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.element_law import stiffness_within
 from scan2flex_jax.rod.energy import E3
+
+_RIGID = 1e-12  # of the compliance of the cable
 
 
 class ElasticClamp(AbstractEffect):
@@ -45,9 +47,10 @@ class ElasticClamp(AbstractEffect):
         """Rotation per moment of each grip (rad/(N m))."""
         return 1.0 / self.stiffness + self.compliance
 
-    def reported(self) -> dict[str, Array]:
-        """The parameters of the format."""
-        return {"stiffness": 1.0 / self.total_compliance}
+    def reported(self, context: Context | None) -> dict[str, Array]:
+        """The parameters of the format; of a rigid grip that was fitted a large finite one."""
+        least = 0.0 if context is None else _RIGID * context.length / context.bending_stiffness
+        return {"stiffness": 1.0 / jnp.maximum(self.total_compliance, least)}
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """End sections with the grips in series."""
@@ -61,23 +64,10 @@ class ElasticClamp(AbstractEffect):
         return replace(section, stiffness=K, within=stiffness_within(section.stiffness))
 
 
-def _stiffness(a, site, c):
-    c_ = np.asarray(a, float) * np.asarray(site["ends"])
-    k = 1.0 / np.maximum(c_, 1e-12 * c.length / c.bending_stiffness)
-    return {"stiffness": k[clamped(c)]}
-
-
-def _compliance(p, c):
-    full = both_ends(1.0 / np.asarray(p["stiffness"], float), c)
-    return full, {"ends": (full > 0).astype(float)}
-
-
 ENTRY = CatalogueEntry(
     ElasticClamp, ("compliance at start", "compliance at end"),
     lambda c: np.full(2, 0.02 * c.length / c.bending_stiffness),  # a grip as compliant as two per cent of the cable
     build=lambda a, site, c: (ElasticClamp(compliance=a * jnp.asarray(site["ends"])),),
-    to_parameters=_stiffness,
-    from_parameters=_compliance,
     sites=ends, inactive_of=ends_without(1), one_sided=(True, True),
     signature="the cable leaves a clamp at an angle that grows with the moment there",
     settle="scan the edges of the clamps along with the cable, and measure the free length",

@@ -49,10 +49,6 @@ ENTRY = CatalogueEntry(
     ElasticSupport, ("stiffness",),
     lambda c: np.array([2.0 * c.force / c.length**2]),  # N/m^2: its weight at half the length, a soft curtain
     build=lambda a, site, c: (ElasticSupport(jnp.asarray(c.up), site["offset"], a[0]),),
-    to_parameters=lambda a, site, c: {
-        "normal": np.asarray(c.up), "offset": float(site["offset"]), "stiffness": float(np.asarray(a)[0]),
-    },
-    from_parameters=lambda p, c: (np.array([float(p["stiffness"])]), {"offset": float(p["offset"])}),
     sites=_levels, moving={"offset": _level_range}, one_sided=(True,),
     signature="all poses are drawn to one level, from above and from below",
     settle="look for what the cable lies in",

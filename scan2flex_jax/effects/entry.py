@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from scan2flex_jax.effects.format import parameters_of
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.kinds import ENDS, INITIAL
 
@@ -129,10 +130,10 @@ class CatalogueEntry:
     ``build(amplitude, site, context)`` makes the effects, ``sites(context)`` lists the candidate locations (one empty site if
     there is no choice; an entry ``position`` is an arc length, an entry ``width`` the length of a span, both in m),
     ``size(context)`` the standard deviation of each amplitude, ``bounds(context)`` their smallest and largest values,
-    ``one_sided`` the mask of non-negative ones. ``to_parameters`` and ``from_parameters`` convert to the format's
-    parameters and back; ``rescaled`` gives the factor by which a parameter of the cable itself changes in the conversion. If
-    an effect is not linear in its own parameters, or its null depends on the cable, ``build`` makes another class of the same
-    file that is linear and has no ``kind``: studies cannot declare it, and results report the effect type that it represents.
+    ``one_sided`` the mask of non-negative ones. If an effect is not linear in its own parameters, or its null depends on the
+    cable, ``build`` makes another class of the same file that is linear and has no ``kind``: studies cannot declare it. Its
+    method ``reported(context)`` gives the parameters of the effect type that it stands for, and ``rescaled`` the factors by
+    which parameters of the cable itself differ beside these.
 
     For refits: ``moving`` names the continuous entries of a site, each with its range; ``start_site(site, noise)`` gives
     their start, for a standard deviation ``noise`` (m) of the measured points; ``inactive_of(site)`` marks the inactive
@@ -153,8 +154,6 @@ class CatalogueEntry:
     amplitudes: tuple[str, ...]
     size: Callable[[Context], np.ndarray]
     build: Callable[[Array, Site, Context], tuple[AbstractEffect, ...]]
-    to_parameters: Callable[[Any, Site, Context], dict[str, Any]]
-    from_parameters: Callable[[dict[str, Any], Context], tuple[np.ndarray, Site]]
     signature: str
     settle: str
     sites: Callable[[Context], tuple[Site, ...]] = _one_site
@@ -187,6 +186,11 @@ class CatalogueEntry:
         """Amplitudes of the baseline model."""
         return np.zeros(len(self.amplitudes))
 
+    def parameters(self, amplitudes: Any, site: Site, context: Context) -> dict[str, Any]:
+        """The format's parameters of the effect with these amplitudes at a site."""
+        effect = self.build(jnp.asarray(amplitudes, float), site, context)[0]
+        return parameters_of(effect, context.clamped_ends, self.effect, context)
+
     def bounds(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         """Smallest and largest amplitudes; by default twenty sizes, and zero as the lower bound of a one-sided one."""
         if self.bounds_of is not None:
@@ -216,10 +220,6 @@ def entry_of_memory(
     return CatalogueEntry(
         effect, ("share",), lambda c: np.array([share]),
         build=lambda a, site, c: (effect(a[0], jnp.asarray(site[at]), jnp.asarray(site[INITIAL])),),
-        to_parameters=lambda a, site, c: {
-            "share": float(np.asarray(a)[0]), at: float(site[at]), INITIAL: np.asarray(site[INITIAL], float)[()],
-        },
-        from_parameters=lambda p, c: (np.array([float(p["share"])]), {at: float(p[at]), INITIAL: p.get(INITIAL, none)}),
         sites=lambda c: ({at: value(c), INITIAL: none},),
         one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), searched=False, **words,
     )  # fmt: skip

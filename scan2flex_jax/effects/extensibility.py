@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.entry import CatalogueEntry, Context, SameShapes
 from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -37,18 +37,20 @@ class AxialCompliance(AbstractEffect):
 
     def cable(self, cable: Cable) -> Cable:
         """The cable with the true axial stiffness."""
-        EA = cable.axial_stiffness / (1.0 + self.compliance * cable.axial_stiffness)
-        return eqx.tree_at(lambda c: c.axial_stiffness, cable, EA)
+        return eqx.tree_at(lambda c: c.axial_stiffness, cable, self._with(cable.axial_stiffness))
+
+    def reported(self, context: Context) -> dict[str, Array]:
+        """The parameters of the format."""
+        return {"axial_stiffness": self._with(context.axial_stiffness)}
+
+    def _with(self, EA):
+        return EA / (1.0 + self.compliance * EA)
 
 
 ENTRY = CatalogueEntry(
     Extensibility, ("compliance",),
     lambda c: np.array([0.01 / c.force]),  # one per cent longer under its own forces: soft plastic, a loose braid
     build=lambda a, site, c: (AxialCompliance(a[0]),),
-    to_parameters=lambda a, site, c: {
-        "axial_stiffness": c.axial_stiffness / (1.0 + float(np.asarray(a)[0]) * c.axial_stiffness),
-    },
-    from_parameters=lambda p, c: (np.array([1.0 / float(p["axial_stiffness"]) - 1.0 / c.axial_stiffness]), {}),
     one_sided=(True,),
     signature="tight poses are longer than slack ones",
     settle="scan one pose with the clamps pulled apart until the cable is nearly straight",

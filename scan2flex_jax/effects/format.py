@@ -7,16 +7,18 @@ scan2flex_jax.effects`` writes that table from the classes.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import MISSING
 from typing import Any, cast, get_args
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.memory import AbstractMemory
-from scan2flex_jax.study.kinds import Domain, KindFormat, Memory, ParameterFormat, Place
+from scan2flex_jax.study.kinds import ENDS, Domain, KindFormat, Memory, ParameterFormat, Place
 
 _FORMAT = "parameter of the format"  # key in the metadata of a field
 
@@ -99,3 +101,19 @@ def format_of(cls: type[AbstractEffect]) -> KindFormat | None:
     memory = cls.needs if issubclass(cls, AbstractMemory) else "none"
     _check(f"memory of {cls.__name__}", memory, get_args(Memory))
     return KindFormat(cls.kind, cast(Place, cls.place), parameters, cls.words, cast(Memory, memory))
+
+
+def parameters_of(
+    effect: AbstractEffect, clamped_ends: Sequence[str] = ENDS, cls: type[AbstractEffect] | None = None, context: Any = None
+) -> dict[str, Any]:
+    """The parameters of an effect in the format's types, floats and numpy arrays: its fields, or what it has ``reported``.
+
+    ``cls`` is the class that a study declares where the effect is of another one; ``context`` its `Context` then.
+    """
+    form = format_of(cls or type(effect))
+    names = () if form is None else form.names
+    fields = effect.reported(context) if hasattr(effect, "reported") else {n: getattr(effect, n) for n in names}
+    rows = [ENDS.index(end) for end in clamped_ends]
+    per_end = () if form is None else tuple(p.name for p in form.parameters if p.per_end)
+    arrays = {name: np.asarray(x)[rows] if name in per_end else np.asarray(x) for name, x in fields.items()}
+    return {name: float(x) if x.ndim == 0 else x for name, x in arrays.items()}

@@ -11,7 +11,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
+from scan2flex_jax.effects.entry import CatalogueEntry, Context, SameShapes
 from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -39,13 +39,15 @@ class LengthFactor(AbstractEffect):
         """The cable with the true length."""
         return eqx.tree_at(lambda c: c.length, cable, cable.length * jnp.exp(self.log_factor))
 
+    def reported(self, context: Context) -> dict[str, Array]:
+        """The parameters of the format."""
+        return {"length": context.length * jnp.exp(self.log_factor)}
+
 
 ENTRY = CatalogueEntry(
     LengthError, ("log length",),
     lambda c: np.array([0.01]),  # one per cent: a cable that slid in its clamp, a tape measure on a coil
     build=lambda a, site, c: (LengthFactor(a[0]),),
-    to_parameters=lambda a, site, c: {"length": c.length * float(np.exp(np.asarray(a)[0]))},
-    from_parameters=lambda p, c: (np.log([float(p["length"]) / c.length]), {}),
     bounds_of=lambda c: (np.full(1, -0.3), np.full(1, 0.3)),
     signature="all poses sag too much or too little",
     settle="measure the length between the clamps",

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.entry import CatalogueEntry, Context
 from scan2flex_jax.effects.format import leaf, rows
 from scan2flex_jax.effects.spans import hat_field
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -35,13 +35,15 @@ class MemorySet(AbstractEffect):
         kept = self.memory * hat_field(section, self.previous, length)
         return eqx.tree_at(lambda x: x.natural, section, section.natural.at[:, 3:].add(kept))
 
+    def reported(self, context: Context | None) -> dict[str, Array]:
+        """What is reported of it; ``previous`` is data."""
+        return {"memory": self.memory}
+
 
 ENTRY = CatalogueEntry(
     MemorySet, ("memory",),
     lambda c: np.array([0.15]),  # plastics keep ten to twenty per cent over minutes
     build=lambda a, site, c: (MemorySet(a[0], c.previous),),
-    to_parameters=lambda a, site, c: {"memory": float(np.asarray(a)[0])},
-    from_parameters=lambda p, c: (np.array([float(p["memory"])]), {}),
     one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)),
     signature="each pose leans towards the shape of the pose before it",
     settle="repeat the first pose at the end, and take the poses in another order",

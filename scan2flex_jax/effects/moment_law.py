@@ -74,11 +74,6 @@ def law(cls: Callable[..., AbstractEffect], grid: str, axis: int, most: Callable
     def points(site):
         return site["most"] * np.arange(1, _POINTS + 1) / _POINTS
 
-    def back(p, c):
-        at, end = np.asarray(p[grid], float), float(np.max(p[grid]))
-        steps = np.interp(points({"most": end}) ** 2, np.append(0.0, at) ** 2, np.append(0.0, np.log(p["factor"])))
-        return np.diff(steps, prepend=0.0), {"most": end}
-
     def like(effects, stiffness, site):
         stiffness = jnp.asarray(stiffness)
 
@@ -97,7 +92,5 @@ def law(cls: Callable[..., AbstractEffect], grid: str, axis: int, most: Callable
         "size": lambda c: np.full(_POINTS, WALK / np.sqrt(_POINTS)),  # as in a fit
         "like": like,
         "build": lambda a, site, c: (cls(**{grid: points(site), "factor": jnp.exp(jnp.cumsum(a))}),),
-        "to_parameters": lambda a, site, c: {grid: points(site), "factor": np.exp(np.cumsum(a))},
-        "from_parameters": back,
         "sites": lambda c: ({"most": most(c)},),
     }

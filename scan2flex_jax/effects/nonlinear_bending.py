@@ -65,12 +65,6 @@ ENTRY = CatalogueEntry(
     NonlinearBending, ("1 - ratio",),
     lambda c: np.array([0.5]),  # between a slight slip and loose wires, both of which are common
     build=lambda a, site, c: (NonlinearBending(site["slip_curvature"], 1.0 - a[0]),),
-    to_parameters=lambda a, site, c: {
-        "slip_curvature": float(site["slip_curvature"]), "ratio": 1.0 - float(np.asarray(a)[0]),
-    },
-    from_parameters=lambda p, c: (
-        np.array([1.0 - float(p["ratio"])]), {"slip_curvature": float(p["slip_curvature"])},
-    ),
     sites=lambda c: tuple({"slip_curvature": k} for k in _SLIPS * _most_bent(c)),
     moving={"slip_curvature": lambda c: (0.2 * (_SLIPS[0] * _most_bent(c)), _SLIPS[-1] * _most_bent(c))},
     one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.ones(1)), other_starts=_loose_wires,

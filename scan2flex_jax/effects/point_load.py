@@ -35,8 +35,6 @@ ENTRY = CatalogueEntry(
     PointLoad, XYZ,
     lambda c: np.full(3, 0.05 * c.force),  # a lead or a tie that pulls with a twentieth of the weight
     build=lambda a, site, c: (PointLoad(site["position"], a),),
-    to_parameters=lambda a, site, c: {"position": float(site["position"]), "force": np.asarray(a)},
-    from_parameters=lambda p, c: (np.asarray(p["force"], float), {"position": float(p["position"])}),
     sites=places, moving={"position": along_loaded},
     signature="the cable is drawn at one place of it, in the same direction of space in all poses",
     settle="look at the named place, or turn the whole setting about the vertical",

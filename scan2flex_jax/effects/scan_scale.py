@@ -29,8 +29,6 @@ ENTRY = CatalogueEntry(
     ScanScale, ("log factor",),
     lambda c: np.array([0.01]),  # one per cent, a poor calibration of the scanner
     build=lambda a, site, c: (ScanScale(jnp.exp(a[0])),),
-    to_parameters=lambda a, site, c: {"factor": float(np.exp(np.asarray(a)[0]))},
-    from_parameters=lambda p, c: (np.log([float(p["factor"])]), {}),
     bounds_of=lambda c: (np.full(1, -0.3), np.full(1, 0.3)),
     signature="every coordinate is off in proportion to its distance from the origin, the clamps' surroundings too",
     settle="scan an object of known size",

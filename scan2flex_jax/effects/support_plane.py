@@ -101,24 +101,10 @@ def _table(a, site, c):
     return (SupportPlane(normal, offset, a[0]),)
 
 
-def _plane_parameters(site, c):
-    normal, offset = _plane(site, c.up)
-    return {"normal": np.asarray(normal), "offset": float(offset)}
-
-
-def _plane_of(p, c):
-    normal, axes = np.asarray(p["normal"], float), _level_axes(c.up)
-    steep = normal @ c.up
-    tilt, place = axes @ normal / steep, float(p["offset"]) / steep * c.up
-    return {"offset": 0.0, "tilt_1": tilt[0], "tilt_2": tilt[1], "place": place, "axes": axes}
-
-
 ENTRY = CatalogueEntry(
     SupportPlane, ("contact stiffness",),
     lambda c: np.array([20.0 * c.force / c.length**2]),  # N/m^2: its weight at a depth of 5 % of the length
     build=_table,
-    to_parameters=lambda a, site, c: _plane_parameters(site, c),
-    from_parameters=lambda p, c: (np.array([CONTACT]), _plane_of(p, c)),
     sites=_ground, one_sided=(True,), bounds_of=lambda c: (np.zeros(1), np.array([CONTACT])),
     moving={"offset": lambda c: (_LIFTS[0] * c.length, _LIFTS[-1] * c.length), "tilt_1": _tilts, "tilt_2": _tilts},
     start_site=lambda site, noise: {**site, "offset": noise},  # only the noise puts points below a hard plane

@@ -17,7 +17,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects.builders import places
-from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes, along_loaded
+from scan2flex_jax.effects.entry import CatalogueEntry, Context, SameShapes, along_loaded
 from scan2flex_jax.effects.format import leaf, parameter
 from scan2flex_jax.rod.effect import AbstractEffect, Node
 
@@ -74,6 +74,15 @@ class AnchoredSpring(AbstractEffect):
         taut = jnp.maximum(k * longer + tension, 0.0) ** 2 / jnp.where(string, 2.0 * k, 1.0)
         return weight * jnp.where(string, taut, 0.5 * k * span @ span - self.pull @ span)
 
+    def reported(self, context: Context) -> dict[str, Array]:
+        """The parameters of the format."""
+        string, tension = self.reach > 0, jnp.linalg.norm(self.pull)
+        k = jnp.where(string, self.stiffness, jnp.maximum(self.stiffness, _FAR * _tether_size(context)[0]))
+        reach = jnp.maximum(self.reach, tension / k)
+        away = jnp.where(string, reach / jnp.maximum(tension, TINY), 1.0 / k) * self.pull
+        rest = jnp.where(string, reach - tension / k, 0.0)
+        return {"position": self.position, "anchor": self.centre + away, "stiffness": k, "rest_length": rest}
+
 
 _FAR = 1e-4  # of the size: stiffness of a constant force, from an anchor thousands of lengths away
 _REACH = (0.03, 1.0)  # of the length: distance of a string's anchor from the cable
@@ -106,28 +115,6 @@ def _string_amplitude(k, softest):
     return np.log(k / softest) / _SPREAD * softest / _SOFTEST
 
 
-def _tether_of(p, c):
-    """Amplitude and site of a tether."""
-    k, anchor, rest = float(p["stiffness"]), np.asarray(p["anchor"], float), float(p.get("rest_length", 0.0))
-    if not rest:
-        return np.array([k, *(k * (anchor - c.centre))]), {"position": float(p["position"])}
-    towards, taut = (anchor - c.centre) / np.linalg.norm(anchor - c.centre), 0.1 * c.length
-    softest, place = _SOFTEST * _tether_size(c)[0], anchor - (rest + taut) * towards
-    site = {"position": float(p["position"]), "reach": rest + taut, "place": place, "softest": softest}
-    return np.array([_string_amplitude(k, softest), *(k * taut * towards)]), site
-
-
-def _tether_parameters(a, site, c):
-    a, position = np.asarray(a, float), float(site["position"])
-    if "reach" not in site:
-        k = max(float(a[0]), _FAR * _tether_size(c)[0])
-        return {"position": position, "anchor": c.centre + a[1:] / k, "stiffness": k, "rest_length": 0.0}
-    k, tension = float(_string_stiffness(a[0], site["softest"])), float(np.linalg.norm(a[1:]))
-    reach = max(float(site["reach"]), tension / k)
-    anchor = np.asarray(site["place"]) + reach * a[1:] / max(tension, 1e-300)
-    return {"position": position, "anchor": anchor, "stiffness": k, "rest_length": reach - tension / k}
-
-
 def _strings(a, site, c, places):
     """Further starts after a spring of zero rest length: strings with the same pull at the tautest of ``places`` (m)."""
     if "reach" in site or len(places) < 2:
@@ -154,8 +141,6 @@ ENTRY = CatalogueEntry(
     Tether, ("stiffness", "pull x", "pull y", "pull z"),
     _tether_size,
     build=_tether,
-    to_parameters=_tether_parameters,
-    from_parameters=_tether_of,
     sites=places, rest=_rest, one_sided=(True, False, False, False), other_starts=_strings,
     moving={"position": along_loaded, "reach": lambda c: (_REACH[0] * c.length, _REACH[1] * c.length)},
     signature="the cable is drawn at one place of it towards one point of space, from whichever side",

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from scan2flex_jax.effects.conversion import parameters_of
+from scan2flex_jax.effects import parameters_of
 from scan2flex_jax.effects.point_mass import PointMass
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.export.cable import GIVES, HungCable, features_of

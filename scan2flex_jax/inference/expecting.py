@@ -159,5 +159,5 @@ def _visible(h: Fitted) -> list[Visible]:
         size = np.sqrt(2 * (v.settings.found + price(entry, v.context, v.settings))) * least
         amplitudes = size * along * np.sign(along[np.argmax(np.abs(along))]) * entry.size(v.context)
         amplitudes = np.clip(amplitudes, *entry.bounds(v.context))
-        out.append(Visible(kind, entry.to_parameters(amplitudes, screen.wanted[j].site, v.context), float(size)))
+        out.append(Visible(kind, entry.parameters(amplitudes, screen.wanted[j].site, v.context), float(size)))
     return sorted(out, key=lambda one: one.size)

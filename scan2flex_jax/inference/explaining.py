@@ -194,7 +194,7 @@ def _ranking(search: Search, d: Decision) -> tuple[Ranked, ...]:
         out[kind] = replace(_ranked(h, 0, gain, verdict, tied, full), rms_validate=_rms_unseen(h) if full else None)
     for kind, s in search.scores.items():
         if kind not in out:
-            p = s.component.entry.to_parameters(s.amplitudes, s.component.site, empty.variant.context)
+            p = s.component.entry.parameters(s.amplitudes, s.component.site, empty.variant.context)
             verdict = TIED if kind in rivals else TOO_LITTLE if s.gain >= settings.tied else ABSENT
             out[kind] = Ranked(kind, p, s.gain, _p(s.gain), verdict)
     order = {kind: k for k, kind in enumerate(d.best.names)}

@@ -30,7 +30,7 @@ _FEWEST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one wo
 def parameters_of(h: Fitted, k: int) -> dict:
     """Component ``k`` in the format's parameters."""
     c = h.components[k]
-    return c.entry.to_parameters(h.amplitudes(k), c.site, h.variant.context)
+    return c.entry.parameters(h.amplitudes(k), c.site, h.variant.context)
 
 
 def spreads_of(h: Fitted, k: int) -> dict:
@@ -40,7 +40,7 @@ def spreads_of(h: Fitted, k: int) -> dict:
 
     def flat(v):
         site = c.site | dict(zip(c.moving, (float(value) for value in v[split:]), strict=True))
-        return {n: np.asarray(p, float) for n, p in c.entry.to_parameters(v[:split], site, h.variant.context).items()}
+        return {n: np.asarray(p, float) for n, p in c.entry.parameters(v[:split], site, h.variant.context).items()}
 
     total = {name: np.zeros_like(v) for name, v in flat(x).items()}
     values, vectors = np.linalg.eigh(np.nan_to_num(h.covariance[np.ix_(at, at)]))

@@ -73,7 +73,7 @@ def test_class_entry_and_format_agree(kind):
     assert {name for name, f in fields.items() if f.default is dataclasses.MISSING} <= set(form.names) <= set(fields)
     for ends in (ENDS, ENDS[:1]):
         context = dataclasses.replace(scene.CONTEXT, clamped_ends=ends)
-        written = entry.to_parameters(0.5 * entry.size(context), entry.sites(context)[0], context)
+        written = entry.parameters(0.5 * entry.size(context), entry.sites(context)[0], context)
         assert set(written) == set(form.names)
         effect = fx.effect_of(kind, written, ends)
         for parameter in form.parameters:
