@@ -320,6 +320,8 @@ def evaluated(study, shared, start=None):
 def same(mended, study) -> bool:
     """Whether a corrected study equals the study before the mistake, up to a roll common to both clamps of a pose."""
     pairs = list(zip(mended.poses, study.poses, strict=True))
+    if any(len(a.curve.points) != len(b.curve.points) for a, b in pairs):
+        return False
     apart = [mended.gravity - study.gravity, mended.cable["length"] - study.cable["length"]]
     for a, b in pairs:
         apart.append(a.curve.points - b.curve.points)

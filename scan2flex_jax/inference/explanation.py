@@ -13,10 +13,10 @@ from scan2flex_jax.inference.answer import BAD, Answer, change_in_words, in_mm, 
 from scan2flex_jax.inference.decision import NAMED, PARTLY, TIED, TOO_LITTLE, UNEXPLAINED, UNSOLVED, Decision
 from scan2flex_jax.inference.estimate import Estimate
 from scan2flex_jax.inference.fit_result import Fit, in_words
-from scan2flex_jax.inference.influence import Influence
+from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
 from scan2flex_jax.inference.posterior import Fitted
-from scan2flex_jax.inference.quantities import Field, influence_of_hypothesis
+from scan2flex_jax.inference.quantities import Field
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.inference.words import answer_of, belief_of
 from scan2flex_jax.study.kinds import kind_format, kind_names
@@ -213,7 +213,7 @@ class Explanation:
 
         The first access solves the poses twice more.
         """
-        return None if self.decision is None else influence_of_hypothesis(self.decision.best)
+        return None if self.decision is None else influence_of(self.decision.best)
 
     @property
     def answer(self) -> Answer:

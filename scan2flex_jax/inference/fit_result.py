@@ -21,10 +21,9 @@ from scan2flex_jax.inference.answer import (
     number,
 )
 from scan2flex_jax.inference.estimate import Estimate
-from scan2flex_jax.inference.influence import Influence
+from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
 from scan2flex_jax.inference.posterior import Fitted, Variant
-from scan2flex_jax.inference.quantities import influence_of_hypothesis
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.kinds import split_name
@@ -133,10 +132,10 @@ class Fit:
         if self.distance == "hausdorff" or not np.isfinite(self.cost):
             return None
         if self.posterior is not None:
-            return influence_of_hypothesis(self.posterior)
+            return influence_of(self.posterior)
         axes = {name: p.measured for name, p in self.poses.items()}
         problem, minimum = on_axes(self.problem, self.minimum, axes)
-        return influence_of_hypothesis(Variant("axes", problem, minimum, self.settings, held=True).empty)
+        return influence_of(Variant("axes", problem, minimum, self.settings, held=True).empty)
 
     @property
     def answer(self) -> Answer:

@@ -9,14 +9,17 @@ and a change ``dr`` of the residual, caused by another length or mass, by ``-A^-
 both with refits. Reference: Cook and Weisberg, "Residuals and influence in regression" (1982), chapter 2.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from scan2flex_jax.inference.determined import closed_inverse
 from scan2flex_jax.inference.estimate import vague
-from scan2flex_jax.study.model import Study
+from scan2flex_jax.inference.posterior import Fitted, solved
+from scan2flex_jax.inference.priors import Prior
+from scan2flex_jax.inference.program import Program
+from scan2flex_jax.inference.quantities import left_out
 
 STATED = ("length", "length_density")
 """Properties of the cable that a user measures, and on which every stiffness depends."""
@@ -58,67 +61,34 @@ class Influence:
         return float(np.sqrt(np.sum(weight * self.left_out**2) / np.sum(weight))) if len(self.poses) > 1 else float("nan")
 
 
-@dataclass(frozen=True)
-class White:
-    """A whitened least-squares problem at its minimum: residual ``r`` (n,), Jacobian ``J`` (n, b), the ``rows`` of each pose
-    (all others are priors), and the ``precision`` (b,) of priors that have no rows."""
-
-    r: np.ndarray
-    J: np.ndarray
-    rows: tuple[np.ndarray, ...]
-    precision: np.ndarray
-
-    @property
-    def information(self) -> np.ndarray:
-        """Precision ``A`` (b, b) of all numbers."""
-        return self.J.T @ self.J + np.diag(self.precision)
-
-    @property
-    def open(self) -> np.ndarray:
-        """Mask (b,) of the numbers that all poses together do not determine."""
-        return closed_inverse(self.information)[1]
-
-    def without(self, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``(moved, open, std)`` without pose ``i``: change of the numbers (b,), mask of those the others do not determine,
-        and standard deviations."""
-        J, r = self.J[self.rows[i]], self.r[self.rows[i]]
-        inverse, lost = closed_inverse(self.information - J.T @ J)
-        return inverse @ (J.T @ r), lost, np.sqrt(np.maximum(np.diag(inverse), 0.0))
-
-    def along(self, change: np.ndarray) -> np.ndarray:
-        """Derivative of the numbers (b,) along a ``change`` (n,) of the residual; NaN for those not determined."""
-        inverse, lost = closed_inverse(self.information)
-        return np.where(lost, np.nan, -inverse @ (self.J.T @ change))
-
-
-def influence_of(
-    white: White,
-    labels: Sequence[str],
-    logs: np.ndarray,
-    poses: Sequence[str],
-    distance: Callable[[int, np.ndarray], float],
-    changes: dict[str, np.ndarray],
-) -> Influence:
-    """The influence at a minimum, for its first numbers, which ``labels`` name.
-
-    ``distance(i, r)`` is the RMS distance (m) of whitened residuals ``r`` of pose ``i``; ``changes``: the change (n,) of the
-    residual per relative change of a stated value.
-    """
-    count, moved, left_out, open_ = len(labels), [], [], white.open
-    positive = np.r_[logs, np.zeros(white.J.shape[1] - len(logs), bool)]
-    for i, rows in enumerate(white.rows):
-        x, lost, std = white.without(i)
-        lost = lost | vague(positive, std)
-        moved.append(np.where(lost, np.nan, x)[:count])
-        unknown = np.any(lost & ~open_)  # a number that no pose determines changes no prediction
-        left_out.append(np.nan if unknown else distance(i, white.r[rows] + white.J[rows] @ x))
-    stated = {name: white.along(change)[:count] for name, change in changes.items()}
-    return Influence(tuple(labels), logs, tuple(poses), np.array(moved).reshape(-1, count), np.array(left_out), stated)
-
-
-def changed_studies(study: Study) -> Iterator[tuple[str, Study, float]]:
-    """``(name, study, step)`` with one stated value of the cable changed by a relative ``step``."""
-    for name in STATED:
-        value = study.known(name)
-        if value is not None:
-            yield name, replace(study, cable={**study.cable, name: np.asarray(value) * (1.0 + _STEP)}), _STEP
+def influence_of(h: Fitted) -> Influence:
+    """The influence at a hypothesis; solves all poses twice."""
+    v, problem, count = h.variant, h.variant.problem, h.variant.program.layout.unknowns
+    prior, logs = Prior(v.program, h.components, h.wider), problem.logs()[:count]
+    held = prior.frozen | (h.x <= prior.low) | (h.x >= prior.high)
+    Li = v.likelihood.whitening(h.u, h.linear.Z)
+    r, X = (Li @ h.linear.r[:, :, None])[:, :, 0], Li @ h.linear.X
+    X = np.where(np.stack([held[at] for at in h.linear.at])[:, None], 0.0, X)
+    A, _ = replace(h.linear, precision=np.where(held, 1.0, prior.precision + prior.width)).normal(r, X)
+    inverse, unseen = closed_inverse(A)
+    positive, moved, left = np.r_[logs, np.zeros(len(A) - count, bool)], [], left_out(h)
+    for i, at in enumerate(h.linear.at):
+        rest, pull = A.copy(), np.zeros(len(A))
+        rest[np.ix_(at, at)] -= X[i].T @ X[i]
+        pull[at] = X[i].T @ r[i]
+        own, lost = closed_inverse(rest)
+        lost |= vague(positive, np.sqrt(np.maximum(np.diag(own), 0.0)))
+        moved.append(np.where(lost, np.nan, own @ pull)[:count])
+        if np.any(lost & ~unseen):  # a number that no pose determines changes no prediction
+            left[i] = np.nan
+    stated, study = {}, problem.study
+    for name in (name for name in STATED if study.known(name) is not None):
+        other = replace(study, cable={**study.cable, name: np.asarray(study.known(name)) * (1.0 + _STEP)})
+        shapes = Program(problem.with_study(other), v.minimum).shapes(h.components, h.x, h.configuration)
+        if solved(shapes):
+            change, along = v.rows.of(shapes, [s.residual[:, :, None] for s in shapes])[:, :, 0] - h.linear.r, np.zeros(len(A))
+            for i, at in enumerate(h.linear.at):
+                along[at] += X[i].T @ Li[i] @ change[i] / _STEP
+            stated[name] = np.where(unseen, np.nan, -inverse @ along)[:count]
+    names = tuple(p.name for p in problem.study.fit_poses)
+    return Influence(tuple(problem.layout.labels), logs, names, np.array(moved).reshape(-1, count), left, stated)

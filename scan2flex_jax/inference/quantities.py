@@ -13,12 +13,11 @@ from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
 from scan2flex_jax.inference.determined import Uncertainty, uncertainty
 from scan2flex_jax.inference.estimate import Estimate, estimate_of
-from scan2flex_jax.inference.influence import Influence, White, changed_studies, influence_of
 from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
-from scan2flex_jax.inference.likelihood import inverted
+from scan2flex_jax.inference.likelihood import inverted, without
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
 from scan2flex_jax.inference.priors import Prior
-from scan2flex_jax.inference.program import Component, Program
+from scan2flex_jax.inference.program import Component
 from scan2flex_jax.inference.rows import Rows
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
@@ -135,16 +134,9 @@ def ratios(h: Fitted) -> dict[str, float]:
 
 def left_out(h: Fitted) -> np.ndarray:
     """Per pose the RMS distance (m) between its measured points and their prediction from the other poses, to first order."""
-    v, lin = h.variant, h.linear
+    v, lin, out = h.variant, h.linear, np.full(len(h.shapes), np.nan)
     wr, wX = v.likelihood.white(h.u, lin)
-    A, g = lin.normal(wr, wX)
-    out = np.full(lin.r.shape[0], np.nan)
-    for group in v.groups:
-        B, b = A.copy(), g.copy()
-        for i in group:
-            B[np.ix_(lin.at[i], lin.at[i])] -= wX[i].T @ wX[i]
-            b[lin.at[i]] -= wX[i].T @ wr[i]
-        d = -inverted(B)[1] @ b
+    for group, _, d in without(lin, wr, wX, v.groups):
         for i in group:
             shape, keep = h.shapes[i], v.program.real[i]
             moved = shape.residual[keep] + shape.columns[keep] @ d[lin.at[i]]
@@ -231,36 +223,6 @@ def scatter_of(h: Fitted) -> dict[str, float]:
         value = float(np.sqrt(np.sum(weight * (change - mean) ** 2) / np.sum(weight)))
         out |= {f"{c.kind}.{name}": value for name in parameters_of(h, k) if name not in (*c.site, "s")}
     return out
-
-
-def influence_of_hypothesis(h: Fitted) -> Influence:
-    """Sensitivities of the estimates to poses and to stated values, to first order at a hypothesis; solves all poses twice."""
-    v, n, problem = h.variant, h.index, h.variant.problem
-    prior = Prior(v.program, h.components, h.wider)
-    wr, wX = v.likelihood.white(h.u, h.linear)
-    P, N, _ = wX.shape
-    J = np.zeros((P * N, n.count))
-    for i, at in enumerate(h.linear.at):
-        J[i * N : (i + 1) * N, at] = wX[i]
-    held = prior.frozen | (h.x <= prior.low) | (h.x >= prior.high)
-    precision = np.where(held, 1.0, prior.precision + prior.width)
-    rows = tuple(np.arange(i * N, (i + 1) * N) for i in range(P))
-    white = White(wr.ravel(), np.where(held, 0.0, J), rows, precision)
-    Li, changes = v.likelihood.whitening(h.u, h.linear.Z), {}
-    for name, study, step in changed_studies(problem.study):
-        other = Program(problem.with_study(study), v.minimum)
-        shapes = other.shapes(h.components, h.x, h.configuration)
-        if solved(shapes):
-            moved = v.rows.of(shapes, [s.residual[:, :, None] for s in shapes])[:, :, 0] - h.linear.r
-            changes[name] = (Li @ moved[:, :, None])[:, :, 0].ravel() / step
-    known = dict(enumerate(left_out(h)))
-
-    def distance(i, r):
-        return float(known[i])
-
-    logs = problem.logs()[: problem.layout.unknowns]
-    names = [p.name for p in problem.study.fit_poses]
-    return influence_of(white, problem.layout.labels, logs, names, distance, changes)
 
 
 def declared(study: Study, values: dict[str, Estimate], effects: tuple[tuple[str, dict], ...]) -> Study:
