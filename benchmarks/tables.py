@@ -462,18 +462,17 @@ _LETTERS = {"bending_stiffness": "EI", "torsional_stiffness": "GJ"}
 
 
 def _virtual(r):
-    for name, summary in r["summary"].items():
-        for data, s in summary.items():
-            numbers = [(_LETTERS[key], s[key]) for key in _LETTERS if key in s]
-            errors = ", ".join(f"{letter} {100 * x['rms_error']:.2f} %" for letter, x in numbers)
-            stated = ", ".join(f"{100 * x['mean_relative_std']:.2f} %" for _, x in numbers)
-            held = f"{sum(x['covered'] for _, x in numbers)} of {len(numbers) * (s['runs'] - s['failed'])}"
-            far = [s[f"{role} rms_truth_mm"] for role in ("fit", "validate")]
-            yield name, data, errors, stated, held, *("-" if x is None else f"{x:.3f} mm" for x in far)
+    for name, s in r["summary"].items():
+        numbers = [(_LETTERS[key], s[key]) for key in _LETTERS if key in s]
+        errors = ", ".join(f"{letter} {100 * x['rms_error']:.2f} %" for letter, x in numbers)
+        stated = ", ".join(f"{100 * x['mean_relative_std']:.2f} %" for _, x in numbers)
+        held = f"{sum(x['covered'] for _, x in numbers)} of {len(numbers) * (s['runs'] - s['failed'])}"
+        far = [s[f"{role} rms_truth_mm"] for role in ("fit", "validate")]
+        yield name, errors, stated, held, *("-" if x is None else f"{x:.3f} mm" for x in far)
 
 
 VIRTUAL = Table(("virtual_experiments",), columns(
-    "experiment", "fitted to", "error (RMS)", "stated deviation", "intervals hold it", "fitted poses", "never fitted"
+    "experiment", "error (RMS)", "stated deviation", "intervals hold it", "fitted poses", "never fitted"
 ), _virtual)  # fmt: skip
 
 # Hostile and mistaken input, laws

@@ -1,4 +1,4 @@
-"""The paper's two physical experiments (Section 6.1) as virtual ones, fitted to curves and to clouds.
+"""The paper's two physical experiments (Section 6.1) as virtual ones, scanned and fitted.
 
 `python -m benchmarks.virtual_experiments [--seeds N]` writes `benchmarks/results/virtual_experiments.json` and the picture of
 docs/scanning.md. The scans of the paper were never published, so its stiffnesses are the truth here: true shapes solve the
@@ -149,39 +149,36 @@ def _fine(points):
     return np.stack([np.interp(at, np.arange(len(points)), c) for c in points.T], axis=1)
 
 
-def one_run(x: Experiment, study: Study, data: str) -> dict:
+def one_run(x: Experiment, study: Study) -> dict:
     """A fit compared with the truth, or the reason of its failure."""
     try:
-        f = fit(study, data=data)
+        f = fit(study)
     except Scan2FlexError as refusal:
-        return {"data": data, "failed": str(refusal)}
+        return {"failed": str(refusal)}
     estimates = {}
     for name, true in x.truth.items():
         e = f.estimates[name]
         estimates[name] = {"value": e.value, "error": e.value / true - 1.0, "std": e.std}
         estimates[name]["covered"] = bool(e.low is not None and e.low <= true <= e.high)
     poses = {name: errors_along(x, f, name, twist) for name, _, twist in x.poses}
-    return {"data": data, "estimates": estimates, "valid": f.valid, "poses": poses, "messages": list(f.sentences)}
+    return {"estimates": estimates, "valid": f.valid, "poses": poses, "messages": list(f.sentences)}
 
 
 def summary(runs, truth) -> dict:
     """Coverage counted, errors and distances over all seeds."""
-    out = {}
-    for data in ("cloud", "curve"):
-        some = [r for r in runs if r["data"] == data]
-        good = [r for r in some if "failed" not in r]
-        out[data] = {"runs": len(some), "failed": len(some) - len(good)}
-        for name in truth:
-            found = [r["estimates"][name] for r in good]
-            stds = [e["std"] for e in found if e["std"]]
-            out[data][name] = {
-                "covered": sum(e["covered"] for e in found),
-                "rms_error": float(np.sqrt(np.mean([e["error"] ** 2 for e in found]))) if found else None,
-                "mean_relative_std": float(np.mean(stds)) / truth[name] if stds else None,
-            }
-        for role in ("fit", "validate"):
-            far = [p["rms_truth_mm"] ** 2 for r in good for p in r["poses"].values() if p["role"] == role]
-            out[data][f"{role} rms_truth_mm"] = float(np.sqrt(np.mean(far))) if far else None
+    good = [r for r in runs if "failed" not in r]
+    out = {"runs": len(runs), "failed": len(runs) - len(good)}
+    for name in truth:
+        found = [r["estimates"][name] for r in good]
+        stds = [e["std"] for e in found if e["std"]]
+        out[name] = {
+            "covered": sum(e["covered"] for e in found),
+            "rms_error": float(np.sqrt(np.mean([e["error"] ** 2 for e in found]))) if found else None,
+            "mean_relative_std": float(np.mean(stds)) / truth[name] if stds else None,
+        }
+    for role in ("fit", "validate"):
+        far = [p["rms_truth_mm"] ** 2 for r in good for p in r["poses"].values() if p["role"] == role]
+        out[f"{role} rms_truth_mm"] = float(np.sqrt(np.mean(far))) if far else None
     return out
 
 
@@ -193,7 +190,7 @@ def drawn(results) -> None:
     figure = Figure(figsize=(5.0 * len(names), 6.0), layout="constrained")
     rows = figure.subplots(2, len(names), squeeze=False, sharex="col")
     for (above, below), name in zip(rows.T, names, strict=True):
-        run = next(r for r in results["runs"][name] if r["data"] == "cloud" and "failed" not in r)
+        run = next(r for r in results["runs"][name] if "failed" not in r)
         for k, (pose, p) in enumerate(run["poses"].items()):
             e, unseen = p["along"], p["role"] == "validate"
             label, style = f"{pose}{', never fitted' if unseen else ''}", "--" if unseen else "-"
@@ -217,7 +214,7 @@ def main() -> None:
         for seed in range(seeds):
             with tempfile.TemporaryDirectory() as folder:
                 study = study_of(x, Path(folder), seed)
-                runs += [{"seed": seed} | one_run(x, study, data) for data in ("cloud", "curve")]
+                runs.append({"seed": seed} | one_run(x, study))
         results["summary"][name] = summary(runs, x.truth)
         record("virtual_experiments", results)  # after each, so that an interrupted run leaves what it has
         sys.stderr.write(f"{name}: {results['summary'][name]}\n")

@@ -21,11 +21,7 @@ from scan2flex_jax.cli.options import (
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import say
 
-_METHODS, _DATA, _DISTANCES = (
-    ("least-squares", "bfgs", "nelder-mead"),
-    ("auto", "curve", "cloud"),
-    ("normal", "integrated", "hausdorff"),
-)
+_METHODS, _DISTANCES = ("least-squares", "bfgs", "nelder-mead"), ("normal", "integrated", "hausdorff")
 
 
 def fit(
@@ -33,12 +29,6 @@ def fit(
     method: Annotated[
         str, typer.Option(help="least-squares, bfgs or nelder-mead.", autocompletion=choices(*_METHODS))
     ] = "least-squares",
-    data: Annotated[
-        str,
-        typer.Option(
-            help="curve, cloud (the points of the scans), or auto: curves where given.", autocompletion=choices(*_DATA)
-        ),
-    ] = "auto",
     distance: Annotated[
         str,
         typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.", autocompletion=choices(*_DISTANCES)),
@@ -70,7 +60,7 @@ def fit(
     with progress(f"fitting {loaded.title}", quiet) as tell:
         asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}" + (f", {elements} elements" if elements else "")
         tell(f"{asked}; the first fit compiles first")
-        result = run(loaded, method, data=data, distance=distance, elements=elements, progress=tell)
+        result = run(loaded, method, distance=distance, elements=elements, progress=tell)
         tell("influence of each pose and of the stated values")
         said = result.summary()
     say(said)

@@ -2,8 +2,8 @@
 
 One generative model: `program` (poses as a function of all parameters), `rows` (measured points), `priors`, `likelihood`,
 `posterior` (a hypothesis at its mode), `determined` (what the poses determine), `settings` (every number that decides).
-`fitting` is the sequence of `fit`: `mesh`, `branches` (full turns), `mistakes` (of the input), `direct` with `cloud_noise`
-(scans), `belief`, `estimate`, `law`, `influence`, `fit_result`, `answer`. `explaining` is that of `explain`: `variants`,
+`fitting` is the sequence of `fit`: `mesh`, `branches` (full turns), `mistakes` (of the input), `belief`,
+`estimate`, `law`, `influence`, `fit_result`, `answer`. `explaining` is that of `explain`: `variants`,
 `search`, `decision`, `quantities`, `words`, `explanation`. `planning`: the next pose; `expecting`: what
 poses will tell; `memory`: the test over orders of poses.
 """

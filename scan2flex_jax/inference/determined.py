@@ -27,13 +27,11 @@ class Uncertainty:
     sentences: tuple[str, ...]
 
 
-def uncertainty(layout: Layout, A: np.ndarray, B: np.ndarray | None = None) -> Uncertainty:
-    """Covariance and open directions of the unknowns from the precision ``A`` (b, b) of all parameters; with the covariance
-    ``B`` of the gradient the sandwich ``A^-1 B A^-1``, valid for any weights."""
+def uncertainty(layout: Layout, A: np.ndarray) -> Uncertainty:
+    """Covariance and open directions of the unknowns from the precision ``A`` (b, b) of all parameters."""
     inverse, open_part, hidden = _decomposed(A)
-    whole = inverse if B is None else inverse @ B @ inverse
     unseen, open_part = hidden[: layout.unknowns], open_part[: layout.unknowns]
-    covariance = whole[: layout.unknowns, : layout.unknowns].copy()
+    covariance = inverse[: layout.unknowns, : layout.unknowns].copy()
     lost = _involved(open_part) | unseen
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf

@@ -33,18 +33,6 @@ class Estimate:
     at_bound: bool
     unit: str
 
-    def including(self, other: "Estimate") -> "Estimate":
-        """With an interval and a standard error no narrower than those of another estimate; without them if that has none."""
-        def chosen(pick, mine, theirs):
-            either = pick(mine, theirs)
-            return float(either) if np.ndim(mine) == 0 else either
-
-        if self.low is None or other.low is None:
-            return replace(self, std=None, low=None, high=None, identifiable=False)
-        std = chosen(np.maximum, self.std, other.std)
-        low, high = chosen(np.minimum, self.low, other.low), chosen(np.maximum, self.high, other.high)
-        return replace(self, std=std, low=low, high=high, identifiable=self.identifiable and other.identifiable)
-
     def withheld(self) -> "Estimate":
         """Without standard error and interval, which hold for a model that is believed only."""
         return replace(self, std=None, low=None, high=None)

@@ -34,6 +34,7 @@ from scan2flex_jax.inference.decision import (
 )
 from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked, rms_over
 from scan2flex_jax.inference.fit_result import Fit
+from scan2flex_jax.inference.fitting import with_curves
 from scan2flex_jax.inference.posterior import Fitted, Variant
 from scan2flex_jax.inference.search import Search
 from scan2flex_jax.inference.settings import USUAL, Settings
@@ -82,10 +83,10 @@ def explain(
     """
     check_study(study)
     began, say = time.perf_counter(), progress or silent
-    scanned = any(pose.curve is None and pose.scan is not None for pose in study.fit_poses)
     make_room()
     try:
-        study = variants.on_axes(study, elements, say)
+        whole, told = with_curves(study, say)
+        scanned, study = whole is not study, whole
         first, gates, coarse = variants.given(study, elements, mesh, scanned, settings, say)
     except NotSettledError as fault:
         return Explanation(study=study, verdict=UNSOLVED, sentences=(str(fault),), seconds=_since(began), settings=settings)
@@ -104,7 +105,7 @@ def explain(
     if decision.mistakes:
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
-    answer = _explanation(first, search, decision, began, gates, coarse, scanned)
+    answer = _explanation(first, search, decision, began, gates, coarse, scanned, told)
     return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
 
 
@@ -119,7 +120,7 @@ def _mistaken(study, mistakes, began, settings) -> Explanation:
     return Explanation(study=study, verdict=UNEXPLAINED, sentences=said, **rest)
 
 
-def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, scanned) -> Explanation:
+def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, scanned, told) -> Explanation:
     best, fitted = d.best, first.fit
     study = best.variant.study
     ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
@@ -129,7 +130,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     load, pose_loads = of.equivalent_loads(d.empty)
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
     noise = best.variant.likelihood.noise(best.u)
-    told = (*repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
+    told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, noise, coarse, scanned)
     return Explanation(
         study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),

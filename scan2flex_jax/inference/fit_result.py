@@ -8,7 +8,6 @@ import numpy as np
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference.answer import (
     UNBELIEVED,
@@ -23,12 +22,12 @@ from scan2flex_jax.inference.answer import (
 from scan2flex_jax.inference.estimate import Estimate
 from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
-from scan2flex_jax.inference.posterior import Fitted, Variant
+from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.mistakes import Mistake
-from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.model import Study
 
 
 @dataclass(frozen=True)
@@ -58,13 +57,11 @@ class Fit:
     """Estimates with intervals, the poses with their residuals, and the validation on poses that were not fitted.
 
     ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
-    bound, and whether the validate poses are predicted, which is ``valid`` (None without such poses). ``data``: "curve"
-    (distances to centre curves) or "cloud" (to the points of the scans; the distances of poses are then those of the cable's
-    axis at stations along it). ``turned``: sentences on poses whose turns differ from the study's (`fitting.branches`);
-    ``in_doubt``: on turns that are about as likely as those of the fit.
+    bound, and whether the validate poses are predicted, which is ``valid`` (None without such poses). ``turned``: sentences on
+    poses whose turns differ from the study's (`inference.branches`); ``in_doubt``: on turns about as likely.
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
-    (`inference.mistakes`). ``posterior`` is that of curves, None for clouds; ``cost`` that of its mode, the ``minimum`` of the
+    (`inference.mistakes`). ``cost`` is that of the mode of the ``posterior``, the ``minimum`` of the
     ``problem``: squares of residuals in units of noise and discrepancy, and priors.
     ``mesh``: sentences on the number of elements (`statics.mesh`). ``settings``: the thresholds of the validation. ``laws``:
     the declared laws of bending and torsion, with their bands.
@@ -73,7 +70,7 @@ class Fit:
     study: Study = field(repr=False)
     problem: Problem = field(repr=False)
     minimum: Minimum = field(repr=False)
-    posterior: Fitted | None = field(repr=False)
+    posterior: Fitted = field(repr=False)
     method: str
     distance: str
     estimates: dict[str, Estimate]
@@ -88,7 +85,6 @@ class Fit:
     equilibria: int
     seconds: float
     cost: float
-    data: str
     turned: tuple[str, ...] = ()
     in_doubt: tuple[str, ...] = ()
     mesh: tuple[str, ...] = ()
@@ -131,11 +127,7 @@ class Fit:
         """
         if self.distance == "hausdorff" or not np.isfinite(self.cost):
             return None
-        if self.posterior is not None:
-            return influence_of(self.posterior)
-        axes = {name: p.measured for name, p in self.poses.items()}
-        problem, minimum = on_axes(self.problem, self.minimum, axes)
-        return influence_of(Variant("axes", problem, minimum, self.settings, held=True).empty)
+        return influence_of(self.posterior)
 
     @property
     def answer(self) -> Answer:
@@ -162,7 +154,6 @@ class Fit:
         return {
             "format": "scan2flex-result/1",
             "method": self.method,
-            "data": self.data,
             "estimates": {name: e.to_json() for name, e in self.estimates.items()},
             "correlations": {
                 "names": self.labels,
@@ -190,11 +181,10 @@ class Fit:
         lines = [self.study.title, *(f"  {s}" for s in first), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
         lines += [*_correlation_lines(self), *self._pose_lines()]
-        to = "to point clouds" if self.data == "cloud" else "to centre curves"
         lines += ["", f"  residual as noise: {noise_in_words(self.noise, self.problem.length)}"]
         said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}
         lines += [f"  {s}" for s in self.sentences if s not in said and s not in answer.belief]
-        return "\n".join([*lines, f"  {self.method} fit {to}, {self.equilibria} equilibria, {self.seconds:.2f} s"])
+        return "\n".join([*lines, f"  {self.method} fit to centre curves, {self.equilibria} equilibria, {self.seconds:.2f} s"])
 
     def _pose_lines(self):
         """A table of the poses, with the change of the stiffnesses when each is left out."""
@@ -204,17 +194,6 @@ class Fit:
             figures = f"{in_mm(p.rms):>9} {in_mm(p.worst):>9}" if np.isfinite(p.rms) else f"  {p.verdict}"
             lines.append(f"  {name:<20} {p.role:<9}{figures}   {moved[name]}".rstrip())
         return lines
-
-
-def on_axes(problem: Problem, minimum: Minimum, measured: dict[str, np.ndarray]) -> tuple[Problem, Minimum]:
-    """The problem of the axes ``measured`` (n, 3) m in clouds, at the minimum of the direct fit."""
-    poses = [replace(p, curve=MeasuredCurve(measured[p.name])) for p in problem.study.fit_poses]
-    study = replace(problem.study, poses=(*poses, *problem.study.validate_poses))
-    other = problem.with_study(study)
-    other.poses = poses_of(study, study.fit_poses, other.length, other.elements)
-    other.evaluator = other.evaluator_of(other.poses)
-    start = minimum.evaluation.configuration
-    return other, replace(minimum, evaluation=other.evaluator(minimum.shared, minimum.local, start=start))
 
 
 UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"

@@ -12,7 +12,6 @@ from functools import partial
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.evaluate import Evaluation
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.noise import stated_noise
@@ -22,8 +21,6 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches
 from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.direct import Direct, measured_by
-from scan2flex_jax.inference.estimate import estimate_of
 from scan2flex_jax.inference.fit_result import Fit, PoseFit, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
@@ -37,14 +34,12 @@ from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
 
 METHODS = ("least-squares", "bfgs", "nelder-mead")
-DATA = ("auto", "curve", "cloud")
 
 
 def fit(
     study: Study,
     method: str = "least-squares",
     *,
-    data: str = "auto",
     distance: str = "normal",
     elements: int | None = None,
     progress: Callable[[str], None] | None = None,
@@ -56,8 +51,6 @@ def fit(
         study: One cable with at least one ``fit`` pose and one unknown.
         method: "least-squares" (Levenberg-Marquardt with the implicit Jacobian), "bfgs" (on the summed squared distance) or
             "nelder-mead" (the paper's).
-        data: "curve" fits centre curves (extracted first where a pose has a scan only), "cloud" the points of the scans
-            themselves, "auto" curves where every pose has one or a scan is too coarse for its cable, else clouds.
         distance: Of curves: "normal", "integrated" (the paper's Eq. 10), or "hausdorff" (for "bfgs" and "nelder-mead": it has
             no least squares).
         elements: Elements of the rod; None: 40, or as many more as the bends of the cable need (`statics.mesh`).
@@ -77,12 +70,23 @@ def fit(
         >>> result.estimates["bending_stiffness"].value  # doctest: +SKIP
         0.1
     """
-    return fitted(study, method, data=data, distance=distance, elements=elements, progress=progress, settings=settings)
+    return fitted(study, method, distance=distance, elements=elements, progress=progress, settings=settings)
+
+
+def with_curves(study: Study, progress: Progress) -> tuple[Study, tuple[str, ...]]:
+    """The study with a centre curve extracted for each pose that has a scan alone, and sentences on doubtful ones."""
+    if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
+        return study, ()
+    from scan2flex_jax.scan import extract_study  # noqa: PLC0415  (only scans need it, and it loads slowly)
+
+    whole, found = extract_study(study, lambda name, i, n: progress(f"extracting {name} ({i} of {n})"))
+    doubts = [f"the centre curve of pose {n!r} is doubtful: {'; '.join(c.doubts)}" for n, c in found.items() if not c.sure]
+    return whole, ("centre curves were extracted from the scans and fitted", *doubts)
 
 
 @threaded
 def fitted(
-    study: Study, method: str = "least-squares", *, data: str = "auto", distance: str = "normal", elements: int | None = None,
+    study: Study, method: str = "least-squares", *, distance: str = "normal", elements: int | None = None,
     progress: Progress | None = None, settings: Settings = USUAL, slots: tuple[AbstractEffect, ...] = (),
     turns: bool = True, mistakes: bool = True, scanned: bool = False,
 ) -> Fit:  # fmt: skip
@@ -90,37 +94,29 @@ def fitted(
 
     ``slots``: energy laws of effects that may be added later, at zero amplitude, so that a search reuses the functions compiled
     here. ``turns``: False keeps the turns of the study in every pose. ``mistakes``: False looks for none in the input.
-    ``scanned``: the curves are axes of scans, with an error alike along a pose.
+    ``scanned``: the curves are those of scans, with an error alike along a pose.
     """
-    _check(study, method, distance, data)
+    _check(study, method, distance)
     began, progress = time.perf_counter(), progress or silent
-    whole, scans, said = measured_by(study, data, method, distance, progress)
+    whole, said = with_curves(study, progress)
+    scanned = scanned or whole is not study
     stages = [partial(_minimum, mistakes=mistakes), partial(_on_branches if turns else _as_stated, mistakes=mistakes)]
     stages = [partial(stage, method=method, progress=progress) for stage in stages]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
-    in_doubt = (doubt,) if doubt else ()
-    study = branches.with_turns(study, {p.name: p.turns for p in whole.poses})
-    stated, posterior = stated_noise(study), None
-    if scans is None:
-        own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
-        if problem.evaluator.distance != "normal":
-            minimum = problem.seen_by_normals(minimum)
-        said = said if own else (*said, _HELD)
-        progress("noise, discrepancy and parameters together")
-        variant = Variant("as stated", problem, minimum, settings, scanned=scanned, held=not own)
-        posterior = variant.empty
-        minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
-        noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
-        known, poses, laws = of.known(posterior), _pose_fits(posterior), of.laws_of(posterior)
-        estimates = of.estimates(posterior, (posterior,))
-    else:
-        direct = Direct(problem, scans, progress, settings)
-        minimum, noise, known = direct.fit(minimum)
-        discrepancy, laws = Discrepancy(length=problem.length), ()
-        poses, solved = direct.pose_fits(minimum, noise), direct.equilibria
-        said, estimates = (*said, *direct.sentences()), _estimates(problem.layout, minimum.shared, known, settings)
+    in_doubt, stated = (doubt,) if doubt else (), stated_noise(whole)
+    own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
+    if problem.evaluator.distance != "normal":
+        minimum = problem.seen_by_normals(minimum)
+    said = said if own else (*said, _HELD)
+    progress("noise, discrepancy and parameters together")
+    variant = Variant("as stated", problem, minimum, settings, scanned=scanned, held=not own)
+    posterior = variant.empty
+    minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
+    noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
+    known, poses, laws = of.known(posterior), _pose_fits(posterior), of.laws_of(posterior)
+    estimates = of.estimates(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, verdict = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
     verdict = (*belief.of_discrepancy(discrepancy), *verdict)
@@ -128,13 +124,12 @@ def fitted(
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
     said = (*said, *mesh.sentences(), *turned, *in_doubt)
     result = Fit(
-        study=study if scans else whole,
+        study=whole,
         problem=problem,
         minimum=minimum,
         posterior=posterior,
         method=method,
         distance=distance,
-        data="curve" if scans is None else "cloud",
         estimates=estimates,
         labels=problem.layout.labels,
         correlation=_correlation(_in_logs(problem.layout, known.covariance)),
@@ -216,9 +211,7 @@ def _in_logs(layout, covariance):
 _HELD = "the intervals are those of the posterior about the values of this method and distance"
 
 
-def _check(study, method, distance, data="curve"):
-    if data not in DATA:
-        raise Scan2FlexError(f"data {data!r} is not known: use one of {', '.join(DATA)}")
+def _check(study, method, distance):
     if method not in METHODS:
         raise Scan2FlexError(f"method {method!r} is not known: use one of {', '.join(METHODS)}")
     if distance not in DISTANCES:
@@ -255,16 +248,6 @@ def _pose_fits(h) -> dict[str, PoseFit]:
                 ratio=ratio.get(pose.name, 0.0),
             )
     return {p.name: out[p.name] for p in v.study.poses if p.name in out}
-
-
-def _estimates(layout, x, known, settings):
-    logs, spread, out = layout.sums @ x[: layout.unknowns], np.sqrt(np.diag(_in_logs(layout, known.covariance))), {}
-    for slot in layout.slots:
-        here = slice(slot.at, slot.at + slot.size)
-        seen = {"determined": bool(np.all(known.determined[here])), "felt": bool(np.all(known.felt[here]))}
-        vaguest = settings.vaguest_interval
-        out[slot.name] = estimate_of(slot, logs[here], spread[here], own=x[here], **seen, vaguest=vaguest)
-    return out
 
 
 def _bound_sentences(estimates):

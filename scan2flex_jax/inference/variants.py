@@ -5,7 +5,6 @@ prediction differs. That one pose does not fit is a variant too, in which this p
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -29,7 +28,7 @@ from scan2flex_jax.inference.search import Search
 from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.study.mistakes import Mistake
-from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.visible import visible_mistakes
 
 _FEWEST = 5  # fitted poses that can show memory
@@ -59,9 +58,7 @@ def given(study: Study, elements: int | None, mesh: bool, scanned: bool, setting
 
 
 def variant_of(name: str, fit: Fit, log_prior: float = 0.0, effect: str | None = None) -> Variant:
-    """The variant of a fit to curves, with its prior."""
-    if fit.posterior is None:
-        raise Scan2FlexError("a fit to point clouds has no posterior of its curves")
+    """The variant of a fit, with its prior."""
     variant = fit.posterior.variant
     variant.name, variant.fit, variant.effect, variant.log_prior = name, fit, effect, log_prior
     variant.empty.score += log_prior
@@ -199,18 +196,3 @@ def _natural(effect, excess, stiffness, held, reset):
         return leaves, jax.vmap(element)(x, K, left)
 
     return jax.lax.scan(pose, effect.without_history(excess.shape[1]), (excess, stiffness, held, reset))[1]
-
-
-def on_axes(study: Study, elements: int | None, say: Progress) -> Study:
-    """A study of scans with centre curves from the direct fit to the points, at stations along the cable.
-
-    Extracted curves are biased towards the sensor by some tenths of a radius; the direct fit models that bias.
-    """
-    if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
-        return study
-    say("fit to the points of the scans")
-    direct = fitted(study, elements=elements, progress=say)
-    if direct.data != "cloud":
-        return direct.study
-    poses = tuple(replace(p, curve=MeasuredCurve(direct.poses[p.name].measured)) for p in direct.study.poses)
-    return replace(direct.study, poses=poses)

@@ -15,7 +15,6 @@ Modules, in the order of the chain:
 `plausibility`         reasons to doubt the extracted curve
 `centre_curve`         the result: points, frames, standard deviation, gaps, warnings
 `picture`              its plot
-`fit_points`           outside the chain: points of a scan for a fit without a centre curve
 `spline`               the curve representation shared by all
 `scanner`, `shapes`    simulated scans of known curves
 =====================  =================================================================================
@@ -24,7 +23,6 @@ Modules, in the order of the chain:
 from scan2flex_jax.scan.centre_curve import CentreCurve, RadiusStatistics
 from scan2flex_jax.scan.cloud import Cloud, load_cloud
 from scan2flex_jax.scan.extraction import extract, extract_pose, extract_study
-from scan2flex_jax.scan.fit_points import NearCurve, near_curve
 from scan2flex_jax.scan.picture import plot_extraction, save_picture
 from scan2flex_jax.scan.scanner import PERFECT, STRUCTURED_LIGHT, TIME_OF_FLIGHT, Scan, Sensor, scan, tube_mesh
 from scan2flex_jax.scan.strand_matching import End
@@ -36,7 +34,6 @@ __all__ = [
     "CentreCurve",
     "Cloud",
     "End",
-    "NearCurve",
     "RadiusStatistics",
     "Scan",
     "Sensor",
@@ -44,7 +41,6 @@ __all__ = [
     "extract_pose",
     "extract_study",
     "load_cloud",
-    "near_curve",
     "plot_extraction",
     "save_picture",
     "scan",

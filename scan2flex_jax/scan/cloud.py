@@ -30,7 +30,6 @@ _TRIPLES = 200
 _FILLED = 0.45  # ratio of in-plane variances around a point: a noisy cable has 0.2, a table 1
 _AROUND = 12  # points needed in a neighbourhood to measure its filling
 _NEIGHBOURS = 8
-_STEP = 2.0**-0.25  # ratio of successive thresholds of the hash in `drawn`
 _ISOLATED = 5.0  # robust standard deviations of the log distance to neighbours
 
 
@@ -216,21 +215,3 @@ def thin(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
     cell = np.floor((points - low) / (np.max(high - low) / 64.0 + 1e-300)).astype(int)
     order = np.lexsort((points[:, 0], points[:, 1], points[:, 2], cell[:, 0], cell[:, 1], cell[:, 2]))
     return np.sort(order[np.linspace(0, len(points) - 1, count).astype(int)])
-
-
-def drawn(points: Float[np.ndarray, "n 3"], count: int) -> np.ndarray:
-    """Indices of at most ``count`` points, those with the lowest hash of their own coordinates (splitmix64).
-
-    The threshold changes in steps of ``_STEP``: of two clouds that differ in few points, all other points are selected in both
-    or in neither.
-    """
-    lot = np.zeros(len(points), np.uint64)
-    for column in np.ascontiguousarray(points, float).T:
-        lot = (lot ^ (column + 0.0).view(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)  # + 0.0 removes the sign of zero
-        lot = (lot ^ (lot >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        lot = (lot ^ (lot >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        lot ^= lot >> np.uint64(31)
-    share, at = 1.0, lot / 2.0**64
-    while np.sum(at <= share) > count:
-        share *= _STEP
-    return np.flatnonzero(at <= share)

@@ -23,7 +23,6 @@ def fits(
     method: str = "least-squares",
     *,
     distance: str = "normal",
-    data: str = "auto",
     elements: int = FIT_ELEMENTS,
 ) -> Calls:
     """A task that fits ``change(study, lane)``; without ``change`` a sample gives guesses: ``guess_bending_stiffness``, ...
@@ -39,10 +38,10 @@ def fits(
     own = change or guesses
 
     def one(lane) -> Outcome:
-        f = fit(own(study, lane), method, distance=distance, data=data, elements=elements)
+        f = fit(own(study, lane), method, distance=distance, elements=elements)
         return outcome(f)
 
-    parts: dict[str, object] = {"study": study, "change": own, "options": (method, distance, data, elements)}
+    parts: dict[str, object] = {"study": study, "change": own, "options": (method, distance, elements)}
     return Calls(one, _outputs(study, slots), parts)
 
 

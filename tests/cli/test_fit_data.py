@@ -1,4 +1,4 @@
-"""`scan2flex fit` and `extract` on a study of scans: from the points, from extracted curves, and told apart in the answer."""
+"""`scan2flex fit` and `extract` on a study of scans."""
 
 import json
 
@@ -7,7 +7,6 @@ from typer.testing import CliRunner
 
 from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.cli.app import app
-from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study, save_study
 
 pytestmark = pytest.mark.slow
@@ -22,37 +21,13 @@ def folder(tmp_path_factory):
     return save_study(virtual.study_of(virtual.PTFE, scans, 1), tmp_path_factory.mktemp("study")).parent
 
 
-@pytest.mark.parametrize("data", ["cloud", "curve"])
-def test_a_study_of_scans_is_fitted_from_what_the_option_names(folder, tmp_path, data):
-    run = CliRunner().invoke(app, ["fit", str(folder), "--data", data, "--json", str(tmp_path / "out.json"), *FEW])
+def test_a_study_of_scans_is_fitted(folder, tmp_path):
+    run = CliRunner().invoke(app, ["fit", str(folder), "--json", str(tmp_path / "out.json"), *FEW])
     assert run.exit_code == 0, run.output
-    written = json.loads((tmp_path / "out.json").read_text())
-    assert written["data"] == data
-    found = written["estimates"]["bending_stiffness"]
+    found = json.loads((tmp_path / "out.json").read_text())["estimates"]["bending_stiffness"]
     assert abs(found["value"] / TRUE - 1.0) < 0.03
     assert found["low"] < TRUE < found["high"]
-    assert {"cloud": "fit to point clouds", "curve": "fit to centre curves"}[data] in run.output
     assert load_study(folder).poses[0].curve is None  # the study on disk is as it was
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        (["--data", "mesh"], "mesh"),
-        (["--data", "cloud", "--method", "bfgs"], "least-squares"),
-        (["--data", "cloud", "--distance", "hausdorff"], "hausdorff|least"),
-    ],
-)
-def test_what_cannot_be_is_refused(folder, options, word):
-    run = CliRunner().invoke(app, ["fit", str(folder), *options, *FEW])
-    assert run.exit_code != 0
-    assert any(one in f"{run.output}{run.exception}" for one in word.split("|"))
-
-
-def test_a_scan_is_needed_for_clouds(folder, tmp_path):
-    run = CliRunner().invoke(app, ["fit", str(example_path("black-wire")), "--data", "cloud", *FEW])
-    assert run.exit_code != 0
-    assert "has no scan" in f"{run.output}{run.exception}"
 
 
 def test_extract_writes_the_curve_and_says_whether_it_is_sure(folder, tmp_path):

@@ -46,21 +46,3 @@ def test_an_interval_of_few_degrees_of_freedom_is_that_of_students_t():
     e = estimate_of(PLAIN, np.array([1.0, -2.0]), np.array([0.5, 5.0]), freedom=3.0)
     np.testing.assert_allclose(e.high - e.value, 3.182446 * np.array([0.5, 5.0]), rtol=1e-6)  # tables of the t distribution
     np.testing.assert_allclose(e.std, [0.5, 5.0])
-
-
-def test_an_estimate_may_not_be_narrower_than_another():
-    narrow, wide = (estimate_of(LOG, np.log([value]), np.array([std])) for value, std in ((0.1, 0.1), (0.08, 0.3)))
-    both = narrow.including(wide)
-    assert (both.value, both.low, both.high, both.std) == (narrow.value, wide.low, wide.high, wide.std)
-    assert wide.including(narrow) == wide and both.identifiable and isinstance(both.low, float)
-    two = estimate_of(PLAIN, np.array([1.0, -2.0]), np.array([0.5, 5.0]))
-    other = estimate_of(PLAIN, np.array([0.0, -2.0]), np.array([0.5, 1.0]))
-    np.testing.assert_allclose(two.including(other).low, [other.low[0], two.low[1]])
-    np.testing.assert_allclose(two.including(other).high, [two.high[0], two.high[1]])
-
-
-def test_an_estimate_beside_one_without_an_interval_has_none():
-    known, none = estimate_of(LOG, np.zeros(1), np.array([0.1])), estimate_of(LOG, np.zeros(1), np.array([np.inf]))
-    both = known.including(none)
-    assert both.value == 1.0 and both.low is None and both.std is None and not both.identifiable
-    assert none.including(known).low is None

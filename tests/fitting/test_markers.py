@@ -88,11 +88,6 @@ def test_a_distance_of_whole_curves_is_refused(distance):
         fit(marked(0.5), "bfgs", distance=distance)
 
 
-def test_a_fit_to_clouds_is_refused():
-    with pytest.raises(Scan2FlexError, match="has markers, which a fit to clouds does not see"):
-        fit(marked(0.5), data="cloud")
-
-
 def test_they_are_given_noise_in_a_sweep():
     whole = noisy(marked(0.3, 0.6, keep=("free",)), NOISE, 0)
     plain = marked(0.3, 0.6, keep=("free",))

@@ -4,13 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
-from scan2flex_jax.errors import Scan2FlexError, StudyError
-from scan2flex_jax.scan import extract, extract_pose, near_curve, scanner, shapes
-from scan2flex_jax.scan.cloud import drawn
-from scan2flex_jax.study import Clamp, Study, StudyPose
-from tests.scan.test_study import quaternion
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.scan import extract, scanner, shapes
 from tests.scan.truth import EYES, ends, errors, scanned
 
 LENGTH, RADIUS = 1.0, 0.012
@@ -77,36 +73,3 @@ def test_guide_points_lead_where_the_cloud_alone_is_refused():
     seen = np.all([(found.arc_length < a - RADIUS) | (found.arc_length > b + RADIUS) for a, b in found.gaps], axis=0)
     away = np.linalg.norm(found.points[seen][:, None] - shapes.resample(curve, 4001), axis=2).min(axis=1)
     assert np.sqrt(np.mean(away**2)) < 0.5 * NOISE
-
-
-@pytest.fixture
-def study(tmp_path):
-    curve, scan = scanned("random", LENGTH, RADIUS)
-    trimesh.PointCloud(scan.points).export(tmp_path / "one.ply")
-    start, end = (Clamp(one.position, quaternion(one.tangent)) for one in ends(curve))
-    pose = StudyPose("one", "fit", start, end, scan=tmp_path / "one.ply")
-    cable = {"length": 0.91 * LENGTH, "radius": RADIUS}  # a wrong length: extraction refuses
-    return Study("one scan", np.array([0.0, 0.0, -9.81]), cable, (pose,), folder=tmp_path), curve
-
-
-def test_where_extraction_refuses_a_fit_begins_from_a_coarse_curve(study):
-    study, curve = study
-    pose = study.poses[0]
-    with pytest.raises(StudyError):
-        extract_pose(study, pose)
-    near = near_curve(study, pose)
-    assert near.refused
-    away = np.linalg.norm(near.curve[:, None] - shapes.resample(curve, 2001), axis=2).min(axis=1)
-    assert np.max(away) < 1.5 * RADIUS
-    assert len(near.points) > 1000
-
-
-def test_a_point_is_drawn_whatever_other_points_there_are():
-    points = np.random.default_rng(0).normal(size=(5300, 3))
-    whole, less = drawn(points, 4096), 65 + drawn(points[65:], 4096)
-    np.testing.assert_array_equal(whole[whole >= 65], less)
-    assert 0.75 * 4096 < len(whole) <= 4096
-    np.testing.assert_array_equal(5299 - drawn(points[::-1], 4096)[::-1], whole)
-    np.testing.assert_allclose(points[whole].std(axis=0), 1.0, atol=0.05)  # no part of the cloud is preferred
-    np.testing.assert_array_equal(drawn(points[:50], 60), np.arange(50))
-    assert len(drawn(np.zeros((10, 3)), 4)) == 0  # what lies in one place has one lot
