@@ -19,11 +19,11 @@ _PART = 0.05  # of the largest component of an open direction: entries with a la
 @dataclass(frozen=True)
 class Uncertainty:
     """Covariance of the unknowns in ``x`` (infinite variance if undetermined), masks of those that are ``determined`` and of
-    those that are ``felt`` (identifiable at all, however vague), and sentences on the others."""
+    those that are ``identifiable`` (identifiable at all, however vague), and sentences on the others."""
 
     covariance: np.ndarray
     determined: np.ndarray
-    felt: np.ndarray
+    identifiable: np.ndarray
     sentences: tuple[str, ...]
 
 

@@ -51,7 +51,7 @@ def estimate_of(
     *,
     own: Float[np.ndarray, " n"] | None = None,
     determined: bool = True,
-    felt: bool = True,
+    seen: bool = True,
     vaguest: float = VAGUE,
     freedom: float = np.inf,
 ) -> Estimate:
@@ -59,7 +59,7 @@ def estimate_of(
     where there is none.
 
     ``own``: the numbers in ``x``, which have the slot's range, where they differ from ``centre`` (the increments of a law).
-    ``determined``: whether the data determine it, apart from its vagueness; ``felt``: whether it is identifiable at all; if
+    ``determined``: whether the data determine it, apart from its vagueness; ``seen``: whether it is identifiable at all; if
     not, its value at a bound is meaningless. An interval is given up to a standard error of ``vaguest``, of a logarithm; it is
     that of Student's t with ``freedom`` degrees of freedom.
     """
@@ -78,7 +78,7 @@ def estimate_of(
     identifiable = bool(determined and finite and not np.any(vague(slot.log, spread)))
     known = finite and not np.any(vague(slot.log, spread, vaguest))
     error, least, most = (shaped(v) if known else None for v in (std, low, high))
-    return Estimate(shaped(value), error, least, most, identifiable, bool(np.any(bound) and felt), unit_of(slot.name))
+    return Estimate(shaped(value), error, least, most, identifiable, bool(np.any(bound) and seen), unit_of(slot.name))
 
 
 def vague(logs, std: Float[np.ndarray, " n"], most: float = VAGUE) -> Bool[np.ndarray, " n"]:

@@ -66,7 +66,7 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
     own = known(best)
     for slot in layout.slots:
         here, S = slice(slot.at, slot.at + slot.size), slot.sums
-        lost = ~own.felt[here]
+        lost = ~own.identifiable[here]
         shifts = [np.log(_rescaled(h).get(slot.name, 1.0)) if slot.log else 0.0 for h in hypotheses]
         shift = dict(zip(map(id, hypotheses), shifts, strict=True))[id(best)]
         centre = S @ best.x[here] + shift
@@ -77,7 +77,7 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
         spread = np.sqrt(sum(w * (a + m**2) for w, a, m in zip(weights, variances, moves, strict=True)))
         out[slot.name] = estimate_of(
             slot, centre, np.where(lost, np.inf, spread), own=best.x[here], determined=bool(np.all(own.determined[here])),
-            felt=not np.any(lost), vaguest=v.settings.vaguest_interval, freedom=freedom,
+            seen=not np.any(lost), vaguest=v.settings.vaguest_interval, freedom=freedom,
         )  # fmt: skip
     return out
 
