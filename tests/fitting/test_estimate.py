@@ -39,7 +39,7 @@ def test_without_a_standard_error_there_is_a_value_alone():
 def test_an_unidentifiable_parameter_is_at_no_bound():
     edge, small = np.array([9.0]), np.array([0.1])
     assert estimate_of(LOG, edge, small).at_bound
-    assert not estimate_of(LOG, edge, small, felt=False).at_bound
+    assert not estimate_of(LOG, edge, small, seen=False).at_bound
 
 
 def test_an_interval_of_few_degrees_of_freedom_is_that_of_students_t():
