@@ -12,7 +12,7 @@ from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.sweep.changes import guesses
-from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output
+from scan2flex_jax.sweep.task import NOT_CONVERGED, Outcome, Output, Task
 
 _NO_INFORMATION = np.inf  # of a fit without an error bar: NaN is reserved for failures
 
@@ -25,8 +25,8 @@ def fits(
     distance: str = "normal",
     data: str = "auto",
     elements: int = FIT_ELEMENTS,
-) -> Calls:
-    """A task that fits ``change(study, lane)``; without ``change`` a sample gives guesses: ``guess_bending_stiffness``, ...
+) -> Task:
+    """A task that fits ``change(study, sample)``; without ``change`` a sample gives guesses: ``guess_bending_stiffness``, ...
 
     Outputs: each unknown in its own unit, its ``_std``, ``_low`` and ``_high`` (95 %; infinite for a fit without an error
     bar), ``rms`` and ``rms_validate`` (m; infinite if a validation pose failed to solve), ``cost``, ``equilibria``,
@@ -38,15 +38,14 @@ def fits(
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     own = change or guesses
 
-    def one(lane) -> Outcome:
-        f = fit(own(study, lane), method, distance=distance, data=data, elements=elements)
-        return outcome(f)
+    def one(sample) -> Outcome:
+        return _outcome(fit(own(study, sample), method, distance=distance, data=data, elements=elements))
 
-    parts: dict[str, object] = {"study": study, "change": own, "options": (method, distance, data, elements)}
-    return Calls(one, _outputs(study, slots), parts)
+    about = {"study": study, "change": own, "options": (method, distance, data, elements)}
+    return Task(one, _outputs(study, slots), about=about)
 
 
-def outcome(f) -> Outcome:
+def _outcome(f) -> Outcome:
     """The numbers of a `Fit` and its status; the estimates are kept even if it did not converge."""
     values = {}
     for name, e in f.estimates.items():
