@@ -1,6 +1,7 @@
 """Equilibria as the task of a sweep: any parameter of the model, any pose, per sample."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import jax.numpy as jnp
 
@@ -37,8 +38,8 @@ def equilibria(
     """A task that solves a problem per sample and keeps ``quantities`` of the equilibrium.
 
     Args:
-        scene: ``scene(sample)`` gives ``(model, boundary)``, ``(model, boundary, start)`` or ``(model, boundary, start, turns)``,
-            as `equilibrium` takes them. It is traced: its arguments are arrays.
+        scene: ``scene(sample)`` gives ``(model, boundary)``, and may add ``start`` and ``turns``, as `equilibrium` takes them. It is
+            traced: its arguments are arrays.
         quantities: Names of `QUANTITIES`, or a dictionary of your own: ``{"sag": (lambda e: e.points[20, 2], Output("m"))}``.
         elements: Elements of the rod.
         max_steps: As in `equilibrium`.
@@ -47,17 +48,20 @@ def equilibria(
         Scan2FlexError: A name is none of `QUANTITIES`.
     """
     chosen = quantities if isinstance(quantities, dict) else {name: _standard(name) for name in quantities}
-    outputs = {name: output for name, (_, output) in chosen.items()}
-
-    def one(sample):
-        model, boundary, *more = scene(sample)
-        given = dict(zip(("start", "turns"), more, strict=False))
-        e = equilibrium(model, boundary, **given, elements=elements, max_steps=max_steps)
-        return {name: of(e) for name, (of, _) in chosen.items()}, e.verdict
-
     own = dict(chosen) if isinstance(quantities, dict) else list(chosen)
-    about = {"scene": scene, "quantities": own, "options": (elements, max_steps)}
-    return Task(one, outputs, traced=True, about=about)
+    return Task(
+        partial(_solved, scene, chosen, elements, max_steps),
+        {name: output for name, (_, output) in chosen.items()},
+        traced=True,
+        about={"scene": scene, "quantities": own, "options": (elements, max_steps)},
+    )
+
+
+def _solved(scene, quantities, elements, max_steps, sample):
+    model, boundary, *more = scene(sample)
+    given = dict(zip(("start", "turns"), more, strict=False))
+    e = equilibrium(model, boundary, **given, elements=elements, max_steps=max_steps)
+    return {name: of(e) for name, (of, _) in quantities.items()}, e.verdict
 
 
 def _standard(name):

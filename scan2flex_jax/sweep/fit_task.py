@@ -1,6 +1,7 @@
 """Fits as the task of a sweep: from other guesses, with other clamps, noise or tolerances, per sample."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -38,11 +39,13 @@ def fits(
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     own = change or guesses
 
-    def one(sample) -> Outcome:
-        return _outcome(fit(own(study, sample), method, distance=distance, data=data, elements=elements))
+    options = {"method": method, "distance": distance, "data": data, "elements": elements}
+    about = {"study": study, "change": own, "options": options}
+    return Task(partial(_fitted, study, own, options), _outputs(study, slots), about=about)
 
-    about = {"study": study, "change": own, "options": (method, distance, data, elements)}
-    return Task(one, _outputs(study, slots), about=about)
+
+def _fitted(study, change, options, sample) -> Outcome:
+    return _outcome(fit(change(study, sample), **options))
 
 
 def _outcome(f) -> Outcome:

@@ -161,7 +161,8 @@ def _line(found, before, spent) -> str:
 def _labelled(found):
     """The outputs before the status, plain text, and the names of axes and ends as coordinates."""
     found["verdict"] = found["verdict"].astype(str)
-    found = found[[*(name for name in found if name not in STATUS), *STATUS]]
+    order = [*(name for name in found if name not in STATUS), *STATUS]
+    found = extra("xarray").Dataset({name: found[name] for name in order}, found.coords)
     return found.assign_coords({d: names for d, names in _AXES.items() if found.sizes.get(d) == len(names)})
 
 
@@ -175,7 +176,10 @@ def _evaluated(task, samples, missing, width, client, devices) -> Iterator[tuple
     if not isinstance(client, distributed.Client):
         raise Scan2FlexError(f"the client is a {type(client).__name__}: give a dask.distributed.Client")
     token = uuid.uuid4().hex
-    futures = {client.submit(_on_worker, token, task, inputs(samples, r), width, pure=False): r for r in missing}
+    try:
+        futures = {client.submit(_on_worker, token, task, inputs(samples, r), width, pure=False): r for r in missing}
+    except TypeError as error:  # of pickling
+        raise Scan2FlexError(f"the task cannot be sent to a worker: {error}") from error
     try:
         for future in distributed.as_completed(list(futures)):
             yield futures.pop(future), future.result()

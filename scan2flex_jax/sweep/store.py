@@ -7,6 +7,7 @@ loses only the current block. An attribute of the group holds what the sweep is 
 import hashlib
 import inspect
 import sys
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -36,6 +37,10 @@ class Store:
 
     def load(self) -> tuple["xarray.Dataset", list[str]]:
         """The samples with the finished blocks, all else as not run; and a sentence for each damaged block."""
+        with _said(self.place):
+            return self._load()
+
+    def _load(self):
         stored = extra("xarray").open_zarr(self.place, consolidated=False, chunks=None)
         found, damaged, code = stored.coords.to_dataset().load(), [], stored["code"]
         found.attrs.clear()
@@ -59,8 +64,9 @@ class Store:
 
     def keep(self, found: "xarray.Dataset", region: Region) -> None:
         """Write a block of samples, its ``code`` last."""
-        for name in sorted(map(str, found.data_vars), key="code".__eq__):
-            self.array(found[name])[region] = found[name].values[region]
+        with _said(self.place):
+            for name in sorted(map(str, found.data_vars), key="code".__eq__):
+                self.array(found[name])[region] = found[name].values[region]
 
     def array(self, x: "xarray.DataArray") -> Any:
         """The stored array of a variable; a new one if it is not there."""
@@ -88,15 +94,17 @@ def opened(place: str | Path, task: Task, blank: "xarray.Dataset", block: tuple[
         if there:
             raise Scan2FlexError(f"{place} holds {there[0]} and no sweep: choose an empty folder")
         about = {_KEY: {**identity, "block": list(block)}, "coordinates": " ".join(map(str, blank.coords))}
-        store = Store(place, extra("zarr").create_group(place, attributes=about))
+        with _said(place):
+            store = Store(place, extra("zarr").create_group(place, attributes=about))
     before = store.group.attrs[_KEY]
     for name in {**before, **identity}.keys() - {"block"}:
         if before.get(name) != identity.get(name):
             raise Scan2FlexError(f"{place} holds another sweep (another {name}): choose another folder")
-    for x in blank.coords.values():
-        store.array(x)[...] = x.values
-    for x in blank.values():
-        store.array(x)
+    with _said(place):
+        for x in blank.coords.values():
+            store.array(x)[...] = x.values
+        for x in blank.values():
+            store.array(x)
     return store
 
 
@@ -105,12 +113,25 @@ def begun(place: str | Path) -> Store | None:
     zarr = extra("zarr")
     if Path(place).is_file():
         raise Scan2FlexError(f"{place} is a file: a sweep is kept in a folder")
+    with _said(place):
+        try:
+            group = zarr.open_group(place, mode="r+")
+        except FileNotFoundError:
+            return None
+        if _KEY not in group.attrs:
+            raise Scan2FlexError(f"{place} holds other data and no sweep: choose an empty folder")
+        return Store(place, group)
+
+
+@contextmanager
+def _said(place):
+    """One sentence for what zarr and xarray raise of damaged files and full disks, far from the cause."""
     try:
-        return Store(place, zarr.open_group(place, mode="r+"))
-    except FileNotFoundError:
-        return None
-    except Exception as error:  # of a damaged file or of other data, far from the cause
-        raise Scan2FlexError(f"{place}: cannot be read as a sweep ({_line(error)}): choose another folder") from error
+        yield
+    except Scan2FlexError:
+        raise
+    except Exception as error:
+        raise Scan2FlexError(f"{place}: cannot be read or written as a sweep ({_line(error)})") from error
 
 
 def _line(error):
