@@ -38,8 +38,8 @@ def equilibria(
     """A task that solves a problem per sample and keeps ``quantities`` of the equilibrium.
 
     Args:
-        scene: ``scene(sample)`` gives ``(model, boundary)``, and may add ``start`` and ``turns``, as `equilibrium` takes them. It is
-            traced: its arguments are arrays.
+        scene: ``scene(sample)`` gives ``(model, boundary)``, then ``start`` and ``turns`` as for `equilibrium`, if needed. It
+            is traced: its arguments are arrays.
         quantities: Names of `QUANTITIES`, or a dictionary of your own: ``{"sag": (lambda e: e.points[20, 2], Output("m"))}``.
         elements: Elements of the rod.
         max_steps: As in `equilibrium`.

@@ -38,7 +38,6 @@ def fits(
     if not slots:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     own = change or guesses
-
     options = {"method": method, "distance": distance, "data": data, "elements": elements}
     about = {"study": study, "change": own, "options": options}
     return Task(partial(_fitted, study, own, options), _outputs(study, slots), about=about)
@@ -67,16 +66,19 @@ def _outcome(f) -> Outcome:
     return Outcome(values, code, stable=stable, steps=f.equilibria, out_of_balance=left)
 
 
-def _outputs(study, slots) -> dict[str, Output]:
-    out = {}
-    for slot in slots:
-        dims = (f"{slot.name}_part",) if slot.shape else ()
-        out[slot.name] = Output(slot.unit, dims, f"estimate of {slot.name}")
-        out |= {f"{slot.name}_{bar}": Output(slot.unit, dims) for bar in ("std", "low", "high")}
+def estimates(slots: tuple) -> dict[str, Output]:
+    """What every fit gives: the unknowns, how near the shapes are, and the cost."""
+    out = {s.name: Output(s.unit, (f"{s.name}_part",) if s.shape else (), f"estimate of {s.name}") for s in slots}
     out["rms"] = Output("m", (), "root mean square distance of the fitted poses")
     out["cost"] = Output("-", (), "weighted squares of residuals and priors")
+    return out | {"iterations": Output("-", (), "iterations of all descents")}
+
+
+def _outputs(study, slots) -> dict[str, Output]:
+    out = estimates(slots)
+    for slot in slots:
+        out |= {f"{slot.name}_{bar}": Output(slot.unit, out[slot.name].dims) for bar in ("std", "low", "high")}
     out["equilibria"] = Output("-", (), "equilibria solved")
-    out["iterations"] = Output("-")
     if study.validate_poses:
         out["rms_validate"] = Output("m", (), "root mean square distance of the poses that were not fitted")
     return out

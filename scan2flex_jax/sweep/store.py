@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.sweep.samples import Region, extra, regions
-from scan2flex_jax.sweep.task import NOT_RUN, SOLVED, STATUS, Task, empty
+from scan2flex_jax.sweep.task import NOT_RUN, STATUS, Task, empty
 from scan2flex_jax.version import __version__
 
 if TYPE_CHECKING:

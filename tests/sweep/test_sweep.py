@@ -84,7 +84,7 @@ def test_a_vectorised_batch_gives_what_the_loop_gives(swept):
         np.testing.assert_allclose(batched[name], found[name], rtol=1e-6, atol=1e-9)
 
 
-def test_what_a_function_raises_is_its_lane_verdict():
+def test_what_a_function_raises_is_the_status_of_its_sample():
     def root(sample):
         if sample["x"] == 2:
             raise Scan2FlexError("two is refused")
