@@ -1,9 +1,10 @@
 """The sweep: blocks of samples, in this process or on the workers of a dask client, labelled and stored as they come."""
 
+import pickle
 import threading
-import uuid
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -175,28 +176,30 @@ def _evaluated(task, samples, missing, width, client, devices) -> Iterator[tuple
     distributed = extra("distributed")
     if not isinstance(client, distributed.Client):
         raise Scan2FlexError(f"the client is a {type(client).__name__}: give a dask.distributed.Client")
-    token = uuid.uuid4().hex
     try:
-        futures = {client.submit(_on_worker, token, task, inputs(samples, r), width, pure=False): r for r in missing}
-    except TypeError as error:  # of pickling
+        packed = client.submit(bytes, extra("cloudpickle").dumps(task), pure=False)
+    except Exception as error:  # of what a task may hold
         raise Scan2FlexError(f"the task cannot be sent to a worker: {error}") from error
+    futures = {client.submit(_on_worker, packed, inputs(samples, region), width, pure=False): region for region in missing}
     try:
         for future in distributed.as_completed(list(futures)):
             yield futures.pop(future), future.result()
     except distributed.KilledWorker as error:
-        raise Scan2FlexError(f"workers were lost again and again ({error}): what is finished is kept in the store") from error
+        raise Scan2FlexError(f"workers were lost again and again ({error}): a store keeps what is finished") from error
     finally:
         client.cancel(list(futures))
 
 
-_TASKS: dict[str, Task] = {}  # the task of a worker: a copy of its own in each message would be compiled anew
-_ONE = threading.Lock()  # a fit is no matter of several threads; JAX uses the processors itself
+_ONE = threading.Lock()  # threads of a worker take turns: JAX uses the processors itself
 
 
-def _on_worker(token, task, samples, width) -> Columns:
-    jax.config.update("jax_enable_x64", True)
+def _on_worker(packed, samples, width) -> Columns:
     with _ONE:
-        if token not in _TASKS:
-            _TASKS.clear()
-            _TASKS[token] = task
-        return evaluate(_TASKS[token], samples, width)
+        return evaluate(_unpacked(packed), samples, width)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(packed) -> Task:
+    """The task, once in each process: a copy for each chunk would be compiled anew."""
+    jax.config.update("jax_enable_x64", True)
+    return pickle.loads(packed)
