@@ -8,6 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from scan2flex_jax.errors import Scan2FlexError
 
@@ -74,3 +75,11 @@ def test_a_sweep_in_this_process_needs_neither_zarr_nor_dask(monkeypatch):
     for library in ("zarr", "distributed", "dask"):
         monkeypatch.setitem(sys.modules, library, None)
     assert sweep(Task(lambda sample: {"y": sample["x"]}, {"y": Output()}), grid(x=[1.0]))["y"].values == [1.0]
+
+
+def test_workers_of_a_command_without_dask_name_the_extra(monkeypatch):
+    from scan2flex_jax.cli.app import app
+
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    said = CliRunner().invoke(app, ["fit", "a", "b", "--workers", "2"]).exception
+    assert isinstance(said, Scan2FlexError) and "scan2flex_jax[sweep]" in str(said)

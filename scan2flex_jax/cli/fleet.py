@@ -67,10 +67,11 @@ def _results(calls, workers):
     if workers is None:
         yield from (call() for call in calls)
         return
-    from scan2flex_jax.sweep.samples import extra  # noqa: PLC0415
-
-    distributed = extra("distributed")
+    try:
+        from distributed import Client, LocalCluster  # noqa: PLC0415  (an extra)
+    except ImportError as error:
+        raise Scan2FlexError("--workers needs dask: install it with pip install 'scan2flex_jax[sweep]'") from error
     options = {"threads_per_worker": 1, "memory_limit": None, "dashboard_address": None, "silence_logs": "ERROR"}
-    with distributed.LocalCluster(n_workers=workers, **options) as cluster, distributed.Client(cluster) as client:
+    with LocalCluster(n_workers=workers, **options) as cluster, Client(cluster) as client:
         for future in [client.submit(call, pure=False) for call in calls]:
             yield future.result()
