@@ -33,7 +33,7 @@ from scan2flex_jax.convert.curves import read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.cloud import load_cloud
 from scan2flex_jax.study import describe, load_study, save_study
-from scan2flex_jax.sweep import Axis, Calls, Output, grid, open_sweep, sweep
+from scan2flex_jax.sweep import Output, Task, grid, open_sweep, sweep
 from tests.study.samples import STUDY, csv, curve, write_sample
 
 jax.config.update("jax_enable_x64", True)
@@ -170,10 +170,10 @@ def readers(folder: Path) -> dict[str, Reader]:
     }
     for kind, seeds in cloud_seeds().items():
         out[f"cloud {kind}"] = Reader(in_file(folder / f"cloud.{kind}", lambda p: load_cloud(p).points.shape), seeds)
-    double = Calls(lambda lane: {"twice": 2.0 * lane["a"]}, {"twice": Output("m", (), "twice")}, chunk=4)
-    sweep(double, grid(a=Axis(np.arange(6.0), "m")), store=folder / "sweep")
+    double = Task(lambda sample: {"twice": 2.0 * sample["a"]}, {"twice": Output("m", (), "twice")})
+    sweep(double, grid(a=(np.arange(6.0), "m")), store=folder / "sweep", chunk=3)
     whole = open_sweep(folder / "sweep")["twice"].values
-    for name in ("definition.json", "lanes.nc", "chunk-00000.nc"):
+    for name in ("zarr.json", "a/c/0", "twice/c/0"):
         original = (folder / "sweep" / name).read_bytes()
         out[f"sweep {name}"] = Reader(_restoring(folder / "sweep", name, original, whole), [original])
     return out

@@ -22,11 +22,11 @@ from scan2flex_jax.compilation import compiled
 from scan2flex_jax.statics import MixedNewton, equilibrium
 from scan2flex_jax.statics.kernel import library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton
-from scan2flex_jax.sweep import Axis, Output, Quantity, draws, equilibria, sweep
+from scan2flex_jax.sweep import Output, draws, equilibria, sweep
 
 BATCH, GROUP = 256, 8
 REPEATS, LONGEST = 3, 120.0  # runs of one number of samples; seconds of a run after which more samples are not tried
-MIDDLE = {"middle": Quantity(lambda e: e.points[len(e.points) // 2], Output("m", ("axis",)))}  # little to carry home
+MIDDLE = {"middle": (lambda e: e.points[len(e.points) // 2], Output("m", ("axis",)))}  # little to carry home
 
 
 def stiffnesses(count: int) -> np.ndarray:
@@ -66,10 +66,10 @@ def on_a_processor() -> dict:
 def on_an_accelerator(most: int) -> dict:
     """Equilibria per second by the number of samples of a sweep, without compilation."""
     supports = boundary()
-    task = equilibria(lambda lane: (model(lane["EI"], lane["GJ"]), supports), MIDDLE)
+    task = equilibria(lambda sample: (model(sample["EI"], sample["GJ"]), supports), MIDDLE)
     results = {"device": jax.devices()[0].device_kind, "backend": jax.default_backend(), "samples": {}}
     for count in (4**k for k in range(20) if 4**k <= most):
-        samples = draws(**{name: Axis(x, "N m^2") for name, x in zip(("EI", "GJ"), stiffnesses(count), strict=True)})
+        samples = draws(**{name: (x, "N m^2") for name, x in zip(("EI", "GJ"), stiffnesses(count), strict=True)})
         found = sweep(task, samples, chunk=count)
         t = timed(lambda n=count, samples=samples: sweep(task, samples, chunk=n), REPEATS)
         t |= {"equilibria per second": count / t["min_s"], "solved": int((found["code"] == 0).sum())}

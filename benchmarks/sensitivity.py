@@ -15,6 +15,7 @@ Every sweep is kept on disk (`build/sensitivity`): a run that is killed, or whos
 
 import argparse
 import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -31,11 +32,11 @@ from scan2flex_jax import Boundary, Cable, CableModel, equilibrium, plot
 from scan2flex_jax.fitting.least_squares import levenberg_marquardt
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import Tolerance
-from scan2flex_jax.sweep import Axis, Calls, Outcome, Output, Traced, draws, fits, grid, noisy, random_turns, sweep, turned
-from scan2flex_jax.sweep.definition import versions
+from scan2flex_jax.sweep import Outcome, Output, Task, draws, fits, grid, noisy, random_turns, sweep, turned
 from scan2flex_jax.sweep.task import NOT_RUN
 
 ROOT = Path(__file__).parents[1]
+GUESSES = ("guess_bending_stiffness", "guess_torsional_stiffness")
 METHODS = ("least-squares", "guess alone", "bfgs", "nelder-mead")
 TILT = np.deg2rad(3.0)  # the paper's largest turn of a clamp
 NOISE = 3.0e-4  # m, white, of the curves in the study with a prior: no curve is exact, and the prior is weighed against it
@@ -55,8 +56,10 @@ class Store:
         self.longest = longest
 
     def sweep(self, name: str, task, samples, **options):
-        """The samples that there was time for; a change of the package begins anew, in another folder."""
-        folder = ROOT / "build" / "sensitivity" / versions()["scan2flex_jax"] / "".join(c if c.isalnum() else "-" for c in name)
+        """The samples that there was time for; a commit that changes the package begins anew, in another folder."""
+        tree = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD:scan2flex_jax"]
+        package = subprocess.run(tree, check=True, capture_output=True, text=True).stdout.strip()
+        folder = ROOT / "build" / "sensitivity" / package / "".join(c if c.isalnum() else "-" for c in name)
         folder.parent.mkdir(parents=True, exist_ok=True)
         return sweep(task, samples, store=folder, longest=self.longest, **options)
 
@@ -80,12 +83,12 @@ def save(figure, name: str) -> None:
 def guesses(store: Store) -> None:
     study = paper.simulated()
     for n in (5, 33):
-        axis = Axis(paper.guesses(n), "N m^2")
-        samples = grid(guess_bending_stiffness=axis, guess_torsional_stiffness=axis)
+        axes = np.meshgrid(paper.guesses(n), paper.guesses(n))
         order = np.random.default_rng(0).permutation(n * n)
+        samples = draws(**{name: (x.ravel()[order], "N m^2") for name, x in zip(GUESSES, axes, strict=True)})
         for method in METHODS if n == 5 else ("least-squares", "bfgs", "nelder-mead"):
             task = alone(study) if method == "guess alone" else fits(study, method=method)
-            found = store.sweep(f"guesses {n} x {n}, {method}", task, samples, chunk=5, cost=order)
+            found = store.sweep(f"guesses {n} x {n}, {method}", task, samples, chunk=5)
             ran, right = done(found), paper.recovered(*(found[name].values for name in paper.STIFF))
             steps, seconds = found["steps"].values[ran], found["seconds"].values[ran]
             store.keep("guesses", f"{n} x {n}, {method}", {
@@ -96,11 +99,17 @@ def guesses(store: Store) -> None:
             })  # fmt: skip
             figure, ax = plt.subplots(figsize=(6.2, 4.0), layout="constrained")
             ax.set_title(f"{method}: {right[ran].sum()} of {ran.sum()} recovered", fontsize=10)
-            plot.basins(found, ax)
+            plot.basins(on_a_grid(found), ax)
             save(figure, f"guesses-{method.replace(' ', '-')}-{n}")
 
 
-def alone(study) -> Calls:
+def on_a_grid(found):
+    """The draws of guesses by their two axes."""
+    out = found.set_index(draw=list(GUESSES)).unstack("draw")
+    return out.assign_coords({name: out[name].assign_attrs(found[name].attrs) for name in GUESSES})
+
+
+def alone(study) -> Task:
     """Least squares from the guess only."""
     problem = Problem(study)
     goal = problem.goal(np.full(problem.poses.count, 1e-3))
@@ -115,7 +124,7 @@ def alone(study) -> Calls:
         return Outcome(values, steps=solved, out_of_balance=float(np.max(verdict.out_of_balance)))
 
     outputs = {name: Output("N m^2") for name in paper.STIFF} | {"cost": Output()}
-    return Calls(descend, outputs, {"study": study, "function": "levenberg_marquardt"})
+    return Task(descend, outputs, about={"study": study, "function": "levenberg_marquardt"})
 
 
 def perturbed(study, sample):
@@ -166,7 +175,7 @@ def clamps(store: Store) -> None:
     for name, (make, change, options, largest, count) in CASES.items():
         study = make()
         turns = random_turns(DRAWS, len(study.poses), largest)[:count]
-        samples = draws(tilt=Axis(turns, "rad"), seed=Axis(np.arange(float(count))))
+        samples = draws(tilt=(turns, "rad"), seed=np.arange(float(count)))
         found = store.sweep(f"clamps {name}", fits(study, change, **options), samples, chunk=10)
         store.keep("clamps", name, errors(found))
         if count == DRAWS:
@@ -224,7 +233,7 @@ def slope_of_tip(inputs):
 
 
 def cantilever(store: Store) -> None:
-    found = sweep(Traced(slope_of_tip, {"slope": Output("m")}), grid(bending_stiffness=Axis(VALUES, "N m^2")))
+    found = sweep(Task(slope_of_tip, {"slope": Output("m")}, traced=True), grid(bending_stiffness=(VALUES, "N m^2")))
     w = paper.DENSITY * paper.G
     error, formula = TIP_ERROR / np.abs(found["slope"].values), 8.0 * VALUES * TIP_ERROR / (w * paper.LENGTH**4)
     stiff = VALUES / (w * paper.LENGTH**3) > 1.0

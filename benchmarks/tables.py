@@ -324,6 +324,9 @@ def _batches(b):
 
 
 BATCHES = Table(("batches",), columns("256 cables", "processor time each", "steps each"), _batches)
+WORKERS = Table(("sweep_workers",), columns("equilibria", "workers", "killed", "failed", "equal to one process"), lambda r: [
+    (r["equilibria"], r["workers"], r["killed"], r["failed"], "every number" if r["equal"] else "no")
+])  # fmt: skip
 FIRST_USE = Table(("first_use",), {
     "whole command": lambda row: "`demo`" if row[0] == "demo" else row[0],
     "empty cache": item(1, "empty cache", form="{:.0f} s"), "filled cache": item(1, "filled cache", form="{:.0f} s"),
@@ -612,7 +615,7 @@ PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "real" / "wing.md": {"wing": WING},
     DOCS / "scanning.md": {"formats": FORMATS, "extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
     DOCS / "export.md": {"newton": NEWTON},
-    DOCS / "sweeps.md": {"batches": BATCHES},
+    DOCS / "sweeps.md": {"workers": WORKERS, "batches": BATCHES},
     DOCS / "peers.md": {"ratios": RATIOS},
     DOCS / "robustness.md": {"extremes": EXTREMES, "attacks": ATTACKS},
     DOCS / "mistakes.md": {"mistakes": MISTAKES},

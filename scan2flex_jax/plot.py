@@ -349,7 +349,7 @@ def basins(sweep: "xarray.Dataset", ax: Axes | None = None, most: int = 5, withi
     """Basins of attraction of a sweep of fits over two guesses: one colour per solution (estimates equal to within the fraction
     ``within``), ordered by cost, at most ``most``; crosses mark failed fits, and fits not yet run are blank."""
     ax = plt.subplots()[1] if ax is None else ax
-    across, up = sweep.attrs["lane_dims"].split()[::-1]
+    across, up = map(str, sweep["code"].dims[::-1])
     names = [dim.removeprefix("guess_") for dim in (up, across)]
     found = [sweep[name].transpose(up, across).values for name in names]
     end, sizes = _ends(np.log(np.stack(found)), sweep["cost"].transpose(up, across).values, most, within)

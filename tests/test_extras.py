@@ -8,6 +8,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from scan2flex_jax.errors import Scan2FlexError
 
@@ -56,9 +57,29 @@ def test_an_interactive_report_without_its_library_names_the_extra(monkeypatch):
         require_libraries()
 
 
-def test_a_sweep_without_xarray_names_the_extra(monkeypatch):
-    from scan2flex_jax.sweep.labelled import xarray
+@pytest.mark.parametrize("library", ["xarray", "zarr", "distributed"])
+def test_a_sweep_without_a_library_names_the_extra(monkeypatch, tmp_path, library):
+    from scan2flex_jax.sweep import Output, Task, grid, sweep
 
-    monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[sweep\]"):
-        xarray()
+    samples = grid(x=[1.0])
+    task = Task(lambda sample: {"y": sample["x"]}, {"y": Output()})
+    monkeypatch.setitem(sys.modules, library, None)
+    more = {"xarray": {}, "zarr": {"store": tmp_path / "s"}, "distributed": {"client": "tcp://127.0.0.1:8786"}}
+    with pytest.raises(Scan2FlexError, match=rf"needs {library}: .*scan2flex_jax\[sweep\]"):
+        sweep(task, samples, **more[library])
+
+
+def test_a_sweep_in_this_process_needs_neither_zarr_nor_dask(monkeypatch):
+    from scan2flex_jax.sweep import Output, Task, grid, sweep
+
+    for library in ("zarr", "distributed", "dask"):
+        monkeypatch.setitem(sys.modules, library, None)
+    assert sweep(Task(lambda sample: {"y": sample["x"]}, {"y": Output()}), grid(x=[1.0]))["y"].values == [1.0]
+
+
+def test_workers_of_a_command_without_dask_name_the_extra(monkeypatch):
+    from scan2flex_jax.cli.app import app
+
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    said = CliRunner().invoke(app, ["fit", "a", "b", "--workers", "2"]).exception
+    assert isinstance(said, Scan2FlexError) and "scan2flex_jax[sweep]" in str(said)

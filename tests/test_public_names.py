@@ -52,3 +52,8 @@ def test_functions_are_pickled_by_name_and_print_their_name(name):
 
 def test_reading_a_study_does_not_load_jax():
     run("import sys\nfrom scan2flex_jax import load_study\nassert 'jax' not in sys.modules")
+
+
+def test_the_optional_libraries_are_imported_when_a_sweep_needs_them():
+    libraries = {"xarray", "zarr", "dask", "distributed"}
+    run(f"import sys\nimport scan2flex_jax.sweep\nassert not {libraries} & {{*sys.modules}}")

@@ -1,10 +1,12 @@
 """Commands that search for missing physics and for the next pose to measure: explain, plan."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from scan2flex_jax.cli.fleet import StudyFolders, Workers, each
 from scan2flex_jax.cli.options import (
     NOT_TO_BELIEVE,
     Elements,
@@ -25,7 +27,7 @@ from scan2flex_jax.errors import Scan2FlexError
 
 
 def explain(
-    study: StudyFolder,
+    studies: StudyFolders,
     json: JsonFile = None,
     figures: Annotated[
         Path | None, typer.Option(help="Folder for pictures of the evidence, residuals and shapes.", callback=folder_to_write)
@@ -34,13 +36,23 @@ def explain(
         Path | None, typer.Option(help="Save the study with the effect declared to this folder.", callback=folder_to_write)
     ] = None,
     elements: Elements = None,
+    workers: Workers = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
     """Find which physics the model lacks, with the error before and after.
 
+    Of several studies each is explained; {} in names of files stands for a study's name.
+
     Example: scan2flex explain my-cable --json result.json --figures pictures
+
+    Example: scan2flex explain cable-1 cable-2 --json results/{}.json --workers 2
     """
+    each(studies, partial(_explain, elements, force, quiet), workers, json=json, figures=figures, save=save)
+
+
+def _explain(elements, force, quiet, study, *, say, json, figures, save) -> bool:
+    """One study; returns whether to believe the result."""
     from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
@@ -48,15 +60,14 @@ def explain(
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, *(explanation_pictures(figures) if figures else ()))
     prepare_jax()
-    result = explained(loaded, elements, quiet=quiet)
+    result = explained(loaded, elements, quiet, say)
     if json:
         outputs.write_json(json, result.to_json())
     if figures and result.fit is not None:
         draw_explanation(result, figures, outputs.write)
     if save:
         save_study(result.study, save)
-    if not result.believable:
-        raise typer.Exit(NOT_TO_BELIEVE)
+    return result.believable
 
 
 def plan(

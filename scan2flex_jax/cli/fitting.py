@@ -1,11 +1,13 @@
 """Commands that estimate and predict: fit, simulate."""
 
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from scan2flex_jax.cli.fleet import StudyFolders, Workers, each
 from scan2flex_jax.cli.options import (
     NOT_TO_BELIEVE,
     Elements,
@@ -25,7 +27,7 @@ _METHODS, _DISTANCES = ("least-squares", "bfgs", "nelder-mead"), ("normal", "int
 
 
 def fit(
-    study: StudyFolder,
+    studies: StudyFolders,
     method: Annotated[
         str, typer.Option(help="least-squares, bfgs or nelder-mead.", autocompletion=choices(*_METHODS))
     ] = "least-squares",
@@ -41,13 +43,24 @@ def fit(
         Path | None, typer.Option(help="Draw measured and modelled shapes to this PNG or SVG.", callback=picture_to_write)
     ] = None,
     elements: Elements = None,
+    workers: Workers = None,
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
     """Estimate the unknowns of a study from its shapes.
 
+    Of several studies each is fitted; {} in names of files stands for a study's name.
+
     Example: scan2flex fit my-cable --json result.json --figure fit.png --save calibrated
+
+    Example: scan2flex fit cable-1 cable-2 --json results/{}.json --workers 2
     """
+    settings = {"method": method, "distance": distance, "elements": elements}
+    each(studies, partial(_fit, settings, force, quiet), workers, json=json, save=save, figure=figure)
+
+
+def _fit(settings, force, quiet, study, *, say, json, save, figure) -> bool:
+    """One study; returns whether to believe the result."""
     from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
@@ -58,9 +71,10 @@ def fit(
     from scan2flex_jax.inference import fit as run  # noqa: PLC0415
 
     with progress(f"fitting {loaded.title}", quiet) as tell:
-        asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}" + (f", {elements} elements" if elements else "")
+        elements = f", {settings['elements']} elements" if settings["elements"] else ""
+        asked = f"{', '.join(loaded.unknown_names)} from {_poses(loaded)}{elements}"
         tell(f"{asked}; the first fit compiles first")
-        result = run(loaded, method, distance=distance, elements=elements, progress=tell)
+        result = run(loaded, **settings, progress=tell)
         tell("influence of each pose and of the stated values")
         said = result.summary()
     say(said)
@@ -71,8 +85,7 @@ def fit(
     if figure:
         plot = drawing()
         plot.save(plot.overview(result), figure, write=outputs.write)
-    if not result.believable:
-        raise typer.Exit(NOT_TO_BELIEVE)
+    return result.believable
 
 
 def _poses(study) -> str:

@@ -80,7 +80,7 @@ def interactive() -> bool:
     return sys.stdin.isatty()
 
 
-def explained(study, elements: int | None, quiet: bool = False):
+def explained(study, elements: int | None, quiet: bool = False, say=say):
     """Explain a study and print the summary."""
     from scan2flex_jax.inference import explain as run  # noqa: PLC0415
 

@@ -12,10 +12,10 @@ from scan2flex_jax.study import Clamp, Markers, MeasuredCurve, Study
 _ENDS = ("start", "end")
 
 
-def guesses(study: Study, lane: dict) -> Study:
+def guesses(study: Study, sample: dict) -> Study:
     """The study with the sample's ``guess_NAME`` as the guess of each unknown NAME."""
-    given = {name.removeprefix("guess_"): x for name, x in lane.items() if name.startswith("guess_")}
-    strangers = [name for name in lane if name.removeprefix("guess_") not in set(study.unknown_names) & given.keys()]
+    given = {name.removeprefix("guess_"): x for name, x in sample.items() if name.startswith("guess_")}
+    strangers = [name for name in sample if name.removeprefix("guess_") not in set(study.unknown_names) & given.keys()]
     if strangers:
         known = ", ".join(study.unknown_names)
         raise Scan2FlexError(f"{strangers[0]!r} is no guess for an unknown of the study: they are {known}")

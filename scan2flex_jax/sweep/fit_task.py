@@ -1,6 +1,7 @@
 """Fits as the task of a sweep: from other guesses, with other clamps, noise or tolerances, per sample."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.sweep.changes import guesses
-from scan2flex_jax.sweep.task import NOT_CONVERGED, Calls, Outcome, Output
+from scan2flex_jax.sweep.task import NOT_CONVERGED, Outcome, Output, Task
 
 _NO_INFORMATION = np.inf  # of a fit without an error bar: NaN is reserved for failures
 
@@ -24,8 +25,8 @@ def fits(
     *,
     distance: str = "normal",
     elements: int = FIT_ELEMENTS,
-) -> Calls:
-    """A task that fits ``change(study, lane)``; without ``change`` a sample gives guesses: ``guess_bending_stiffness``, ...
+) -> Task:
+    """A task that fits ``change(study, sample)``; without ``change`` a sample gives guesses: ``guess_bending_stiffness``, ...
 
     Outputs: each unknown in its own unit, its ``_std``, ``_low`` and ``_high`` (95 %; infinite for a fit without an error
     bar), ``rms`` and ``rms_validate`` (m; infinite if a validation pose failed to solve), ``cost``, ``equilibria``,
@@ -36,16 +37,16 @@ def fits(
     if not slots:
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     own = change or guesses
-
-    def one(lane) -> Outcome:
-        f = fit(own(study, lane), method, distance=distance, elements=elements)
-        return outcome(f)
-
-    parts: dict[str, object] = {"study": study, "change": own, "options": (method, distance, elements)}
-    return Calls(one, _outputs(study, slots), parts)
+    options = {"method": method, "distance": distance, "elements": elements}
+    about = {"study": study, "change": own, "options": options}
+    return Task(partial(_fitted, study, own, options), _outputs(study, slots), about=about)
 
 
-def outcome(f) -> Outcome:
+def _fitted(study, change, options, sample) -> Outcome:
+    return _outcome(fit(change(study, sample), **options))
+
+
+def _outcome(f) -> Outcome:
     """The numbers of a `Fit` and its status; the estimates are kept even if it did not converge."""
     values = {}
     for name, e in f.estimates.items():
@@ -64,16 +65,19 @@ def outcome(f) -> Outcome:
     return Outcome(values, code, stable=stable, steps=f.equilibria, out_of_balance=left)
 
 
-def _outputs(study, slots) -> dict[str, Output]:
-    out = {}
-    for slot in slots:
-        dims = (f"{slot.name}_part",) if slot.shape else ()
-        out[slot.name] = Output(slot.unit, dims, f"estimate of {slot.name}")
-        out |= {f"{slot.name}_{bar}": Output(slot.unit, dims) for bar in ("std", "low", "high")}
+def estimates(slots: tuple) -> dict[str, Output]:
+    """What every fit gives: the unknowns, how near the shapes are, and the cost."""
+    out = {s.name: Output(s.unit, (f"{s.name}_part",) if s.shape else (), f"estimate of {s.name}") for s in slots}
     out["rms"] = Output("m", (), "root mean square distance of the fitted poses")
     out["cost"] = Output("-", (), "weighted squares of residuals and priors")
+    return out | {"iterations": Output("-", (), "iterations of all descents")}
+
+
+def _outputs(study, slots) -> dict[str, Output]:
+    out = estimates(slots)
+    for slot in slots:
+        out |= {f"{slot.name}_{bar}": Output(slot.unit, out[slot.name].dims) for bar in ("std", "low", "high")}
     out["equilibria"] = Output("-", (), "equilibria solved")
-    out["iterations"] = Output("-")
     if study.validate_poses:
         out["rms_validate"] = Output("m", (), "root mean square distance of the poses that were not fitted")
     return out

@@ -18,9 +18,10 @@ from scan2flex_jax.fitting.traced import minimise, padded_starts, traced_problem
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.sweep.changes import guesses
-from scan2flex_jax.sweep.task import NOT_CONVERGED, Output, Traced
+from scan2flex_jax.sweep.fit_task import estimates
+from scan2flex_jax.sweep.task import NOT_CONVERGED, Task
 
-STARTS = {"both": slice(None), "guess": slice(1)}
+_STARTS = {"both": slice(None), "guess": slice(1)}
 
 
 def minima(
@@ -31,8 +32,8 @@ def minima(
     starts: str = "both",
     distance: str = "normal",
     elements: int = FIT_ELEMENTS,
-) -> Traced:
-    """A task that finds the minimum of ``change(study, lane)``; without ``change`` a sample gives guesses: ``guess_NAME``.
+) -> Task:
+    """A task that finds the minimum of ``change(study, sample)``; without ``change`` a sample gives guesses: ``guess_NAME``.
 
     Outputs: each unknown in its own unit, ``rms`` (m), ``cost`` and ``iterations``. A sample that did not converge has none:
     its status says so.
@@ -50,32 +51,33 @@ def minima(
     Raises:
         Scan2FlexError: As `traced_problem`, or ``starts`` is none of these.
     """
-    if starts not in STARTS:
-        raise Scan2FlexError(f"starts is {starts!r}: give one of {', '.join(STARTS)}.")
+    if starts not in _STARTS:
+        raise Scan2FlexError(f"starts is {starts!r}: give one of {', '.join(_STARTS)}.")
     traced = partial(traced_problem, noise=noise, elements=elements, distance=distance)
     ready, _ = traced(study)
     given, fixed = eqx.partition(ready, eqx.is_array_like)
     problem, shapes = Problem(study, elements, distance), _shapes(given)
 
-    def of_guess(lane):
-        both = problem.both_starts(guesses(study, lane))
-        return {"starts": padded_starts(ready, both)[STARTS[starts]]}
+    def of_guess(sample):
+        both = problem.both_starts(guesses(study, sample))
+        return {"starts": padded_starts(ready, both)[_STARTS[starts]]}
 
     own = change or guesses
 
-    def of_change(lane):
-        changed, both = traced(own(study, lane))
+    def of_change(sample):
+        changed, both = traced(own(study, sample))
         arrays, other = eqx.partition(changed, eqx.is_array_like)
         if _shapes(arrays) != shapes or not eqx.tree_equal(other, fixed):
             raise Scan2FlexError(_OTHER)
-        return {"starts": both[STARTS[starts]], "problem": arrays}
+        return {"starts": both[_STARTS[starts]], "problem": arrays}
 
-    def one(lane):
-        found = minimise(eqx.combine(lane.get("problem", given), fixed), lane["starts"])
+    def one(sample):
+        found = minimise(eqx.combine(sample.get("problem", given), fixed), sample["starts"])
         return _values(ready, found), _verdict(found)
 
-    parts: dict[str, object] = {"study": study, "change": change, "options": (noise, starts, distance, elements)}
-    return Traced(one, _outputs(ready), parts, of_guess if change is None else of_change)
+    about = {"study": study, "change": own, "options": (noise, starts, distance, elements)}
+    prepare = of_guess if change is None else of_change
+    return Task(one, estimates(ready.function.layout.slots), traced=True, prepare=prepare, about=about)
 
 
 _OTHER = "the sample has other unknowns, tolerances, effects or poses than the study: sweep over fits, which takes any study"
@@ -98,11 +100,3 @@ def _verdict(found) -> Verdict:
     v = found.verdict
     code = jnp.where((v.code == SOLVED) & ~found.converged, NOT_CONVERGED, v.code)
     return Verdict(code, v.out_of_balance, v.negative, found.evaluations)
-
-
-def _outputs(problem) -> dict[str, Output]:
-    slots = problem.function.layout.slots
-    out = {s.name: Output(s.unit, (f"{s.name}_part",) if s.shape else (), f"estimate of {s.name}") for s in slots}
-    out["rms"] = Output("m", (), "root mean square distance of the fitted poses")
-    out["cost"] = Output("-", (), "weighted squares of residuals and priors")
-    return out | {"iterations": Output("-", (), "iterations of all descents")}

@@ -1,178 +1,205 @@
-"""The sweep: samples in chunks of similar cost, each stored as soon as it is done; several processes share the chunks.
+"""The sweep: blocks of samples, in this process or on the workers of a dask client, labelled and stored as they come."""
 
-Samples are independent, so processes need no communication: process ``i`` of ``n`` takes every n-th chunk, and a process that
-has finished continues with the missing chunks, from the back. A chunk computed twice is the same chunk. A lost process loses
-only its current chunk, which the others, or the next start, compute again.
-"""
-
+import pickle
+import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
-from jax.sharding import AxisType, Mesh
-from numpy.typing import ArrayLike
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.cable import require_float64
-from scan2flex_jax.sweep.definition import digest, versions
-from scan2flex_jax.sweep.labelled import skeleton, xarray
-from scan2flex_jax.sweep.lanes import Lanes
-from scan2flex_jax.sweep.store import FORMAT, Memory, create
-from scan2flex_jax.sweep.task import FAULT, Calls, Traced, joined
+from scan2flex_jax.sweep.samples import Region, block, checked, extra, inputs, regions, sizes_of
+from scan2flex_jax.sweep.store import begun, opened
+from scan2flex_jax.sweep.task import FAULT, NOT_RUN, STATUS, Columns, Output, Task, another_shape, evaluate
 
-_IN_ONE_CALL = 16  # samples on a CPU: starting a call costs a third of a solve, and small batches are padded
+if TYPE_CHECKING:
+    import xarray
+    from distributed import Client
+
+_AXES = {"axis": ["x", "y", "z"], "end": ["start", "end"]}
 
 
 def sweep(
-    task: Calls | Traced,
-    lanes: Lanes,
+    task: Task,
+    samples: "xarray.Dataset",
     *,
     store: str | Path | None = None,
+    client: "Client | None" = None,
     chunk: int | None = None,
-    at_once: int | None = None,
-    cost: Callable[[dict], float] | ArrayLike | None = None,
-    mesh: Mesh | None = None,
-    share: tuple[int, int] | None = None,
+    devices: Sequence[jax.Device] | None = None,
     longest: float | None = None,
     progress: Callable[[str], None] | None = None,
-) -> Any:
-    """Evaluate ``task`` for every sample; returns an `xarray.Dataset` over the samples' dimensions, with a status per sample.
+) -> "xarray.Dataset":
+    """Evaluate ``task`` for every sample.
 
-    ``store``: a folder that keeps each chunk of ``chunk`` samples once it is done; the same call continues from there.
-    ``at_once``: samples in one compiled call of a traced task, sequential on a CPU and vectorised on other devices or
-    a ``mesh`` (default: several on a CPU, one per device of a CPU mesh, a whole chunk on other devices). ``cost``: expected
-    cost of a sample, as a function of it or as numbers; samples of similar cost share a chunk, the expensive ones first.
-    ``mesh``: from `device_mesh`.
-    ``share``: ``(i, n)``, this process and the number of processes that share the store (default: from `jax.distributed`).
-    ``longest``: seconds after which no further chunk is started; samples not reached are marked, and the same call continues.
-    ``progress`` is called with a line of text after every chunk and occasionally inside one.
+    Args:
+        task: From `fits`, `minima`, `equilibria`, or a `Task` of your own.
+        samples: From `grid` or `draws`.
+        store: Folder (or address that zarr knows) of a zarr store that keeps each finished chunk; the same call continues from
+            there.
+        client: A `dask.distributed.Client`, whose workers evaluate the samples; by default this process does.
+        chunk: Largest number of samples that are evaluated and stored together: 8 by default, 256 of a traced task. On an
+            accelerator they are one vectorised call.
+        devices: Devices of this process over which a traced task is vectorised; by default a loop on a CPU, and all local
+            devices elsewhere.
+        longest: Seconds after which no further chunk is begun; samples not reached are marked, and the same call continues.
+        progress: Called with a line of text after every chunk.
+
+    Returns:
+        A dataset over the samples' dimensions: the outputs, and for every sample ``code`` (0 solved), ``verdict`` (in words),
+        ``stable``, ``steps``, ``out_of_balance``, ``seconds``. Samples that failed or were not run are NaN.
+
+    Raises:
+        Scan2FlexError: The store holds another sweep, a library is missing, an argument is not as above, the function fails for
+            every sample of the first chunk, or workers are lost again and again.
     """
-    xarray()
     require_float64()
-    size = task.chunk if chunk is None else int(chunk)
-    if size < 1 or (at_once is not None and at_once < 1):
-        raise Scan2FlexError("chunk and at_once count lanes: give 1 or more")
-    at_once = _at_once(task, min(size, lanes.count), at_once, mesh)
-    order = _order(lanes, cost)
-    i, n = share or (jax.process_index(), jax.process_count())
-    if not 0 <= i < n:
-        raise Scan2FlexError(f"share {(i, n)} is no share: give (i, n) with i from 0 to n - 1")
-    if n > 1 and store is None:
-        raise Scan2FlexError("several processes share a sweep through its store: give a folder that all of them see")
-    if store is None:
-        kept = Memory({"outputs": _plain(task.outputs), "chunk": size}, skeleton(lanes), order)
-    else:
-        kept = create(Path(store), _definition(task, lanes, size, at_once, order), skeleton(lanes), order)
-    tell = _Progress(kept, lanes.count, progress or (lambda line: None))
-    for k in _mine(kept, i, n):
-        if longest is not None and tell.spent() > longest:
+    samples = checked(samples)
+    if (chunk is not None and chunk < 1) or (devices is not None and not devices):
+        raise Scan2FlexError("chunk and devices: give 1 or more")
+    if devices is not None and (client is not None or not task.traced):
+        raise Scan2FlexError("devices are for a traced task in this process: leave them out")
+    found = _blank(samples, task.outputs)
+    sizes = found["code"].shape
+    shape, kept = block(sizes, chunk or task.chunk), None
+    if store is not None:
+        kept = opened(store, task, found, shape)
+        shape = kept.block
+        found, damaged = kept.load()
+        for sentence in damaged:
+            warnings.warn(f"{sentence}; its samples are computed anew", stacklevel=2)
+    before = _done(found)
+    missing = [region for region in regions(sizes, shape) if np.any(found["code"].values[region] == NOT_RUN)]
+    began = perf_counter()
+    for region, columns in _evaluated(task, samples, missing, int(np.prod(shape)), client, devices):
+        if not _done(found) and np.all(columns["code"] == FAULT):
+            raise Scan2FlexError(f"every sample of the first chunk failed: {columns['verdict'][0]}")
+        _fill(found, region, columns, task.outputs)
+        if kept is not None:
+            kept.keep(found, region)
+        spent = perf_counter() - began
+        if progress:
+            progress(_line(found, before, spent))
+        if longest is not None and spent > longest:
             break
-        kept.put(k, _chunk(task, lanes.take(kept.lanes(k)), len(kept.lanes(k)), at_once, mesh, tell))
-        tell.chunk(k)
-    found = kept.dataset()
-    if i == 0 and len(kept.done()) == kept.count:
-        kept.finish(found)
+    return _labelled(found)
+
+
+def open_sweep(store: str | Path) -> "xarray.Dataset":
+    """The dataset of a stored sweep, complete or still growing: samples that are not there yet are marked "not run yet".
+
+    Raises:
+        Scan2FlexError: There is no sweep, or a file of it is damaged.
+    """
+    kept = begun(store)
+    if kept is None:
+        raise Scan2FlexError(f"{store} holds no sweep")
+    found, damaged = kept.load()
+    if damaged:
+        raise Scan2FlexError(f"{damaged[0]}: run the sweep again, which computes its samples anew")
+    return _labelled(found)
+
+
+def failed(found: "xarray.Dataset") -> dict[str, str]:
+    """Every sample that is not solved, by name, with its status in words."""
+    dims, out = found["code"].dims, {}
+    for place in np.argwhere(found["code"].values != 0):
+        at = zip(dims, place, strict=True)
+        out[", ".join(f"{d}={found[d].values[k]:g}" for d, k in at)] = str(found["verdict"].values[tuple(place)])
+    return out
+
+
+def _blank(samples, outputs: dict[str, Output]):
+    """The dataset with nothing run; outputs with dimensions of their own are added when their shape is known."""
+    sizes = sizes_of(samples)
+    if wrong := (outputs.keys() & {*samples.variables, *STATUS}) | (samples.variables.keys() & STATUS.keys()):
+        raise Scan2FlexError(f"{min(wrong)!r} is an output of the sweep and an input, or a part of the status: rename one")
+    found = samples.copy()
+    for name, (unit, label, empty) in STATUS.items():
+        dtype = object if isinstance(empty, str) else None
+        found[name] = (tuple(sizes), np.full(tuple(sizes.values()), empty, dtype), {"units": unit, "long_name": label})
+    for name, output in outputs.items():
+        if not output.dims:
+            _add(found, name, output, ())
     return found
 
 
-def device_mesh(devices: Sequence[jax.Device] | None = None) -> Mesh:
-    """This process's devices in a row, as a mesh for the solvers (their axes must be of type Auto)."""
-    devices = jax.local_devices() if devices is None else devices
-    return jax.make_mesh((len(devices),), ("lane",), axis_types=(AxisType.Auto,), devices=devices)
+def _add(found, name, output, shape):
+    about = {"units": output.unit} | ({"long_name": output.label} if output.label else {})
+    code = found["code"]
+    found[name] = ((*code.dims, *output.dims), np.full((*code.shape, *shape), np.nan), about)
 
 
-def _at_once(task, size, at_once, mesh) -> int:
-    """Samples per call, for a chunk of ``size``."""
-    if mesh is not None:
-        here = set(jax.local_devices())
-        if len(mesh.axis_names) != 1 or mesh.axis_types != (AxisType.Auto,) or not set(mesh.devices.flat) <= here:
-            raise Scan2FlexError("a sweep runs on one axis of type Auto over this process's own devices: use device_mesh()")
-    width = 1 if mesh is None else mesh.size
-    if at_once is None and (isinstance(task, Calls) or (mesh is not None and jax.default_backend() == "cpu")):
-        at_once = width
-    elif at_once is None:
-        at_once = min(size, _IN_ONE_CALL) if jax.default_backend() == "cpu" else -(-size // width) * width
-    if at_once % width:
-        raise Scan2FlexError(f"at_once is {at_once} on a mesh of {width} devices: give a multiple of {width}")
-    return at_once
+def _done(found) -> int:
+    return int(np.sum(found["code"].values != NOT_RUN))
 
 
-def _order(lanes, cost) -> np.ndarray:
-    """Indices of the samples, expensive ones first; in their own order without a cost."""
-    if cost is None:
-        return np.arange(lanes.count)
-    if callable(cost):
-        cost = [float(cost({name: x[i] for name, x in lanes.take(slice(None)).items()})) for i in range(lanes.count)]
-    cost = np.asarray(cost, float).ravel()
-    if cost.shape != (lanes.count,) or not np.all(np.isfinite(cost)):
-        raise Scan2FlexError(f"cost has {len(cost)} values, or some that are not finite: give one number for each lane")
-    return np.argsort(-cost, kind="stable")
+def _fill(found, region, columns: Columns, outputs):
+    block = found["code"].values[region].shape
+    for name, x in columns.items():
+        if name not in found:
+            _add(found, name, outputs[name], x.shape[1:])
+        there = found[name].values
+        if there.shape[len(block) :] != x.shape[1:]:
+            raise another_shape(name, there.shape[len(block) :], x.shape[1:])
+        there[region] = x.reshape(*block, *x.shape[1:])
 
 
-def _plain(outputs):
-    return {name: {**asdict(o), "dims": list(o.dims)} for name, o in outputs.items()}
+def _line(found, before, spent) -> str:
+    code = found["code"].values
+    done, bad = _done(found), int(np.sum(code > 0))
+    left = (code.size - done) * spent / (done - before)
+    text = f"{done} of {code.size} samples, {bad} failed, {spent:.0f} s"
+    return f"{text}, about {left:.0f} s to go" if left else text
 
 
-def _definition(task, lanes, size, at_once, order) -> dict:
-    """The definition that a store must hold to be continued."""
-    parts = {name: digest(part) for name, part in task.parts().items()}
-    parts |= {"lanes": digest((lanes.dims, lanes.inputs)), "order of lanes": digest(order), "lanes at once": str(at_once)}
-    out = {"format": FORMAT, "chunk": size, "defined_by": parts, "versions": versions(), "outputs": _plain(task.outputs)}
-    return out | {"fingerprint": digest(out)}
+def _labelled(found):
+    """The outputs before the status, plain text, and the names of axes and ends as coordinates."""
+    found["verdict"] = found["verdict"].astype(str)
+    order = [*(name for name in found if name not in STATUS), *STATUS]
+    found = extra("xarray").Dataset({name: found[name] for name in order}, found.coords)
+    return found.assign_coords({d: names for d, names in _AXES.items() if found.sizes.get(d) == len(names)})
 
 
-def _mine(kept, i, n) -> Iterator[int]:
-    """Chunks to do, in turn: this process's own, then the missing ones, from the back."""
-    for k in range(i, kept.count, n):
-        if k not in kept.done():
-            yield k
-    if n > 1:
-        for k in reversed(range(kept.count)):
-            if k not in kept.done():
-                yield k
+def _evaluated(task, samples, missing, width, client, devices) -> Iterator[tuple[Region, Columns]]:
+    """Blocks as they are finished."""
+    if client is None:
+        for region in missing:
+            yield region, evaluate(task, inputs(samples, region), width, devices)
+        return
+    distributed = extra("distributed")
+    if not isinstance(client, distributed.Client):
+        raise Scan2FlexError(f"the client is a {type(client).__name__}: give a dask.distributed.Client")
+    try:
+        packed = client.submit(bytes, extra("cloudpickle").dumps(task), pure=False)
+    except Exception as error:  # of what a task may hold
+        raise Scan2FlexError(f"the task cannot be sent to a worker: {error}") from error
+    futures = {client.submit(_on_worker, packed, inputs(samples, region), width, pure=False): region for region in missing}
+    try:
+        for future in distributed.as_completed(list(futures)):
+            yield futures.pop(future), future.result()
+    except distributed.KilledWorker as error:
+        raise Scan2FlexError(f"workers were lost again and again ({error}): a store keeps what is finished") from error
+    finally:
+        client.cancel(list(futures))
 
 
-def _chunk(task, lanes, count, at_once, mesh, tell):
-    batches = []
-    for batch in task.batches(lanes, count, at_once, mesh):
-        batches.append(batch)
-        tell.lanes(batch)
-    whole = joined(batches)
-    if tell.first and np.all(whole.verdicts["code"] == FAULT):
-        raise Scan2FlexError(f"every lane of the first chunk failed: {whole.verdicts['verdict'][0]}")
-    return whole
+_ONE = threading.Lock()  # threads of a worker take turns: JAX uses the processors itself
 
 
-class _Progress:
-    """Progress lines of a sweep: samples done, failures, and an estimate of the remaining time."""
+def _on_worker(packed, samples, width) -> Columns:
+    with _ONE:
+        return evaluate(_unpacked(packed), samples, width)
 
-    def __init__(self, kept, count, say):
-        self.kept, self.count, self.say = kept, count, say
-        self.before = sum(len(kept.lanes(k)) for k in kept.done())
-        self.first = self.before == 0
-        self.run = self.failed = 0
-        self.began = self.said = perf_counter()
 
-    def lanes(self, batch):
-        self.run += len(batch.verdicts["code"])
-        self.failed += int(np.sum(batch.verdicts["code"] != 0))
-        if perf_counter() - self.said > 1.0:
-            self.line()
-
-    def spent(self) -> float:
-        return perf_counter() - self.began
-
-    def chunk(self, k):
-        self.first = False
-        self.line(f"chunk {k + 1} of {self.kept.count} kept, ")
-
-    def line(self, head=""):
-        self.said = perf_counter()
-        spent = self.spent()
-        left = max(self.count - self.before - self.run, 0) * spent / max(self.run, 1)
-        text = f"{head}{self.before + self.run} of {self.count} lanes, {self.failed} failed, {spent:.0f} s"
-        self.say(f"{text}, about {left:.0f} s to go" if left else text)
+@lru_cache(maxsize=4)
+def _unpacked(packed) -> Task:
+    """The task, once in each process: a copy for each chunk would be compiled anew."""
+    jax.config.update("jax_enable_x64", True)
+    return pickle.loads(packed)

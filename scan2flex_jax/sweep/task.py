@@ -1,20 +1,21 @@
-"""The task of a sweep, and the status of every sample.
+"""The task of a sweep, evaluated for a block of samples, with a status for each.
 
-There are two kinds of task. `Calls`: a Python function of one sample, called for one sample after the other. `Traced`: a
-traceable function, evaluated for several samples in one compiled call: sequentially on a CPU (`jax.lax.map`), where a
-vectorised batch, which runs as long as its slowest sample, measured no faster; vectorised (`jax.vmap`) on other devices and
-on a mesh. A failure in a sample stays there: its status names the cause, its values are NaN.
+A Python function is called for one sample after the other. A traced one is evaluated for several samples in one compiled call:
+sequentially on a CPU (`jax.lax.map`), where a vectorised batch, which runs as long as its slowest sample, measured no faster;
+vectorised (`jax.vmap`) elsewhere, over all devices. A failure in a sample stays there: its status names the cause.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from math import ceil
 from time import perf_counter
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
@@ -28,14 +29,24 @@ SENTENCES = OF_EQUILIBRIA | {
     REFUSED: "the input was refused",
     FAULT: "the function failed",
 }
-VERDICT = {  # of every sample: unit and label
-    "code": ("-", "0 solved, else what went wrong"),
-    "verdict": ("-", "the code in words"),
-    "stable": ("-", "whether no direction lowers the energy"),
-    "steps": ("-", "steps of the solver, or equilibria of a fit"),
-    "out_of_balance": ("-", "largest force left, scaled; NaN where nothing was solved"),
-    "seconds": ("s", "wall clock; differs from run to run"),
+STATUS = {  # of every sample: unit, label, and the value of one that was not run
+    "code": ("-", "0 solved, else what went wrong", NOT_RUN),
+    "verdict": ("-", "the code in words", SENTENCES[NOT_RUN]),
+    "stable": ("-", "whether no direction lowers the energy", False),
+    "steps": ("-", "steps of the solver, or equilibria of a fit", 0),
+    "out_of_balance": ("-", "largest force left, scaled; NaN where nothing was solved", np.nan),
+    "seconds": ("s", "wall clock; differs from run to run", 0.0),
 }
+_IN_ONE_CALL = 16  # samples on a CPU: starting a call costs a third of a solve, and the last call is padded
+
+
+def empty(name: str) -> Any:
+    """The value of an output or a status of a sample that was not run."""
+    return STATUS[name][2] if name in STATUS else np.nan
+
+
+Columns = dict[str, np.ndarray]
+"""The outputs and the status of a block of samples, one row each."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +60,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a `Calls` task with a status, instead of bare values."""
+    """Outputs of a Python function with a status, instead of bare outputs; ``code`` 0 is solved."""
 
     values: dict
     code: int = SOLVED
@@ -59,169 +70,139 @@ class Outcome:
     out_of_balance: float = np.nan
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Finished samples: their indices, values and status, stacked."""
+@dataclass(frozen=True, eq=False)
+class Task:
+    """``function(sample)`` and the ``outputs`` that it returns; a sample is a dictionary of inputs.
 
-    values: dict[str, np.ndarray]
-    verdicts: dict[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Calls:
-    """``function(lane)`` returns a dictionary of ``outputs``, or an `Outcome`; an exception becomes the sample's status."""
+    Args:
+        function: Returns a dictionary of the outputs, or an `Outcome`; an exception becomes the sample's status. If it is
+            ``traced`` by JAX, it returns ``(outputs, Verdict)``.
+        outputs: What is returned, by name.
+        traced: Whether JAX traces the function, for many samples in one compiled call.
+        prepare: Of a traced function: makes the arrays that it takes from a sample, outside of the tracing, in the same shapes
+            for every sample. A `Scan2FlexError` becomes the sample's status.
+        about: What a store of the sweep is recognised by (numbers, arrays, studies, functions); the function by default.
+    """
 
     function: Callable
     outputs: dict[str, Output]
-    defined_by: dict[str, object] = field(default_factory=dict)
-    chunk: int = 8
+    traced: bool = False
+    prepare: Callable[[dict], Any] | None = None
+    about: dict[str, Any] = field(default_factory=dict)
 
-    def parts(self) -> dict[str, object]:
-        """The parts that define this task."""
-        return self.defined_by or {"function": self.function}
-
-    def batches(self, lanes: dict, count: int, at_once: int, mesh: Mesh | None) -> Iterator[Batch]:
-        """One sample after the other."""
-        if mesh is not None or at_once > 1:
-            raise Scan2FlexError("a Python function takes one lane at a time: leave mesh and at_once out, start more processes")
-        for i in range(count):
-            begin = perf_counter()
-            o = self._called({name: x[i] for name, x in lanes.items()})
-            yield _batch([o.values], [o.code], [o.stable], [o.steps], [o.out_of_balance], perf_counter() - begin, [o.sentence])
-
-    def _called(self, lane) -> Outcome:
-        try:
-            o = self.function(lane)
-            o = o if isinstance(o, Outcome) else Outcome(dict(o))
-            if o.code == SOLVED and set(o.values) != set(self.outputs):
-                raise TypeError(f"it gave {sorted(o.values)} where {sorted(self.outputs)} are declared")
-        except Scan2FlexError as error:
-            return Outcome({}, REFUSED, str(error), stable=False)
-        except Exception as error:
-            return Outcome({}, FAULT, f"{type(error).__name__}: {error}", stable=False)
-        return o
+    @property
+    def chunk(self) -> int:
+        """Samples of one block, unless the user states it."""
+        return 256 if self.traced else 8
 
 
-class Traced:
-    """``function(lane)`` returns ``(values, Verdict)`` under tracing; `equilibria` and `minima` make one.
-
-    ``prepare(lane)`` makes arrays of a sample for the ``function`` to take in its place, outside of the tracing: the same tree
-    and shapes for every sample. A `Scan2FlexError` that it raises becomes the sample's status.
-    """
-
-    chunk = 256
-
-    def __init__(
-        self,
-        function: Callable,
-        outputs: dict[str, Output],
-        defined_by: dict[str, object] | None = None,
-        prepare: Callable[[dict], Any] | None = None,
-    ):
-        """Set up without compilation."""
-        self.function, self.outputs, self.defined_by, self.prepare = function, outputs, defined_by or {}, prepare
-        self._single, self._vectorised = compiled(function), compiled(jax.vmap(function))
-
-        def looped(lanes):
-            return jax.lax.map(function, lanes)
-
-        self._looped = compiled(looped)
-
-    def parts(self) -> dict[str, object]:
-        """The parts that define this task."""
-        return self.defined_by or {"function": self.function}
-
-    def batches(self, lanes: dict, count: int, at_once: int, mesh: Mesh | None) -> Iterator[Batch]:
-        """``at_once`` samples per call; the last batch is padded with its last sample, so that one compilation serves."""
-        loop = mesh is None and jax.default_backend() == "cpu"
-        together = self._looped if loop else self._vectorised
-        for first in range(0, count, at_once):
-            real = min(at_once, count - first)
-            begin = perf_counter()
-            given, refused = self._given(lanes, range(first, first + real))
-            which = np.minimum(np.arange(at_once), real - len(refused) - 1)
-            if len(refused) == real:
-                values, v = {}, None
-            elif at_once == 1 and mesh is None:
-                values, v = jax.tree.map(lambda x: np.asarray(x)[None], self._single(_arrays(given, 0)))
-            else:
-                values, v = jax.tree.map(np.asarray, together(_placed(_arrays(given, which), mesh)))
-            yield _of_batch(values, v, real, refused, (perf_counter() - begin) / real)
-
-    def _given(self, lanes, which) -> tuple[Any, dict[int, str]]:
-        """The arrays of the samples ``which``, stacked, without those that were refused, and why, by place."""
-        if self.prepare is None:
-            return {name: x[which.start : which.stop] for name, x in lanes.items()}, {}
-        rows, refused = [], {}
-        for place, i in enumerate(which):
-            try:
-                rows.append(self.prepare({name: x[i] for name, x in lanes.items()}))
-            except Scan2FlexError as error:
-                refused[place] = str(error)
-        return jax.tree.map(lambda *x: np.stack(x), *rows) if rows else (), refused
+def evaluate(task: Task, samples: Columns, width: int, devices: Sequence[jax.Device] | None = None) -> Columns:
+    """Outputs and status of a block of samples; ``width``: the samples of a full block, so that one compilation serves all."""
+    count = len(next(iter(samples.values())))
+    columns = _traced(task, samples, count, width, devices) if task.traced else _called(task, samples, count)
+    code, outputs = columns["code"], [columns[name] for name in task.outputs if name in columns]
+    broken = np.any([np.isnan(x).reshape(count, -1).any(axis=1) for x in outputs], axis=0) & (code == SOLVED)
+    code[broken] = NON_FINITE
+    columns["verdict"][broken] = SENTENCES[NON_FINITE]
+    return columns
 
 
-def _of_batch(values, verdict, real, refused, seconds) -> Batch:
-    """The first ``real`` samples of a call, with those that were refused in their places."""
-    rows: list[dict] = [{} for _ in range(real)]
-    code, stable = np.full(real, REFUSED), np.zeros(real, bool)
-    steps, left = np.zeros(real, int), np.full(real, np.nan)
-    for k, i in enumerate(i for i in range(real) if i not in refused):
-        if verdict.code[k] == SOLVED:
-            rows[i] = {name: x[k] for name, x in values.items()}
-        code[i], stable[i] = verdict.code[k], verdict.negative[k] == 0
-        steps[i], left[i] = verdict.steps[k], verdict.out_of_balance[k]
-    return _batch(rows, code, stable, steps, left, seconds, [refused.get(i) for i in range(real)])
-
-
-def _arrays(given, which):
-    return jax.tree.map(lambda x: jnp.asarray(x[which]), given)
-
-
-def _placed(lanes, mesh):
-    if mesh is None:
-        return lanes
-    over = NamedSharding(mesh, PartitionSpec(mesh.axis_names[0]))
-    return jax.device_put(lanes, over)
-
-
-def _batch(rows, code, stable, steps, out_of_balance, seconds, sentences) -> Batch:
-    """Stacked samples; a solved sample with a NaN among its values counts as failed."""
-    code = np.array(code, np.int32)
-    rows = [{name: np.asarray(x, float) for name, x in row.items()} for row in rows]
-    broken = np.array([any(np.any(np.isnan(x)) for x in row.values()) for row in rows])
-    code[(code == SOLVED) & broken] = NON_FINITE
-    names = {name for row in rows for name in row}
-    told = zip(sentences, code, strict=True)
-    text = [sentence if sentence and c != NON_FINITE else SENTENCES.get(int(c), f"code {c}") for sentence, c in told]
-    verdicts = {
-        "code": code,
-        "verdict": np.array(text),
-        "stable": np.array(stable, bool),
-        "steps": np.array(steps, np.int32),
-        "out_of_balance": np.array(out_of_balance, float),
-        "seconds": np.full(len(code), seconds),
+def _called(task, samples, count) -> Columns:
+    outcomes, seconds = [], []
+    for k in range(count):
+        begin = perf_counter()
+        outcomes.append(_outcome(task, {name: x[k] for name, x in samples.items()}))
+        seconds.append(perf_counter() - begin)
+    columns = {}
+    for name in task.outputs:
+        rows = [o.values.get(name) for o in outcomes]
+        shapes = sorted({x.shape for x in rows if x is not None})
+        if len(shapes) > 1:
+            raise another_shape(name, *shapes[:2])
+        if shapes:
+            columns[name] = np.stack([np.full(shapes[0], np.nan) if x is None else x for x in rows])
+    return columns | {
+        "code": np.array([o.code for o in outcomes]),
+        "verdict": np.array([o.sentence or SENTENCES.get(o.code, f"code {o.code}") for o in outcomes], object),
+        "stable": np.array([o.stable for o in outcomes]),
+        "steps": np.array([o.steps for o in outcomes]),
+        "out_of_balance": np.array([o.out_of_balance for o in outcomes]),
+        "seconds": np.array(seconds),
     }
-    return Batch({name: stacked([row.get(name) for row in rows]) for name in names}, verdicts)
 
 
-def stacked(rows) -> np.ndarray:
-    """Rows of one shape, NaN for missing ones."""
-    shape = next(row.shape for row in rows if row is not None)
-    return np.stack([np.full(shape, np.nan) if row is None else row for row in rows])
+def _outcome(task, sample) -> Outcome:
+    try:
+        o = task.function(sample)
+        o = o if isinstance(o, Outcome) else Outcome(dict(o))
+        if o.code == SOLVED and set(o.values) != set(task.outputs):
+            raise TypeError(f"it gave {sorted(o.values)} where {sorted(task.outputs)} are declared")
+        return replace(o, values={name: np.asarray(x, float) for name, x in o.values.items()})
+    except Scan2FlexError as error:
+        return Outcome({}, REFUSED, str(error), stable=False)
+    except Exception as error:
+        return Outcome({}, FAULT, f"{type(error).__name__}: {error}", stable=False)
 
 
-def joined(batches: list[Batch]) -> Batch:
-    """Batches one after the other; a quantity missing in a batch is NaN there."""
-    shapes: dict[str, tuple[int, ...]] = {}
-    for batch in batches:
-        for name, x in batch.values.items():
-            if shapes.setdefault(name, x.shape[1:]) != x.shape[1:]:
-                raise Scan2FlexError(
-                    f"{name} has shape {shapes[name]} in one lane and {x.shape[1:]} in another: make it the same in all"
-                )
-    values = {}
-    for name, shape in shapes.items():
-        parts = [b.values.get(name, np.full((len(b.verdicts["code"]), *shape), np.nan)) for b in batches]
-        values[name] = np.concatenate(parts)
-    return Batch(values, {name: np.concatenate([b.verdicts[name] for b in batches]) for name in VERDICT})
+def another_shape(name: str, one: tuple[int, ...], other: tuple[int, ...]) -> Scan2FlexError:
+    """An output whose shape differs among samples."""
+    return Scan2FlexError(f"{name} has shape {one} in one sample and {other} in another: make it the same in all")
+
+
+def _traced(task, samples, count, width, devices) -> Columns:
+    begin = perf_counter()
+    given, refused = _prepared(task, samples, count)
+    solved = np.array([i for i in range(count) if i not in refused], int)
+    columns = {
+        "code": np.full(count, REFUSED),
+        "verdict": np.array([refused.get(i) for i in range(count)], object),
+        "stable": np.zeros(count, bool),
+        "steps": np.zeros(count, int),
+        "out_of_balance": np.full(count, np.nan),
+    }
+    if len(solved):
+        outputs, v = _solved(task.function, given, len(solved), width, devices)
+        columns["code"][solved], columns["stable"][solved] = v.code, v.negative == 0
+        columns["steps"][solved], columns["out_of_balance"][solved] = v.steps, v.out_of_balance
+        columns["verdict"][solved] = [SENTENCES.get(code, f"code {code}") for code in v.code.tolist()]
+        for name, x in outputs.items():
+            columns[name] = np.full((count, *x.shape[1:]), np.nan)
+            columns[name][solved[v.code == SOLVED]] = x[v.code == SOLVED]
+    return columns | {"seconds": np.full(count, (perf_counter() - begin) / count)}
+
+
+def _prepared(task, samples, count) -> tuple[Any, dict[int, str]]:
+    """The arrays of the samples, stacked, without those that were refused, and why, by place."""
+    if task.prepare is None:
+        return samples, {}
+    rows, refused = [], {}
+    for i in range(count):
+        try:
+            rows.append(task.prepare({name: x[i] for name, x in samples.items()}))
+        except Scan2FlexError as error:
+            refused[i] = str(error)
+    return jax.tree.map(lambda *x: np.stack(x), *rows) if rows else (), refused
+
+
+def _solved(function, given, count, width, devices):
+    """``function`` of all samples, in calls of one size; the last call is padded with its last sample."""
+    loop = devices is None and jax.default_backend() == "cpu"
+    devices = [None] if loop else devices or jax.local_devices()
+    size = ceil(width / ceil(width / _IN_ONE_CALL)) if loop else ceil(width / len(devices)) * len(devices)
+    program, parts = _program(function, loop), []
+    for first in range(0, count, size):
+        which = np.minimum(np.arange(first, first + size), count - 1)
+        arrays = jax.tree.map(lambda x, which=which: jnp.asarray(x[which]), given)
+        parts.append(jax.tree.map(np.asarray, program(arrays if loop else jax.device_put(arrays, _spread(devices)))))
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count], *parts)
+
+
+@lru_cache(maxsize=8)
+def _program(function, loop):
+    return compiled((lambda samples: jax.lax.map(function, samples)) if loop else jax.vmap(function))
+
+
+def _spread(devices) -> NamedSharding:
+    """Over devices in a row; the solvers work neither inside `shard_map` nor on axes of another type than Auto."""
+    mesh = jax.make_mesh((len(devices),), ("sample",), axis_types=(AxisType.Auto,), devices=devices)
+    return NamedSharding(mesh, PartitionSpec("sample"))

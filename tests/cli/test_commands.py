@@ -218,3 +218,24 @@ def test_the_program_ends_with_its_answer_while_something_is_still_being_compile
     found = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     assert found.returncode == 2
     assert "nothing" in found.stderr
+
+
+def test_several_studies_need_names_for_their_files(tmp_path):
+    for folder in ("a/cable", "b/cable"):
+        (tmp_path / folder).mkdir(parents=True)
+    found = CliRunner().invoke(app, ["fit", str(tmp_path / "a"), str(tmp_path / "b"), "--json", str(tmp_path / "out.json")])
+    assert "put {} where the study's name belongs" in str(found.exception)
+    same = [str(tmp_path / "a/cable"), str(tmp_path / "b/cable"), "--json", str(tmp_path / "{}.json")]
+    assert "two studies are called cable" in str(CliRunner().invoke(app, ["explain", *same]).exception)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [(), ("--workers", "2")])
+def test_several_studies_and_one_that_is_refused(tmp_path, more):
+    good = example_path("simulated-cable")
+    (tmp_path / "bad").mkdir()
+    found = scan2flex("fit", tmp_path / "bad", good, "--json", tmp_path / "results" / "{}.json", "--quiet", *more)
+    assert found.returncode == 2 and "bad" in found.stderr and "Traceback" not in found.stderr
+    assert "EI" in found.stdout and found.stdout.index(str(tmp_path / "bad")) < found.stdout.index(str(good))
+    result = json.loads((tmp_path / "results" / f"{good.name}.json").read_text())
+    assert result["estimates"]["bending_stiffness"]["value"] == pytest.approx(0.1, rel=0.01)

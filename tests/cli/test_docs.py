@@ -49,7 +49,7 @@ def test_documents_show_commands_that_the_program_accepts(document, parser):
         assert found.exit_code == 0, (words, found.exception or found.output)
 
 
-@pytest.mark.parametrize("wrong", ["fit", "fit a b", "fit a --mass 3", "fit a --elements many", "export a --to json", "fitt a"])
+@pytest.mark.parametrize("wrong", ["fit", "plan a b", "fit a --mass 3", "fit a --elements few", "export a --to json", "fitt a"])
 def test_the_parser_refuses_what_the_program_refuses(wrong, parser):
     assert parser(wrong.split()).exit_code == 2
 

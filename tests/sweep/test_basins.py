@@ -6,23 +6,23 @@ import numpy as np
 
 from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.sweep import Axis, Calls, Output, grid, sweep
+from scan2flex_jax.sweep import Output, Task, grid, sweep
 from scan2flex_jax.sweep.task import NOT_RUN
 
 mpl.use("Agg")
 
 
 def test_basins_show_ends_and_failures_and_nothing_where_no_fit_was_run():
-    def estimate(lane):
-        EI, GJ = lane["guess_bending_stiffness"], lane["guess_torsional_stiffness"]
+    def estimate(sample):
+        EI, GJ = sample["guess_bending_stiffness"], sample["guess_torsional_stiffness"]
         if EI > 1.0 and GJ > 1.0:
             raise Scan2FlexError("no equilibrium")
         right = EI < 1.0
         return {"bending_stiffness": 0.1 if right else 0.2, "torsional_stiffness": 0.25, "cost": float(not right)}
 
     outputs = dict.fromkeys(("bending_stiffness", "torsional_stiffness", "cost"), Output())
-    guesses = Axis(np.geomspace(0.01, 100.0, 5), "N m^2")
-    found = sweep(Calls(estimate, outputs), grid(guess_bending_stiffness=guesses, guess_torsional_stiffness=guesses))
+    guesses = (np.geomspace(0.01, 100.0, 5), "N m^2")
+    found = sweep(Task(estimate, outputs), grid(guess_bending_stiffness=guesses, guess_torsional_stiffness=guesses))
     found["code"][0, 0] = NOT_RUN
     for name in outputs:
         found[name][0, 0] = np.nan

@@ -8,7 +8,7 @@ import pytest
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import Tolerance
-from scan2flex_jax.sweep import Axis, draws, failed, grid, minima, noisy, sweep
+from scan2flex_jax.sweep import draws, failed, grid, minima, noisy, sweep
 from scan2flex_jax.sweep.task import NOT_CONVERGED, REFUSED
 from tests.fitting import scenes
 
@@ -22,10 +22,10 @@ def study():
     return scenes.study_of(poses=("plane", "twist-90"))
 
 
-def lanes(*values):
+def samples(*values):
     """Samples with these guesses of EI and GJ (N m^2)."""
     columns = zip(STIFF, np.transpose(values), strict=True)
-    return draws(**{f"guess_{name}": Axis(column, "N m^2") for name, column in columns})
+    return draws(**{f"guess_{name}": (column, "N m^2") for name, column in columns})
 
 
 def values(found):
@@ -34,7 +34,7 @@ def values(found):
 
 def test_guesses_lead_to_the_minimum_of_the_fit_or_to_none(study):
     task = minima(study, starts="guess", elements=ELEMENTS)
-    found = sweep(task, lanes((0.05, 0.5), (100.0, 0.01), (0.3, 0.1)), at_once=2)
+    found = sweep(task, samples((0.05, 0.5), (100.0, 0.01), (0.3, 0.1)), chunk=2)
     assert found["code"].values.tolist() == [0, NOT_CONVERGED, 0]
     assert failed(found) == {"draw=1": "the fit did not converge"}
     minimum = np.exp(Problem(study, ELEMENTS).minimise("least-squares").shared)
@@ -47,11 +47,11 @@ def test_guesses_lead_to_the_minimum_of_the_fit_or_to_none(study):
 def test_curves_with_noise_and_what_cannot_share_the_program(study):
     """A sample with other tolerances is refused alone; the others are the minima of their own studies."""
 
-    def change(study, lane):
-        rough = noisy(study, 1e-3, int(lane["seed"]))
-        return replace(rough, tolerance=Tolerance(length=1e-3)) if lane["seed"] == 2 else rough
+    def change(study, sample):
+        rough = noisy(study, 1e-3, int(sample["seed"]))
+        return replace(rough, tolerance=Tolerance(length=1e-3)) if sample["seed"] == 2 else rough
 
-    found = sweep(minima(study, change, elements=ELEMENTS), grid(seed=Axis([1.0, 2.0, 3.0])))
+    found = sweep(minima(study, change, elements=ELEMENTS), grid(seed=[1.0, 2.0, 3.0]))
     assert found["code"].values.tolist() == [0, REFUSED, 0]
     assert "sweep over fits" in failed(found)["seed=2"]
     for k, seed in ((0, 1), (2, 3)):

@@ -1,4 +1,4 @@
-"""A sweep gives what its lanes give alone, with a verdict for every one and labels on everything."""
+"""A sweep gives what its samples give alone, with a verdict for every one and labels on everything."""
 
 from dataclasses import replace
 
@@ -12,11 +12,9 @@ from scan2flex_jax.inference import fit
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.sweep import (
-    Axis,
-    Calls,
     Outcome,
     Output,
-    device_mesh,
+    Task,
     draws,
     equilibria,
     failed,
@@ -40,17 +38,17 @@ def swept():
 
 
 @pytest.mark.slow
-def test_every_lane_is_the_equilibrium_alone(swept):
+def test_every_sample_is_the_equilibrium_alone(swept):
     found, _ = swept
     for span in scenes.SPANS[:2]:
         for stiffness in scenes.STIFFNESSES:
             model, boundary = scenes.hanging({"span": span, "bending_stiffness": stiffness})
             e = equilibrium(model, boundary, elements=scenes.ELEMENTS, max_steps=60)
-            lane = found.sel(span=span, bending_stiffness=stiffness)
-            assert int(lane.code) == SOLVED and bool(lane.stable) and int(lane.steps) == int(e.verdict.steps)
-            np.testing.assert_allclose(lane["points"], e.points, atol=1e-12)
-            np.testing.assert_allclose(lane["energy"], e.energy, rtol=1e-12)
-            np.testing.assert_allclose(lane["reaction_force"], e.reactions()[0], rtol=1e-7, atol=1e-9)
+            sample = found.sel(span=span, bending_stiffness=stiffness)
+            assert int(sample.code) == SOLVED and bool(sample.stable) and int(sample.steps) == int(e.verdict.steps)
+            np.testing.assert_allclose(sample["points"], e.points, atol=1e-12)
+            np.testing.assert_allclose(sample["energy"], e.energy, rtol=1e-12)
+            np.testing.assert_allclose(sample["reaction_force"], e.reactions()[0], rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -73,34 +71,32 @@ def test_labels_units_and_progress(swept):
     assert found["reaction_force"].sel(end="start", axis="z").dims == ("span", "bending_stiffness")
     assert all("units" in found[name].attrs for name in found.data_vars)
     assert found["points"].units == "m" and found["span"].units == "m" and found["energy"].units == "J"
-    assert any("chunk 2 of 2 kept, 6 of 6 lanes, 2 failed" in line for line in lines)
+    assert any("6 of 6 samples, 2 failed" in line for line in lines)
 
 
 @pytest.mark.slow
 def test_a_vectorised_batch_gives_what_the_loop_gives(swept):
-    """On a mesh, in the order of cost, with a last batch that is filled up: only rounding differs, and a failed lane harms no
-    other."""
+    """With a last batch that is filled up: only rounding differs, and a failed sample harms no other."""
     found, _ = swept
-    order = {"cost": lambda lane: -lane["bending_stiffness"]}
-    batched = sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, at_once=4, mesh=device_mesh(), **order)
+    batched = sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, chunk=4, devices=jax.local_devices())
     np.testing.assert_array_equal(batched["code"], found["code"])
     for name in scenes.QUANTITIES:
         np.testing.assert_allclose(batched[name], found[name], rtol=1e-6, atol=1e-9)
 
 
-def test_what_a_function_raises_is_its_lane_verdict():
-    def root(lane):
-        if lane["x"] == 2:
+def test_what_a_function_raises_is_the_status_of_its_sample():
+    def root(sample):
+        if sample["x"] == 2:
             raise Scan2FlexError("two is refused")
-        if lane["x"] == 3:
+        if sample["x"] == 3:
             raise ValueError("three is a fault")
-        if lane["x"] == 4:
+        if sample["x"] == 4:
             return {"root": np.nan}
-        if lane["x"] == 5:
+        if sample["x"] == 5:
             return Outcome({"root": 9.0}, 20, steps=7)
-        return {"root": np.sqrt(lane["x"])}
+        return {"root": np.sqrt(sample["x"])}
 
-    found = sweep(Calls(root, {"root": Output("m")}), grid(x=Axis([0, 1, 2, 3, 4, 5])), chunk=3)
+    found = sweep(Task(root, {"root": Output("m")}), grid(x=[0, 1, 2, 3, 4, 5]), chunk=3)
     np.testing.assert_array_equal(found["code"], [0, 0, REFUSED, FAULT, 2, 20])
     assert failed(found)["x=2"] == "two is refused" and failed(found)["x=3"] == "ValueError: three is a fault"
     np.testing.assert_array_equal(found["root"], [0, 1, np.nan, np.nan, np.nan, 9])
@@ -108,38 +104,51 @@ def test_what_a_function_raises_is_its_lane_verdict():
 
 
 def test_a_function_that_never_works_is_no_result():
-    with pytest.raises(Scan2FlexError, match="every lane of the first chunk failed: KeyError"):
-        sweep(Calls(lambda lane: {"y": lane["z"]}, {"y": Output()}), grid(x=Axis([1.0, 2.0])))
+    with pytest.raises(Scan2FlexError, match="every sample of the first chunk failed: KeyError"):
+        sweep(Task(lambda sample: {"y": sample["z"]}, {"y": Output()}), grid(x=[1.0, 2.0]))
 
 
 def test_draws_have_one_dimension_and_their_inputs_as_coordinates():
     tilts = np.random.default_rng(0).normal(size=(5, 2, 3))
-    task = Calls(lambda lane: {"size": np.linalg.norm(lane["tilt"])}, {"size": Output("rad")})
-    found = sweep(task, draws(tilt=Axis(tilts, "rad")), chunk=2)
+    task = Task(lambda sample: {"size": np.linalg.norm(sample["tilt"])}, {"size": Output("rad")})
+    found = sweep(task, draws(tilt=(tilts, "rad")), chunk=2)
     np.testing.assert_allclose(found["size"], np.linalg.norm(tilts, axis=(1, 2)))
     np.testing.assert_array_equal(found["tilt"], tilts)
     assert found["size"].dims == ("draw",) and found["tilt"].units == "rad"
 
 
+def test_a_grid_and_draws_merge_to_every_combination():
+    samples = xr.merge([grid(scale=[1.0, 10.0]), draws(row=([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]], "m"))])
+    task = Task(lambda sample: {"sum": sample["scale"] * sample["row"].sum()}, {"sum": Output("m")})
+    np.testing.assert_array_equal(sweep(task, samples)["sum"], [[3.0, 7.0, 11.0], [30.0, 70.0, 110.0]])
+    np.testing.assert_array_equal(sweep(task, samples.isel(scale=1, draw=slice(1, None)))["sum"], [70.0, 110.0])
+
+
+def test_an_output_has_one_shape():
+    for chunk in (1, 8):
+        with pytest.raises(Scan2FlexError, match="make it the same in all"):
+            sweep(Task(lambda s: {"y": np.ones(int(s["x"]))}, {"y": Output("-", ("k",))}), grid(x=[1.0, 2.0]), chunk=chunk)
+
+
 @pytest.mark.slow
 def test_fits_from_guesses_are_the_fits_alone():
     study = replace(studies.example(), poses=studies.example().fit_poses)
-    lanes = grid(guess_bending_stiffness=Axis([0.05, 0.2], "N m^2"), guess_torsional_stiffness=Axis([0.3], "N m^2"))
-    found = sweep(fits(study), lanes)
+    samples = grid(guess_bending_stiffness=([0.05, 0.2], "N m^2"), guess_torsional_stiffness=([0.3], "N m^2"))
+    found = sweep(fits(study), samples)
     assert not failed(found)
     for EI in (0.05, 0.2):
         alone = fit(studies.guessed(study, bending_stiffness=EI, torsional_stiffness=0.3))
-        lane = found.sel(guess_bending_stiffness=EI).isel(guess_torsional_stiffness=0)
-        assert float(lane["bending_stiffness"]) == alone.estimates["bending_stiffness"].value
-        assert float(lane["torsional_stiffness_std"]) == alone.estimates["torsional_stiffness"].std
-        assert int(lane["steps"]) == alone.equilibria and bool(lane["stable"])
-        assert float(lane["rms"]) == alone.rms() and 0 <= float(lane["out_of_balance"]) < 1e-6
+        sample = found.sel(guess_bending_stiffness=EI).isel(guess_torsional_stiffness=0)
+        assert float(sample["bending_stiffness"]) == alone.estimates["bending_stiffness"].value
+        assert float(sample["torsional_stiffness_std"]) == alone.estimates["torsional_stiffness"].std
+        assert int(sample["steps"]) == alone.equilibria and bool(sample["stable"])
+        assert float(sample["rms"]) == alone.rms() and 0 <= float(sample["out_of_balance"]) < 1e-6
 
 
 @pytest.mark.slow
 def test_a_guess_for_a_known_quantity_is_refused():
-    lanes = grid(guess_length=Axis([1.0], "m"))
-    said = failed(sweep(fits(studies.example()), lanes))["guess_length=1"]
+    samples = grid(guess_length=([1.0], "m"))
+    said = failed(sweep(fits(studies.example()), samples))["guess_length=1"]
     assert said == "'guess_length' is no guess for an unknown of the study: they are bending_stiffness, torsional_stiffness"
 
 
@@ -161,24 +170,21 @@ def test_turned_clamps_and_noise():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (grid, "at least one"),
-        (lambda: grid(x=[1.0]), "give an Axis"),
-        (lambda: grid(x=Axis([])), "no values"),
-        (lambda: grid(x=Axis([1.0, np.inf])), "not finite"),
-        (lambda: grid(x=Axis(np.eye(2))), "use draws"),
-        (lambda: Axis(["a"]), "must be numbers"),
-        (lambda: draws(a=Axis([1.0]), b=Axis([1.0, 2.0])), "one length"),
-        (lambda: draws(draw=Axis([1.0])), "another name"),
+        (lambda: sweep(scenes.squares()[0], grid()), "at least one"),
+        (lambda: sweep(scenes.squares()[0], {"x": [1.0]}), "make them by grid"),
+        (lambda: grid(x=[]), "no values"),
+        (lambda: grid(x=[1.0, np.inf]), "not finite"),
+        (lambda: grid(x=np.eye(2)), "use draws"),
+        (lambda: grid(x=["a"]), "must be numbers"),
+        (lambda: draws(a=[1.0], b=[1.0, 2.0]), "one length"),
+        (lambda: draws(draw=[1.0]), "another name"),
         (lambda: equilibria(scenes.hanging, ("ponits",)), "no known quantity"),
         (lambda: fits(studies.study_of(())), "nothing to fit"),
-        (lambda: sweep(scenes.squares()[0], grid(x=Axis([1.0])), chunk=0), "1 or more"),
-        (lambda: sweep(*scenes.squares(), at_once=2), "one lane at a time"),
-        (lambda: sweep(*scenes.squares(), cost=[1.0]), "one number for each lane"),
+        (lambda: sweep(scenes.squares()[0], grid(x=[1.0]), chunk=0), "1 or more"),
+        (lambda: sweep(*scenes.squares(), devices=jax.local_devices()), "for a traced task"),
+        (lambda: sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, devices=[]), "1 or more"),
         (lambda: turned(studies.example(), np.zeros((2, 3))), "a vector for each end"),
-        (lambda: sweep(*scenes.squares(), share=(2, 2)), "no share"),
-        (lambda: sweep(*scenes.squares(), share=(0, 2)), "through its store"),
-        (lambda: sweep(scenes.squares()[0], grid(square=Axis([1.0]), x=Axis([1.0]))), "rename one"),
-        (lambda: sweep(scenes.hanging_cables(), scenes.CLAMPS_APART, mesh=jax.make_mesh((1,), ("lane",))), "device_mesh"),
+        (lambda: sweep(scenes.squares()[0], grid(square=[1.0], x=[1.0])), "rename one"),
     ],
 )
 def test_bad_input_is_one_sentence(make, said):
