@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
@@ -41,7 +40,7 @@ def check_effects(study: Study, where: Where) -> None:
         for parameter in form.parameters:
             name, key = parameter.name, here.at(parameter.name)
             if name in effect.parameters:
-                v.quantity(effect.parameters[name], parameter, key, ends, longest, points)
+                parameter.take(effect.parameters[name], key, ends, longest, points)
             elif not parameter.optional and not study.unknown_of(i, name):
                 asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
@@ -57,11 +56,8 @@ def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> 
     grid, here = effect.parameters[form.grid.name], where.at(form.grid.name)
     count = int(np.size(grid))
     if count < FEWEST_PLACES:
-        what = "place" if form.grid.domain == "along_cable" else "point"
-        raise here.fail(f"got {count} {what}{'s' * (count != 1)}: give at least {FEWEST_PLACES}.")
-    if form.grid.domain == "along_cable":
-        return len(arrays.arc_lengths(grid, count, here))
-    return len(arrays.growing(grid, count, here, form.grid.unit))
+        raise here.fail(f"got {v.counted(count, 'point')}: give at least {FEWEST_PLACES}.")
+    return len(v.growing(grid, count, here, f"number in {form.grid.unit}"))
 
 
 def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
@@ -123,7 +119,7 @@ def _coupled(effect: EffectDeclaration, where: Where) -> None:
 
 def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     """Every name that may be an unknown of this study, with its format."""
-    formats = {name: form for name, form in CABLE.items() if form.estimable}
+    formats: dict[str, ParameterFormat] = {name: form for name, form in CABLE.items() if form.estimable}
     count = Counter(effect.kind for effect in study.effects)
     for kind, number in count.items():
         several = [f"{kind}[{n + 1}]" for n in range(number)] if number > 1 else []
@@ -160,11 +156,10 @@ def check_name(name: str, study: Study, where: Where) -> None:
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
     """The range lies in the domain of the quantity, and contains the start."""
     shapes = form.bound_shapes(len(study.clamped_ends), study.places_of(unknown.name))
-    domain = "any" if form.domain == "unit" else form.domain
     low, high, key = unknown.low, unknown.high, where.at("range")
     for bound, place in ((unknown.guess, where.at("guess")), (low, key), (high, key)):
         if bound is not None:
-            v.check_domain(v.array(bound, shapes, place), domain, place, longest)
+            form.check(v.array(bound, shapes, place), place, longest)
     if low is not None and high is not None:
         if not _match(low, high):
             raise key.fail(_MISMATCH)
@@ -190,8 +185,8 @@ def _check_prior(
     """The mean is an admissible value of the quantity, and the standard deviation is positive."""
     if unknown.prior is None:
         return
-    v.check_domain(v.array(unknown.prior["mean"], shapes, where.at("mean")), form.domain, where.at("mean"), longest)
-    v.check_domain(v.array(unknown.prior["std"], shapes, where.at("std")), "positive", where.at("std"))
+    form.check(v.array(unknown.prior["mean"], shapes, where.at("mean")), where.at("mean"), longest)
+    replace(form, domain="positive").check(v.array(unknown.prior["std"], shapes, where.at("std")), where.at("std"))
 
 
 def _check_start(unknown: Unknown, study: Study, where: Where) -> None:

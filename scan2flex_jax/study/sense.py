@@ -12,7 +12,7 @@ from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
-from scan2flex_jax.study.parts import third_column
+from scan2flex_jax.study.rotations import columns
 from scan2flex_jax.study.values import Where, shown, suggestion
 
 Purpose = Literal["fit", "predict", "extract"]
@@ -279,5 +279,5 @@ def _check_order(study: Study, where: Where) -> None:
 
 def _angle(quaternion: Annotated[np.ndarray, "4"], chord: Annotated[np.ndarray, "3"]) -> float:
     """Angle (degrees) between d3 and a chord."""
-    cosine = float(third_column(quaternion) @ chord) / float(np.linalg.norm(chord))
+    cosine = float(columns(quaternion)[:, 2] @ chord) / float(np.linalg.norm(chord))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

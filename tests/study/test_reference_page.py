@@ -8,15 +8,16 @@ import pytest
 
 from scan2flex_jax.effects import effect_class
 from scan2flex_jax.fitting.parameters import DEFAULT_RANGE
-from scan2flex_jax.study import CABLE, TOLERANCE, kind_format, kind_names, load_study, read
+from scan2flex_jax.study import CABLE, TOLERANCE, kind_format, kind_names, load_study
+from scan2flex_jax.study.kinds import KEYS as KEYS_OF
 from tests.documents import DOCS, PAGES, blocks, name_of, rows, section
 
 PAGE = (DOCS / "study.md").read_text("utf-8")
 KEYS = {
-    "Top level": read._TOP,
+    "Top level": tuple(KEYS_OF["study"]),
     "cable": tuple(CABLE),
     "tolerance": tuple(TOLERANCE),
-    "pose": (*read._POSE, "position", "quaternion"),
+    "pose": (*KEYS_OF["pose"], *KEYS_OF["clamp"]),
 }
 
 
