@@ -82,32 +82,29 @@ def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[s
     names = [name.strip() for name in first.split(",")] if len(first) < 200 else []
     if ",".join(names) not in headers:
         raise where.at("header").fail(f"the first line is {v.shown(first)}: write the header {' or '.join(headers[:2])}.")
-    filled = [line for line in lines if line and not line.isspace()]
-    if not filled:
-        raise where.fail("no point follows the header: give at least one line of numbers.")
-    try:
-        table = np.loadtxt(filled, dtype=np.float64, delimiter=",", comments=None, ndmin=2, encoding=None)
-    except (ValueError, TypeError, OverflowError, RuntimeError):
-        table = None
-    if table is None or table.shape != (len(filled), len(names)):
-        raise _csv_fault(lines, len(names), where)
-    return names, table
-
-
-def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
-    """The line of a CSV that numpy could not read, and the reason."""
-    for i, line in enumerate(lines):
+    table: list[float] = []
+    for i, line in enumerate(lines, 2):
         if not line or line.isspace():
             continue
-        here, cells = where.at(f"line {i + 2}"), line.split(",")
-        if len(cells) != columns:
-            return here.fail(f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {columns}.")
+        cells = line.split(",")
+        if len(cells) != len(names):
+            said = f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {len(names)}."
+            raise where.at(f"line {i}").fail(said)
         for cell in cells:
             try:
-                float(cell)
+                table.append(_number(cell))
             except ValueError:
-                return here.fail(f"{v.shown(cell.strip())} is no number: write a number, as in 0.125.")
-    return where.fail("the lines are no table of plain numbers: write them with digits, as in 0.125.")
+                said = f"{v.shown(cell.strip())} is no number: write a number, as in 0.125."
+                raise where.at(f"line {i}").fail(said) from None
+    if not table:
+        raise where.fail("no point follows the header: give at least one line of numbers.")
+    return names, np.array(table).reshape(-1, len(names))
+
+
+def _number(cell: str) -> float:
+    if "_" in cell or not cell.isascii():  # float takes 1_0, and the digits of every script
+        raise ValueError
+    return float(cell)
 
 
 def curve_length(points: Annotated[np.ndarray, "n 3"]) -> float:

@@ -190,7 +190,7 @@ def _wanted(shape: tuple[int, ...]) -> str:
 
 
 def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) -> float | Annotated[np.ndarray, "..."]:
-    """A number, or nested lists of numbers, of one of `shapes` (None: any); a float for shape ()."""
+    """A number, or nested lists of numbers, of one of `shapes`; a float for shape (). With None any shape will do, and NaN."""
     value = plain(value)
     wanted = None if shapes is None else tuple(shapes)
     shape = _shape(value)
@@ -199,7 +199,9 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) ->
         raise where.fail(f"got {shown(value)}: write {said}.")
 
     def numbers(inner: Any) -> Any:
-        return [numbers(entry) for entry in inner] if isinstance(inner, list) else number(inner, where)
+        if isinstance(inner, list):
+            return [numbers(entry) for entry in inner]
+        return inner if wanted is None and isinstance(inner, float) else number(inner, where)
 
     found = numbers(value)
     return found if isinstance(found, float) else np.array(found)

@@ -76,8 +76,8 @@ def save_study(study: Study, folder: str | Path) -> Path:
     toml, files = folder / STUDY_FILE, NamedFiles(study.folder)
     tree = study_tables(study, files)
     text = render(tree, study.assumptions)
-    _check_written(study, tree, text, files, Where(one_line(str(toml), 300)))
     try:
+        _check_written(study, tree, text, files, Where(one_line(str(toml), 300)))
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.contents.items():
             _put_file(inside(folder, name, Where(one_line(str(folder / name), 300))), content)
@@ -94,7 +94,9 @@ def _check_written(study: Study, tree: dict[str, Any], text: str, files: NamedFi
         for file, content in files.contents.items():
             if isinstance(content, Path) and not content.is_file():
                 raise where.fail(f"the scan {one_line(str(content), 200)} is not there: put it back, or name another.")
-            write_atomic(inside(folder, file, where), b"-" if isinstance(content, Path) else csv_text(content).encode("ascii"))
+            path = inside(folder, file, where)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("-" if isinstance(content, Path) else csv_text(content), "ascii")
         (folder / STUDY_FILE).write_text(text, "utf-8")
         named = zip(study.poses, tree["pose"], strict=True)
         poses = [replace(pose, scan=folder / table["scan"]) if "scan" in table else pose for pose, table in named]

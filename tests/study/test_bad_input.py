@@ -183,7 +183,7 @@ CSV = [
     ("an empty cell", LINES + "1,,3\n", "line 42", "no number"),
     ("nan", LINES + "1,nan,3\n", None, "finite"),
     ("inf", LINES + "1,1e999,3\n", None, "finite"),
-    ("an underscore", LINES + "1,1_0,3\n", None, "plain"),
+    ("an underscore", LINES + "1,1_0,3\n", "line 42", "no number"),
     ("one point", csv(POINTS[:1]), None, "at least 2"),
     ("repeated", csv(POINTS[[0, 1, 1, 2, 3]]), None, "2 and 3"),
     ("s stands", csv(np.hstack([0 * S, POINTS]), "s,x,y,z"), "s", "grow"),
