@@ -102,8 +102,10 @@ def _unknowns(study: Study) -> list[str]:
     for unknown in study.unknowns:
         start = study.start_value(unknown.name)
         said = [formats[unknown.name].unit, "start computed by the fit" if start is None else f"start {_text(start)}"]
-        ranged = unknown.low is not None and unknown.high is not None
-        said.append(f"range {_text(unknown.low)} to {_text(unknown.high)}" if ranged else "default range")
+        if unknown.low is None or unknown.high is None:
+            said.append("default range")
+        else:
+            said.append(f"range {_text(unknown.low)} to {_text(unknown.high)}")
         if unknown.prior is not None:
             said.append(f"measured elsewhere as {_text(unknown.prior['mean'])} +- {_text(unknown.prior['std'])}")
         lines.append(f"  {unknown.name:<24} {'; '.join(said)}")

@@ -21,9 +21,9 @@ BLOCKS = 64
 FEW_BLOCKS = 8
 """Averaged knots of a lower bound: the noise of hand-picked points adds nothing to chords of an eighth of the curve."""
 ALONG = 0.8
-"""Of `least_length`: arc lengths that grow by less are in another unit."""
+"""Of the lower bound of the length: arc lengths that grow by less are in another unit."""
 BEYOND = 5.0
-"""Times `least_length`: arc lengths that look like per cent and grow by more are."""
+"""Times that bound: arc lengths that look like per cent and grow by more are."""
 MARKED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
 """Headers of markers."""
 _COLUMNS = {"points": None, "arc_length": "s"}  # of a file, by the field of a record
@@ -64,7 +64,7 @@ def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarr
 
     They may exceed the distances of sparse points, but never by a whole unit, and never fall below.
     """
-    grown, along = float(s[-1] - s[0]), least_length(points)
+    grown, along = float(s[-1] - s[0]), curve_length(points, FEW_BLOCKS)
     percent = any(_PERCENT[0] <= unit * s[-1] <= _PERCENT[1] for unit in (1.0, 10.0, 100.0, 1000.0))
     if grown >= ALONG * along and not (percent and grown > BEYOND * along):
         return None
@@ -107,14 +107,12 @@ def _number(cell: str) -> float:
     return float(cell)
 
 
-def curve_length(points: Annotated[np.ndarray, "n 3"]) -> float:
-    """Length (m) of the curve through noisy points: first point, averages of neighbours, last point."""
-    return float(np.sum(np.linalg.norm(np.diff(_knots(points), axis=0), axis=1)))
+def curve_length(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> float:
+    """Length (m) of the curve through noisy points: first point, averages of neighbours in blocks, last point.
 
-
-def least_length(points: Annotated[np.ndarray, "n 3"]) -> float:
-    """Length (m) that a curve through noisy points has at least: the chords between means of a few blocks."""
-    return float(np.sum(np.linalg.norm(np.diff(_knots(points, FEW_BLOCKS), axis=0), axis=1)))
+    With a few blocks it is a lower bound.
+    """
+    return float(np.sum(np.linalg.norm(np.diff(_knots(points, blocks), axis=0), axis=1)))
 
 
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:

@@ -135,8 +135,8 @@ class Key(ParameterFormat):
 
     @property
     def written(self) -> str:
-        """The example as it stands in a file."""
-        return self.example if self.example.lstrip("[").startswith(self.name) else f"{self.name} = {self.example}"
+        """Advice to write it, with the example as it stands in a file."""
+        return f"it, as in {'' if self.example.lstrip('[').startswith(self.name) else f'{self.name} = '}{self.example}"
 
     def take(self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0) -> Any:
         """The checked value."""

@@ -11,7 +11,7 @@ import numpy as np
 from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
 from scan2flex_jax.study.kinds import kind_format
-from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Value
 from scan2flex_jax.study.rotations import columns
 from scan2flex_jax.study.values import Where, shown, suggestion
 
@@ -148,17 +148,17 @@ def _has_gravity(study: Study, pose: StudyPose) -> bool:
 
 def _reach(study: Study) -> float | None:
     """Reach (m) of the straightened cable; None if it may stretch, or no length is known."""
-    unknown, lengths = study.unknown_names, [longest_cable(study)]
+    unknown, longest, lengths = study.unknown_names, longest_cable(study), list[Value]()
     axial = [study.known("axial_stiffness")] if "axial_stiffness" in (*study.cable, *unknown) else []
     for effect in study.effects:
         axial += [effect.parameters.get("axial_stiffness")] if effect.kind == "extensibility" else []
-        lengths += [effect.parameters.get("length", lengths[0])] if effect.kind == "length_error" else []
+        lengths += [effect.parameters["length"]] if "length" in effect.parameters and effect.kind == "length_error" else []
     stretches = {"extensibility.axial_stiffness", "natural_stretch", "length_error.length"} & set(unknown)
-    if stretches or lengths[0] is None or any(value is None or float(np.min(value)) < STIFF_AXIAL for value in axial):
+    if stretches or longest is None or any(value is None or float(np.min(value)) < STIFF_AXIAL for value in axial):
         return None
     stretch = study.cable.get("natural_stretch")
     along = 0.0 if stretch is None else float(np.ravel(stretch)[-1])
-    return max(float(np.max(length)) for length in lengths) * (1 + max(along, 0.0))
+    return max([longest, *(float(np.max(length)) for length in lengths)]) * (1 + max(along, 0.0))
 
 
 def looks_like(ratio: float) -> tuple[str, float] | None:

@@ -213,7 +213,7 @@ def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"
     if rows.ndim != 2 or rows.shape[1] != 3:
         turned = rows.ndim == 2 and rows.shape[0] == 3
         advice = "transpose it, so that each row is a point" if turned else "give one row [x, y, z] for each point"
-        raise where.fail(f"got an array of shape {rows.shape}: {advice}.")
+        raise where.fail(f"got {shown(value) if isinstance(value, list) else f'an array of shape {rows.shape}'}: {advice}.")
     if len(rows) < fewest:
         raise where.fail(f"got {counted(len(rows), 'point')}: give at least {fewest}.")
     bad = np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1))

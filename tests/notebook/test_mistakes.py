@@ -73,7 +73,7 @@ MISTAKES = {
     ),
     "position alone": (
         lambda: Clamp.of([0, 0, 0]),
-        "Clamp: got [0, 0, 0]: write a list of 4 lists of 4 numbers or a list of 3 lists of 4 numbers",
+        "Clamp: a frame has 4x4 (or 3x4) finite numbers, and this is [0, 0, 0].",
     ),
     "not a clamp": (
         lambda: StudyPose("a", "fit", (0, 0, 0)),
