@@ -94,8 +94,6 @@ def _check_bytes(path: Path, size: int, limit: Limit) -> None:
 
 def _check(path: Path, found: Survey, limit: Limit) -> None:
     """Refuse a file that is too large, empty, or shorter than its own header states."""
-    if found.fault:
-        raise StudyError(path, None, f"it cannot be read as a point cloud ({found.fault}): {_ADVICE}")
     if max(found.points, found.declared, found.faces) > limit.points:
         most = max(found.points, found.declared)
         raise StudyError(path, None, limit.sentence(f"{most} {found.unit}" if most > limit.points else f"{found.faces} faces"))
@@ -139,7 +137,8 @@ def _read_mesh(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> 
 
 def unreadable(path: Path, fault: Exception) -> StudyError:
     """One sentence for a reader's exception on a broken file."""
-    reason = " ".join(f"{type(fault).__name__} {fault}".split())[:140]
+    kind = "" if isinstance(fault, ValueError) and str(fault) else type(fault).__name__
+    reason = " ".join(f"{kind} {fault}".split())[:140]
     return StudyError(path, None, f"it cannot be read as a point cloud ({reason}): {_ADVICE}")
 
 

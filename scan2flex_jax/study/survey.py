@@ -25,18 +25,20 @@ _PACKING = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 @dataclass(frozen=True)
 class Survey:
-    """Counts; `cut`: there are fewer faces than in the header; `fault`: reason for a failed survey; `unit`: of the points."""
+    """Counts; `cut`: there are fewer faces than in the header; `unit`: of the points."""
 
     points: int = 0
     declared: int = 0
     faces: int = 0
     cut: bool = False
-    fault: str = ""
     unit: str = "points"
 
 
 def survey(kind: str, stream: io.BufferedIOBase, limit: Limit) -> Survey:
-    """Survey of a file of a kind among `SURVEYS`; counting stops at the limit."""
+    """Survey of a file of a kind among `SURVEYS`; counting stops at the limit.
+
+    Raises `ValueError` with the reason for a damaged one.
+    """
     size = stream.seek(0, 2)
     stream.seek(0)
     return SURVEYS[kind](stream, size, limit)
@@ -71,8 +73,8 @@ def _off(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
             break
     try:
         declared, faces = int(words[1]), int(words[2])
-    except (IndexError, ValueError):
-        return Survey(fault="it does not begin with OFF and its counts")
+    except (IndexError, ValueError) as fault:
+        raise ValueError("it does not begin with OFF and its counts") from fault
     rows = _count(lines, min(declared + faces, 2 * limit.points))
     return Survey(min(declared, rows), declared, faces, cut=rows < declared + faces)
 
@@ -84,7 +86,7 @@ def _stl(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
         corners = _count((line for line in _lines(stream) if line.lstrip().startswith(b"vertex")), 3 * limit.points)
         return Survey(corners // 3, corners // 3, corners // 3, unit="triangles")
     if size < _STL_HEAD:
-        return Survey(fault="it is too short for an STL")
+        raise ValueError("it is too short for an STL")
     (declared,) = struct.unpack("<I", head[80:_STL_HEAD])
     there = (size - _STL_HEAD) // _STL_TRIANGLE
     return Survey(min(there, declared), declared, declared, unit="triangles")
@@ -93,7 +95,7 @@ def _stl(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
 def _glb(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     head = stream.read(20)
     if len(head) < 20 or head[:4] != b"glTF" or struct.unpack("<I", head[12:16])[0] > min(size, limit.bytes // 10):
-        return Survey(fault="it is no binary glTF")
+        raise ValueError("it is no binary glTF")
     if struct.unpack("<I", head[8:12])[0] > size:
         return Survey(1, 1, cut=True)
     try:
@@ -102,18 +104,15 @@ def _glb(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
         where = [p["attributes"]["POSITION"] for mesh in tree.get("meshes", ()) for p in mesh["primitives"]]
         counts = [int(accessor["count"]) for accessor in tree.get("accessors", ())]
         points = sum(counts[i] for i in where)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
-        return Survey(fault="its description is damaged")
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as fault:
+        raise ValueError("its description is damaged") from fault
     if packed:
-        return Survey(fault=f"it is packed with {packed[0]}")
+        raise ValueError(f"it is packed with {packed[0]}")
     return Survey(points, points, max(counts, default=0) // 3)
 
 
 def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    found = _ply_header(stream)
-    if isinstance(found, str):
-        return Survey(fault=found)
-    ascii_text, elements = found
+    ascii_text, elements = _ply_header(stream)
     declared = sum(count for name, count, _ in elements if name == "vertex")
     faces = sum(count for name, count, _ in elements if name != "vertex")
     if max(declared, faces) > limit.points:
@@ -128,28 +127,28 @@ def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     return Survey(max(points, 0), declared, faces, cut)
 
 
-def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]] | str:
-    """Whether a PLY is text, and the name, count and least bytes of its elements, in turn; or the reason of failure."""
+def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]]:
+    """Whether a PLY is text, and the name, count and least bytes of its elements, in turn."""
     elements: list[tuple[str, int, int]] = []
     ascii_text = None
     for line in iter(lambda: stream.readline(_LONGEST_LINE), b""):
         words = line.decode("ascii", errors="replace").split()
         match words:
-            case ["end_header", *_]:
-                return "it does not say how it is written" if ascii_text is None else (ascii_text, elements)
+            case ["end_header", *_] if ascii_text is not None:
+                return ascii_text, elements
             case ["format", written, *_]:
                 ascii_text = written == "ascii"
             case ["element", name, count] if count.isascii() and count.isdecimal() and len(count) < 16:
                 elements.append((name, int(count), 0))
             case ["element", *_]:
-                return "an element of its header has no count"
+                raise ValueError("an element of its header has no count")
             case ["property", *kind] if elements and kind:
                 name, number, least = elements[-1]
                 written = kind[1] if kind[0] == "list" and len(kind) > 1 else kind[0]  # a list always has at least its count
                 elements[-1] = (name, number, least + _SIZES.get(written, 1))
         if stream.tell() > _HEADER:
             break
-    return "its header has no end"
+    raise ValueError("its header has no end, or does not say how it is written")
 
 
 SURVEYS: dict[str, Callable[[io.BufferedIOBase, int, Limit], Survey]] = {
