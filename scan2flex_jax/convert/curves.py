@@ -195,7 +195,7 @@ def _out_of_order(points) -> bool:
         return False
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     nearest = cKDTree(points).query(points, 2)[0][:-1, 1]
-    return bool(np.median(steps / np.maximum(nearest, 1e-300)) > _FARTHER)
+    return bool(np.median(steps / np.maximum(nearest, 1e-30)) > _FARTHER)
 
 
 def _colours(columns):
