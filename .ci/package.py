@@ -18,6 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 INSIDE = (
     "scan2flex_jax/py.typed", "scan2flex_jax/reporting/page.css", "scan2flex_jax/study/kinds.json",
+    "scan2flex_jax/study/keys.json",
     "scan2flex_jax/examples/black-wire/study.toml",
 )  # fmt: skip
 

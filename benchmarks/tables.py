@@ -1,4 +1,4 @@
-"""The tables of the README and of the pages in docs, from the JSON files in `benchmarks/results`.
+"""The tables of the README and of the pages in docs: from the JSON files in `benchmarks/results`, and the keys of a study.
 
 `python -m benchmarks.tables` from the repository's root rewrites the text on each page between `<!-- table:NAME -->` and
 `<!-- end -->`. A table is declared below: the records that it reads, its rows, and its columns, each a heading and a function
@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.record import RESULTS
+from scan2flex_jax.study.kinds import KEYS
 
 ROOT = Path(__file__).parents[1]
 README, DOCS = ROOT / "README.md", ROOT / "docs"
@@ -605,10 +606,19 @@ NEWTON = Table(("newton",), columns("cable", "largest distance of a link, over t
                "Newton {newton}, on the CPU.")  # fmt: skip
 
 
+def _keys(*tables: str) -> Callable[[], str]:
+    """The keys of tables of `study.toml`, as they are declared."""
+    keys = [key for table in tables for key in KEYS[table].values()]
+    rows = [f"| `{key.name}` | {key.unit} | {key.default} | `{key.example}` | {key.words} |\n" for key in keys]
+    return lambda: "".join(["| key | unit | default | example | meaning |\n| --- | --- | --- | --- | --- |\n", *rows])
+
+
 PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     README: {"find": find, "works": works, "answer": answer},
     DOCS / "accuracy.md": {"blind": BLIND, "background": BACKGROUND, "paired": PAIRED, "sbc": SBC, "scans": SCANS,
                            "kinect": KINECT, "sensitivity": SENSITIVITY, "equilibrium": EQUILIBRIUM, "firstuse": FIRST_USE},
+    DOCS / "study.md": {"study": _keys("study"), "cable": _keys("cable"), "tolerance": _keys("tolerance"),
+                        "unknown": _keys("unknown"), "pose": _keys("pose", "clamp"), "effect": _keys("effect")},
     DOCS / "compared.md": {"fit": FIT},
     DOCS / "adding-an-effect.md": {"laws": LAWS},
     DOCS / "missing-effects.md": {"memory": MEMORY},

@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 
 from scan2flex_jax.convert.motion_capture import Capture, capture_in, read_c3d
 from scan2flex_jax.convert.units import length_unit
-from scan2flex_jax.study import arrays
 from scan2flex_jax.study.curves import arc_length_fault, checked_curve
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.limits import curve_limit
@@ -22,6 +21,7 @@ from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.scans import load_geometry
 from scan2flex_jax.study.tables import SAMPLE, Dialect, dialect, rows, unfolded
 from scan2flex_jax.study.values import Where, one_line, shown
+from scan2flex_jax.study.values import points as points_of
 
 _FARTHER = 3.0  # times the nearest other point: the median step between points that are out of order
 _ARC = 0.2  # relative difference up to which a column counts as the arc length of the points
@@ -115,7 +115,7 @@ def _unit(given, stated, where) -> str:
 def read_foreign_points(path: Path, *, units: str | None = None) -> Annotated[np.ndarray, "n 3"]:
     """Guide points (m) in a text file of another tool: at least two."""
     where = Where(one_line(str(path), 300))
-    return arrays.points(_read(Path(path), units, None, where)[0], 2, where)
+    return points_of(_read(Path(path), units, None, where)[0], 2, where)
 
 
 def _read(path, units, columns, where):
@@ -195,7 +195,7 @@ def _out_of_order(points) -> bool:
         return False
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     nearest = cKDTree(points).query(points, 2)[0][:-1, 1]
-    return bool(np.median(steps / np.maximum(nearest, 1e-300)) > _FARTHER)
+    return bool(np.median(steps / np.maximum(nearest, 1e-30)) > _FARTHER)
 
 
 def _colours(columns):

@@ -18,12 +18,10 @@ from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
 from scan2flex_jax.study.curves import curve_length
-from scan2flex_jax.study.files import backup, write_atomic
+from scan2flex_jax.study.files import STUDY_FILE, backup, write_atomic
 from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
-from scan2flex_jax.study.read import STUDY_FILE
-from scan2flex_jax.study.scans import load_geometry
+from scan2flex_jax.study.scans import KINDS, load_geometry
 from scan2flex_jax.study.sense import CURVE_LEAST, CURVE_SLACK, looks_like
-from scan2flex_jax.study.survey import KINDS
 from scan2flex_jax.study.values import suggestion
 
 CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk", ".dxf", ".sldcrv", ".c3d")

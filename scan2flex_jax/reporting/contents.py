@@ -15,10 +15,9 @@ from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.inference import Explanation, Fit, Plan, plan
 from scan2flex_jax.inference.answer import Answer, digits_of, moved_in_words
 from scan2flex_jax.prediction import predict
-from scan2flex_jax.study.files import read_text
+from scan2flex_jax.study.files import STUDY_FILE, read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
 from scan2flex_jax.study.outputs import measured_files
-from scan2flex_jax.study.read import STUDY_FILE
 from scan2flex_jax.study.values import Where
 from scan2flex_jax.study.write import NamedFiles, render, study_tables
 

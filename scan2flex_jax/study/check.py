@@ -39,7 +39,7 @@ NO_VALIDATE = (
 )
 """The warning of a study without validation pose."""
 
-_CLAMPED = tuple(f"clamp_{what}" for what in ("position", "rotation"))
+_CLAMPED = ("clamp_position", "clamp_rotation")
 _MEASURED = ("length", "length_density")  # cable inputs that may have a tolerance and that influence every stiffness
 _UNIT = {"millimetres": "mm", "centimetres": "cm"}
 
@@ -52,38 +52,36 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
     ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`.
     """
     parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
-    if study.folder is not None:
-        parts.append(f"Folder   {study.folder}")
-    size = float(np.linalg.norm(study.gravity))
-    parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {size:.4g})", "", "Given"]
-    known = {key: value for key, value in study.cable.items() if key not in study.unknown_names}
-    parts += [f"  {key:<24} {_text(value)} {CABLE[key].unit}" for key, value in known.items()] or ["  nothing"]
-    parts += ["", "Assumed", *(f"  {sentence}" for sentence in assumptions(study))]
-    parts += ["", "To estimate", *(_unknowns(study) or ["  nothing"])]
-    parts += ["", "Tolerances (standard deviations)"]
-    nearly = [f"  {key:<24} {value:.6g} {TOLERANCE[key].unit}" for key, value in study.tolerance.given.items()]
-    parts += nearly or ["  none"]
-    if study.effects:
-        parts += ["", "Declared effects", *_effects(study)]
-    parts += ["", f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"]
-    for pose in study.poses:
-        parts += _pose(study, pose, (scans or {}).get(pose.name))
+    parts += [] if study.folder is None else [f"Folder   {study.folder}"]
+    parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {float(np.linalg.norm(study.gravity)):.4g})"]
+    known = [(key, value, CABLE[key].unit) for key, value in study.cable.items() if key not in study.unknown_names]
+    nearly = [(key, value, TOLERANCE[key].unit) for key, value in study.tolerance.given.items()]
+    sections: dict[str, list[str]] = {
+        "Given": [f"  {key:<24} {_text(value)} {unit}" for key, value, unit in known] or ["  nothing"],
+        "Assumed": [f"  {sentence}" for sentence in assumptions(study)],
+        "To estimate": _unknowns(study) or ["  nothing"],
+        "Tolerances (standard deviations)": [f"  {key:<24} {_text(value)} {unit}" for key, value, unit in nearly] or ["  none"],
+    }
+    sections |= {"Declared effects": _effects(study)} if study.effects else {}
+    poses = [line for pose in study.poses for line in ("", *_pose(study, pose, (scans or {}).get(pose.name)))]
+    sections[f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"] = poses
     warnings = study_warnings(study)
-    parts += ["", "Warnings" if warnings else "No warnings", *(f"  - {warning}" for warning in warnings)]
+    sections["Warnings" if warnings else "No warnings"] = [f"  - {warning}" for warning in warnings]
+    for title, lines in sections.items():
+        parts += ["", title, *lines]
     return "\n".join(parts) + "\n"
 
 
 def assumptions(study: Study) -> tuple[str, ...]:
     """Assumptions of a fit about inputs that the study does not state, in words."""
     said = list(study.assumptions)
-    unknown = (name.split(".")[-1] for name in study.unknown_names)
-    named = {*study.cable, *unknown, *(name for e in study.effects for name in e.parameters)}
-    if not named & {"natural_curvature", "curvature"}:
+    named = {*study.cable, *(name.split(".")[-1] for name in study.unknown_names)}
+    if not {"natural_curvature", "curvature"} & named.union(*(effect.parameters for effect in study.effects)):
         said.append("natural_curvature left out: the cable is assumed straight when nothing bends it")
     exact = [name for name in _MEASURED if study.known(name) is not None and not getattr(study.tolerance, name)]
-    held = [name for name in TOLERANCE if name in _CLAMPED and not getattr(study.tolerance, name)]
-    if exact or held:
-        said.append(f"taken as exact in the intervals: {', '.join([*exact, *held])} (give their errors under [tolerance])")
+    exact += [name for name in _CLAMPED if not getattr(study.tolerance, name)]
+    if exact:
+        said.append(f"taken as exact in the intervals: {', '.join(exact)} (give their errors under [tolerance])")
     silent = [pose.name for pose in study.poses if pose.noise is None]
     if silent:
         who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
@@ -103,13 +101,14 @@ def _unknowns(study: Study) -> list[str]:
     lines, formats = [], unknown_formats(study)
     for unknown in study.unknowns:
         start = study.start_value(unknown.name)
-        begins = "start computed by the fit" if start is None else f"start {_text(start)}"
-        between = "default range"
-        if unknown.low is not None and unknown.high is not None:
-            between = f"range {_text(unknown.low)} to {_text(unknown.high)}"
+        said = [formats[unknown.name].unit, "start computed by the fit" if start is None else f"start {_text(start)}"]
+        if unknown.low is None or unknown.high is None:
+            said.append("default range")
+        else:
+            said.append(f"range {_text(unknown.low)} to {_text(unknown.high)}")
         if unknown.prior is not None:
-            between += f"; measured elsewhere as {_text(unknown.prior['mean'])} +- {_text(unknown.prior['std'])}"
-        lines.append(f"  {unknown.name:<24} {formats[unknown.name].unit}; {begins}; {between}")
+            said.append(f"measured elsewhere as {_text(unknown.prior['mean'])} +- {_text(unknown.prior['std'])}")
+        lines.append(f"  {unknown.name:<24} {'; '.join(said)}")
     return lines
 
 
@@ -117,54 +116,47 @@ def _effects(study: Study) -> list[str]:
     lines = []
     for i, effect in enumerate(study.effects):
         form = kind_format(effect.kind)
-        given = [p for p in form.parameters if p.name in effect.parameters]
-        entries = [f"{p.name} {_text(effect.parameters[p.name])} {p.unit}" for p in given]
-        asked = [f"{n} to be estimated" for n in form.names if study.unknown_of(i, n)]
+        said = [f"{p.name} {_text(effect.parameters[p.name])} {p.unit}" for p in form.parameters if p.name in effect.parameters]
+        said += [f"{name} to be estimated" for name in form.names if study.unknown_of(i, name)]
         where = "" if effect.poses is None else f"; in {', '.join(map(one_line, effect.poses))} only"
-        lines.append(f"  {effect.kind} (on the {form.place}; {form.words}): {', '.join(entries + asked)}{where}")
+        lines.append(f"  {effect.kind} (on the {form.place}; {form.words}): {', '.join(said)}{where}")
     return lines
 
 
-def _clamp_kind(clamp: Clamp | None) -> str:
-    if clamp is None:
-        return "free"
-    return "ball joint" if clamp.quaternion is None else "clamp"
+def _held(clamp: Clamp | None) -> str:
+    return "free" if clamp is None else "ball joint" if clamp.quaternion is None else "clamp"
 
 
 def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:
     """The block of one pose, with the number of points and the box of its scan."""
-    lines = ["", f"  {one_line(pose.name)} ({pose.role})"]
-    ends = f"start {_clamp_kind(pose.start)}, end {_clamp_kind(pose.end)}"
-    if pose.end is not None:
-        ends += f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
-    lines.append(f"    held        {ends}; turns {pose.turns}")
-    facts = pose_facts(pose)
-    if facts is not None:
-        length = study.cable.get("length")
-        ratio = "" if length is None else f" ({facts.arc_length / float(np.max(length)):.4f} of the length)"
-        lines.append(f"    curve       {facts.points} points, arc length {facts.arc_length:.4g} m{ratio}")
-        lines.append(f"    at start    {_end(facts.start)}")
+    held = f"start {_held(pose.start)}, end {_held(pose.end)}"
+    held += "" if pose.end is None else f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
+    said = {"held": f"{held}; turns {pose.turns}"}
+    if (facts := pose_facts(pose)) is not None:
+        length = None if "length" not in study.cable else float(np.max(study.cable["length"]))
+        ratio = "" if length is None else f" ({facts.arc_length / length:.4f} of the length)"
+        said["curve"] = f"{facts.points} points, arc length {facts.arc_length:.4g} m{ratio}"
+        said["at start"] = _end(facts.start)
         if facts.end is not None:
-            lines.append(f"    at end      {_end(facts.end)}")
+            said["at end"] = _end(facts.end)
         elif length is not None:
-            short = float(np.max(length)) - facts.covered
-            lines.append(f"    at end      stops {mm(short)} short of the free end")
+            said["at end"] = f"stops {mm(length - facts.covered)} short of the free end"
     if pose.markers is not None:
-        s = pose.markers.arc_length
-        some = pose.markers.measured
+        s, some = pose.markers.arc_length, pose.markers.measured
         alone = "" if some == "xyz" else f" ({', '.join(some)} alone)"
         at = ", ".join(f"{x:.4g}" for x in s[:6]) + ", ..." * (len(s) > 6)
-        lines.append(f"    markers     {len(s)}{alone}, at s = {at} m")
+        said["markers"] = f"{len(s)}{alone}, at s = {at} m"
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
-        counted = "" if scan is None else f", {scan_in_words(study, scan)}"
-        lines.append(f"    scan        {scan_name(study, pose)}{counted}, guide points {guides}")
-    noise = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
-    lines.append(f"    noise       {noise}")
+        points = "" if scan is None else f", {scan_in_words(study, scan)}"
+        said["scan"] = f"{scan_name(study, pose)}{points}, guide points {guides}"
+    said["noise"] = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
     own = next((group for group in repeats(study) if pose.name in group), ())
-    if own:
-        lines.append(f"    repeats     {', '.join(one_line(name) for name in own if name != pose.name)}")
-    return lines + _circumstances(pose)
+    said |= {"repeats": ", ".join(one_line(name) for name in own if name != pose.name)} if own else {}
+    said |= {} if pose.gravity is None else {"gravity": f"{_text(pose.gravity)} m/s^2 in this pose"}
+    said |= {} if pose.time is None else {"measured": f"at {pose.time:.6g} s"}
+    said |= {"before": "the cable was taken out and straightened"} if pose.reset else {}
+    return [f"  {one_line(pose.name)} ({pose.role})", *(f"    {name:<11} {words}" for name, words in said.items())]
 
 
 def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
@@ -176,19 +168,10 @@ def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) ->
     return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres (new --units {_UNIT[unit[0]]})"
 
 
-def _circumstances(pose: StudyPose) -> list[str]:
-    """Gravity, time and reset of a pose, if given."""
-    lines = [] if pose.gravity is None else [f"    gravity     {_text(pose.gravity)} m/s^2 in this pose"]
-    lines += [] if pose.time is None else [f"    measured    at {pose.time:.6g} s"]
-    return [*lines, "    before      the cable was taken out and straightened"] if pose.reset else lines
-
-
 def _end(end: EndFacts) -> str:
     """Position and direction of a curve's end at its clamp, in words."""
     gap = f"{mm(end.gap)} from the clamp"
-    if end.angle is None:
-        return gap
-    return f"{gap}; tangent {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's axis d3"
+    return gap if end.angle is None else f"{gap}; tangent {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's axis d3"
 
 
 def study_warnings(study: Study) -> list[str]:
@@ -215,21 +198,19 @@ def study_warnings(study: Study) -> list[str]:
 
 def _far_markers(study: Study, pose: StudyPose) -> list[str]:
     """Warning about neighbouring markers of a pose that are farther apart than the cable between them is long."""
-    far = far_neighbours(study, pose)
-    if pose.markers is None or not len(far):
+    far, marks = far_neighbours(study, pose), pose.markers
+    if marks is None or not len(far):
         return []
-    i, marks = int(far[0]), pose.markers
-    step, along = np.nan_to_num(marks.points[i + 1] - marks.points[i]), marks.arc_length[i + 1] - marks.arc_length[i]
-    apart = np.linalg.norm(step)
-    said = f"markers {i + 1} and {i + 2} are {mm(float(apart))} apart, and only {mm(float(along))} along the cable"
+    i = int(far[0])
+    apart = float(np.linalg.norm(np.nan_to_num(marks.points[i + 1] - marks.points[i])))
+    along = float(marks.arc_length[i + 1] - marks.arc_length[i])
+    said = f"markers {i + 1} and {i + 2} are {mm(apart)} apart, and only {mm(along)} along the cable"
     return [f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking."]
 
 
 def _of_study(study: Study) -> list[str]:
     """Warnings that concern no single pose."""
-    warnings = []
-    if not study.validate_poses:
-        warnings.append(NO_VALIDATE)
+    warnings = [] if study.validate_poses else [NO_VALIDATE]
     if len(study.fit_poses) == 1 and len(study.unknowns) > 1:
         warnings.append(f"one fit pose for {len(study.unknowns)} unknowns: add poses that differ.")
     warnings += unit_warnings(study)
@@ -237,40 +218,26 @@ def _of_study(study: Study) -> list[str]:
     measured = any(unknown.prior is not None for unknown in study.unknowns if unknown.name in scales)
     if scales <= set(study.unknown_names) and not measured and not knows_a_force(study):
         warnings.append("the density and both stiffnesses are unknown: shapes tell only their ratios.")
-    for name in ("length", "length_density"):
-        if getattr(study.tolerance, name) and name in study.unknown_names:
-            warnings.append(f"{name} stands under [tolerance] and under [unknown]: one of them is enough.")
-    return warnings
+    twice = [name for name in _MEASURED if getattr(study.tolerance, name) and name in study.unknown_names]
+    return warnings + [f"{name} stands under [tolerance] and under [unknown]: one of them is enough." for name in twice]
 
 
 def unit_warnings(study: Study) -> list[str]:
     """Numbers outside the range of cables on Earth. A fit may not notice them, since shapes depend on ratios of forces."""
-    warnings = _odd_gravity("", study.gravity)
-    for pose in study.poses:
-        warnings += [] if pose.gravity is None else _odd_gravity(f"{one_line(pose.name)}: ", pose.gravity)
+    own = {f"{one_line(pose.name)}: ": pose.gravity for pose in study.poses if pose.gravity is not None}
+    sizes = {of: float(np.linalg.norm(gravity)) for of, gravity in {"": study.gravity, **own}.items()}
+    odd = {of: size for of, size in sizes.items() if size and abs(size - GRAVITY) > 0.01 * GRAVITY}  # none at all may be meant
+    warnings = [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit." for of, size in odd.items()]
     length, shown = study.cable.get("length"), 0.0 if study.clamped_ends else measured_length(study) or 0.0
     if length is not None and float(np.max(length)) > max(LONG, shown / SHOWN):
         warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
-    weightless = not any(np.any(study.gravity_in(pose)) for pose in study.poses)
-    return warnings if weightless else warnings + _odd_weight(study)
-
-
-def _odd_gravity(of: str, gravity: Annotated[np.ndarray, "3"]) -> list[str]:
-    """Warning about a gravity unlike that of Earth; none at all may be intended."""
-    size = float(np.linalg.norm(gravity))
-    odd = size and abs(size - GRAVITY) > 0.01 * GRAVITY
-    return [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit."] if odd else []
-
-
-def _odd_weight(study: Study) -> list[str]:
-    """Warning about a weight per length unlike that of cables."""
     density, radius = study.known("length_density"), study.known("radius")
-    if density is None:
-        return []
+    if density is None or not any(np.any(study.gravity_in(pose)) for pose in study.poses):
+        return warnings
     area = None if radius is None else np.pi * float(np.max(radius)) ** 2
     most, least = (HEAVY, LIGHT) if area is None else (min(HEAVY, DENSE * area), LOOSE * area)
     weight = float(np.max(density))
-    if least <= weight <= most:
-        return []
-    other = f"{weight / 1000:.4g} kg/m if it was written in g/m" if weight > most else f"{1000 * weight:.4g} kg/m if in t/m"
-    return [f"the cable weighs {weight:.4g} kg/m: check the unit, it is kg/m ({other})."]
+    if not least <= weight <= most:
+        other = f"{weight / 1000:.4g} kg/m if it was written in g/m" if weight > most else f"{1000 * weight:.4g} kg/m if in t/m"
+        warnings.append(f"the cable weighs {weight:.4g} kg/m: check the unit, it is kg/m ({other}).")
+    return warnings

@@ -4,13 +4,13 @@ A fault of one or two poses is named with each pose. A fault that three poses or
 sentence for all of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from scan2flex_jax.study.facts import FEWEST_BENT, EndFacts, PoseFacts
+from scan2flex_jax.study.facts import FEWEST_BENT, PoseFacts
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.values import one_line
 
@@ -72,7 +72,9 @@ def _together(kind: _Kind, faults: list[_Fault], count: int) -> str:
         mend = "scan up to the clamps, where the cable bends most, or correct the positions of the clamps"
         return f"{who} stop {_span(1e3 * least, 1e3 * most, '.3g')} mm from their clamps: {mend}."
     if kind == "tangent":
-        return f"{who} leave their clamps {_span(least, most, '.0f')} deg off the axis d3: {_of_frames(most)}."
+        tolerance = f"or write clamp_rotation = {np.radians(most):.2g} under [tolerance]"
+        mend = f"correct the frames: {_FRAMES}" if most > ANGLE_TOLERANCE else f"correct the frames, {tolerance}"
+        return f"{who} leave their clamps {_span(least, most, '.0f')} deg off the axis d3: {mend}."
     if kind == "straight":
         mend = "bring the clamps nearer to each other, or give the poses more sag"
         return f"{who} are nearly straight and say little about stiffness: {mend}."
@@ -87,31 +89,33 @@ def _span(least: float, most: float, form: str) -> str:
     return " to ".join(dict.fromkeys(f"{value:{form}}" for value in (least, most)))
 
 
-def _of_frames(angle: float) -> str:
-    """Remedy for frames of several poses that are off by this angle (deg) at most."""
-    if angle > ANGLE_TOLERANCE:
-        return f"correct the frames: {_FRAMES}"
-    return f"correct the frames, or write clamp_rotation = {np.radians(angle):.2g} under [tolerance]"
-
-
-def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> list[_Fault]:
+def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> Iterator[_Fault]:
     """The faults of one measured curve."""
     length = study.known("length")
     scale = facts.covered if length is None else float(np.max(length))
-    ends = (("start", pose.start, facts.start), ("end", pose.end, facts.end))
-    faults = [
-        fault
-        for name, clamp, end in ends
-        if clamp is not None and end is not None
-        for fault in _of_end(pose.name, name, end, scale)
-    ]
-    if length is not None:
-        faults += _of_length(pose.name, facts, scale)
+    for name, end in (("start", facts.start), ("end", facts.end)):
+        if end is None:
+            continue
+        if end.gap > GAP_WARNING * scale:
+            mend = "scan up to the clamp, where the cable bends most, or correct its position"
+            text = f"the curve {name}s {mm(end.gap)} from the {name} clamp: {mend}."
+            yield _Fault("gap", pose.name, end.gap, text)
+        if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
+            mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
+            if end.angle > ANGLE_TOLERANCE:
+                mend = "correct its frame (its angles, or the pose that it belongs to)"
+            text = f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}."
+            yield _Fault("tangent", pose.name, end.angle, text)
+    off, least = facts.covered / scale - 1, -FREE_WARNING if facts.end is None else -LENGTH_WARNING
+    if length is not None and not least - facts.unseen / scale <= off <= LENGTH_WARNING:
+        kind: _Kind = "longer" if off > 0 else "shorter"
+        mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
+        text = f"the curve with its gaps is {abs(100 * off):.1f} % {kind} than the cable's length: {mend}."
+        yield _Fault(kind, pose.name, facts.covered, text, abs(100 * off))
     if _straight(study, pose, facts):
         mend = "bring its clamps nearer to each other, or give the pose more sag"
         text = f"the curve is nearly straight and says little about stiffness: {mend}."
-        faults.append(_Fault("straight", pose.name, facts.off_line, text))
-    return faults
+        yield _Fault("straight", pose.name, facts.off_line, text)
 
 
 def _straight(study: Study, pose: StudyPose, facts: PoseFacts) -> bool:
@@ -120,30 +124,3 @@ def _straight(study: Study, pose: StudyPose, facts: PoseFacts) -> bool:
     limit = PLANE_LIMIT * (facts.covered if length is None else float(np.max(length)))
     limit = limit if pose.noise is None else min(limit, STRAIGHT * pose.noise)
     return facts.points >= FEWEST_BENT and facts.off_line < limit
-
-
-def _of_end(pose: str, name: str, end: EndFacts, length: float) -> list[_Fault]:
-    """Faults of a curve of a cable of ``length`` (m) at its clamp ``name``."""
-    faults = []
-    if end.gap > GAP_WARNING * length:
-        mend = "scan up to the clamp, where the cable bends most, or correct its position"
-        faults.append(_Fault("gap", pose, end.gap, f"the curve {name}s {mm(end.gap)} from the {name} clamp: {mend}."))
-    if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
-        mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
-        if end.angle > ANGLE_TOLERANCE:
-            mend = "correct its frame (its angles, or the pose that it belongs to)"
-        text = f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}."
-        faults.append(_Fault("tangent", pose, end.angle, text))
-    return faults
-
-
-def _of_length(pose: str, facts: PoseFacts, length: float) -> list[_Fault]:
-    """The fault of a curve that does not add up to the cable's length (m) with its gaps."""
-    off, unseen = facts.covered / length - 1, facts.unseen / length
-    least = -FREE_WARNING if facts.end is None else -LENGTH_WARNING
-    if least - unseen <= off <= LENGTH_WARNING:
-        return []
-    kind: Literal["longer", "shorter"] = "longer" if off > 0 else "shorter"
-    mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
-    text = f"the curve with its gaps is {abs(100 * off):.1f} % {kind} than the cable's length: {mend}."
-    return [_Fault(kind, pose, facts.covered, text, abs(100 * off))]

@@ -9,11 +9,11 @@ from typing import Annotated
 
 import numpy as np
 
-from scan2flex_jax.study import arrays
+from scan2flex_jax.study import values as v
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.limits import CURVE_POINTS, curve_limit
 from scan2flex_jax.study.model import Markers, MeasuredCurve
-from scan2flex_jax.study.values import Where, shown
+from scan2flex_jax.study.values import Where
 
 BLOCKS = 64
 """Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block."""
@@ -21,43 +21,42 @@ BLOCKS = 64
 FEW_BLOCKS = 8
 """Averaged knots of a lower bound: the noise of hand-picked points adds nothing to chords of an eighth of the curve."""
 ALONG = 0.8
-"""Of `least_length`: arc lengths that grow by less are in another unit."""
+"""Of the lower bound of the length: arc lengths that grow by less are in another unit."""
 BEYOND = 5.0
-"""Times `least_length`: arc lengths that look like per cent and grow by more are."""
+"""Times that bound: arc lengths that look like per cent and grow by more are."""
 MARKED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
 """Headers of markers."""
+_COLUMNS = {"points": None, "arc_length": "s"}  # of a file, by the field of a record
 _PERCENT = (90.0, 101.0)  # arc lengths of a whole cable, in per cent
 
 
 def read_curve(path: Path, where: Where) -> MeasuredCurve:
     """The centre curve in a CSV with the header `x,y,z` or `s,x,y,z`; `where` names the file for the user."""
-    names, table = _read_csv(path, ("x,y,z", "s,x,y,z"), where)
-    if names[0] == "s":
-        return checked_curve(table[:, 1:], table[:, 0], path, where)
-    return checked_curve(table, None, path, where)
+    names, table = read_csv(path, ("x,y,z", "s,x,y,z"), where)
+    return checked_curve(table[:, -3:], table[:, 0] if names[0] == "s" else None, path, where)
+
+
+def checked_curve(
+    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"] | None, path: Path | None, where: Where
+) -> MeasuredCurve:
+    """The measured curve of a file, with errors that name the file and the column."""
+    with where.placed(_COLUMNS):
+        return MeasuredCurve(points, s, path)
 
 
 def read_markers(path: Path, where: Where) -> Markers:
     """The points at known arc lengths in a CSV with the header `s,x,y,z`, or `s` and the coordinates that were measured, as in
     `s,z`; `where` names the file for the user."""
-    names, table = _read_csv(path, MARKED, where)
+    names, table = read_csv(path, MARKED, where)
     points = np.full((len(table), 3), np.nan)
     points[:, ["xyz".index(name) for name in names[1:]]] = table[:, 1:]
-    return checked_markers(points, table[:, 0], path, where)
-
-
-def checked_markers(
-    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], path: Path | None, where: Where
-) -> Markers:
-    """The markers of a file, with errors that name the file and the column."""
-    with where.placed({"points": None, "arc_length": "s"}):
-        return Markers(points, s, path)
+    with where.placed(_COLUMNS):
+        return Markers(points, table[:, 0], path)
 
 
 def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
     """Points that a user marked on the surface, from start to end; header `x,y,z`."""
-    _, table = _read_csv(path, ("x,y,z",), where)
-    return arrays.points(table, 2, where)
+    return v.points(read_csv(path, ("x,y,z",), where)[1], 2, where)
 
 
 def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"]) -> str | None:
@@ -65,7 +64,7 @@ def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarr
 
     They may exceed the distances of sparse points, but never by a whole unit, and never fall below.
     """
-    grown, along = float(s[-1] - s[0]), least_length(points)
+    grown, along = float(s[-1] - s[0]), curve_length(points, FEW_BLOCKS)
     percent = any(_PERCENT[0] <= unit * s[-1] <= _PERCENT[1] for unit in (1.0, 10.0, 100.0, 1000.0))
     if grown >= ALONG * along and not (percent and grown > BEYOND * along):
         return None
@@ -75,58 +74,45 @@ def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarr
     return f"its s grows by {grown:.4g} m along points that are {along:.4g} m long: {advice}"
 
 
-def checked_curve(
-    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"] | None, path: Path | None, where: Where
-) -> MeasuredCurve:
-    """The measured curve of a file, with errors that name the file and the column."""
-    with where.placed({"points": None, "arc_length": "s"}):
-        return MeasuredCurve(points, s, path)
-
-
-def _read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:
+def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[str], Annotated[np.ndarray, "n c"]]:
     """Column names and numbers of a CSV whose header is one of `headers`."""
     missing, rows = "the file is not there: put it into the study's folder.", curve_limit()
     content = read_text(path, CSV_LIMIT * rows.points // CURVE_POINTS, where, missing, rows)
     first, *lines = content.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     names = [name.strip() for name in first.split(",")] if len(first) < 200 else []
     if ",".join(names) not in headers:
-        raise where.at("header").fail(f"the first line is {shown(first)}: write the header {' or '.join(headers[:2])}.")
-    filled = [line for line in lines if line and not line.isspace()]
-    if not filled:
-        raise where.fail("no point follows the header: give at least one line of numbers.")
-    try:
-        table = np.loadtxt(filled, dtype=np.float64, delimiter=",", comments=None, ndmin=2, encoding=None)
-    except (ValueError, TypeError, OverflowError, RuntimeError):
-        table = None
-    if table is None or table.shape != (len(filled), len(names)):
-        raise _csv_fault(lines, len(names), where)
-    return names, table
-
-
-def _csv_fault(lines: list[str], columns: int, where: Where) -> Exception:
-    """The line of a CSV that numpy could not read, and the reason."""
-    for i, line in enumerate(lines):
+        raise where.at("header").fail(f"the first line is {v.shown(first)}: write the header {' or '.join(headers[:2])}.")
+    table: list[float] = []
+    for i, line in enumerate(lines, 2):
         if not line or line.isspace():
             continue
-        here, cells = where.at(f"line {i + 2}"), line.split(",")
-        if len(cells) != columns:
-            return here.fail(f"got {len(cells)} column{'s' * (len(cells) != 1)} in {shown(line)}: write {columns}.")
+        cells = line.split(",")
+        if len(cells) != len(names):
+            said = f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {len(names)}."
+            raise where.at(f"line {i}").fail(said)
         for cell in cells:
             try:
-                float(cell)
+                table.append(_number(cell))
             except ValueError:
-                return here.fail(f"{shown(cell.strip())} is no number: write a number, as in 0.125.")
-    return where.fail("the lines are no table of plain numbers: write them with digits, as in 0.125.")
+                said = f"{v.shown(cell.strip())} is no number: write a number, as in 0.125."
+                raise where.at(f"line {i}").fail(said) from None
+    if not table:
+        raise where.fail("no point follows the header: give at least one line of numbers.")
+    return names, np.array(table).reshape(-1, len(names))
 
 
-def curve_length(points: Annotated[np.ndarray, "n 3"]) -> float:
-    """Length (m) of the curve through noisy points: first point, averages of neighbours, last point."""
-    return float(np.sum(np.linalg.norm(np.diff(_knots(points), axis=0), axis=1)))
+def _number(cell: str) -> float:
+    if "_" in cell or not cell.isascii():  # float takes 1_0, and the digits of every script
+        raise ValueError
+    return float(cell)
 
 
-def least_length(points: Annotated[np.ndarray, "n 3"]) -> float:
-    """Length (m) that a curve through noisy points has at least: the chords between means of a few blocks."""
-    return float(np.sum(np.linalg.norm(np.diff(_knots(points, FEW_BLOCKS), axis=0), axis=1)))
+def curve_length(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> float:
+    """Length (m) of the curve through noisy points: first point, averages of neighbours in blocks, last point.
+
+    With a few blocks it is a lower bound.
+    """
+    return float(np.sum(np.linalg.norm(np.diff(_knots(points, blocks), axis=0), axis=1)))
 
 
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:

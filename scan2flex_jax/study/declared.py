@@ -5,11 +5,9 @@ The name of an unknown is a key of `[cable]`, or "kind.parameter" of a declared 
 
 from collections import Counter
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
-from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
@@ -34,20 +32,27 @@ def longest_cable(study: Study) -> float | None:
 
 def check_effects(study: Study, where: Where) -> None:
     """Every parameter is given or unknown, has its shape, and places lie on the cable."""
-    longest = longest_cable(study)
+    longest, names = longest_cable(study), [pose.name for pose in study.poses]
     for i, effect in enumerate(study.effects):
         form, here = kind_format(effect.kind), where.item(i + 1)
-        ends, points = _ends(study, form, here), _field_points(effect, form, here)
+        ends, points = len(study.clamped_ends), _field_points(effect, form, here)
+        if ends == 0 and any(parameter.per_end for parameter in form.parameters):
+            raise here.fail(f"{form.kind} acts on clamps, and no pose has one: give a clamp its quaternion.")
         for parameter in form.parameters:
             name, key = parameter.name, here.at(parameter.name)
             if name in effect.parameters:
-                v.quantity(effect.parameters[name], parameter, key, ends, longest, points)
+                parameter.take(effect.parameters[name], key, ends, longest, points)
             elif not parameter.optional and not study.unknown_of(i, name):
                 asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
-        _coupled(effect, here)
-        _check_poses(effect, study, here.at("poses"))
-        _check_memory(effect, form, study, here)
+        size = float(np.linalg.norm(effect.parameters.get("coupling", 0.0)))
+        if effect.kind == "bend_twist_coupling" and size >= 1:  # a singular or indefinite stiffness
+            raise here.at("coupling").fail(f"got fractions of size {size:g}: give fractions whose squares sum below 1.")
+        absent = next((name for name in effect.poses or () if name not in names), None)
+        if absent is not None:
+            raise here.at("poses").fail(f"no pose is called {v.shown(absent)}: {v.suggestion(absent, names)}")
+        if form.memory != "none":
+            _check_memory(effect, form, study, here)
 
 
 def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
@@ -57,73 +62,36 @@ def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> 
     grid, here = effect.parameters[form.grid.name], where.at(form.grid.name)
     count = int(np.size(grid))
     if count < FEWEST_PLACES:
-        what = "place" if form.grid.domain == "along_cable" else "point"
-        raise here.fail(f"got {count} {what}{'s' * (count != 1)}: give at least {FEWEST_PLACES}.")
-    if form.grid.domain == "along_cable":
-        return len(arrays.arc_lengths(grid, count, here))
-    return len(arrays.growing(grid, count, here, form.grid.unit))
-
-
-def _check_poses(effect: EffectDeclaration, study: Study, where: Where) -> None:
-    """The poses of an effect are poses of the study."""
-    names = [pose.name for pose in study.poses]
-    for name in effect.poses or ():
-        if name not in names:
-            raise where.fail(f"no pose is called {v.shown(name)}: {v.suggestion(name, names)}")
+        raise here.fail(f"got {v.counted(count, 'point')}: give at least {FEWEST_PLACES}.")
+    return len(v.growing(grid, count, here, f"number in {form.grid.unit}"))
 
 
 def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, where: Where) -> None:
     """An effect with memory acts in all poses, and one that needs their times has them, in order."""
-    if form.memory == "none":
-        return
     if effect.poses is not None:
         said = f"{form.kind} acts from pose to pose: leave the key out, and mark a cable that was straightened by reset = true."
         raise where.at("poses").fail(said)
     if sum(other.kind == effect.kind for other in study.effects) > 1:
         raise where.fail(f"two effects are of kind {form.kind}: leave one of them out.")
-    if form.memory == "time":
-        _check_times(form, study, where)
-    _check_initial(effect, study, where.at(INITIAL))
-
-
-def _check_initial(effect: EffectDeclaration, study: Study, where: Where) -> None:
-    """A set before the first pose is not that of a cable straightened before this pose."""
-    unknown = f"{effect.kind}.{INITIAL}" in study.unknown_names
-    if study.poses[0].reset and (unknown or np.any(effect.parameters.get(INITIAL, 0.0))):
-        said = f"the cable was straightened before its first pose, {v.shown(study.poses[0].name)}, and has no set"
-        raise where.fail(f"{said}: leave {INITIAL} out, or the reset = true of this pose.")
-
-
-def _check_times(form: KindFormat, study: Study, where: Where) -> None:
-    """Every pose has a time, and none is before that of the pose before it."""
-    bare = next((pose.name for pose in study.poses if pose.time is None), None)
-    if bare is not None:
-        raise where.fail(f"{form.kind} needs the time of every pose, and pose {v.shown(bare)} has none: give its time (s).")
-    for before, pose in pairwise(study.poses):
-        if pose.time is not None and before.time is not None and pose.time < before.time:
-            said = f"pose {v.shown(pose.name)} has the time {pose.time:g} s, before that of pose {v.shown(before.name)}"
-            raise where.fail(f"{said}, {before.time:g} s: list the poses in the order in which they were measured.")
-
-
-def _ends(study: Study, form: KindFormat, where: Where) -> int:
-    """Number of clamped ends, for an effect type that needs one."""
-    ends = len(study.clamped_ends)
-    if ends == 0 and any(parameter.per_end for parameter in form.parameters):
-        raise where.fail(f"{form.kind} acts on clamps, and no pose has one: give a clamp its quaternion.")
-    return ends
-
-
-def _coupled(effect: EffectDeclaration, where: Where) -> None:
-    """Fractions of sqrt(EI GJ) whose squares sum to one or more make the stiffness singular or indefinite (isotropic EI)."""
-    coupling = effect.parameters.get("coupling")
-    if effect.kind == "bend_twist_coupling" and coupling is not None and float(np.sum(np.square(coupling))) >= 1:
-        size = float(np.linalg.norm(coupling))
-        raise where.at("coupling").fail(f"got fractions of size {size:g}: give fractions whose squares sum below 1.")
+    last = -np.inf, ""
+    for pose in study.poses if form.memory == "time" else ():
+        if pose.time is None:
+            said = f"{form.kind} needs the time of every pose, and pose {v.shown(pose.name)} has none: give its time (s)."
+            raise where.fail(said)
+        if pose.time < last[0]:
+            before = f"before that of pose {v.shown(last[1])}, {last[0]:g} s"
+            said = f"pose {v.shown(pose.name)} has the time {pose.time:g} s, {before}"
+            raise where.fail(f"{said}: list the poses in the order in which they were measured.")
+        last = pose.time, pose.name
+    first, unknown = next(iter(study.poses), None), f"{effect.kind}.{INITIAL}" in study.unknown_names
+    if first is not None and first.reset and (unknown or np.any(effect.parameters.get(INITIAL, 0.0))):
+        said = f"the cable was straightened before its first pose, {v.shown(first.name)}, and has no set"
+        raise where.at(INITIAL).fail(f"{said}: leave {INITIAL} out, or the reset = true of this pose.")
 
 
 def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     """Every name that may be an unknown of this study, with its format."""
-    formats = {name: form for name, form in CABLE.items() if form.estimable}
+    formats: dict[str, ParameterFormat] = {name: form for name, form in CABLE.items() if form.estimable}
     count = Counter(effect.kind for effect in study.effects)
     for kind, number in count.items():
         several = [f"{kind}[{n + 1}]" for n in range(number)] if number > 1 else []
@@ -158,50 +126,37 @@ def check_name(name: str, study: Study, where: Where) -> None:
 
 
 def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
-    """The range lies in the domain of the quantity, and contains the start."""
+    """Guess, range and prior lie in the domain of the quantity, and the range contains the start."""
     shapes = form.bound_shapes(len(study.clamped_ends), study.places_of(unknown.name))
-    domain = "any" if form.domain == "unit" else form.domain
-    low, high, key = unknown.low, unknown.high, where.at("range")
-    for bound, place in ((unknown.guess, where.at("guess")), (low, key), (high, key)):
-        if bound is not None:
-            v.check_domain(v.array(bound, shapes, place), domain, place, longest)
+    low, high, prior, key = unknown.low, unknown.high, unknown.prior or {}, where.at("range")
+    bounds = replace(form, domain="any") if form.domain == "unit" else form
+    said = {"guess": [unknown.guess], "range": [low, high], "prior.mean": [prior.get("mean")]}
+    for name, value in ((name, value) for name, values in said.items() for value in values if value is not None):
+        if form.walk and name != "guess":
+            said_alone = "the points of a law follow one another by a smoothness prior of their own: leave it out."
+            raise where.at(name.partition(".")[0]).fail(said_alone)
+        bounds.check(v.array(value, shapes, where.at(name)), where.at(name), longest)
+    if prior:
+        std = where.at("prior.std")
+        replace(form, domain="positive").check(v.array(prior["std"], shapes, std), std)
     if low is not None and high is not None:
         if not _match(low, high):
             raise key.fail(_MISMATCH)
         if np.any(np.asarray(low) >= np.asarray(high)):
-            said = f"got low {_plain(low)} and high {_plain(high)}"
-            raise key.fail(f"{said}: give range = [low, high] with low below high.")
-    if form.walk:
-        _check_walk(unknown, where)
-    _check_prior(unknown, shapes, form, longest, where.at("prior"))
+            raise key.fail(f"got low {_plain(low)} and high {_plain(high)}: give range = [low, high] with low below high.")
     _check_start(unknown, study, where)
-
-
-def _check_walk(unknown: Unknown, where: Where) -> None:
-    """A field with a smoothness prior takes no other statement of its points."""
-    for key, stated in (("range", unknown.low is not None or unknown.high is not None), ("prior", unknown.prior is not None)):
-        if stated:
-            raise where.at(key).fail("the points of a law follow one another by a smoothness prior of their own: leave it out.")
-
-
-def _check_prior(
-    unknown: Unknown, shapes: tuple[tuple[int, ...], ...], form: ParameterFormat, longest: float | None, where: Where
-) -> None:
-    """The mean is an admissible value of the quantity, and the standard deviation is positive."""
-    if unknown.prior is None:
-        return
-    v.check_domain(v.array(unknown.prior["mean"], shapes, where.at("mean")), form.domain, where.at("mean"), longest)
-    v.check_domain(v.array(unknown.prior["std"], shapes, where.at("std")), "positive", where.at("std"))
 
 
 def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
     """The guess, or the value given in its place, lies in the range."""
-    start, place = study.start_value(unknown.name), where.at("guess")
+    start, place, name = study.start_value(unknown.name), where.at("guess"), unknown.name
     if start is None:
         return
-    if unknown.guess is None:
-        place = replace(where, key=_given_key(unknown.name, study))
-        place = where.at("prior").at("mean") if study.given(unknown.name) is None else place
+    if unknown.guess is None and study.given(name) is None:
+        place = where.at("prior.mean")
+    elif unknown.guess is None:
+        given = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
+        place = replace(where, key=given)
     for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
         if bound is None:
             continue
@@ -226,8 +181,3 @@ def _match(a: Value, b: Value) -> bool:
 
 def _plain(value: Value) -> str:
     return v.shown(np.asarray(value).tolist())
-
-
-def _given_key(name: str, study: Study) -> str:
-    """The key of a value given outside `[unknown]`."""
-    return f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"

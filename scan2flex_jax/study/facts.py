@@ -11,7 +11,7 @@ from typing import Annotated
 import numpy as np
 
 from scan2flex_jax.study.curves import chord_deficit, curve_length
-from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import Clamp, Study, StudyPose
 
 TANGENT_SPAN = 0.08
 """Longest part of the curve for the parabola: a cable's bends beyond it are not parabolic."""
@@ -66,8 +66,8 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     """The numbers of a pose's centre curve; None if it has only a scan."""
     if pose.curve is None:
         return None
-    points = pose.curve.points
-    length = _length(pose.curve)
+    points, s = pose.curve.points, pose.curve.arc_length
+    length = curve_length(points) if s is None else float(s[-1] - s[0])
     start = _end_facts(points, pose.start, 1.0)
     end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
     gaps = start.gap + (0.0 if end is None else end.gap)
@@ -77,7 +77,7 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
         points=len(points),
         arc_length=length,
         covered=length + gaps,
-        unseen=0.0 if pose.curve.arc_length is not None else UNEVEN * chord_deficit(points, *_end_angles(points, pose)),
+        unseen=0.0 if s is not None else UNEVEN * chord_deficit(points, *_end_angles(points, pose)),
         start=start,
         end=end,
         off_plane=float(spread[2]),
@@ -96,16 +96,12 @@ def measured_length(study: Study) -> float | None:
     held = [f.covered for f in facts if f.end is not None]
     if held:
         return float(np.median(held))
-    reached = [f.covered for f in facts] + [
-        _past_markers(pose.markers, pose.end) for pose in study.poses if pose.markers is not None
-    ]
+    reached = [f.covered for f in facts]
+    for pose in study.poses:
+        if pose.markers is not None:
+            beyond = 0.0 if pose.end is None else np.linalg.norm(np.nan_to_num(pose.end.position - pose.markers.points[-1]))
+            reached.append(float(pose.markers.arc_length[-1] + beyond))
     return max(reached, default=None)
-
-
-def _past_markers(markers: Markers, end: Clamp | None) -> float:
-    """Arc length (m) of the last marker, with the distance from there to an end clamp."""
-    beyond = 0.0 if end is None else float(np.linalg.norm(np.nan_to_num(end.position - markers.points[-1])))
-    return float(markers.arc_length[-1]) + beyond
 
 
 def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:
@@ -115,13 +111,6 @@ def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[
         0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends
     )
     return first, last
-
-
-def _length(curve: MeasuredCurve) -> float:
-    """Arc length (m) between first and last point: the measured one, else along the points."""
-    if curve.arc_length is not None:
-        return float(curve.arc_length[-1] - curve.arc_length[0])
-    return curve_length(curve.points)
 
 
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:

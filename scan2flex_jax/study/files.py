@@ -8,6 +8,7 @@ content is kept in a backup. Devices, pipes and the program's own streams are wr
 
 import contextlib
 import errno
+import itertools
 import os
 import secrets
 import shutil
@@ -27,7 +28,6 @@ CSV_LIMIT = 200_000_000
 """Bytes of a CSV; a curve of a million points takes about 50 million."""
 PATIENCE = 10.0
 """Seconds to wait for the reader of a pipe."""
-_BLOCK = 1 << 20
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 """Marks at the beginning of a text in UTF-16."""
 _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(), "\u2028".encode(), "\u2029".encode())
@@ -36,42 +36,27 @@ _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(
 def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None, foreign: bool = False) -> str:
     """The text of a UTF-8 file of at most `limit` bytes; `missing` is the advice for a missing file.
 
-    For a table, `rows` limits the number of lines, counted while reading. A `foreign` file may be in UTF-16 or Latin-1.
+    For a table, `rows` limits the number of lines. A `foreign` file may be in UTF-16 or Latin-1.
     """
+    advice = "give a smaller one." if rows is None else rows.advice
     try:
-        if path.is_dir():
-            raise where.fail(f"{one_line(str(path))} is a folder: name a file.")
         if not path.exists():
             raise where.fail(missing)
         if not path.is_file():
-            raise where.fail(f"{one_line(str(path))} is no regular file: name one.")
-        data = _read(path, limit, where, rows)
+            raise where.fail(f"{one_line(str(path))} is {'a folder' if path.is_dir() else 'no regular file'}: name a file.")
+        if path.stat().st_size > limit:
+            raise where.fail(f"the file is larger than {limit // 1_000_000} MB: {advice}")
+        data = path.read_bytes()
     except (OSError, ValueError) as error:
         raise where.fail(f"{one_line(str(path))} cannot be read ({_reason(error)}): check it.") from error
+    if rows is not None and sum(map(data.count, _BREAKS)) - data.count(b"\r\n") > rows.points + 1:  # one more for the header
+        raise where.fail(rows.sentence(f"more than {rows.points} lines"))
     try:
         return data.decode("utf-16" if foreign and data[:2] in UTF_16 else "utf-8-sig")
     except UnicodeDecodeError as error:
         if foreign and data.count(0) == 0:
             return data.decode("latin-1")
         raise where.fail(f"byte {error.start} is no UTF-8 text: save the file as plain text in UTF-8.") from error
-
-
-def _read(path: Path, limit: int, where: Where, rows: Limit | None) -> bytearray:
-    """The bytes of a file: the size is checked before and while reading, since a file may grow."""
-    advice = "give a smaller one." if rows is None else rows.advice
-    too_large = where.fail(f"the file is larger than {limit // 1_000_000} MB: {advice}")
-    data, lines = bytearray(), 0
-    with path.open("rb") as stream:
-        if os.fstat(stream.fileno()).st_size > limit:
-            raise too_large
-        while block := stream.read(_BLOCK):
-            data += block
-            if len(data) > limit:
-                raise too_large
-            lines += sum(map(block.count, _BREAKS)) - block.count(b"\r\n")
-            if rows is not None and lines > rows.points + 1:  # one more for the header
-                raise where.fail(rows.sentence(f"more than {rows.points} lines"))
-    return data
 
 
 def _reason(error: Exception) -> str:
@@ -114,23 +99,29 @@ def backup(path: Path) -> Path | None:
     """Copy a file to NAME.bak, or to NAME.bak.1, .2, ... if that exists; None without a file."""
     if not path.exists():
         return None
-    number = 0
-    while True:
+    for number in itertools.count():
         copy = path.with_name(f"{path.name}.bak" + (f".{number}" if number else ""))
-        try:
-            target = copy.open("xb")
-        except FileExistsError:
-            number += 1
-            continue
-        try:
-            with target, path.open("rb") as source:
-                shutil.copyfileobj(source, target)
-                target.flush()
-                os.fsync(target.fileno())
-        except BaseException:
-            copy.unlink(missing_ok=True)  # an incomplete backup would pass for a complete one
-            raise
-        return copy
+        with contextlib.suppress(FileExistsError):
+            _write_new(copy, path)
+            return copy
+    return None
+
+
+def _write_new(path: Path, data: bytes | Path) -> None:
+    """Write a new file, down to the disk; an incomplete one would pass for a complete one and is removed."""
+    target = path.open("xb")
+    try:
+        with target:
+            if isinstance(data, Path):
+                with data.open("rb") as source:
+                    shutil.copyfileobj(source, target)
+            else:
+                target.write(data)
+            target.flush()
+            os.fsync(target.fileno())
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
 
 
 def write_atomic(path: Path, data: bytes | Path) -> None:
@@ -146,22 +137,20 @@ def write_atomic(path: Path, data: bytes | Path) -> None:
         raise PermissionError(errno.EACCES, "it is write-protected", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name.encode()[:100].decode(errors='ignore')}.{secrets.token_hex(4)}.tmp")
+    _write_new(temporary, data)
     try:
-        with temporary.open("xb") as target:
-            if isinstance(data, Path):
-                with data.open("rb") as source:
-                    shutil.copyfileobj(source, target)
-            else:
-                target.write(data)
-            target.flush()
-            os.fsync(target.fileno())
         if path.exists():
             shutil.copymode(path, temporary)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    _sync_folder(path.parent)
+    with contextlib.suppress(OSError):  # flush the new name to the disk too, on systems that can open a folder
+        handle = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def is_stream(path: Path) -> bool:
@@ -187,35 +176,22 @@ def _write_through(path: Path, data: bytes) -> None:
     own = _own_stream(path.stat())
     if own is not None:
         sys.stdout.flush()
-        handle = os.dup(own)
-    else:
-        handle = _opened(path)
-    with open(handle, "wb") as stream:
+    with open(_opened(path) if own is None else os.dup(own), "wb") as stream:
         stream.write(data)
 
 
 def _opened(path: Path) -> int:
+    """The descriptor of a device or a pipe."""
     until = time.monotonic() + PATIENCE
     while True:
         try:
             handle = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+            os.set_blocking(handle, True)
+            return handle
         except OSError as error:
             if error.errno != errno.ENXIO or time.monotonic() > until:
                 raise
             time.sleep(0.05)
-            continue
-        os.set_blocking(handle, True)
-        return handle
-
-
-def _sync_folder(folder: Path) -> None:
-    """Flush the new name to the disk too, on systems that can open a folder."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
 
 
 def writing_error(path: Path, error: Exception) -> Scan2FlexError:

@@ -1,8 +1,8 @@
-"""Every quantity of a study, declared once: name, unit, shape and domain.
+"""Every key and quantity of a study, declared once: name, unit, shape and domain.
 
-`CABLE` lists the keys of `[cable]`, `TOLERANCE` those of `[tolerance]`, and the table of effect types the effects that an
-`[[effect]]` may declare. An effect acts on the clamps, on the energy of the rod, or on the observation of the shape.
-The reader checks a study against these tables, and reports take names and units from them.
+`keys.json` lists the keys of every table of `study.toml`: how a value is checked, and its row in docs/study.md. The reader, the
+records in memory, the writer and the page come from it. The table of effect types lists the effects that an `[[effect]]` may
+declare. An effect acts on the clamps, on the energy of the rod, or on the observation of the shape.
 
 The package's effect classes define their own formats (`effects.format`). They are read here from `TABLE`, which is generated
 from the classes, so that a study is read without JAX. A user's effect is added by `register_kind(KindFormat(...))`.
@@ -10,11 +10,16 @@ SI units; `s` is arc length from 0 to L.
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study import values as v
+from scan2flex_jax.study.values import Where
 
 Place = Literal["clamps", "energy", "observation"]
 # fraction: 0 <= value <= 1. along_cable: 0 <= value <= L. unit: a vector of length one, normalised when read.
@@ -23,6 +28,11 @@ Memory = Literal["none", "order", "time"]
 ENDS = ("start", "end")
 INITIAL = "initial_set"
 """Parameter of effects with memory: the state before the first pose."""
+UNIT_TOLERANCE = 1e-3
+"""Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
+ROLES = ("fit", "validate")
+MOST_TURNS = 1000
+_Form = TypeVar("_Form", bound="ParameterFormat")
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,79 @@ class ParameterFormat:
         """The shapes of a guess or of one end of a range: a whole value, or a scalar for all entries."""
         return tuple(dict.fromkeys(((), self.shape, *self.shapes(ends, points))))
 
+    def take(
+        self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0
+    ) -> float | Annotated[np.ndarray, "..."]:
+        """The checked value in a study with `ends` clamps, or of a field on `points`; unit vectors are normalised.
+
+        `longest` (m) is the largest place on the cable, None if unknown.
+        """
+        found = v.array(value, self.shapes(ends, points), where)
+        if self.domain != "unit":
+            return self.check(found, where, longest)
+        size = float(np.linalg.norm(found))
+        if abs(size - 1) > UNIT_TOLERANCE:
+            order = " [w, x, y, z]" if self.name == "quaternion" else ""
+            raise where.fail(f"got {v.shown(np.asarray(found).tolist())} of length {size:.6g}: give a unit {self.name}{order}.")
+        # a unit vector keeps its digits, so that saving and loading changes nothing
+        return found if abs(size - 1) < 4 * np.finfo(float).eps else np.asarray(found) / size
+
+    def check(self, value: Any, where: Where, longest: float | None = None) -> Any:
+        """`value`, whose entries must lie in the domain."""
+        lowest, highest = float(np.min(value)), float(np.max(value))
+        if self.domain == "positive" and lowest <= 0:
+            raise where.fail(f"got {lowest:g}: give a value above zero.")
+        if self.domain in ("nonnegative", "along_cable") and lowest < 0:
+            raise where.fail(f"got {lowest:g}: give zero or a value above it.")
+        if self.domain == "fraction" and not 0 <= lowest <= highest <= 1:
+            raise where.fail(f"got {lowest if lowest < 0 else highest:g}: give a fraction, from 0 to 1.")
+        if self.domain == "along_cable" and longest is not None and highest > longest:
+            raise where.fail(f"got {highest:g} m: give a place on the cable, from 0 to {longest:g} m.")
+        return value
+
+
+def _name(value: Any, where: Where) -> str:
+    if not v.text(value, where).strip():
+        raise where.fail("the name is empty: give the pose a name.")
+    return str(value)
+
+
+def _role(value: Any, where: Where) -> str:
+    if v.text(value, where) not in ROLES:
+        raise where.fail(f'got {v.shown(value)}: write "fit" or "validate".')
+    return str(value)
+
+
+_TYPES: dict[str, Callable[[Any, Where], Any]] = {
+    "text": v.text, "name": _name, "role": _role, "flag": v.boolean,
+    "turns": lambda value, where: v.integer(value, MOST_TURNS, where),
+    "numbers": lambda value, where: v.array(value, None, where),
+    "points": lambda value, where: v.points(value, 1, where),
+    "file": lambda value, _: value, "table": lambda value, _: value,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Key(ParameterFormat):
+    """One key of a table of `study.toml`: a quantity or another `type`; the `default` where it is left out, an `example`,
+    and its meaning in `words`. Files and tables are read and checked by those who know them.
+    """
+
+    type: str = "quantity"
+    default: str = ""
+    example: str = ""
+    words: str = ""
+
+    @property
+    def written(self) -> str:
+        """Advice to write it, with the example as it stands in a file."""
+        return f"it, as in {'' if self.example.lstrip('[').startswith(self.name) else f'{self.name} = '}{self.example}"
+
+    def take(self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0) -> Any:
+        """The checked value."""
+        convert = _TYPES.get(self.type)
+        return super().take(value, where, ends, longest, points) if convert is None else convert(value, where)
+
 
 @dataclass(frozen=True)
 class KindFormat:
@@ -92,30 +175,16 @@ class KindFormat:
         return next((p for p in self.parameters if p.per_point and not p.estimable), None)
 
 
-def _by_name(*formats: ParameterFormat) -> dict[str, ParameterFormat]:
-    return {parameter.name: parameter for parameter in formats}
+def _formats(form: type[_Form], given: dict[str, dict]) -> tuple[_Form, ...]:
+    return tuple(form(name, **{**said, "shape": tuple(said.get("shape", ()))}) for name, said in given.items())
 
 
-CABLE = _by_name(
-    ParameterFormat("length", "m", domain="positive"),
-    ParameterFormat("radius", "m", domain="positive", estimable=False),
-    ParameterFormat("length_density", "kg/m", domain="positive"),
-    ParameterFormat("shear_stiffness", "N", domain="positive", pair=True),
-    ParameterFormat("axial_stiffness", "N", domain="positive"),
-    ParameterFormat("bending_stiffness", "N m^2", domain="positive", pair=True),
-    ParameterFormat("torsional_stiffness", "N m^2", domain="positive"),
-    ParameterFormat("natural_curvature", "1/m", (3,)),
-    ParameterFormat("natural_stretch", "-", (3,)),
-)
-
-TOLERANCE = _by_name(
-    ParameterFormat("length", "m", domain="nonnegative"),
-    ParameterFormat("clamp_position", "m", domain="nonnegative"),
-    ParameterFormat("clamp_rotation", "rad", domain="nonnegative"),
-    ParameterFormat("clamp_roll", "rad", domain="nonnegative"),
-    ParameterFormat("gravity", "rad", domain="nonnegative"),
-    ParameterFormat("length_density", "kg/m", domain="nonnegative"),
-)
+KEYS = {
+    table: {key.name: key for key in _formats(Key, given)}
+    for table, given in json.loads((Path(__file__).parent / "keys.json").read_text("utf-8")).items()
+}
+"""The keys of each table of `study.toml`."""
+CABLE, TOLERANCE = KEYS["cable"], KEYS["tolerance"]
 
 _KINDS: dict[str, KindFormat] = {}
 
@@ -156,15 +225,9 @@ def kind_names() -> tuple[str, ...]:
 TABLE = Path(__file__).parent / "kinds.json"  # effects of the package; `python -m scan2flex_jax.effects` writes it
 
 
-def _read(kind: str, said: dict) -> KindFormat:
-    parameters = [
-        ParameterFormat(name, **{**given, "shape": tuple(given.get("shape", ()))}) for name, given in said["parameters"].items()
-    ]
-    return KindFormat(kind, said["place"], tuple(parameters), said["words"], said.get("memory", "none"))
-
-
 for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
-    register_kind(_read(_kind, _said))
+    _parameters = _formats(ParameterFormat, _said["parameters"])
+    register_kind(KindFormat(_kind, _said["place"], _parameters, _said["words"], _said.get("memory", "none")))
 
 DESCRIPTIVE_KINDS = tuple(k for k, form in _KINDS.items() if form.grid is not None and form.grid.domain == "along_cable")
 """Fields along the cable: possible answers when no other effect type explains the shapes. They can be declared like any."""

@@ -38,20 +38,16 @@ class Limit:
         return f"it holds {found}, and at most {most} are read: {self.advice}"
 
 
-def scan_limit() -> Limit:
+def scan_limit(most: int = SCAN_POINTS) -> Limit:
     """The limit of a scan."""
-    return _limit(SCAN_POINTS)
+    given = os.environ.get(VARIABLE, "").strip()
+    if not given:
+        return Limit(most)
+    if not (given.isascii() and given.isdecimal() and 0 < int(given[:16]) < 10**12):
+        raise Scan2FlexError(f"{VARIABLE} is {given[:40]!r}: set it to a whole number of points, as in {2 * SCAN_POINTS}.")
+    return Limit(int(given))
 
 
 def curve_limit() -> Limit:
     """The limit of a curve, and of every other table."""
-    return _limit(CURVE_POINTS)
-
-
-def _limit(default: int) -> Limit:
-    given = os.environ.get(VARIABLE, "").strip()
-    if not given:
-        return Limit(default)
-    if not (given.isascii() and given.isdecimal() and 0 < int(given[:16]) < 10**12):
-        raise Scan2FlexError(f"{VARIABLE} is {given[:40]!r}: set it to a whole number of points, as in {2 * SCAN_POINTS}.")
-    return Limit(int(given))
+    return scan_limit(CURVE_POINTS)

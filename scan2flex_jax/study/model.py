@@ -9,29 +9,18 @@ called first by every user of a study.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format, split_name
+from scan2flex_jax.study.kinds import CABLE, ENDS, KEYS, kind_format, split_name
 from scan2flex_jax.study.parts import Clamp, EffectDeclaration, Markers, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
-from scan2flex_jax.study.records import (
-    Compared,
-    ReadOnly,
-    all_of_kind,
-    converting,
-    keep,
-    of_kind,
-    read_only,
-    read_only_value,
-    same,
-    table_of,
-)
+from scan2flex_jax.study.records import Record, keep, record, same
 from scan2flex_jax.study.values import Where
 
 __all__ = ["Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
@@ -41,9 +30,8 @@ RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
 """Stiffnesses that a study may omit, and the resulting property of the cable."""
 
 
-@converting
-@dataclass(frozen=True, eq=False)
-class Study(Compared):
+@record
+class Study(Record):
     """One cable in several poses. `cable` has only the given keys, in the units of `kinds.CABLE`."""
 
     title: str
@@ -55,18 +43,17 @@ class Study(Compared):
     effects: tuple[EffectDeclaration, ...] = ()
     folder: Path | None = field(default=None, compare=False)
 
-    def __post_init__(self) -> None:
-        """Check each field on its own, and keep read-only copies; `check_study` checks them together."""
-        where = Where("Study")
-        keep(self, title=v.text(self.title, where.at("title")))
-        keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
-        keep(self, cable=_cable(self.cable, where.at("cable")))
-        of_kind(self.tolerance, Tolerance, where.at("tolerance"), "a Tolerance, as in Tolerance(length=0.002)")
+    KEYS: ClassVar = {name: KEYS["study"][name] for name in ("title", "gravity")}
+    PARTS: ClassVar = {"tolerance": Tolerance}
+
+    def _check(self, where: Where) -> None:
+        """The cable has its quantities, and the rest are lists of parts; `check_study` checks them together."""
         keep(
             self,
-            poses=all_of_kind(self.poses, StudyPose, where.at("poses"), "StudyPose(...)"),
-            unknowns=all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
-            effects=all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
+            cable=_cable(self.cable, where.at("cable")),
+            poses=v.all_of_kind(self.poses, StudyPose, where.at("poses"), "StudyPose(...)"),
+            unknowns=v.all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
+            effects=v.all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
         )
 
     @classmethod
@@ -107,8 +94,8 @@ class Study(Compared):
             ('p1', ('bending_stiffness',))
         """
         where = Where("Study")
-        entries = all_of_kind(poses, (StudyPose, Mapping), where.at("poses"), "{'points': points, 'start': start}")
-        asked = all_of_kind(unknowns, (str, Unknown), where.at("unknowns"), '"bending_stiffness"')
+        entries = v.all_of_kind(poses, (StudyPose, Mapping), where.at("poses"), "{'points': points, 'start': start}")
+        asked = v.all_of_kind(unknowns, (str, Unknown), where.at("unknowns"), '"bending_stiffness"')
         made = tuple(_pose(entry, f"p{i + 1}", where.at("pose")) for i, entry in enumerate(entries))
         given: dict[str, Any] = {"title": title, "gravity": gravity, "cable": cable, "poses": made, "effects": effects}
         given["unknowns"] = tuple(Unknown(entry) if isinstance(entry, str) else entry for entry in asked)
@@ -221,15 +208,14 @@ class Study(Compared):
         return next((self.effects[i].parameters.get(parameter) for i in self.effects_of(name)), None)
 
 
-def _cable(given: Any, where: Where) -> ReadOnly:
+def _cable(given: Any, where: Where) -> dict[str, Value]:
     """Known parameters of the cable, in the order of `CABLE`."""
-    table = table_of(given, where, '{"length": 0.9}')
-    v.allow(table, CABLE, where)
-    cable = {key: read_only_value(v.quantity(table[key], CABLE[key], where.at(key))) for key in CABLE if key in table}
+    table = v.table(given, CABLE, where, '{"length": 0.9}')
+    cable = {key: form.take(table[key], where.at(key)) for key, form in CABLE.items() if key in table}
     stretch = cable.get("natural_stretch")
     if stretch is not None and stretch[2] <= -1:
         raise where.at("natural_stretch").fail(f"got {stretch[2]:g} along d3: give a stretch above -1.")
-    return ReadOnly(cable)
+    return cable
 
 
 def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> StudyPose:
@@ -238,7 +224,7 @@ def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> Stud
         return entry
     given = {"name": name, "role": "fit", **entry}
     where = where.item(given["name"])
-    v.allow(given, ("points", "arc_length", *(f.name for f in fields(StudyPose))), where)
+    v.table(given, ("points", "arc_length", *(f.name for f in fields(StudyPose))), where, "")
     v.required(given, "start", where, "start=(position, quaternion)")
     for end in ENDS:
         if given.get(end) is not None:

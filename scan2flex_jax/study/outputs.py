@@ -25,7 +25,6 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 
 LIST = ".scan2flex-written"
-_LONG_LIST = 256_000  # bytes; then the last two lines of each file are kept: one of them is right after a process was killed
 _LONGEST_LINE = 20_000  # of a TOML that is searched
 _FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links
 
@@ -98,12 +97,10 @@ def write_json_atomic(path: str | Path, obj: Any) -> None:
 
 def measured_files(study: Study) -> list[Path]:
     """The files of a study."""
-    files = [] if study.folder is None else [study.folder / STUDY_FILE]
+    files = [None if study.folder is None else study.folder / STUDY_FILE]
     for pose in study.poses:
-        files += [pose.curve.path] if pose.curve is not None and pose.curve.path is not None else []
-        files += [pose.markers.path] if pose.markers is not None and pose.markers.path is not None else []
-        files += [path for path in (pose.scan, pose.guide_points_path) if path is not None]
-    return [Path(path) for path in files]
+        files += [getattr(pose.curve, "path", None), getattr(pose.markers, "path", None), pose.scan, pose.guide_points_path]
+    return [Path(path) for path in files if path is not None]
 
 
 def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:
@@ -177,23 +174,11 @@ def _note(path: Path, data: bytes) -> None:
     """
     line, listed = _entry(path.name, hashlib.sha256(data).hexdigest()), path.parent / LIST
     with contextlib.suppress(OSError):
-        lines = listed.read_text("utf-8", errors="replace").splitlines() if listed.exists() else []
-        if line in lines:
+        if listed.exists() and line in listed.read_text("utf-8", errors="replace").splitlines():
             return
-        if sum(map(len, lines)) > _LONG_LIST:
-            write_atomic(listed, "".join(f"{old}\n" for old in _latest(lines)).encode())
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
         with open(os.open(listed, flags, 0o666), "ab") as stream:
             stream.write(f"{line}\n".encode())
-
-
-def _latest(lines: list[str]) -> list[str]:
-    """The last two lines of each file."""
-    kept: dict[str, list[str]] = {}
-    for line in lines:
-        name = line.partition('"file": ')[2]
-        kept[name] = [*kept.pop(name, [])[-1:], line]
-    return [line for pair in kept.values() for line in pair]
 
 
 def json_bytes(path: str | Path, obj: Any) -> bytes:

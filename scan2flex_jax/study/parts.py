@@ -4,54 +4,34 @@ Frozen dataclasses with read-only float64 arrays. Each takes lists, and arrays o
 for invalid values; `dataclasses.replace` makes a changed copy, which is checked again.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from scan2flex_jax.study import arrays
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import TOLERANCE, kind_format, kind_names
-from scan2flex_jax.study.records import (
-    Compared,
-    ReadOnly,
-    all_of_kind,
-    converting,
-    keep,
-    of_kind,
-    read_only,
-    read_only_value,
-    table_of,
-)
-from scan2flex_jax.study.rotations import checked_rotation, quaternion_of, rigid_motion
+from scan2flex_jax.study.kinds import KEYS, TOLERANCE, kind_format, kind_names
+from scan2flex_jax.study.records import Record, keep, record
+from scan2flex_jax.study.rotations import checked_rotation, columns, quaternion_of, rigid_motion
 from scan2flex_jax.study.values import Where
 
 Value = float | Annotated[np.ndarray, "..."]
 
 FEWEST_POINTS = 2
 """Fewer points have no direction, and no order from start to end."""
-ROLES = ("fit", "validate")
-MOST_TURNS = 1000
-_CLAMP = "a Clamp, as in Clamp.of((position, quaternion))"
 
 
-@converting
-@dataclass(frozen=True, eq=False)
-class Clamp(Compared):
+@record
+class Clamp(Record):
     """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint."""
 
     position: Annotated[np.ndarray, "3"]
     quaternion: Annotated[np.ndarray, "4"] | None = None
 
-    def __post_init__(self) -> None:
-        """Check both, and keep read-only copies."""
-        where, quaternion = Where("Clamp"), self.quaternion
-        keep(self, position=read_only(v.vector(self.position, 3, where.at("position"))))
-        if quaternion is not None:
-            key = where.at("quaternion")
-            keep(self, quaternion=read_only(v.unit(v.vector(quaternion, 4, key), key, "quaternion [w, x, y, z]")))
+    KEYS: ClassVar = KEYS["clamp"]
+    AS = "a Clamp, as in Clamp.of((position, quaternion))"
 
     @classmethod
     def of(cls, held: "Clamp | ArrayLike | tuple[ArrayLike, Any]") -> "Clamp":
@@ -94,18 +74,11 @@ class Clamp(Compared):
     @property
     def tangent(self) -> Annotated[np.ndarray, "3"] | None:
         """d3 = R e3, the direction of growing arc length; None for a ball joint."""
-        return None if self.quaternion is None else third_column(self.quaternion)
+        return None if self.quaternion is None else columns(self.quaternion)[:, 2]
 
 
-def third_column(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "3"]:
-    """d3 = R e3 of a unit quaternion [w, x, y, z]."""
-    w, x, y, z = quaternion
-    return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-
-
-@converting
-@dataclass(frozen=True, eq=False)
-class MeasuredCurve(Compared):
+@record
+class MeasuredCurve(Record):
     """Points (m) of a measured centre curve from start to end, with their `arc_length` (m) if measured.
 
     Examples:
@@ -117,17 +90,17 @@ class MeasuredCurve(Compared):
     arc_length: Annotated[np.ndarray, " n"] | None = None
     path: Path | None = field(default=None, compare=False)
 
-    def __post_init__(self) -> None:
-        """Check that points are finite and distinct and the arc length grows, and keep read-only copies."""
-        where, s = Where("MeasuredCurve"), self.arc_length
-        keep(self, points=read_only(arrays.points(self.points, FEWEST_POINTS, where.at("points"))))
-        if s is not None:
-            keep(self, arc_length=read_only(arrays.arc_lengths(s, len(self.points), where.at("arc_length"))))
+    AS = "a MeasuredCurve, as in MeasuredCurve(points)"
+
+    def _check(self, where: Where) -> None:
+        """Points are finite and distinct, and the arc length grows."""
+        keep(self, points=v.points(self.points, FEWEST_POINTS, where.at("points")))
+        if self.arc_length is not None:
+            keep(self, arc_length=v.growing(self.arc_length, len(self.points), where.at("arc_length")))
 
 
-@converting
-@dataclass(frozen=True, eq=False)
-class Markers(Compared):
+@record
+class Markers(Record):
     """Points (m) tracked at known arc lengths (m), in order from the start: all three coordinates count, or those that were
     measured of every point, with NaN in the others.
 
@@ -141,20 +114,32 @@ class Markers(Compared):
     path: Path | None = field(default=None, compare=False)
     measured: str = field(default="xyz", init=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Check that points are finite and distinct and the arc length grows from 0 on, and keep read-only copies."""
-        where = Where("Markers")
-        table, seen = arrays.measured_columns(self.points, where.at("points"))
-        keep(self, points=read_only(table), measured="".join(name for name, own in zip("xyz", seen, strict=True) if own))
-        s, key = arrays.arc_lengths(self.arc_length, len(self.points), where.at("arc_length")), where.at("arc_length")
-        if s[0] < 0:
-            raise key.fail(f"got {s[0]:g} m: count s from 0 at the start clamp.")
-        keep(self, arc_length=read_only(s))
+    AS = "Markers, as in Markers(points, arc_length)"
+
+    def _check(self, where: Where) -> None:
+        """Points are finite and distinct, and the arc length grows from 0 on."""
+        table, seen = _measured_columns(self.points, where.at("points"))
+        keep(self, points=table, measured="".join(name for name, own in zip("xyz", seen, strict=True) if own))
+        key = where.at("arc_length")
+        keep(self, arc_length=v.growing(self.arc_length, len(self.points), key))
+        if self.arc_length[0] < 0:
+            raise key.fail(f"got {self.arc_length[0]:g} m: count s from 0 at the start clamp.")
 
 
-@converting
-@dataclass(frozen=True, eq=False)
-class Unknown(Compared):
+def _measured_columns(value: Any, where: Where) -> tuple[Annotated[np.ndarray, "n 3"], Annotated[np.ndarray, "3"]]:
+    """Points of which some coordinates were not measured, NaN in all of them, and the mask of those that were."""
+    table = np.array(value, float) if np.ndim(value) == 2 and np.shape(value)[-1] == 3 else np.zeros((1, 3))
+    seen = ~np.all(np.isnan(table), axis=0)
+    if np.all(seen) or not np.any(seen):
+        return v.points(value, 1, where), seen
+    table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
+    table = v.points(table, 1, where).copy()
+    table[:, ~seen] = np.nan
+    return table, seen
+
+
+@record
+class Unknown(Record):
     """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit.
 
     `prior`: another measurement of it, as {"mean": 0.1, "std": 0.01} in its own unit; None for none.
@@ -170,29 +155,18 @@ class Unknown(Compared):
     high: Value | None = None
     prior: dict[str, Value] | None = None
 
-    def __post_init__(self) -> None:
-        """Check that these are numbers; the study determines their meaning."""
-        name = v.text(self.name, Where("Unknown").at("name"))
-        keep(self, name=name)
-        for bound in ("guess", "low", "high"):
-            value = getattr(self, bound)
-            if value is not None:
-                keep(self, **{bound: read_only_value(v.any_array(value, Where(f"Unknown {v.shown(name)}").at(bound)))})
+    KEYS: ClassVar = {"name": KEYS["effect"]["kind"], **dict.fromkeys(("guess", "low", "high"), KEYS["unknown"]["guess"])}
+
+    def _check(self, where: Where) -> None:
+        """A prior has its two numbers; the study determines the meaning of all."""
         if self.prior is not None:
-            keep(self, prior=_prior(self.prior, Where(f"Unknown {v.shown(name)}").at("prior")))
+            here, said = where.at("prior"), KEYS["unknown"]["prior"].example
+            given = v.table(self.prior, ("mean", "std"), here, '{"mean": 0.1, "std": 0.01}')
+            keep(self, prior={k: v.array(v.required(given, k, here, said), None, here.at(k)) for k in ("mean", "std")})
 
 
-def _prior(given: Any, where: Where) -> ReadOnly:
-    """Mean and standard deviation."""
-    table = table_of(given, where, '{"mean": 0.1, "std": 0.01}')
-    v.allow(table, ("mean", "std"), where)
-    values = {k: v.any_array(v.required(table, k, where, "{ mean = 0.1, std = 0.01 }"), where.at(k)) for k in ("mean", "std")}
-    return ReadOnly({name: read_only_value(value) for name, value in values.items()})
-
-
-@converting
-@dataclass(frozen=True, eq=False)
-class EffectDeclaration(Compared):
+@record
+class EffectDeclaration(Record):
     """Known physics beyond the baseline model; a parameter to be estimated may be omitted.
 
     `poses`: the names of the poses in which it acts, None = all of them.
@@ -206,24 +180,23 @@ class EffectDeclaration(Compared):
     parameters: dict[str, Value] = field(default_factory=dict)
     poses: tuple[str, ...] | None = None
 
-    def __post_init__(self) -> None:
-        """Check the effect type and the names of its parameters; their values depend on the cable and its clamps."""
-        key = Where("EffectDeclaration").at("kind")
-        kind = v.text(self.kind, key)
-        if kind not in kind_names():
-            raise key.fail(f"unknown kind {v.shown(kind)}: {v.suggestion(kind, kind_names())}")
-        where = Where(f"EffectDeclaration {v.shown(kind)}")
-        given = table_of(self.parameters, where.at("parameters"), '{"position": 0.4}')
-        v.allow(given, kind_format(kind).names, where)
-        parameters = {name: read_only_value(v.any_array(value, where.at(name))) for name, value in given.items()}
-        keep(self, kind=kind, parameters=ReadOnly(parameters))
+    KEYS: ClassVar = {"kind": KEYS["effect"]["kind"]}
+
+    def _check(self, where: Where) -> None:
+        """The effect type and the names of its parameters exist; their values depend on the cable and its clamps."""
+        if self.kind not in kind_names():
+            said = f"unknown kind {v.shown(self.kind)}: {v.suggestion(self.kind, kind_names())}"
+            raise Where("EffectDeclaration").at("kind").fail(said)
+        given = v.table(self.parameters, None, where.at("parameters"), '{"position": 0.4}')
+        v.table(given, kind_format(self.kind).names, where, "")
+        keep(self, parameters={name: v.array(value, None, where.at(name)) for name, value in given.items()})
         if self.poses is not None:
             keep(self, poses=_pose_names(self.poses, where.at("poses")))
 
 
 def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
     """Names of at least one pose, each once."""
-    names = all_of_kind(value, str, where, '"sag"')
+    names = v.all_of_kind(value, str, where, '"sag"')
     if not names:
         raise where.fail("got no pose: name the poses in which the effect acts, or leave the key out for all of them.")
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -232,9 +205,8 @@ def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
     return names
 
 
-@converting
-@dataclass(frozen=True)
-class Tolerance:
+@record
+class Tolerance(Record):
     """Standard deviations of inexact inputs; 0 = exact.
 
     `length` (m), `clamp_position` (m, each coordinate), `clamp_rotation` (rad, each axis), `gravity` (rad, tilt), `clamp_roll`
@@ -252,11 +224,8 @@ class Tolerance:
     clamp_roll: float | None = None
     length_density: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Check that none is negative."""
-        for name, form in TOLERANCE.items():
-            if name != "clamp_roll" or self.clamp_roll is not None:
-                keep(self, **{name: v.quantity(getattr(self, name), form, Where("Tolerance").at(name))})
+    KEYS: ClassVar = TOLERANCE
+    AS = "a Tolerance, as in Tolerance(length=0.002)"
 
     @property
     def given(self) -> dict[str, float]:
@@ -265,9 +234,8 @@ class Tolerance:
         return {name: value for name, value in entries.items() if value or (name == "clamp_roll" and value is not None)}
 
 
-@converting
-@dataclass(frozen=True, eq=False)
-class StudyPose(Compared):
+@record
+class StudyPose(Record):
     """One pose: its supports and its measurements.
 
     `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns in addition to the quaternions; `scan` = file
@@ -298,47 +266,12 @@ class StudyPose(Compared):
     reset: bool = False
     guide_points_path: Path | None = field(default=None, compare=False)
 
-    def __post_init__(self) -> None:
-        """Check each field on its own, and keep read-only copies."""
-        keep(self, name=v.pose_name(self.name, Where("StudyPose").at("name")))
-        where = Where(f"StudyPose {v.shown(self.name)}")
-        if v.text(self.role, where.at("role")) not in ROLES:
-            raise where.at("role").fail(f'got {v.shown(self.role)}: write "fit" or "validate".')
-        self._check_ends(where)
-        if self.repeat_of is not None:
-            keep(self, repeat_of=v.text(self.repeat_of, where.at("repeat_of")))
-        if self.noise is not None:
-            noise = v.number(self.noise, where.at("noise"))
-            v.check_domain(noise, "positive", where.at("noise"))
-            keep(self, noise=noise)
-        self._check_circumstances(where)
-        self._check_shape(where)
+    KEYS: ClassVar = KEYS["pose"]
+    PARTS: ClassVar = {"start": Clamp, "end": Clamp, "curve": MeasuredCurve, "markers": Markers}
 
-    def _check_ends(self, where: Where) -> None:
-        """Ends are clamps, and turns a whole number."""
-        of_kind(self.start, Clamp, where.at("start"), _CLAMP)
-        if self.end is not None:
-            of_kind(self.end, Clamp, where.at("end"), _CLAMP)
-        keep(self, turns=v.integer(self.turns, where.at("turns"), MOST_TURNS))
-
-    def _check_circumstances(self, where: Where) -> None:
-        """Check gravity, time and reset."""
-        if self.gravity is not None:
-            keep(self, gravity=read_only(v.vector(self.gravity, 3, where.at("gravity"))))
-        if self.time is not None:
-            keep(self, time=v.number(self.time, where.at("time")))
-        keep(self, reset=v.boolean(self.reset, where.at("reset")))
-
-    def _check_shape(self, where: Where) -> None:
-        """Check the types of the measurements."""
-        if self.curve is not None:
-            of_kind(self.curve, MeasuredCurve, where.at("curve"), "a MeasuredCurve, as in MeasuredCurve(points)")
-        if self.markers is not None:
-            of_kind(self.markers, Markers, where.at("markers"), "Markers, as in Markers(points, arc_length)")
+    def _check(self, where: Where) -> None:
+        """A scan is the path of a file, and guide points are points."""
         if self.scan is not None:
-            scan = of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")
-            keep(self, scan=Path(scan))
+            keep(self, scan=Path(v.of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")))
         if self.guide_points is not None:
-            keep(self, guide_points=read_only(arrays.points(self.guide_points, 2, where.at("guide_points"))))
-        if self.viewpoints is not None:
-            keep(self, viewpoints=read_only(v.rows(self.viewpoints, where.at("viewpoints"))))
+            keep(self, guide_points=v.points(self.guide_points, 2, where.at("guide_points")))

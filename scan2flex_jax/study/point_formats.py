@@ -1,8 +1,8 @@
 """Point clouds in the formats of scanners: E57, LAS, LAZ, PCD, PTX, PTS, other text, and arrays of numpy.
 
-Each reader takes the stream of a file that `survey` has passed, and returns its points (n, 3), in m unless the file states no
-unit, with notes. Poses of the scanner in an E57 or PTX are applied; points without a return are left out. E57, LAS and LAZ are
-read by the libraries of `scan2flex_jax[scans]`.
+Each reader takes the stream of a file, and returns its points (n, 3), in m unless the file states no unit, with notes and the
+number of points that its header states; it reads no more points than the limit. Poses of the scanner in an E57 or PTX are
+applied; points without a return are left out. E57, LAS and LAZ are read by the libraries of `scan2flex_jax[scans]`.
 """
 
 import io
@@ -10,6 +10,7 @@ import itertools
 import math
 import struct
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,56 +21,91 @@ import numpy as np
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.files import UTF_16
 from scan2flex_jax.study.limits import Limit
-from scan2flex_jax.study.survey import pcd_header
 from scan2flex_jax.study.tables import scanned
 from scan2flex_jax.study.values import Where, one_line
 
 
 class Points(NamedTuple):
-    """Points (m, or in the unit of the file if it states none), notes, and the unit that the file states."""
+    """Points (m, or in the unit of the file if it states none), notes, and the unit and the number of points that it states."""
 
     points: Annotated[np.ndarray, "n 3"]
     notes: tuple[str, ...] = ()
     unit: str | None = None
+    declared: int = 0
 
 
 _PTX_HEAD = 10  # lines: columns, rows, position and axes of the scanner, and its 4 x 4 matrix (transposed)
+_HEADER = 100_000  # bytes of a header in text
+_BEFORE = 1000  # lines of a text before its points
 _INSTALL = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
+
+
+def _fits(path: Path, count: int, limit: Limit) -> int:
+    """A number of points that is within the limit."""
+    if count > limit.points:
+        raise StudyError(path, None, limit.sentence(f"{count} points"))
+    return count
+
+
+def _scans(parts: list[np.ndarray], declared: int = 0) -> Points:
+    notes = (f"{len(parts)} scans in one file",) * (len(parts) > 1)
+    return Points(np.concatenate([np.zeros((0, 3)), *parts]), notes, declared=declared)
 
 
 def _e57(stream: Any, path: Path, limit: Limit) -> Points:
     with _library(path, "E57"):
         import pye57  # noqa: PLC0415
     with _on_disk(stream) as name, pye57.E57(name) as file:
-        count = sum(file.get_header(i).point_count for i in range(file.scan_count))
-        if count > limit.points:
-            raise StudyError(path, None, limit.sentence(f"{count} points"))
+        _fits(path, sum(file.get_header(i).point_count for i in range(file.scan_count)), limit)
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
-    parts = [np.column_stack([scan[f"cartesian{c}"] for c in "XYZ"]) for scan in scans]
-    return Points(np.concatenate([np.zeros((0, 3)), *parts]), (f"{len(parts)} scans in one file",) * (len(parts) > 1))
+    return _scans([np.column_stack([scan[f"cartesian{c}"] for c in "XYZ"]) for scan in scans])
 
 
 def _las(stream: Any, path: Path, limit: Limit) -> Points:
     with _library(path, "LAS"):
         import laspy  # noqa: PLC0415
         import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
-    return Points(np.asarray(laspy.read(stream, closefd=False).xyz, float))
+    with laspy.open(stream, closefd=False) as file:
+        count = _fits(path, file.header.point_count, limit)
+        return Points(np.asarray(file.read().xyz, float), declared=count)
 
 
 def _pcd(stream: Any, path: Path, limit: Limit) -> Points:
     kind, row, count = pcd_header(stream)
+    _fits(path, count, limit)
     if kind == "ascii":
         start = np.cumsum([0, *(math.prod(row[name].shape) for name in row.names or ())])
         at = [start[list(row.names or ()).index(c)] for c in "xyz"]
-        return Points(np.loadtxt(stream, usecols=at, ndmin=2))
+        return Points(np.loadtxt(itertools.islice(stream, count), usecols=at, ndmin=2), declared=count)
     if kind == "binary":
-        return Points(columns(np.frombuffer(stream.read(count * row.itemsize), row)))
+        data = stream.read(count * row.itemsize)
+        return Points(columns(np.frombuffer(data, row, len(data) // row.itemsize)), declared=count)
     packed = struct.unpack("<II", stream.read(8))[0]
     data, fields = _lzf(stream.read(packed), count * row.itemsize), {}
     for name in row.names or ():  # field after field
         size = count * row[name].itemsize
         fields[name], data = data[:size], data[size:]
     return Points(np.column_stack([np.frombuffer(fields[c], row[c].base) for c in "xyz"]).astype(float))
+
+
+def pcd_header(stream: Any) -> tuple[str, np.dtype, int]:
+    """How a PCD is written ("ascii", "binary", "binary_compressed"), the type of a row, and the number of rows."""
+    said: dict[str, list[str]] = {}
+    while "DATA" not in said and stream.tell() < _HEADER and (line := stream.readline(_HEADER)):
+        key, *words = line.decode("ascii", errors="replace").split() or ["#"]
+        said[key] = words
+    try:
+        names, types, sizes = said["FIELDS"], said["TYPE"], said["SIZE"]
+        counts = said.get("COUNT", ["1"] * len(names))
+        fields = list(zip(names, types, sizes, counts, strict=True))
+        row = np.dtype([(f"{n}{i}" * (n not in "xyz") or n, f"<{t.lower()}{b}", (int(c),) * (c != "1"))
+                        for i, (n, t, b, c) in enumerate(fields)])  # fmt: skip
+        kind, declared = said["DATA"][0], int(said["WIDTH"][0]) * int(said["HEIGHT"][0])
+    except (KeyError, ValueError, IndexError, TypeError) as fault:
+        raise ValueError("its header is damaged") from fault
+    if not {"x", "y", "z"} <= set(row.names or ()) or kind not in ("ascii", "binary", "binary_compressed") or declared < 0:
+        raise ValueError("its header names no fields x, y, z, or no way of writing")
+    return kind, row, declared
 
 
 def _lzf(packed: bytes, size: int) -> bytes:
@@ -99,14 +135,17 @@ def _lzf(packed: bytes, size: int) -> bytes:
 
 
 def _ptx(stream: Any, path: Path, limit: Limit) -> Points:
-    text, parts = io.TextIOWrapper(stream, "ascii", errors="replace"), []
+    text, parts, declared = io.TextIOWrapper(stream, "ascii", errors="replace"), [], 0
     while head := [line for line in itertools.islice(text, _PTX_HEAD) if line.strip()]:
         count = int(head[0]) * int(head[1])
+        declared = _fits(path, declared + count, limit)
         turn, shift = np.array([line.split() for line in head[6:9]], float)[:, :3], np.array(head[9].split(), float)[:3]
-        points = np.loadtxt(itertools.islice(text, count), usecols=(0, 1, 2), ndmin=2)
-        parts.append(points[np.any(points != 0.0, axis=1)] @ turn + shift)
+        rows = [line.split()[:3] for line in itertools.islice(text, count)]
+        points = np.array(rows, float).reshape(-1, 3)
+        declared -= int(np.sum(found := np.all(points == 0.0, axis=1)))
+        parts.append(points[~found] @ turn + shift)
     text.detach()
-    return Points(np.concatenate(parts), (f"{len(parts)} scans in one file",) * (len(parts) > 1))
+    return _scans(parts, declared)
 
 
 def _text(stream: Any, path: Path, limit: Limit) -> Points:
@@ -116,13 +155,18 @@ def _text(stream: Any, path: Path, limit: Limit) -> Points:
 
     def lines() -> Iterator[str]:
         text.seek(0)
-        return iter(text)
+        return itertools.islice(text, limit.points + _BEFORE)
 
     try:
+        first = next((line.split() for line in lines() if line.strip() and line.lstrip()[0] not in "#/"), None)
+        if first is None:
+            return Points(np.zeros((0, 3)))
         points, unit = scanned(lines, Where(one_line(str(path), 300)))
     finally:
         text.detach()
-    return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit)
+    _fits(path, len(points), limit)
+    declared = int(first[0]) if len(first) == 1 and first[0].isdecimal() else 0
+    return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit, declared)
 
 
 def _npy(stream: Any, path: Path, limit: Limit) -> Points:
@@ -130,6 +174,8 @@ def _npy(stream: Any, path: Path, limit: Limit) -> Points:
 
 
 def _npz(stream: Any, path: Path, limit: Limit) -> Points:
+    _fits(path, max((entry.file_size for entry in zipfile.ZipFile(stream).infolist()), default=0) // 24, limit)
+    stream.seek(0)
     with np.load(stream, allow_pickle=False) as arrays:
         found = [key for key in arrays.files if _shaped(arrays[key])]
         if len(found) != 1:

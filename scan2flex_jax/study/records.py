@@ -1,34 +1,60 @@
-"""Base of a study's records: equality by content, and immutable contents.
+"""Base of a study's records: fields checked by the keys of the format, equality by content, and immutable contents.
 
 A frozen dataclass whose arrays and dicts refuse changes stays as checked; `dataclasses.replace` makes a changed copy,
 which is checked again.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, NoReturn, TypeVar, no_type_check
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Annotated, Any, ClassVar, NoReturn, TypeVar, dataclass_transform, no_type_check
 
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.values import Where, shown
+from scan2flex_jax.study.kinds import Key
+from scan2flex_jax.study.values import Where, of_kind, shown
 
-_Kind = TypeVar("_Kind")
+_Record = TypeVar("_Record", bound="Record")
 
 
-def converting(record: type[_Kind]) -> type[_Kind]:
-    """A dataclass whose `__post_init__` takes any values, and rejects unusable ones with a sentence.
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def record(cls: type[_Record]) -> type[_Record]:
+    """A frozen dataclass whose `__post_init__` takes any values, and rejects unusable ones with a sentence.
 
     Its annotations hold after conversion; a runtime check of the constructor's arguments against them would come too early.
     """
-    no_type_check(record.__init__)
-    return record
+    made = dataclass(frozen=True, eq=False)(cls)
+    no_type_check(made.__init__)
+    return made
 
 
-class Compared:
-    """Equality by content, for dataclasses that hold arrays."""
+class Record:
+    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records themselves,
+    and `AS` says how one is made.
+    """
 
+    KEYS: ClassVar[Mapping[str, Key]] = {}
+    PARTS: ClassVar[Mapping[str, type["Record"]]] = {}
+    AS: ClassVar[str]
     __hash__ = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Check each field on its own, and keep read-only copies; then check them together."""
+        where = Where(type(self).__name__)
+        for one in fields(self):  # type: ignore[arg-type]
+            value, here = getattr(self, one.name), where.at(one.name)
+            if value is None and one.default is None:
+                continue
+            if one.name in self.PARTS:
+                of_kind(value, self.PARTS[one.name], here, self.PARTS[one.name].AS)
+            elif one.name in self.KEYS:
+                keep(self, **{one.name: self.KEYS[one.name].take(value, here)})
+            if one.name in ("name", "kind"):
+                where = Where(f"{type(self).__name__} {shown(value)}")
+        self._check(where)
+
+    def _check(self, where: Where) -> None:
+        """Check what its keys do not say."""
 
     def __eq__(self, other: object) -> bool:
         return same(self, other)
@@ -44,8 +70,7 @@ def same(a: Any, b: Any) -> bool:
     if isinstance(a, tuple):
         return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
     if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
-        numbers = np.asarray(a).dtype.kind == "f"
-        return np.shape(a) == np.shape(b) and type(a) is type(b) and bool(np.array_equal(a, b, equal_nan=numbers))
+        return type(a) is type(b) and np.shape(a) == np.shape(b) and bool(np.array_equal(a, b, equal_nan=True))
     return bool(a == b)
 
 
@@ -65,41 +90,17 @@ class ReadOnly(dict[str, Any]):
         return type(self), (dict(self),)
 
 
-def read_only(array: Annotated[np.ndarray, "..."]) -> Annotated[np.ndarray, "..."]:
-    """A read-only copy."""
-    array = np.array(array, dtype=np.float64)
+def keep(instance: Any, **values: Any) -> None:
+    """Set fields of a frozen dataclass during construction, to read-only copies of arrays and dicts."""
+    for name, value in values.items():
+        object.__setattr__(instance, name, _read_only(value))
+
+
+def _read_only(value: Any) -> Any:
+    if isinstance(value, dict):
+        return ReadOnly({name: _read_only(entry) for name, entry in value.items()})
+    if not isinstance(value, np.ndarray):
+        return value
+    array: Annotated[np.ndarray, "..."] = np.array(value, dtype=np.float64)
     array.flags.writeable = False
     return array
-
-
-def read_only_value(value: Any) -> Any:
-    """A float as it is, or a read-only copy of an array."""
-    return value if isinstance(value, float) else read_only(value)
-
-
-def keep(instance: Any, **values: Any) -> None:
-    """Set fields of a frozen dataclass during construction."""
-    for name, value in values.items():
-        object.__setattr__(instance, name, value)
-
-
-def of_kind(value: Any, kind: type | tuple[type, ...], where: Where, example: str) -> Any:
-    """`value`, which must be an instance of `kind`."""
-    if not isinstance(value, kind):
-        raise where.fail(f"got {shown(value)}: give {example}.")
-    return value
-
-
-def table_of(value: Any, where: Where, example: str) -> dict[str, Any]:
-    """The contents of a mapping whose keys are texts."""
-    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-        raise where.fail(f"got {shown(value)}: give a dict, as in {example}.")
-    return dict(value)
-
-
-def all_of_kind(values: Any, kind: type | tuple[type, ...], where: Where, example: str) -> tuple[Any, ...]:
-    """Every entry of a list or tuple, each an instance of `kind`."""
-    single = isinstance(values, str | Mapping) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0
-    if single or isinstance(values, kind):
-        raise where.fail(f"got {shown(values)}: give a list, as in [{example}].")
-    return tuple(of_kind(entry, kind, where.item(i + 1), example) for i, entry in enumerate(values))

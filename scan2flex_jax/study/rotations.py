@@ -8,7 +8,9 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from scan2flex_jax.study.values import LARGEST, Where, as_array, shown
+from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study import values as v
+from scan2flex_jax.study.values import Where
 
 TRANSPORTED = 24
 """Averaged points of a curve for transporting a frame: more add noise."""
@@ -20,7 +22,7 @@ RIGID = 2e-3
 
 def checked_rotation(matrix: Any, where: Where) -> Annotated[np.ndarray, "3 3"]:
     """A 3x3 matrix with unit, orthogonal, right-handed columns, to within `RIGID`."""
-    R = _matrix(matrix, ((3, 3),), "a rotation has 3x3 finite numbers", where)
+    R = _matrix(matrix, [(3, 3)], "a rotation has 3x3", where)
     if np.max(np.abs(R.T @ R - np.eye(3))) > RIGID or np.linalg.det(R) < 0:
         raise where.fail("the 3x3 matrix is no rotation: its columns must be unit, orthogonal and right-handed.")
     return R
@@ -28,7 +30,7 @@ def checked_rotation(matrix: Any, where: Where) -> Annotated[np.ndarray, "3 3"]:
 
 def rigid_motion(matrix: Any, where: Where) -> tuple[Annotated[np.ndarray, "3"], Annotated[np.ndarray, "3 3"]]:
     """Position and rotation of a homogeneous 4x4 (or 3x4) matrix, whose last column is the position."""
-    M = _matrix(matrix, ((4, 4), (3, 4)), "a frame has 4x4 (or 3x4) finite numbers", where)
+    M = _matrix(matrix, [(4, 4), (3, 4)], "a frame has 4x4 (or 3x4)", where)
     if len(M) == 4 and not np.allclose(M[3], [0, 0, 0, 1], atol=1e-9):
         turned = np.allclose(M[:3, 3], 0) and np.isclose(M[3, 3], 1)
         advice = "it seems to be transposed: write the position in the last column" if turned else "write 0 0 0 1 there"
@@ -45,17 +47,12 @@ def quaternion_of(R: Annotated[np.ndarray, "3 3"]) -> Annotated[np.ndarray, "4"]
     return np.where(np.abs(quaternion) < _ROUNDING, 0.0, quaternion)
 
 
-def _matrix(matrix: Any, shapes: tuple[tuple[int, int], ...], wanted: str, where: Where) -> Annotated[np.ndarray, "r c"]:
-    """A matrix of one of `shapes`, in float64."""
+def _matrix(matrix: Any, shapes: list[tuple[int, int]], wanted: str, where: Where) -> Annotated[np.ndarray, "r c"]:
+    """A matrix of one of `shapes`, of finite numbers."""
     try:
-        M = as_array(matrix)
-    except (TypeError, ValueError) as error:
-        raise where.fail(f"{wanted}: got {shown(matrix)}.") from error
-    if M.shape not in shapes:
-        raise where.fail(f"{wanted}, this one has the shape {M.shape}.")
-    if M.dtype.kind not in "iuf" or not np.all(np.abs(M) <= LARGEST):
-        raise where.fail(f"{wanted}, and this one has others.")
-    return M.astype(np.float64)
+        return np.asarray(v.array(matrix, shapes, where))
+    except StudyError:
+        raise where.fail(f"{wanted} finite numbers, and this is {v.shown(v.plain(matrix))}.") from None
 
 
 def product(p: Annotated[np.ndarray, "4"], q: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "4"]:

@@ -1,9 +1,8 @@
-"""Files of scans and meshes: surveyed first, then read by trimesh, or by a reader of `point_formats`.
+"""Files of scans and meshes: read by a reader of `point_formats`, or by trimesh after a survey.
 
-The size in a file's header is compared with its content before anything is read (`survey`), so that a file that is too
-large, truncated or empty is refused in one sentence without using memory. A packed file (.gz, or a .zip of one scan) is
-unpacked and counted here, since an archive's own size entry may be wrong. trimesh gets the bytes of the one file: given
-a path, it follows references to other files (materials of an OBJ), also out of the study's folder, and prints its own
+A file that is too large, truncated or empty is refused in one sentence without using memory. A packed file (.gz, or a .zip of
+one scan) is unpacked and counted here, since an archive's own size entry may be wrong. trimesh gets the bytes of the one file:
+given a path, it follows references to other files (materials of an OBJ), also out of the study's folder, and prints its own
 errors.
 """
 
@@ -20,8 +19,10 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.limits import Limit, scan_limit
 from scan2flex_jax.study.point_formats import READERS
-from scan2flex_jax.study.survey import KINDS, Survey, survey
+from scan2flex_jax.study.survey import SURVEYS, Survey, survey
 
+KINDS = (*SURVEYS, *READERS)
+"""The kinds of scans that are read, by ending."""
 _BLOCK = 1 << 20
 _ADVICE = "export it again, as PLY or XYZ."
 _NOTES = {"txt", "csv", "dat", "tsv"}
@@ -37,9 +38,7 @@ def load_geometry(path: Path) -> Any:
             raise StudyError(path, None, "the scan is not there: put it back, or correct its name.")
         with path.open("rb") as stream:
             kind, data = _unpacked(path, stream, limit)
-            _check(path, survey(kind, data, limit), limit)
-            data.seek(0)
-            return _read(path, kind, data)
+            return _read_points(path, kind, data, limit) if kind in READERS else _read_mesh(path, kind, data, limit)
     except (OSError, ValueError) as fault:
         raise unreadable(path, fault) from fault
 
@@ -66,7 +65,7 @@ def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str
     try:
         archive = zipfile.ZipFile(stream)
         kinds = {m: Path(m.filename).suffix.lower().removeprefix(".") for m in archive.infolist()}
-        found = [m for m, kind in kinds.items() if kind in KINDS.keys() - _NOTES] or [m for m in kinds if kinds[m] in KINDS]
+        found = [m for m, kind in kinds.items() if kind in set(KINDS) - _NOTES] or [m for m in kinds if kinds[m] in KINDS]
         if len(found) != 1:
             raise StudyError(path, None, f"the archive holds {len(found)} scans ({_NAMES}): pack one.")
         _check_bytes(path, found[0].file_size, limit)
@@ -95,8 +94,6 @@ def _check_bytes(path: Path, size: int, limit: Limit) -> None:
 
 def _check(path: Path, found: Survey, limit: Limit) -> None:
     """Refuse a file that is too large, empty, or shorter than its own header states."""
-    if found.fault:
-        raise StudyError(path, None, f"it cannot be read as a point cloud ({found.fault}): {_ADVICE}")
     if max(found.points, found.declared, found.faces) > limit.points:
         most = max(found.points, found.declared)
         raise StudyError(path, None, limit.sentence(f"{most} {found.unit}" if most > limit.points else f"{found.faces} faces"))
@@ -109,17 +106,24 @@ def _check(path: Path, found: Survey, limit: Limit) -> None:
         raise StudyError(path, None, f"it ends before its {found.faces} faces do: it was cut short; {_ADVICE}")
 
 
-def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
+def _read_points(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
-    if kind in READERS:
-        try:
-            found = READERS[kind](data, path, scan_limit())
-        except Scan2FlexError:
-            raise
-        except Exception as fault:  # each library fails in its own way
-            raise unreadable(path, fault) from fault
-        return trimesh.PointCloud(found.points, metadata={"notes": found.notes, "unit": found.unit})
+    try:
+        found = READERS[kind](data, path, limit)
+    except Scan2FlexError:
+        raise
+    except Exception as fault:  # each library fails in its own way
+        raise unreadable(path, fault) from fault
+    _check(path, Survey(len(found.points), max(len(found.points), found.declared)), limit)
+    return trimesh.PointCloud(found.points, metadata={"notes": found.notes, "unit": found.unit})
+
+
+def _read_mesh(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:
+    import trimesh  # noqa: PLC0415
+
+    _check(path, survey(kind, data, limit), limit)
+    data.seek(0)
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -133,7 +137,8 @@ def _read(path: Path, kind: str, data: io.BufferedIOBase) -> Any:
 
 def unreadable(path: Path, fault: Exception) -> StudyError:
     """One sentence for a reader's exception on a broken file."""
-    reason = " ".join(f"{type(fault).__name__} {fault}".split())[:140]
+    kind = "" if isinstance(fault, ValueError) and str(fault) else type(fault).__name__
+    reason = " ".join(f"{kind} {fault}".split())[:140]
     return StudyError(path, None, f"it cannot be read as a point cloud ({reason}): {_ADVICE}")
 
 

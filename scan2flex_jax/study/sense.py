@@ -11,8 +11,8 @@ import numpy as np
 from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
 from scan2flex_jax.study.kinds import kind_format
-from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
-from scan2flex_jax.study.parts import third_column
+from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Value
+from scan2flex_jax.study.rotations import columns
 from scan2flex_jax.study.values import Where, shown, suggestion
 
 Purpose = Literal["fit", "predict", "extract"]
@@ -40,9 +40,7 @@ _FORCES = {
     "elastic_support": "stiffness", "distributed_load": "force",
 }  # fmt: skip
 """Parameter with the size of an effect that sets the scale of forces (a force, or a stiffness comparable to the cable's)."""
-_UNITS = ((300.0, 3000.0, "millimetres", 1000.0), (30.0, 300.0, "centimetres", 100.0))
-_EXACT = (("millimetres", 1000.0), ("centimetres", 100.0), ("inches", 1 / 0.0254), ("feet", 1 / 0.3048))
-_SHORT, _LONG = 0.8, 1.1  # bounds for the ratio of two compared lengths: a curve may stop short of its clamps
+_UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1 / 0.0254, "feet": 1 / 0.3048}
 
 
 def check_study(study: Study, purpose: Purpose = "fit") -> None:
@@ -59,42 +57,31 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     _check_cable(study, where.at("cable"), purpose)
     _check_names(study, where.at("pose"))
     if purpose == "fit":
-        _check_roles(study, where.at("pose"))
         _check_scale(study, where)
     reach = _reach(study)
     for pose in study.poses:
-        _check_pose(study, pose, purpose, reach, where.at("pose").item(pose.name))
+        here = where.at("pose").item(pose.name)
+        if purpose == "fit" and pose.curve is None and pose.scan is None and pose.markers is None:
+            raise here.fail("it has no shape: give it a centre curve, a scan, or markers.")
+        if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
+            said = f"got {pose.turns}, but an end turns freely: write turns only between two clamps."
+            raise here.at("turns").fail(said)
+        if pose.markers is not None:
+            _check_markers(study, pose, pose.markers, reach, here.at("markers"))
+        if reach is not None:
+            _check_spans(pose, reach, here)
+        if pose.curve is not None:
+            _check_curve(study, pose, pose.curve, reach, here.at("curve"))
     _check_order(study, where.at("pose"))
 
 
-def _check_pose(study: Study, pose: StudyPose, purpose: Purpose, reach: float | None, where: Where) -> None:
-    """The pose is measured, and its clamps and shapes are consistent with a cable of this reach (m)."""
-    if purpose == "fit" and pose.curve is None and pose.scan is None and pose.markers is None:
-        raise where.fail("it has no shape: give it a centre curve, a scan, or markers.")
-    if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
-        raise where.at("turns").fail(f"got {pose.turns}, but an end turns freely: write turns only between two clamps.")
-    if pose.curve is not None:
-        _check_begin(pose.curve, where.at("curve"))
-    if pose.markers is not None:
-        _check_markers(study, pose, pose.markers, where.at("markers"))
-    if reach is not None:
-        _check_spans(pose, reach, where)
-        _check_lengths(study, pose, reach, where)
-
-
-def _check_begin(curve: MeasuredCurve, where: Where) -> None:
-    """A measured arc length starts at or after the start, up to rounding and noise."""
-    if curve.arc_length is not None and curve.arc_length[0] < -0.05 * (curve.arc_length[-1] - curve.arc_length[0]):
-        raise where.fail(f"its s begins at {curve.arc_length[0]:g} m: count s from 0 at the start clamp.")
-
-
-def _check_markers(study: Study, pose: StudyPose, markers: Markers, where: Where) -> None:
+def _check_markers(study: Study, pose: StudyPose, markers: Markers, reach: float | None, where: Where) -> None:
     """Markers lie on the cable, and no further from the start than their arc length."""
     longest, s = longest_cable(study), markers.arc_length
     if longest is not None and s[-1] > longest * (1 + _ROUNDED):
         hint = unit_hint(s[-1] / longest)
         raise where.at("s").fail(f"a marker is at s = {s[-1]:g} m on a cable of at most {longest:g} m: {hint}.")
-    if _reach(study) is None or any(kind_format(effect.kind).place == "observation" for effect in study.effects):
+    if reach is None or _moved(study):
         return
     away = np.linalg.norm(np.nan_to_num(markers.points - pose.start.position), axis=1)
     far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1])
@@ -121,32 +108,25 @@ def _check_cable(study: Study, where: Where, purpose: Purpose) -> None:
 
 def _check_names(study: Study, where: Where) -> None:
     """Pose names are unique, and repeats refer to another pose."""
-    names: dict[str, int] = {}
+    names = [pose.name for pose in study.poses]
     for i, pose in enumerate(study.poses):
-        if names.setdefault(pose.name, i) != i:
+        if pose.name in names[:i]:
             raise where.item(i + 1).at("name").fail(f"two poses are called {shown(pose.name)}: give each its own name.")
     for pose in study.poses:
-        if pose.repeat_of is not None and (pose.repeat_of not in names or pose.repeat_of == pose.name):
-            hint = suggestion(pose.repeat_of, [name for name in names if name != pose.name])
-            key = where.item(pose.name).at("repeat_of")
-            raise key.fail(f"no other pose is called {shown(pose.repeat_of)}: {hint}")
-
-
-def _check_roles(study: Study, where: Where) -> None:
-    if not study.fit_poses:
-        raise where.fail('no pose has the role "fit": give it to at least one.')
+        others = [name for name in names if name != pose.name]
+        if pose.repeat_of is not None and pose.repeat_of not in others:
+            said = f"no other pose is called {shown(pose.repeat_of)}: {suggestion(pose.repeat_of, others)}"
+            raise where.item(pose.name).at("repeat_of").fail(said)
 
 
 def _check_scale(study: Study, where: Where) -> None:
-    """Without gravity, shapes of an unloaded rod depend only on ratios of stiffnesses."""
-    if any(_has_gravity(study, pose) for pose in study.fit_poses) or knows_a_force(study):
-        return
-    if not {"bending_stiffness", "torsional_stiffness"} <= set(study.unknown_names):
-        return
-    raise where.at("gravity").fail(
-        "gravity is zero and both stiffnesses are unknown, so shapes tell only ratios: "
-        "give gravity, a stiffness, or the effect of a known load."
-    )
+    """A pose is fitted; and without gravity, shapes of an unloaded rod depend only on ratios of stiffnesses."""
+    if not study.fit_poses:
+        raise where.at("pose").fail('no pose has the role "fit": give it to at least one.')
+    adrift = {"bending_stiffness", "torsional_stiffness"} <= set(study.unknown_names)
+    if adrift and not any(_has_gravity(study, pose) for pose in study.fit_poses) and not knows_a_force(study):
+        said = "gravity is zero and both stiffnesses are unknown, so shapes tell only ratios"
+        raise where.at("gravity").fail(f"{said}: give gravity, a stiffness, or the effect of a known load.")
 
 
 def knows_a_force(study: Study) -> bool:
@@ -168,33 +148,27 @@ def _has_gravity(study: Study, pose: StudyPose) -> bool:
 
 def _reach(study: Study) -> float | None:
     """Reach (m) of the straightened cable; None if it may stretch, or no length is known."""
-    longest = longest_cable(study)
-    said = "axial_stiffness" in study.cable or "axial_stiffness" in study.unknown_names
-    axial = [study.known("axial_stiffness")] if said else []
-    axial += [effect.parameters.get("axial_stiffness") for effect in study.effects if effect.kind == "extensibility"]
-    if "extensibility.axial_stiffness" in study.unknown_names or "natural_stretch" in study.unknown_names:
-        return None
-    if longest is None or any(value is None or float(np.min(value)) < STIFF_AXIAL for value in axial):
-        return None
-    lengths = [longest]
+    unknown, longest, lengths = study.unknown_names, longest_cable(study), list[Value]()
+    axial = [study.known("axial_stiffness")] if "axial_stiffness" in (*study.cable, *unknown) else []
     for effect in study.effects:
-        if effect.kind == "length_error":
-            if "length_error.length" in study.unknown_names:
-                return None
-            lengths.append(float(np.max(effect.parameters.get("length", longest))))
+        axial += [effect.parameters.get("axial_stiffness")] if effect.kind == "extensibility" else []
+        lengths += [effect.parameters["length"]] if "length" in effect.parameters and effect.kind == "length_error" else []
+    stretches = {"extensibility.axial_stiffness", "natural_stretch", "length_error.length"} & set(unknown)
+    if stretches or longest is None or any(value is None or float(np.min(value)) < STIFF_AXIAL for value in axial):
+        return None
     stretch = study.cable.get("natural_stretch")
     along = 0.0 if stretch is None else float(np.ravel(stretch)[-1])
-    return max(lengths) * (1 + max(along, 0.0))
+    return max([longest, *(float(np.max(length)) for length in lengths)]) * (1 + max(along, 0.0))
 
 
 def looks_like(ratio: float) -> tuple[str, float] | None:
     """Probable unit of a length that is about `ratio` times too long, and how many of that unit make a metre."""
-    return next(((unit, factor) for low, high, unit, factor in _UNITS if low < ratio < high), None)
+    return next(((unit, _UNITS[unit]) for unit in ("millimetres", "centimetres") if 0.3 < ratio / _UNITS[unit] < 3.0), None)
 
 
 def unit_of(ratio: float) -> tuple[str, float] | None:
-    """The same for a length that should equal the compared one, which identifies inches and feet too."""
-    return next(((unit, factor) for unit, factor in _EXACT if _SHORT < ratio / factor < _LONG), None)
+    """The same for a length that should equal the compared one, up to a curve's gaps, which identifies inches and feet too."""
+    return next(((unit, factor) for unit, factor in _UNITS.items() if 0.8 < ratio / factor < 1.1), None)
 
 
 def unit_hint(ratio: float, equal: bool = False) -> str:
@@ -204,71 +178,62 @@ def unit_hint(ratio: float, equal: bool = False) -> str:
 
 
 def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
-    """The two ends are no further apart than the cable is long."""
-    if pose.end is None:
-        return
-    span = float(np.linalg.norm(pose.end.position - pose.start.position))
-    slack = SPAN_SLACK * reach
-    if span > slack:
+    """The two ends, and the guide points, are no further apart than the cable is long."""
+    span = 0.0 if pose.end is None else float(np.linalg.norm(pose.end.position - pose.start.position))
+    if span > SPAN_SLACK * reach:
         chord = reach if pose.curve is None else float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
         measured = 0.0 < chord < reach  # a curve that fits the cable gives the true distance of the ends
         hint = unit_hint(span / chord, equal=True) if measured else unit_hint(span / reach)
         said = f"the ends are {span:g} m apart, but the cable is at most {reach:g} m long"
         raise where.at("end.position").fail(f"{said}: {hint}.")
+    guided = 0.0 if pose.guide_points is None else curve_length(pose.guide_points)
+    if guided > GUIDE_SLACK * reach:
+        said = f"the points span {guided:g} m on a cable of {reach:g} m: {unit_hint(guided / reach)}."
+        raise where.at("guide_points").fail(said)
 
 
-def _check_lengths(study: Study, pose: StudyPose, reach: float, where: Where) -> None:
-    """A measured curve is about as long as the cable, and lies near its clamps."""
-    if pose.guide_points is not None:
-        guided = curve_length(pose.guide_points)
-        if guided > GUIDE_SLACK * reach:
-            sentence = f"the points span {guided:g} m on a cable of {reach:g} m: {unit_hint(guided / reach)}."
-            raise where.at("guide_points").fail(sentence)
-    if pose.curve is None:
+def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: float | None, where: Where) -> None:
+    """A measured curve is about as long as the cable, and lies near its clamps; its arc lengths are those of its points."""
+    points, s, length = curve.points, curve.arc_length, curve_length(curve.points)
+    if s is not None:
+        if s[0] < -0.05 * (s[-1] - s[0]):  # beyond rounding and noise
+            raise where.fail(f"its s begins at {s[0]:g} m: count s from 0 at the start clamp.")
+        length = max(length, float(s[-1]))
+    if reach is None:
         return
-    key, length = where.at("curve"), curve_length(pose.curve.points)
-    if pose.curve.arc_length is not None:
-        fault = arc_length_fault(pose.curve.points, pose.curve.arc_length)
-        if fault is not None:
-            raise key.fail(f"{fault}.")
-        length = max(length, float(pose.curve.arc_length[-1]))
+    if s is not None and (fault := arc_length_fault(points, s)) is not None:
+        raise where.fail(f"{fault}.")
     if length > CURVE_SLACK * reach:
         hint = unit_hint(length / reach, equal=True)
-        raise key.fail(f"the curve is {length:g} m long, but the cable at most {reach:g} m: {hint}.")
+        raise where.fail(f"the curve is {length:g} m long, but the cable at most {reach:g} m: {hint}.")
     if study.known("length") is not None and length < CURVE_LEAST * reach:
         unit = unit_of(reach / length)
         hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
-        raise key.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")
-    if not any(kind_format(effect.kind).place == "observation" for effect in study.effects):
-        _check_frame(pose, reach, key)
-
-
-def _check_frame(pose: StudyPose, reach: float, where: Where) -> None:
-    """No point of a cable lies further from its supports than the cable is long."""
-    points = np.zeros((0, 3)) if pose.curve is None else pose.curve.points
+        raise where.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")
     for end, clamp in (("start", pose.start), ("end", pose.end)):
-        if clamp is None:
+        if clamp is None or _moved(study):
             continue
         nearest = float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
-        if nearest > reach:
-            raise where.fail(
-                f"the curve stays {nearest:g} m away from the {end} clamp, more than the cable's {reach:g} m: "
-                "give curve and clamps in one frame."
-            )
+        if nearest > reach:  # further from its support than the cable is long
+            said = f"the curve stays {nearest:g} m away from the {end} clamp, more than the cable's {reach:g} m"
+            raise where.fail(f"{said}: give curve and clamps in one frame.")
+
+
+def _moved(study: Study) -> bool:
+    """Whether an effect moves or scales what was measured."""
+    return any(kind_format(effect.kind).place == "observation" for effect in study.effects)
 
 
 def _check_order(study: Study, where: Where) -> None:
     """Detect quaternions with the scalar last: every clamp then points along its curve when read that way, and only then."""
     key = None
     for pose in study.poses:
-        if pose.curve is None:
-            continue
-        points = pose.curve.points
+        points = np.zeros((0, 3)) if pose.curve is None else pose.curve.points
         near = max(1, len(points) // 20)
-        ends = (("start", pose.start, points[near] - points[0]), ("end", pose.end, points[-1] - points[-1 - near]))
-        for name, clamp, chord in ends:
-            if clamp is None or clamp.quaternion is None:
+        for name, clamp, first, last in (("start", pose.start, 0, near), ("end", pose.end, -1 - near, -1)):
+            if clamp is None or clamp.quaternion is None or not len(points):
                 continue
+            chord = points[last] - points[first]
             if _angle(clamp.quaternion, chord) < ASTRAY or _angle(np.roll(clamp.quaternion, 1), chord) > ALONG:
                 return
             key = key or where.item(pose.name).at(name).at("quaternion")
@@ -279,5 +244,5 @@ def _check_order(study: Study, where: Where) -> None:
 
 def _angle(quaternion: Annotated[np.ndarray, "4"], chord: Annotated[np.ndarray, "3"]) -> float:
     """Angle (degrees) between d3 and a chord."""
-    cosine = float(third_column(quaternion) @ chord) / float(np.linalg.norm(chord))
+    cosine = float(columns(quaternion)[:, 2] @ chord) / float(np.linalg.norm(chord))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

@@ -1,4 +1,4 @@
-"""Size of a scan before reading, from its header and its length or by counting its lines.
+"""Size of a mesh, or of a cloud in a format of meshes, before trimesh reads it: from its header, or by counting its lines.
 
 A survey takes one block of memory, independent of the file. `points` is the number for which the file has room, `declared`
 the number in its header (the same for formats without a header).
@@ -7,14 +7,9 @@ the number in its header (the same for formats without a header).
 import io
 import itertools
 import json
-import math
 import struct
-import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
 
 from scan2flex_jax.study.limits import Limit
 
@@ -30,21 +25,23 @@ _PACKING = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
 
 @dataclass(frozen=True)
 class Survey:
-    """Counts; `cut`: there are fewer faces than in the header; `fault`: reason for a failed survey; `unit`: of the points."""
+    """Counts; `cut`: there are fewer faces than in the header; `unit`: of the points."""
 
     points: int = 0
     declared: int = 0
     faces: int = 0
     cut: bool = False
-    fault: str = ""
     unit: str = "points"
 
 
 def survey(kind: str, stream: io.BufferedIOBase, limit: Limit) -> Survey:
-    """Survey of a file of a kind among `KINDS`; counting stops at the limit."""
+    """Survey of a file of a kind among `SURVEYS`; counting stops at the limit.
+
+    Raises `ValueError` with the reason for a damaged one.
+    """
     size = stream.seek(0, 2)
     stream.seek(0)
-    return KINDS[kind](stream, size, limit)
+    return SURVEYS[kind](stream, size, limit)
 
 
 def _lines(stream: io.BufferedIOBase) -> Iterator[bytes]:
@@ -55,107 +52,6 @@ def _lines(stream: io.BufferedIOBase) -> Iterator[bytes]:
 def _count(lines: Iterator[bytes], most: int) -> int:
     """Number of lines, counted slightly beyond `most`."""
     return sum(1 for _ in itertools.islice(lines, most + 1))
-
-
-def _xyz(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    rows = _count((line for line in _lines(stream) if not line.lstrip().startswith(b"#")), limit.points)
-    return Survey(rows, rows)
-
-
-def _pts(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    words = stream.readline(_LONGEST_LINE).split()
-    declared = int(words[0]) if len(words) == 1 and words[0].isdigit() else None
-    if declared is None:
-        stream.seek(0)
-    found = _xyz(stream, size, limit)
-    return found if declared is None else Survey(min(found.points, declared), declared)
-
-
-def _ptx(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    there = declared = 0
-    while (head := list(itertools.islice(_lines(stream), 10))) and declared <= limit.points:
-        try:
-            count = int(head[0]) * int(head[1])
-        except (ValueError, IndexError):
-            return Survey(fault="a scan in it does not begin with its numbers of columns and rows")
-        declared += count
-        there += sum(1 for _ in itertools.islice(_lines(stream), min(count, limit.points + 1)))
-    return Survey(there, declared)
-
-
-def _pcd(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    try:
-        kind, row, declared = pcd_header(stream)
-    except ValueError as fault:
-        return Survey(fault=str(fault))
-    if kind == "ascii":
-        return Survey(_count(_lines(stream), min(declared, limit.points)), declared)
-    if kind == "binary":
-        return Survey(min(declared, (size - stream.tell()) // row.itemsize), declared)
-    packed, unpacked = struct.unpack("<II", stream.read(8).ljust(8, b"\0"))
-    whole = unpacked == row.itemsize * declared and packed <= size - stream.tell()
-    return Survey(declared if whole else 0, declared)
-
-
-def pcd_header(stream: Any) -> tuple[str, np.dtype, int]:
-    """How a PCD is written ("ascii", "binary", "binary_compressed"), the type of a row, and the number of rows."""
-    said: dict[str, list[str]] = {}
-    while "DATA" not in said and stream.tell() < _HEADER and (line := stream.readline(_LONGEST_LINE)):
-        key, *words = line.decode("ascii", errors="replace").split() or ["#"]
-        said[key] = words
-    try:
-        names, types, sizes = said["FIELDS"], said["TYPE"], said["SIZE"]
-        counts = said.get("COUNT", ["1"] * len(names))
-        fields = list(zip(names, types, sizes, counts, strict=True))
-        row = np.dtype([(f"{n}{i}" * (n not in "xyz") or n, f"<{t.lower()}{b}", (int(c),) * (c != "1"))
-                        for i, (n, t, b, c) in enumerate(fields)])  # fmt: skip
-        kind, declared = said["DATA"][0], int(said["WIDTH"][0]) * int(said["HEIGHT"][0])
-    except (KeyError, ValueError, IndexError, TypeError) as fault:
-        raise ValueError("its header is damaged") from fault
-    if not {"x", "y", "z"} <= set(row.names or ()) or kind not in ("ascii", "binary", "binary_compressed") or declared < 0:
-        raise ValueError("its header names no fields x, y, z, or no way of writing")
-    return kind, row, declared
-
-
-def _las(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    head = stream.read(375)
-    if len(head) < 227 or head[:4] != b"LASF":
-        return Survey(fault="it does not begin as a LAS file")
-    (offset,), kind, (each, declared) = struct.unpack("<I", head[96:100]), head[104], struct.unpack("<HI", head[105:111])
-    if head[25] >= 4 and len(head) >= 255:
-        (declared,) = struct.unpack("<Q", head[247:255])
-    if kind & 0x80:  # packed: laspy finds the end
-        return Survey(declared if size > offset else 0, declared)
-    return Survey(min(declared, max(size - offset, 0) // max(each, 1)), declared)
-
-
-def _e57(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    head = stream.read(48)
-    if len(head) < 48 or head[:8] != b"ASTM-E57":
-        return Survey(fault="it does not begin as an E57 file")
-    if struct.unpack("<Q", head[16:24])[0] > size:
-        return Survey(fault="it was cut short")
-    return Survey(1, 1)  # its reader counts the points
-
-
-def _npy(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    try:
-        version = np.lib.format.read_magic(stream)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, kind = read(stream)
-    except ValueError:
-        return Survey(fault="it does not begin as an array of numpy")
-    declared, each = (shape[0] if shape else 0), kind.itemsize * math.prod(shape[1:])
-    return Survey(min(declared, (size - stream.tell()) // max(each, 1)), declared)
-
-
-def _npz(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    try:
-        entries = zipfile.ZipFile(stream).infolist()
-    except (zipfile.BadZipFile, NotImplementedError):
-        return Survey(fault="it is no archive of arrays")
-    most = max((e.file_size for e in entries), default=0) // 24
-    return Survey(most, most)
 
 
 def _obj(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
@@ -177,8 +73,8 @@ def _off(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
             break
     try:
         declared, faces = int(words[1]), int(words[2])
-    except (IndexError, ValueError):
-        return Survey(fault="it does not begin with OFF and its counts")
+    except (IndexError, ValueError) as fault:
+        raise ValueError("it does not begin with OFF and its counts") from fault
     rows = _count(lines, min(declared + faces, 2 * limit.points))
     return Survey(min(declared, rows), declared, faces, cut=rows < declared + faces)
 
@@ -190,7 +86,7 @@ def _stl(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
         corners = _count((line for line in _lines(stream) if line.lstrip().startswith(b"vertex")), 3 * limit.points)
         return Survey(corners // 3, corners // 3, corners // 3, unit="triangles")
     if size < _STL_HEAD:
-        return Survey(fault="it is too short for an STL")
+        raise ValueError("it is too short for an STL")
     (declared,) = struct.unpack("<I", head[80:_STL_HEAD])
     there = (size - _STL_HEAD) // _STL_TRIANGLE
     return Survey(min(there, declared), declared, declared, unit="triangles")
@@ -199,7 +95,7 @@ def _stl(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
 def _glb(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     head = stream.read(20)
     if len(head) < 20 or head[:4] != b"glTF" or struct.unpack("<I", head[12:16])[0] > min(size, limit.bytes // 10):
-        return Survey(fault="it is no binary glTF")
+        raise ValueError("it is no binary glTF")
     if struct.unpack("<I", head[8:12])[0] > size:
         return Survey(1, 1, cut=True)
     try:
@@ -208,18 +104,15 @@ def _glb(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
         where = [p["attributes"]["POSITION"] for mesh in tree.get("meshes", ()) for p in mesh["primitives"]]
         counts = [int(accessor["count"]) for accessor in tree.get("accessors", ())]
         points = sum(counts[i] for i in where)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
-        return Survey(fault="its description is damaged")
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as fault:
+        raise ValueError("its description is damaged") from fault
     if packed:
-        return Survey(fault=f"it is packed with {packed[0]}")
+        raise ValueError(f"it is packed with {packed[0]}")
     return Survey(points, points, max(counts, default=0) // 3)
 
 
 def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
-    found = _ply_header(stream)
-    if isinstance(found, str):
-        return Survey(fault=found)
-    ascii_text, elements = found
+    ascii_text, elements = _ply_header(stream)
     declared = sum(count for name, count, _ in elements if name == "vertex")
     faces = sum(count for name, count, _ in elements if name != "vertex")
     if max(declared, faces) > limit.points:
@@ -234,32 +127,31 @@ def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
     return Survey(max(points, 0), declared, faces, cut)
 
 
-def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]] | str:
-    """Whether a PLY is text, and the name, count and least bytes of its elements, in turn; or the reason of failure."""
+def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]]:
+    """Whether a PLY is text, and the name, count and least bytes of its elements, in turn."""
     elements: list[tuple[str, int, int]] = []
     ascii_text = None
     for line in iter(lambda: stream.readline(_LONGEST_LINE), b""):
         words = line.decode("ascii", errors="replace").split()
         match words:
-            case ["end_header", *_]:
-                return "it does not say how it is written" if ascii_text is None else (ascii_text, elements)
+            case ["end_header", *_] if ascii_text is not None:
+                return ascii_text, elements
             case ["format", written, *_]:
                 ascii_text = written == "ascii"
             case ["element", name, count] if count.isascii() and count.isdecimal() and len(count) < 16:
                 elements.append((name, int(count), 0))
             case ["element", *_]:
-                return "an element of its header has no count"
+                raise ValueError("an element of its header has no count")
             case ["property", *kind] if elements and kind:
                 name, number, least = elements[-1]
                 written = kind[1] if kind[0] == "list" and len(kind) > 1 else kind[0]  # a list always has at least its count
                 elements[-1] = (name, number, least + _SIZES.get(written, 1))
         if stream.tell() > _HEADER:
             break
-    return "its header has no end"
+    raise ValueError("its header has no end, or does not say how it is written")
 
 
-KINDS: dict[str, Callable[[io.BufferedIOBase, int, Limit], Survey]] = {
-    "ply": _ply, "obj": _obj, "stl": _stl, "off": _off, "glb": _glb, "e57": _e57, "las": _las, "laz": _las, "pcd": _pcd,
-    "pts": _pts, "ptx": _ptx, "npy": _npy, "npz": _npz, **dict.fromkeys(("xyz", "asc", "txt", "csv", "tsv", "dat"), _xyz),
+SURVEYS: dict[str, Callable[[io.BufferedIOBase, int, Limit], Survey]] = {
+    "ply": _ply, "obj": _obj, "stl": _stl, "off": _off, "glb": _glb,
 }  # fmt: skip
-"""The kinds of scans that are read: those whose size can be found before reading."""
+"""The kinds of scans that trimesh reads."""

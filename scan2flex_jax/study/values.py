@@ -16,13 +16,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.kinds import Domain, ParameterFormat
 
 LARGEST = 1e15
 """Larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64."""
-UNIT_TOLERANCE = 1e-3
-"""Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
-
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother = 2, 6, 3, 60, 60
 
@@ -56,10 +52,9 @@ class Where:
         try:
             yield
         except StudyError as error:
-            *above, last = (error.key or "").rpartition(".")
+            *above, last = (error.key or "").split(".")
             name = (names or {}).get(last, last)
-            below = "".join(above) + name if name else above[0]
-            key = ".".join(part for part in (self.key, below) if part)
+            key = ".".join(part for part in (self.key, *above, name) if part)
             raise StudyError(self.file, key or None, error.sentence) from None
 
 
@@ -80,6 +75,11 @@ def shown(value: Any) -> str:
     return one_line(_SHORT.repr(value), 120)
 
 
+def counted(number: int, noun: str) -> str:
+    """A number with its noun, as in "1 point" and "2 points"."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def suggestion(name: str, names: Iterable[str]) -> str:
     """A hint for a name that is not among `names`: the nearest one, else all of them."""
     names = [one_line(known) for known in names]
@@ -87,54 +87,48 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"use one of {', '.join(names)}." if names else "leave it out."
 
 
-def allow(table: dict[str, Any], names: Iterable[str], where: Where) -> None:
-    """Refuse the first key of `table` that is not among `names`."""
-    names = list(names)
-    for key in table:
-        if key not in names:
-            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, names)}")
+def table(value: Any, names: Iterable[str] | None, where: Where, example: str) -> dict[str, Any]:
+    """The contents of a table (a dict in memory) whose keys are among `names` (None: any)."""
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        what = "a dict" if example.startswith('{"') else "a table"
+        raise where.fail(f"got {shown(value)}: give {what}, as in {example}.")
+    known = list(value if names is None else names)
+    for key in value:
+        if key not in known:
+            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, known)}")
+    return dict(value)
 
 
-def required(table: dict[str, Any], name: str, where: Where, example: str) -> Any:
+def required(given: Mapping[str, Any], name: str, where: Where, example: str) -> Any:
     """The value of a required key."""
-    if name not in table:
+    if name not in given:
         raise where.at(name).fail(f"it is missing: write {example}.")
-    return table[name]
+    return given[name]
+
+
+def of_kind(value: Any, kind: type | tuple[type, ...], where: Where, example: str) -> Any:
+    """`value`, which must be an instance of `kind`."""
+    if not isinstance(value, kind):
+        raise where.fail(f"got {shown(value)}: give {example}.")
+    return value
+
+
+def all_of_kind(values: Any, kind: type | tuple[type, ...], where: Where, example: str) -> tuple[Any, ...]:
+    """Every entry of a list or tuple, each an instance of `kind`."""
+    single = isinstance(values, str | Mapping) or not isinstance(values, Iterable) or getattr(values, "ndim", 1) == 0
+    if single or isinstance(values, kind):
+        raise where.fail(f"got {shown(values)}: give a list, as in [{example}].")
+    return tuple(of_kind(entry, kind, where.item(i + 1), example) for i, entry in enumerate(values))
 
 
 def text(value: Any, where: Where) -> str:
     """A string."""
-    if not isinstance(value, str):
-        raise where.fail(f'got {shown(value)}: write a text in quotation marks, as in "sag".')
-    return str(value)
+    return str(of_kind(value, str, where, 'a text in quotation marks, as in "sag"'))
 
 
 def boolean(value: Any, where: Where) -> bool:
     """True or false."""
-    if not isinstance(value, bool | np.bool_):
-        raise where.fail(f"got {shown(value)}: write true or false.")
-    return bool(value)
-
-
-def pose_name(value: Any, where: Where) -> str:
-    """The name of a pose, which is not blank."""
-    if not text(value, where).strip():
-        raise where.fail("the name is empty: give the pose a name.")
-    return str(value)
-
-
-def sub_table(value: Any, where: Where, example: str) -> dict[str, Any]:
-    """A table."""
-    if not isinstance(value, dict):
-        raise where.fail(f"got {shown(value)}: write a table, as in {example}.")
-    return value
-
-
-def tables(value: Any, where: Where) -> list[dict[str, Any]]:
-    """An array of tables."""
-    if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
-        raise where.fail(f"got {shown(value)}: write each one as a table that begins with [[{where.key}]].")
-    return value
+    return bool(of_kind(value, (bool, np.bool_), where, "true or false"))
 
 
 def plain(value: Any) -> Any:
@@ -156,7 +150,7 @@ def as_array(value: Any) -> Annotated[np.ndarray, "..."]:
     return np.asarray(value)
 
 
-def integer(value: Any, where: Where, largest: int) -> int:
+def integer(value: Any, largest: int, where: Where) -> int:
     """A whole number of magnitude at most `largest`."""
     value = plain(value)
     if isinstance(value, bool) or not isinstance(value, int):
@@ -190,85 +184,70 @@ def _shape(value: Any, depth: int = 3) -> tuple[int, ...] | None:
     return (len(value), *(inner.pop() or ()))
 
 
-def _numbers(value: Any, where: Where) -> Any:
-    return [_numbers(entry, where) for entry in value] if isinstance(value, list) else number(value, where)
-
-
 def _wanted(shape: tuple[int, ...]) -> str:
-    if not shape:
-        return "one number"
-    if len(shape) == 1:
-        return f"a list of {shape[0]} number{'s' if shape[0] > 1 else ''}"
-    return f"a list of {shape[0]} list{'s' if shape[0] > 1 else ''} of {shape[1]} numbers"
+    lists = [counted(shape[0], "list")] if len(shape) > 1 else []
+    return "one number" if not shape else f"a list of {' of '.join([*lists, counted(shape[-1], 'number')])}"
 
 
-def array(value: Any, shapes: Iterable[tuple[int, ...]], where: Where) -> float | Annotated[np.ndarray, "..."]:
-    """A number, or nested lists of numbers, of one of `shapes`; a float for shape ()."""
-    value, shapes = plain(value), tuple(shapes)
-    if _shape(value) not in shapes:
-        raise where.fail(f"got {shown(value)}: write {' or '.join(map(_wanted, shapes))}.")
-    found = _numbers(value, where)
+def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) -> float | Annotated[np.ndarray, "..."]:
+    """A number, or nested lists of numbers, of one of `shapes`; a float for shape (). With None any shape will do, and NaN."""
+    value = plain(value)
+    wanted = None if shapes is None else tuple(shapes)
+    shape = _shape(value)
+    if shape is None or (wanted is not None and shape not in wanted):
+        said = "a number, or a list of numbers" if wanted is None else " or ".join(map(_wanted, wanted))
+        raise where.fail(f"got {shown(value)}: write {said}.")
+
+    def numbers(inner: Any) -> Any:
+        if isinstance(inner, list):
+            return [numbers(entry) for entry in inner]
+        return inner if wanted is None and isinstance(inner, float) else number(inner, where)
+
+    found = numbers(value)
     return found if isinstance(found, float) else np.array(found)
 
 
-def any_array(value: Any, where: Where) -> float | Annotated[np.ndarray, "..."]:
-    """A number, or an array of numbers of any shape; their domain is checked later."""
-    value = plain(value)
-    if _shape(value) is None:
-        raise where.fail(f"got {shown(value)}: write a number, or a list of numbers.")
-    found = _real(value, where)
-    return found if isinstance(found, float) else np.array(found)
+def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
+    """At least `fewest` points, one per row: all finite, and no two neighbours equal."""
+    rows = _rows(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        turned = rows.ndim == 2 and rows.shape[0] == 3
+        advice = "transpose it, so that each row is a point" if turned else "give one row [x, y, z] for each point"
+        raise where.fail(f"got {shown(value) if isinstance(value, list) else f'an array of shape {rows.shape}'}: {advice}.")
+    if len(rows) < fewest:
+        raise where.fail(f"got {counted(len(rows), 'point')}: give at least {fewest}.")
+    bad = np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1))
+    if len(bad):
+        raise where.fail(f"point {int(bad[0]) + 1} is {shown(rows[bad[0]].tolist())}: give finite numbers in metres.")
+    same = np.flatnonzero(np.all(rows[1:] == rows[:-1], axis=1))
+    if len(same):
+        i = int(same[0])
+        raise where.fail(f"points {i + 1} and {i + 2} are the same, {shown(rows[i].tolist())}: leave one out.")
+    return rows
 
 
-def _real(value: Any, where: Where) -> Any:
-    """Real numbers, including infinities and NaN."""
-    if isinstance(value, list):
-        return [_real(entry, where) for entry in value]
-    return float(value) if isinstance(value, float) else number(value, where)
+def growing(value: Any, count: int, where: Where, what: str = "arc length in metres") -> Annotated[np.ndarray, " n"]:
+    """Strictly increasing finite numbers, one for each of `count` points; `what` each of them is."""
+    grid = _rows(value, where, f"one {what} for each point: an array of shape ({count},)")
+    if grid.shape != (count,):
+        raise where.fail(f"got an array of shape {grid.shape}: give one {what} for each of the {count} points.")
+    if not np.all(np.abs(grid) <= LARGEST):
+        raise where.fail(f"a number is not finite: give one {what} for every point.")
+    back = np.flatnonzero(np.diff(grid) <= 0)
+    if len(back):
+        i = int(back[0])
+        said = f"it does not grow from point {i + 1} ({grid[i]:g}) to point {i + 2} ({grid[i + 1]:g})"
+        raise where.fail(f"{said}: order the points from start to end.")
+    return grid
 
 
-def vector(value: Any, size: int, where: Where) -> Annotated[np.ndarray, " n"]:
-    """A vector of `size` numbers."""
-    return np.asarray(array(value, [(size,)], where))
-
-
-def rows(value: Any, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """A list of at least one point [x, y, z]."""
-    value = plain(value)
-    count = len(value) if isinstance(value, list) else 0
-    if count == 0:
-        raise where.fail(f"got {shown(value)}: write a list of points, as in [[0.5, -1.0, 0.3]].")
-    return np.asarray(array(value, [(count, 3)], where))
-
-
-def unit(value: Annotated[np.ndarray, " n"], where: Where, name: str) -> Annotated[np.ndarray, " n"]:
-    """The vector normalised to unit length, if it is within `UNIT_TOLERANCE` of it."""
-    length = float(np.linalg.norm(value))
-    if abs(length - 1) > UNIT_TOLERANCE:
-        raise where.fail(f"got {shown(value.tolist())} of length {length:.6g}: give a unit {name}.")
-    # A unit vector keeps its digits, so that saving and loading changes nothing.
-    return value if abs(length - 1) < 4 * np.finfo(float).eps else value / length
-
-
-def check_domain(value: Any, domain: Domain, where: Where, longest: float | None = None) -> None:
-    """Refuse entries outside a domain; `longest` (m) is the largest place on the cable, None if unknown."""
-    lowest = float(np.min(value))
-    if domain == "positive" and lowest <= 0:
-        raise where.fail(f"got {lowest:g}: give a value above zero.")
-    if domain in ("nonnegative", "along_cable") and lowest < 0:
-        raise where.fail(f"got {lowest:g}: give zero or a value above it.")
-    if domain == "fraction" and not 0 <= lowest <= float(np.max(value)) <= 1:
-        raise where.fail(f"got {lowest if lowest < 0 else float(np.max(value)):g}: give a fraction, from 0 to 1.")
-    if domain == "along_cable" and longest is not None and float(np.max(value)) > longest:
-        raise where.fail(f"got {float(np.max(value)):g} m: give a place on the cable, from 0 to {longest:g} m.")
-
-
-def quantity(
-    value: Any, form: ParameterFormat, where: Where, ends: int = 2, longest: float | None = None, points: int = 0
-) -> float | Annotated[np.ndarray, "..."]:
-    """The value of a declared quantity in a study with `ends` clamps, or of a field on `points`."""
-    result = array(value, form.shapes(ends, points), where)
-    if form.domain == "unit":
-        return unit(np.asarray(result), where, "vector")
-    check_domain(result, form.domain, where, longest)
-    return result
+def _rows(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
+    """An array of real numbers in float64."""
+    try:
+        found = as_array(value)
+    except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX
+        raise where.fail(f"got {shown(value)}: give {wanted}.") from error
+    if found.dtype.kind not in "iuf":
+        what = shown(value) if found.ndim == 0 else f"an array of {found.dtype}"
+        raise where.fail(f"got {what}: give {wanted}.")
+    return found.astype(np.float64, copy=False)

@@ -59,7 +59,7 @@ MISTAKES = {
     "millimetres": (lambda: made(poses=[pose(points=1000 * POINTS)]), "Study: pose[p1].curve: the curve is 899"),
     "arc length short": (
         lambda: made(poses=[pose(arc_length=[0.0, 0.9])]),
-        "arc_length: got an array of shape (2,): give one arc length for",
+        "arc_length: got an array of shape (2,): give one arc length in metres for each of the 40 points",
     ),
     "quaternion NaN": (lambda: Clamp([0, 0, 0], [np.nan, 0, 0, 1]), "Clamp: quaternion: got nan: write a finite number"),
     "scalar last": (lambda: swapped(made()), "Study: pose[p1].start.quaternion: every clamp points more than 60 degrees away"),
@@ -73,7 +73,7 @@ MISTAKES = {
     ),
     "position alone": (
         lambda: Clamp.of([0, 0, 0]),
-        "Clamp: a frame has 4x4 (or 3x4) finite numbers, this one has the shape (3,)",
+        "Clamp: a frame has 4x4 (or 3x4) finite numbers, and this is [0, 0, 0].",
     ),
     "not a clamp": (
         lambda: StudyPose("a", "fit", (0, 0, 0)),

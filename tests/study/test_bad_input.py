@@ -98,8 +98,8 @@ TOML = [
     ("far clamps", "[0.5, 0.0, 0.0], quat", "[0.96, 0.0, 0.0], quat", "pose[sag].end.position", "apart"),
     ("clamps in mm", "[0.5, 0.0, 0.0], quat", "[500.0, 0.0, 0.0], quat", "pose[sag].end.position", "millimetres"),
     ("noise zero", "noise = 0.001", "noise = 0", "pose[sag].noise", "above zero"),
-    ("no viewpoint", "[[0.5, -1.0, 0.3]]", "[]", "pose[sag].viewpoints", "points"),
-    ("viewpoint flat", "[[0.5, -1.0, 0.3]]", "[0.5, -1.0, 0.3]", "pose[sag].viewpoints", "3 numbers"),
+    ("no viewpoint", "[[0.5, -1.0, 0.3]]", "[]", "pose[sag].viewpoints", "each point"),
+    ("viewpoint flat", "[[0.5, -1.0, 0.3]]", "[0.5, -1.0, 0.3]", "pose[sag].viewpoints", "one row [x, y, z]"),
     ("repeat of none", 'repeat_of = "sag"', 'repeat_of = "sags"', "pose[again].repeat_of", "sag"),
     ("repeat of itself", 'repeat_of = "sag"', 'repeat_of = "again"', "pose[again].repeat_of", "other"),
     ("absolute", '"shapes/sag.csv"', '"/etc/passwd"', "pose[sag].centre_curve", "inside"),
@@ -145,7 +145,7 @@ def test_faults_of_study_toml(tmp_path, old, new, key, word):
 
 
 HEAD = 'format = "scan2flex-study/1"\ngravity = [0, 0, -9.81]\n'
-KINDS = [("cable", "cable = 3"), ("pose", "cable = {}\npose = 3"), ("pose", "cable = {}\npose = [3]")]
+KINDS = [("cable", "cable = 3\npose = []"), ("pose", "cable = {}\npose = 3"), ("pose", "cable = {}\npose = [3]")]
 KINDS += [("pose", "cable = {}")]
 KINDS += [(key, f"cable = {{}}\npose = []\n{key} = 3") for key in ("tolerance", "effect", "unknown")]
 
@@ -183,7 +183,7 @@ CSV = [
     ("an empty cell", LINES + "1,,3\n", "line 42", "no number"),
     ("nan", LINES + "1,nan,3\n", None, "finite"),
     ("inf", LINES + "1,1e999,3\n", None, "finite"),
-    ("an underscore", LINES + "1,1_0,3\n", None, "plain"),
+    ("an underscore", LINES + "1,1_0,3\n", "line 42", "no number"),
     ("one point", csv(POINTS[:1]), None, "at least 2"),
     ("repeated", csv(POINTS[[0, 1, 1, 2, 3]]), None, "2 and 3"),
     ("s stands", csv(np.hstack([0 * S, POINTS]), "s,x,y,z"), "s", "grow"),

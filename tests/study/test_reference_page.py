@@ -1,4 +1,7 @@
-"""docs/study.md: every key that the reader accepts has its row, with its unit, and the examples are accepted."""
+"""docs/study.md: effects and default ranges are those of the package, and the examples are accepted.
+
+The tables of keys are made from their declaration (`tests/test_readme_tables.py`).
+"""
 
 import json
 import tomllib
@@ -8,36 +11,10 @@ import pytest
 
 from scan2flex_jax.effects import effect_class
 from scan2flex_jax.fitting.parameters import DEFAULT_RANGE
-from scan2flex_jax.study import CABLE, TOLERANCE, kind_format, kind_names, load_study, read
+from scan2flex_jax.study import CABLE, kind_format, kind_names, load_study
 from tests.documents import DOCS, PAGES, blocks, name_of, rows, section
 
 PAGE = (DOCS / "study.md").read_text("utf-8")
-KEYS = {
-    "Top level": read._TOP,
-    "cable": tuple(CABLE),
-    "tolerance": tuple(TOLERANCE),
-    "pose": (*read._POSE, "position", "quaternion"),
-}
-
-
-def keys_of(title):
-    """The keys in the first column of a section's first level of tables, without backquotes."""
-    return [row[0].strip("`") for row in rows(section(PAGE, title))]
-
-
-@pytest.mark.parametrize("title", KEYS)
-def test_every_key_has_its_row(title):
-    assert sorted(keys_of(title)) == sorted(KEYS[title])
-
-
-def test_every_key_of_an_unknown_and_of_an_effect_has_its_row():
-    assert keys_of("unknown")[:5] == ["guess", "range", "prior", "prior.mean", "prior.std"]
-    assert keys_of("effect")[:2] == ["kind", "poses"]
-
-
-@pytest.mark.parametrize(("title", "formats"), [("cable", CABLE), ("tolerance", TOLERANCE)])
-def test_units_are_those_that_the_reader_takes(title, formats):
-    assert {row[0].strip("`"): row[1] for row in rows(section(PAGE, title))} == {n: form.unit for n, form in formats.items()}
 
 
 def test_every_effect_has_a_row_for_each_parameter_with_its_unit():
