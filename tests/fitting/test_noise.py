@@ -68,8 +68,8 @@ class Curve(NamedTuple):
         return self
 
 
-@pytest.mark.parametrize("uneven", [0.0, 0.4, 0.8])
-@pytest.mark.parametrize(("sigma", "within"), [(0.0, 0.0), (1e-5, 0.03), (1e-4, 0.03), (5e-4, 0.05), (5e-3, 0.2)])
+@pytest.mark.parametrize("uneven", [0.0, 0.8])
+@pytest.mark.parametrize(("sigma", "within"), [(0.0, 0.0), (1e-5, 0.03), (5e-3, 0.2)])
 def test_uneven_points_are_no_noise(uneven, sigma, within):
     """A helix at points some 5 mm apart, at distances that vary: its noise is found again, also where it is far smaller."""
     rng = np.random.default_rng(5)

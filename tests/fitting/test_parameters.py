@@ -144,8 +144,9 @@ def test_exact_clamps_would_be_overconfident(tilted_clamps):
     assert all(exact.rms() > 1.5 * loose.rms() for exact, loose in tilted_clamps)
 
 
-def test_range_is_kept_and_the_bound_is_flagged():
-    """A range above the truth: the estimate lies on its lower bound, says so, and GJ stays inside its own."""
+def test_range_is_kept_and_the_bound_is_flagged(tmp_path):
+    """A range above the truth: the estimate lies on its lower bound, says so, stays there whichever pose is left out, and the
+    calibrated study, with that value, can be read."""
     study = scenes.study_of([Unknown("bending_stiffness", low=0.15, high=1.0), Unknown("torsional_stiffness")])
     curves = scenes.exact_curves(scenes.study_of(), TRUE)
     f = fit(scenes.measured(study, curves, 1e-4), elements=scenes.ELEMENTS)
@@ -154,6 +155,17 @@ def test_range_is_kept_and_the_bound_is_flagged():
     assert not f.estimates["torsional_stiffness"].at_bound
     assert any("bending_stiffness lies at a bound" in s for s in f.sentences)
     assert "AT A BOUND" in f.summary()
+    np.testing.assert_array_equal(f.influence.moved[:, 0], 0.0)
+    save_study(f.calibrated, tmp_path)
+    assert load_study(tmp_path).start_value("bending_stiffness") == held.value
+
+
+@pytest.mark.parametrize("bounds", [(0.003, 0.0123), (0.15, 1.0), (0.17, 0.7), (1e-3, 0.07)])
+def test_a_bound_comes_back_from_its_logarithm_inside_the_range(bounds):
+    layout = layout_of(scenes.study_of([Unknown("bending_stiffness", low=bounds[0], high=bounds[1])]))
+    (slot,) = layout.slots
+    for end in (slot.low, slot.high):
+        assert bounds[0] <= values_of(layout, np.array(end))["bending_stiffness"] <= bounds[1]
 
 
 def test_guess_outside_the_default_range_is_brought_inside():

@@ -13,7 +13,7 @@ from scan2flex_jax.inference import fit
 
 from . import scenes
 
-DECADES = (0.01, 0.1, 1.0, 10.0, 100.0)  # N m^2, the paper's guesses of both stiffnesses
+FARTHEST = (0.01, 100.0)  # N m^2, of the paper's guesses of both stiffnesses
 COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
@@ -47,10 +47,10 @@ def test_a_stiffness_that_is_left_out_is_told_in_the_result():
     assert f.calibrated.assumptions and not study.assumptions
 
 
-@pytest.mark.parametrize("EI", DECADES)
+@pytest.mark.parametrize("EI", FARTHEST)
 def test_every_guess(EI):
-    """All 25 (the paper: 19); a bad guess costs no more than time, since the package's own start stands beside it."""
-    fits = {GJ: fit(scenes.guessed(scenes.example(), bending_stiffness=EI, torsional_stiffness=GJ)) for GJ in DECADES}
+    """The corners of the paper's 25: a bad guess costs only time, since the package's own start stands beside it."""
+    fits = {GJ: fit(scenes.guessed(scenes.example(), bending_stiffness=EI, torsional_stiffness=GJ)) for GJ in FARTHEST}
     assert [GJ for GJ, f in fits.items() if not recovered(f)] == []
 
 
@@ -61,18 +61,6 @@ def test_near_guesses_suffice_without_the_own_start():
     for guess in ((0.03, 0.08), (0.3, 0.08), (0.03, 0.8), (1.0, 2.0)):
         found = levenberg_marquardt(goal, np.log(guess))
         np.testing.assert_allclose(np.exp(found.shared), [scenes.EI, scenes.GJ], rtol=1e-3)
-
-
-@pytest.mark.parametrize("better", [0, 1])
-def test_the_better_of_two_starts_leads_and_leaves_nothing_for_the_other(better, monkeypatch):
-    problem, begun = Problem(scenes.example()), []
-    near, far = np.log([0.2, 0.2]), np.log([40.0, 0.02])
-    monkeypatch.setattr(Problem, "starts", lambda self: [near, far] if better == 0 else [far, near])
-    descend = Problem._descend
-    monkeypatch.setattr(Problem, "_descend", lambda self, goal, x, e: begun.append(x) or descend(self, goal, x, e))
-    found = problem.minimise("least-squares")
-    np.testing.assert_allclose(np.exp(found.shared), [scenes.EI, scenes.GJ], rtol=1e-3)
-    np.testing.assert_allclose(begun, [near])
 
 
 @pytest.mark.parametrize("method", ["bfgs", "nelder-mead"])

@@ -50,15 +50,6 @@ def test_order_and_exceptions_are_those_of_a_loop(cores):
         threaded(lambda: each_pose(work, 9))()
 
 
-def test_calls_within_a_call_share_its_threads(monkeypatch):
-    monkeypatch.setattr(threads, "_cores", lambda: 4)
-    inner = threaded(threads._POOL.get)
-    outer = threaded(lambda: (threads._POOL.get(), inner(), threads._POOL.get()))
-    mine, shared, after = outer()
-    assert mine is shared is after
-    assert threads._POOL.get() is None
-
-
 @pytest.mark.parametrize("precise", [True, False])
 def test_threads_have_the_precision_that_the_caller_chose_for_his_own(monkeypatch, precise):
     monkeypatch.setattr(threads, "_cores", lambda: 4)
