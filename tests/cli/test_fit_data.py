@@ -7,7 +7,6 @@ from typer.testing import CliRunner
 
 from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.cli.app import app
-from scan2flex_jax.examples import example_path
 from scan2flex_jax.study import load_study, save_study
 
 pytestmark = pytest.mark.slow
@@ -33,26 +32,6 @@ def test_a_study_of_scans_is_fitted_from_what_the_option_names(folder, tmp_path,
     assert found["low"] < TRUE < found["high"]
     assert {"cloud": "fit to point clouds", "curve": "fit to centre curves"}[data] in run.output
     assert load_study(folder).poses[0].curve is None  # the study on disk is as it was
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        (["--data", "mesh"], "mesh"),
-        (["--data", "cloud", "--method", "bfgs"], "least-squares"),
-        (["--data", "cloud", "--distance", "hausdorff"], "hausdorff|least"),
-    ],
-)
-def test_what_cannot_be_is_refused(folder, options, word):
-    run = CliRunner().invoke(app, ["fit", str(folder), *options, *FEW])
-    assert run.exit_code != 0
-    assert any(one in f"{run.output}{run.exception}" for one in word.split("|"))
-
-
-def test_a_scan_is_needed_for_clouds(folder, tmp_path):
-    run = CliRunner().invoke(app, ["fit", str(example_path("black-wire")), "--data", "cloud", *FEW])
-    assert run.exit_code != 0
-    assert "has no scan" in f"{run.output}{run.exception}"
 
 
 def test_extract_writes_the_curve_and_says_whether_it_is_sure(folder, tmp_path):
