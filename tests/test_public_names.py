@@ -38,11 +38,6 @@ def test_every_public_name_is_there_and_an_assignment_stays():
     )
 
 
-def test_a_name_that_is_not_there_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="has no attribute 'fitt'"):
-        _ = scan2flex_jax.fitt
-
-
 @pytest.mark.parametrize("name", ["equilibrium", "explain", "fit", "plan", "predict", "report"])
 def test_functions_are_pickled_by_name_and_print_their_name(name):
     function = getattr(scan2flex_jax, name)

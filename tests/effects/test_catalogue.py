@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scan2flex_jax.effects as fx
-from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces
@@ -147,11 +147,6 @@ def test_only_clamped_ends_can_yield():
     assert entry.to_parameters(np.arange(6.0), site, context)["rotation"].shape == (1, 3)
     with pytest.raises(Scan2FlexError, match="no kind"):
         entry_of("elastic_clmap")
-
-
-def test_fields_have_entries_and_are_not_scanned_for():
-    assert {entry.kind for entry in fields()} == set(DESCRIPTIVE_KINDS)
-    assert not {entry.kind for entry in catalogue()} & {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES}
 
 
 @pytest.mark.parametrize("kind", LAWS)

@@ -17,12 +17,6 @@ def test_a_positive_value_has_a_log_normal_interval():
     assert e.unit == "N m^2"
 
 
-def test_a_value_of_several_numbers_keeps_its_shape():
-    e = estimate_of(PLAIN, np.array([1.0, -2.0]), np.array([0.5, 5.0]))
-    np.testing.assert_allclose(e.high, [1.979982, 7.79982])
-    assert e.identifiable, "only a logarithm is vague by its size"
-
-
 def test_a_vague_logarithm_is_not_determined_and_its_interval_withheld_where_asked():
     wide = np.array([1.001 * VAGUE])
     kept, withheld = estimate_of(LOG, np.zeros(1), wide, vaguest=5.0), estimate_of(LOG, np.zeros(1), wide)
@@ -34,12 +28,6 @@ def test_without_a_standard_error_there_is_a_value_alone():
     e = estimate_of(LOG, np.zeros(1), np.array([np.inf]), determined=True)
     assert e.value == 1.0 and e.std is None and not e.identifiable
     assert "std" not in e.to_json()
-
-
-def test_an_unidentifiable_parameter_is_at_no_bound():
-    edge, small = np.array([9.0]), np.array([0.1])
-    assert estimate_of(LOG, edge, small).at_bound
-    assert not estimate_of(LOG, edge, small, felt=False).at_bound
 
 
 def test_an_interval_of_few_degrees_of_freedom_is_that_of_students_t():
@@ -57,10 +45,3 @@ def test_an_estimate_may_not_be_narrower_than_another():
     other = estimate_of(PLAIN, np.array([0.0, -2.0]), np.array([0.5, 1.0]))
     np.testing.assert_allclose(two.including(other).low, [other.low[0], two.low[1]])
     np.testing.assert_allclose(two.including(other).high, [two.high[0], two.high[1]])
-
-
-def test_an_estimate_beside_one_without_an_interval_has_none():
-    known, none = estimate_of(LOG, np.zeros(1), np.array([0.1])), estimate_of(LOG, np.zeros(1), np.array([np.inf]))
-    both = known.including(none)
-    assert both.value == 1.0 and both.low is None and both.std is None and not both.identifiable
-    assert none.including(known).low is None

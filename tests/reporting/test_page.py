@@ -13,9 +13,9 @@ import pytest
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import Explanation, Law, Reading
 from scan2flex_jax.inference.answer import moved_in_words
-from scan2flex_jax.reporting import page, report, save_report
+from scan2flex_jax.reporting import report
 from scan2flex_jax.reporting.contents import contents_of
-from scan2flex_jax.reporting.parts import errors, laws
+from scan2flex_jax.reporting.parts import laws
 from scan2flex_jax.study.mistakes import Mistake
 from tests.reporting.scenes import EVIL, explained
 
@@ -134,15 +134,6 @@ def test_every_pose_has_its_panels_and_words(fitted, shown):
         assert moved in shown.words()
 
 
-def test_many_poses_have_a_panel_each_for_their_errors(fitted):
-    many = {f"{name} {k}": p for k in range(3) for name, p in fitted.poses.items()}
-    study = replace(fitted.study, poses=tuple(replace(fitted.study.pose(n.rsplit(" ", 1)[0]), name=n) for n in many))
-    contents = contents_of(fitted)
-    contents = replace(contents, poses=tuple(replace(contents.poses[0], name=n) for n in many))
-    [found] = errors(contents, replace(fitted, poses=many, study=study))
-    assert Page(found).tags.count(("figure", {})) == len(many)
-
-
 def test_the_figures_in_space_show_the_fit(fitted, interactive):
     figures = interactive.figures()
     assert set(figures) == {"shapes-in-space"}
@@ -242,22 +233,6 @@ def test_a_likely_mistake_stands_at_the_head(fitted):
         words = Page(report(subject)).words()
         assert "the input is likely mistaken" in words
         assert mistake.mend in words
-
-
-def test_a_report_is_written_whole(fitted, text, tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "report", lambda subject, **options: text)
-    file = save_report(fitted, tmp_path / "deep" / "report.html")
-    assert file.read_text("utf-8") == text
-    assert list(file.parent.iterdir()) == [file]
-
-
-def test_a_missing_library_is_one_sentence(monkeypatch):
-    def gone(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(page, "import_module", gone)
-    with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[report\]"):
-        page.require_libraries()
 
 
 def test_a_law_has_its_panel_and_what_is_read_off_it(fitted):

@@ -30,7 +30,7 @@ def tip(cable, boundary=None, **loads):
     return np.array(rows)
 
 
-@pytest.mark.parametrize("load", [0.2, 1, 5, 10, 100])
+@pytest.mark.parametrize("load", [1, 10, 100])
 def test_tip_loaded_cantilever(load):
     """Mattiasson's table, from elliptic integrals (derived in `reference.elastica`)."""
     drop, back, slope = elastica.tip_loaded_cantilever(load)
@@ -61,11 +61,11 @@ def test_small_weight_bends_by_the_linear_formula():
     np.testing.assert_allclose(-got[:, 1], 1e-3 / 8, rtol=1e-4)  # 4e-5 of it is shear: 4 EI / (GA L^2) with GA = 1e5 N
 
 
-@pytest.mark.parametrize("load", [300.0, 600.0])
 @pytest.mark.parametrize("J", [bend45.POLAR_J, bend45.SAINT_VENANT_J], ids=["J=1/6", "J=0.141"])
-def test_bend45(load, J):
+def test_bend45(J):
     """Bathe and Bolourchi's bend with shear and stretch (`reference.bend45`); the two torsion constants are apart by
     0.5 % of the length, a hundred thousand times the error allowed here."""
+    load = 600.0
     exact = bend45.tip_position(load, J, bend45.GA, bend45.EA)
     cable = Cable(bend45.LENGTH, 0.0, bend45.EI, bend45.SHEAR_MODULUS * J, bend45.GA, bend45.EA, bend45.NATURAL_CURVATURE)
     model = cases.model(cable, cases.WEIGHTLESS, (0.0, 0.0, load))
@@ -76,7 +76,7 @@ def test_bend45(load, J):
     assert np.all(cases.order(errors) > ORDER)
 
 
-@pytest.mark.parametrize("turns", [0.25, 1.0, 2.0])
+@pytest.mark.parametrize("turns", [0.25, 2.0])
 def test_natural_curvature_rolls_up(turns):
     """An end moment M bends a cantilever as natural curvature M/EI does: an arc, exact on any mesh."""
     curvature = 2 * np.pi * turns
