@@ -42,7 +42,7 @@ def fitted(kind):
     return fit(made(kind), elements=scenes.ELEMENTS)
 
 
-def test_a_mistake_is_named_first_with_its_mend_and_the_command_ends_with_the_code_of_what_is_not_to_be_believed(tmp_path):
+def test_a_mistake_is_named_first_with_its_mend_and_the_command_ends_with_code_three(tmp_path):
     kind = "first two fitted poses exchanged"
     save_study(made(kind), tmp_path / "study")
     told = CliRunner().invoke(app, ["fit", str(tmp_path / "study"), "--json", str(tmp_path / "result.json"), *FEW])

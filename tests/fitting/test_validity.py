@@ -68,7 +68,7 @@ def test_belief_is_a_matter_of_settings_that_are_stored(turned):
     (None, 0.003, ""),
     (None, 0.03, "% of the length, too much for noise"),
 ])  # fmt: skip
-def test_a_smooth_residual_beyond_the_stated_noise_or_one_percent_of_the_length_is_not_believed(stated, height, words):
+def test_a_smooth_residual_beyond_noise_is_not_believed(stated, height, words):
     """Curves of two poses that lie ``height`` (m) aside at a quarter and at three quarters of the length: they contradict a
     stated noise; without one a few millimetres may be noise."""
     study = scenes.study_of(poses=("plane", "twist-90"))

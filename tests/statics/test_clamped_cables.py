@@ -148,6 +148,7 @@ def test_a_stiff_rod_is_found_again_from_its_own_nodes():
     np.testing.assert_allclose(again.points, rod.points, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_newton_and_bfgs_agree():
     """To 1e-8 L, from the equilibrium displaced by 1 % of the length. BFGS sees the energy alone, which a cable that does not
     stretch ill-conditions."""
