@@ -8,33 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from . import bend45, clamped_cases, cosserat_bvp, elastica, helix, rotations, stability, write_values
+from . import clamped_cases, cosserat_bvp, helix, rotations, write_values
 
-# P L^2/EI: w/L, u/L, tip slope (rad). Elliptic integrals to 30 digits; Mattiasson (1981) prints the same five digits.
-ELASTICA = {
-    0.2: (0.06636448214, 0.002646548341, 0.09963616304),
-    1: (0.3017207738, 0.05643323628, 0.4613519497),
-    5: (0.7137915236, 0.3876283607, 1.215368118),
-    10: (0.8106090249, 0.5549955978, 1.430285539),
-    100: (0.9414213509, 0.8585786446, 1.570645885),
-}
-# q L^3/EI: drop/L, x/L, tip slope (rad); continuum.
-HEAVY_CANTILEVER = {
-    1: (0.12347140, 0.99124640, 0.16511556),
-    10: (0.70019972, 0.65635376, 1.05264312),
-    100: (0.93752394, 0.15922338, 1.56410732),
-}
-# (model, torsion constant): tip under P = 600; continuum.
-BEND45 = {
-    ("kirchhoff", bend45.POLAR_J): (47.151294, 15.685078, 53.468598),
-    ("simo-reissner", bend45.POLAR_J): (47.150439, 15.684801, 53.474859),
-    ("simo-reissner", bend45.SAINT_VENANT_J): (46.896770, 15.560325, 53.604858),
-    ("kirchhoff", bend45.SAINT_VENANT_J): (46.897616, 15.560600, 53.598603),
-}
-BEND45_STIFFNESS = {
-    "kirchhoff": (np.inf, np.inf),
-    "simo-reissner": (bend45.GA, bend45.EA),
-}
 # r(L/4), r(L/2), r(3L/4) (m), energy (J), n(0) (N), m(0) (N m), lowest (z, s) (m); continuum.
 HOUSE = {
     "H1": (
@@ -78,26 +53,6 @@ HOUSE = {
         (-0.116878082, 0.3805),
     ),
 }
-# T L^2/EI: M L/EI at which a straight clamped-clamped rod buckles under twist; continuum (Greenhill's equation).
-TWIST = {0: 8.986818916, 10: 10.428856, 100: 20.983501}
-# GJ/EI: critical total twist (rad) of a ring, 2 pi sqrt(3) EI/GJ (Michell 1889).
-RING = {0.75: 14.510, 1.0: 10.883, 3.0: 3.628}
-
-
-@pytest.mark.parametrize("load", ELASTICA)
-def test_tip_loaded_cantilever_has_mattiassons_figures(load):
-    np.testing.assert_allclose(elastica.tip_loaded_cantilever(load), ELASTICA[load], rtol=0, atol=6e-10)
-
-
-@pytest.mark.parametrize("weight", HEAVY_CANTILEVER)
-def test_heavy_cantilever_has_the_certified_figures(weight):
-    np.testing.assert_allclose(elastica.heavy_cantilever(weight), HEAVY_CANTILEVER[weight], rtol=0, atol=6e-9)
-
-
-@pytest.mark.parametrize(("model", "J"), BEND45)
-def test_bend_has_the_certified_tip(model, J):
-    tip = bend45.tip_position(600, J, *BEND45_STIFFNESS[model])
-    np.testing.assert_allclose(tip, BEND45[model, J], rtol=0, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -145,34 +100,6 @@ def test_equilibrium_balances_its_weight(solved):
         weight = np.array([0, 0, -rod.weight])
         np.testing.assert_allclose(n[1] - n[0] + weight, 0, atol=1e-9)
         np.testing.assert_allclose(m[1] - m[0] + np.cross(r, n[1]) + np.cross(centre, weight), 0, atol=1e-8)
-
-
-def test_heavy_column_has_greenhills_figure():
-    assert stability.heavy_column() == pytest.approx(7.83734743894, abs=1e-11)
-    assert stability.heavy_column_by_integration() == pytest.approx(stability.heavy_column(), abs=1e-10)
-
-
-def test_clamped_clamped_compression_is_eulers():
-    assert stability.clamped_clamped_compression() == pytest.approx(4 * np.pi**2, rel=1e-14)
-
-
-@pytest.mark.parametrize("tension", TWIST)
-def test_twisted_straight_rod_has_the_certified_moment(tension):
-    critical = stability.twisted_straight_rod(tension)
-    assert critical == pytest.approx(TWIST[tension], abs=1e-6)
-    # all four clamp conditions of the complex deflection at once: their matrix is singular at the critical moment
-    split = np.sqrt(critical**2 / 4 - tension)
-    k1, k2 = 1j * (critical / 2 - split), 1j * (critical / 2 + split)
-    columns = [[1, 0, 1, 0], [0, 1, 1, 1], [1, k2, np.exp(k2), k2 * np.exp(k2)]]
-    columns.append([0, 0, 1, 2] if tension == 0 else [1, k1, np.exp(k1), k1 * np.exp(k1)])  # k1 = 0 gives x^2
-    singular = np.linalg.svd(np.array(columns), compute_uv=False)
-    assert singular[-1] < 1e-10 * singular[0]
-
-
-@pytest.mark.parametrize("ratio", RING)
-def test_twisted_ring_has_michells_figure(ratio):
-    assert stability.ring_twist_angle(1 / ratio) == pytest.approx(RING[ratio], abs=6e-4)
-    assert stability.twisted_ring() == pytest.approx(np.sqrt(3), rel=1e-13)
 
 
 def _integrated(moment, EI, GJ, frame, s):
