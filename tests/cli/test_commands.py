@@ -114,7 +114,7 @@ def test_fit_and_simulate_write_what_they_say(tmp_path):
     # equilibrium of the part between two sections: the force changes by the weight in between (paper, Eq. 5)
     weight = 0.2 * 9.81 * (forces[-1, 0] - forces[0, 0])
     change = forces[-1, 1:4] - forces[0, 1:4]
-    np.testing.assert_allclose(change, [0, 0, weight], atol=2e-3 * weight)  # second order
+    np.testing.assert_allclose(change, [0, 0, weight], atol=4e-3 * weight)  # second order
 
 
 def test_brackets_in_a_title_are_no_markup(monkeypatch):

@@ -78,15 +78,12 @@ def errors(f, EI, GJ):
     return [np.log(e.value / true) / (np.log(e.high / e.low) / 3.92) for e, true in found]
 
 
-@pytest.mark.parametrize(
-    ("name", "turned", "EI", "GJ"),
-    [pytest.param("study-a", {"p2": -1}, 0.18969, 0.06414, marks=pytest.mark.slow), ("study-b", {"p1": 1}, 0.31253, 0.07321)],
-)
-def test_a_fit_that_a_wrong_turn_drew_far_from_the_truth_finds_back(name, turned, EI, GJ):
+@pytest.mark.slow
+def test_a_fit_that_a_wrong_turn_drew_far_from_the_truth_finds_back():
     """The stiffnesses of the wrong branch leave its pose nearer than the right turns there would: they are wrong too."""
-    f = fit(load_study(folder_of("branches", name)))
-    assert {n: t for n, t in turns(f.study).items() if t} == turned
-    assert np.max(np.abs(errors(f, EI, GJ))) < 2.5
+    f = fit(load_study(folder_of("branches", "study-b")))
+    assert {n: t for n, t in turns(f.study).items() if t} == {"p1": 1}
+    assert np.max(np.abs(errors(f, 0.31253, 0.07321))) < 2.5
     assert f.believable
 
 

@@ -133,6 +133,7 @@ def hung(spans, length, noise, **cable):
     return Study.from_arrays(cable, poses, ["length"])
 
 
+@pytest.mark.slow
 def test_the_length_of_a_power_line():
     found = fit(hung((200.0, 199.9), 200.5, 0.03, length_density=1.63, bending_stiffness=3e3, torsional_stiffness=2e3))
     e = found.estimates["length"]

@@ -74,7 +74,7 @@ def test_other_methods_reach_the_same_minimum(method, unguessed):
 
 def test_integrated_distance_recovers_too():
     """The paper's own distance (Eq. 10): its arc lengths are those of the measured polygon, hence 0.5 %."""
-    f = fit(scenes.example(), distance="integrated")
+    f = fit(scenes.example(), distance="integrated", elements=scenes.ELEMENTS)
     assert recovered(f, 5e-3), f.summary()
     assert f.distance == "integrated"
 

@@ -46,16 +46,9 @@ def same(traced, host):
     assert int(traced.iterations) == host.iterations
 
 
-def test_it_takes_the_steps_of_the_ordinary_descent(study, ready):
-    problem, _ = ready
-    found = minimise(problem, np.log([NEAR]))
-    assert bool(found.converged) and bool(found.verdict.solved)
-    same(found, alone(study, NEAR))
-
-
 @pytest.mark.slow
-def test_guesses_are_vmapped_and_a_stuck_one_says_so(study, ready):
-    """As the ordinary descent does, which stalls from there."""
+def test_it_takes_the_steps_of_the_ordinary_descent_for_many_guesses(study, ready):
+    """And stalls where that does."""
     problem, _ = ready
     starts = jnp.log(jnp.array(SEVERAL))[:, None]
     many = jax.vmap(minimise, in_axes=(None, 0))(problem, starts)
@@ -67,6 +60,7 @@ def test_guesses_are_vmapped_and_a_stuck_one_says_so(study, ready):
         single = minimise(problem, starts[k])
         np.testing.assert_allclose(many.x[k], single.x, atol=1e-9)
         assert int(many.iterations[k]) == int(single.iterations)
+        same(single, alone(study, SEVERAL[k]))
 
 
 @pytest.mark.slow
