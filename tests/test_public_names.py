@@ -1,4 +1,4 @@
-"""The public names: none is a module's name too, and each says what it takes, what it answers, and shows an example that holds."""
+"""The public names: none is a module's name too, and each says what it takes and answers, with an example that holds."""
 
 import doctest
 import importlib

@@ -176,7 +176,7 @@ def _glb(tree):
     ("tree", "words"),
     [
         ({"accessors": [{"count": 4_000_000_000}], "meshes": []}, "faces"),
-        ({"accessors": [{"count": 9000}], "meshes": [{"primitives": 10**3 * [{"attributes": {"POSITION": 0}}]}]}, "9000000 poin"),
+        ({"accessors": [{"count": 9000}], "meshes": [{"primitives": 10**3 * [{"attributes": {"POSITION": 0}}]}]}, "9000000 po"),
         ({"extensionsUsed": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
         ({"extensionsUsed": 3}, "damaged"),
         ([], "damaged"),
