@@ -160,14 +160,6 @@ def test_range_is_kept_and_the_bound_is_flagged(tmp_path):
     assert load_study(tmp_path).start_value("bending_stiffness") == held.value
 
 
-@pytest.mark.parametrize("bounds", [(0.003, 0.0123), (0.15, 1.0), (0.17, 0.7), (1e-3, 0.07)])
-def test_a_bound_comes_back_from_its_logarithm_inside_the_range(bounds):
-    layout = layout_of(scenes.study_of([Unknown("bending_stiffness", low=bounds[0], high=bounds[1])]))
-    (slot,) = layout.slots
-    for end in (slot.low, slot.high):
-        assert bounds[0] <= values_of(layout, np.array(end))["bending_stiffness"] <= bounds[1]
-
-
 def test_guess_outside_the_default_range_is_brought_inside():
     study = scenes.study_of([Unknown("bending_stiffness", guess=1e9), Unknown("torsional_stiffness", guess=0.2)])
     layout = layout_of(study)

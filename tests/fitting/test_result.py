@@ -107,6 +107,16 @@ def test_calibrated_study_is_saved_and_read_again(real, tmp_path):
     assert real.study.title == calibrated.title and len(calibrated.poses) == len(real.study.poses)
 
 
+@pytest.mark.parametrize(("low", "high"), [(0.003, 0.0123), (0.15, 1.0), (0.17, 0.7), (1e-3, 0.07)])
+def test_calibrated_study_at_a_bound(real, low, high, tmp_path):
+    """What comes back of a bound from its logarithm can be read."""
+    study = scenes.study_of([Unknown("bending_stiffness", low=low, high=high)])
+    for bound in np.exp(np.log([low, high])):
+        e = Estimate(float(bound), None, None, None, True, True, "N m^2")
+        save_study(replace(real, study=study, estimates={"bending_stiffness": e}).calibrated, tmp_path / str(bound))
+        assert load_study(tmp_path / str(bound)).start_value("bending_stiffness") == pytest.approx(bound, rel=1e-12)
+
+
 def test_calibrated_effect(real):
     """An estimate of an effect's parameter goes into that effect."""
     mass = EffectDeclaration("point_mass", {"position": 0.4})
