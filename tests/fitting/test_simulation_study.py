@@ -90,24 +90,25 @@ def test_progress_says_which_descent_it_is_of():
     assert other and all(line.startswith("other turns: iteration ") for line in other)
 
 
-def test_new_values_compile_nothing(unguessed):
+def test_new_values_compile_nothing():
     """Another guess, range, density, gravity, length and shape: the same compiled functions."""
-    del unguessed
     study, events = scenes.study_of(), []
-    truth = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
-    curves = scenes.exact_curves(study, truth)
-    fit(scenes.measured(study, curves, 3e-4), elements=scenes.ELEMENTS)
-    ranged = [scenes.Unknown(u.name, guess=0.2, low=0.01, high=20.0) for u in study.unknowns]
-    other = scenes.study_of(ranged, length_density=0.21, length=1.001)
-    other = scenes.measured(scenes.replace(other, gravity=np.array([0.1, 0.0, -9.8])), curves, 3e-4, seed=1)
+    curves = scenes.exact_curves(study, {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ})
+
+    def fitted(guess, density, length, gravity, seed):
+        ranged = [scenes.Unknown(u.name, guess=guess, low=0.1 * guess, high=100 * guess) for u in study.unknowns]
+        other = scenes.study_of(ranged, length_density=density, length=length)
+        other = scenes.measured(scenes.replace(other, gravity=np.array([gravity, 0.0, -9.8])), curves, 3e-4, seed=seed)
+        return fit(other, elements=scenes.ELEMENTS)
 
     def listen(event, duration, **more):
         if event == COMPILED and listening:
             events.append((event, duration))
 
+    fitted(0.15, 0.19, 0.999, -0.1, 0)
     listening = True
     jax.monitoring.register_event_duration_secs_listener(listen)
-    fit(other, elements=scenes.ELEMENTS)
+    fitted(0.2, 0.21, 1.001, 0.1, 1)
     jax.jit(lambda x: x * 3.25 + 1)(1.0)  # the listener hears what is compiled
     listening = False
     assert len(events) == 1
