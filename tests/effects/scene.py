@@ -66,7 +66,6 @@ VALUES = {
     "relaxation": ({"share": 0.0, "time_constant": 60.0}, {"share": 0.3}),
 }
 KINDS = tuple(VALUES)
-BASE_VALUES = {kind: null for kind, (null, _) in VALUES.items()}
 CONTEXT = Context(
     1.0, 0.02, 0.015, 0.1 * float(jnp.linalg.norm(DOWN)), np.asarray(DOWN), (1.0, 6.0), (-0.4, -0.2),
     axial_stiffness=1.0e4, centre=np.array([0.3, 0.0, -0.2]), previous=ROWS,

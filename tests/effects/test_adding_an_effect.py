@@ -84,14 +84,6 @@ def test_it_is_known_everywhere(helical_set, tmp_path):
 
 
 @of_block(0)
-def test_its_format_is_that_of_its_fields(helical_set):
-    form = kind_format("helical_set")
-    assert [(p.name, p.unit, p.shape, p.domain) for p in form.parameters] == [
-        ("curvature", "1/m", (2,), "any"), ("pitch", "m", (), "positive"),
-    ]  # fmt: skip
-
-
-@of_block(0)
 def test_a_name_that_is_taken_is_refused(helical_set):
     taken = type("Bend", (helical_set,), {"kind": "kink"})
     with pytest.raises(Scan2FlexError, match="taken"):

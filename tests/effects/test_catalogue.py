@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import scan2flex_jax.effects as fx
-from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields
+from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces
@@ -129,11 +129,6 @@ def test_only_clamped_ends_can_yield():
         entry_of("elastic_clmap")
 
 
-def test_fields_have_entries_and_are_not_scanned_for():
-    assert {entry.kind for entry in fields()} == set(DESCRIPTIVE_KINDS)
-    assert not {entry.kind for entry in catalogue()} & {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES}
-
-
 @pytest.mark.parametrize("kind", LAWS)
 def test_steps_of_a_law_are_reported_as_its_factors(kind):
     """The steps of its random walk: none for the linear law, and the built effect has the factors that are reported."""
@@ -180,28 +175,3 @@ def test_planes_are_finite_without_gravity_and_for_points_that_span_nothing(grav
         assert np.linalg.norm(p["normal"]) == pytest.approx(1.0) and np.isfinite(p["offset"])
 
 
-CARRIED = {"density_profile": lambda factor: factor - 1, "stiffness_profile": lambda factor: 1 / factor - 1}
-
-
-@pytest.mark.parametrize("kind", CARRIED)
-def test_strong_spans_are_tried_in_other_widths_that_carry_as_much(kind):
-    entry, c, carried = ENTRIES[kind], scene.CONTEXT, CARRIED[kind]
-    site = {"position": 0.4 * c.length, "width": 0.2 * c.length}
-    starts = entry.other_starts(np.log([2.0]), site, c, np.zeros((1, 3)))
-    assert [other["width"] / c.length for _, other, _ in starts] == pytest.approx([0.35, 0.08])
-    for a, other, factors in starts:
-        assert factors == {}
-        assert other["position"] == site["position"]
-        wanted = carried(2.0) * site["width"] / other["width"]
-        reachable = wanted if wanted > -0.9 else carried(17.0)  # no span has a negative compliance
-        assert carried(np.exp(a[0])) == pytest.approx(reachable, rel=0.05)
-    assert entry.other_starts(np.array([0.1]), site, c, np.zeros((1, 3))) == []
-
-
-def test_strings_are_tried_where_every_pose_holds_the_cable_alike():
-    """Scans of one pose again: the place is as far from the anchor in each, and tells no stiffness."""
-    entry, c = ENTRIES["tether"], scene.CONTEXT
-    amplitude = np.array([0.0, *(0.1 * c.force * np.array([0.0, 0.6, 0.8]))])
-    starts = entry.other_starts(amplitude, {"position": 0.5 * c.length}, c, np.tile(c.centre + 0.1, (2, 1)))
-    assert [site["reach"] / c.length for _, site, _ in starts] == pytest.approx([0.2, 0.4])
-    assert all(np.all(np.isfinite(a)) for a, _, _ in starts)

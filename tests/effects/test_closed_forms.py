@@ -10,13 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 from scipy.special import fresnel
 
-from scan2flex_jax.effects.spans import bell_means, box_means, field_along, series_factor
 from scan2flex_jax.effects.support_plane import CONTACT, ROUNDING
 from scan2flex_jax.geometry import lie
-from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel, discretise
 
 from . import scene
@@ -214,16 +211,6 @@ def test_couplings_stand_where_the_format_says():
     np.testing.assert_array_equal(K, K.T)
 
 
-def test_a_field_is_the_natural_spline_of_its_places():
-    rod = discretise(CableModel(scene.CABLE, DOWN), scene.pose(), 200)
-    s, rows = np.array([0.1, 0.3, 0.35, 0.8]), np.random.default_rng(0).standard_normal((4, 3))
-    spline = CubicSpline(s, rows, bc_type="natural")
-    found = field_along(rod.section, jnp.asarray(rows), jnp.asarray(s), L)
-    np.testing.assert_allclose(found, spline(np.clip(rod.section.s, 0.1, 0.8)), atol=1e-12)
-    two = field_along(rod.section, jnp.asarray(rows[:2]), jnp.asarray(s[:2]), L)
-    np.testing.assert_allclose(two[:, 0], np.interp(rod.section.s, s[:2], rows[:2, 0]), atol=1e-14)
-
-
 def test_a_curvature_that_grows_along_the_cable_is_a_clothoid():
     """Curvature k s about d2: the tip is at the Fresnel integrals, R(L) turned by k L^2 / 2.
 
@@ -280,20 +267,6 @@ def test_scan_effects_act_on_what_is_seen():
     seen, _, found = scene.solved(offset, scale)
     np.testing.assert_allclose(seen, 1.1 * scene.base_points() + [0.1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(found.points, scene.base_points(), atol=1e-12)
-
-
-def test_spans_keep_their_integrals():
-    """Box: width. Series compliance: that of the parts. Bell: one, and its centre at the position."""
-    section = discretise(CableModel(Cable(2.0, RHO, EI, GJ), DOWN), scene.straight(length=2.0), 13).section
-    position, width, factor, ds = 0.87, 0.31, 3.0, section.ds
-    np.testing.assert_allclose(jnp.sum(box_means(section, position, width, 2.0)) * ds, width, rtol=1e-13)
-    ramp = np.polynomial.legendre.leggauss(60)
-    t = 0.5 * (ramp[0] + 1)
-    edge = 0.04 * np.sum(0.5 * ramp[1] / (1 + (factor - 1) * t**3 * (10 - 15 * t + 6 * t**2)))
-    expected = 2.0 - width - 0.04 + (width - 0.04) / factor + 2 * edge
-    np.testing.assert_allclose(jnp.sum(ds / series_factor(section, position, width, factor, 2.0)), expected, rtol=1e-6)
-    bell = bell_means(section, position, 0.0, 2.0)
-    np.testing.assert_allclose([jnp.sum(bell) * ds, jnp.sum(bell * section.s) * ds], [1.0, position], rtol=1e-9)
 
 
 def test_profiles_carry_their_weight_and_stiffness():

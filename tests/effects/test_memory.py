@@ -1,6 +1,5 @@
-"""Effects with memory: closed forms of one slider and of the standard linear solid, and the order of poses in a whole rod."""
+"""Effects with memory: closed forms of one slider and of the standard linear solid."""
 
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.effects import Friction, MemorySet, Relaxation, TorsionFriction
-from scan2flex_jax.effects.sliders import ROUNDING, SPREAD, huber
+from scan2flex_jax.effects.sliders import SPREAD
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.model import CableModel
@@ -97,20 +96,6 @@ def test_a_curvature_vector_returns_radially():
     np.testing.assert_allclose(found, (1 - SHARE) * k2 + SHARE * SLIP * pull, atol=1e-7)
 
 
-def test_the_rounded_knee_is_smooth_and_loses_as_little_as_is_said():
-    """g is the derivative of H; H'' has no jump; a slider that slipped loses a quarter of the rounding when solved again."""
-    r = jnp.array([0.0, 0.5, 1 - ROUNDING, 1.0, 1 + ROUNDING, 3.0])
-    one = jnp.array(1.0)
-    H = jax.jit(jax.grad(lambda r: huber(r**2, one)[0]))
-    np.testing.assert_allclose(jax.vmap(H)(r), r * huber(r**2, jnp.ones(6))[1], atol=1e-12)
-    second = jax.jit(jax.vmap(jax.grad(H)))
-    for knee in (1 - ROUNDING, 1 + ROUNDING):
-        np.testing.assert_allclose(*second(jnp.array([knee - 1e-7, knee + 1e-7])), atol=1e-5)
-    again = bent(one_slider(rounding=ROUNDING), [3.0, 3.0]) - (1 - SHARE) * 3.0
-    assert again[0] == pytest.approx(SHARE * SLIP)
-    assert again[1] == pytest.approx(SHARE * SLIP * (1 - ROUNDING / 4))
-
-
 @pytest.mark.parametrize("effect", [Friction(SHARE, SLIP), Relaxation(SHARE, 60.0)])
 def test_without_history_and_strain_there_is_no_force_and_no_nan(effect):
     left, still = effect.without_history(1)[0], jnp.zeros(6)
@@ -160,38 +145,6 @@ def test_memory_set_is_the_relaxation_that_is_complete_between_poses():
     assert bent(one_slider(), [last, 0.0, now])[2] != pytest.approx(bent(one_slider(), [0.0, now])[1])  # friction has not
 
 
-def turned(turn):
-    """A cable whose end is free to move and turned by ``turn`` (rad) about d2."""
-    boundary = scene.straight(held_end=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0))
-    R = boundary.rotation[0] @ lie.so3_exp(turn * jnp.array([0.0, 1.0, 0.0]))
-    return type(boundary)(boundary.position, boundary.rotation.at[1].set(R), boundary.held)
-
-
-def arc(turn):
-    """Where the cable of `turned` is."""
-    angle = jnp.linspace(0.0, turn, scene.ELEMENTS + 1)
-    boundary = turned(0.0)
-    R = jax.vmap(lambda a: boundary.rotation[0] @ lie.so3_exp(a * jnp.array([0.0, 1.0, 0.0])))(angle)
-    steps = (R[:-1, :, 2] + R[1:, :, 2]) / (2 * scene.ELEMENTS)
-    return type(scene.start_of(boundary))(jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, 0)]), R)
-
-
-@partial(jax.jit, compiler_options=scene.UNOPTIMISED)
-def in_pure_bending(effect, turn, before):
-    model = CableModel(scene.CABLE, jnp.zeros(3), effect)
-    first = equilibrium(model, turned(before), start=arc(before), elements=scene.ELEMENTS)
-    found = equilibrium(model, turned(turn), start=arc(turn), elements=scene.ELEMENTS, after=first)
-    return found.reactions()[1], found.leaves()
-
-
-def test_a_whole_rod_in_pure_bending_follows_the_closed_form():
-    """A turned end alone gives a uniform curvature: the moment of the grip is that of the loop, loading and unloading."""
-    for before, now, slider in ((0.0, 0.8, 0.8), (0.0, 3.0, 1.0), (3.0, 4.0, 1.0), (3.0, 2.5, 0.5), (3.0, 0.5, -1.0)):
-        moment, _ = in_pure_bending(one_slider(rounding=ROUNDING), now, before)
-        expected = EI * abs((1 - SHARE) * now + SHARE * slider)
-        np.testing.assert_allclose(np.linalg.norm(moment, axis=1), expected, rtol=1e-7)
-
-
 @pytest.mark.parametrize(("first", "expected"), [(0.2, SHARE * 0.2), (5.0, SHARE / (1 - SHARE) * SLIP)])
 def test_a_cable_from_a_drum_without_loads_keeps_the_bend_that_its_sliders_hold(first, expected):
     """Its moment is zero: (1 - share) k = share (set - k) while nothing slips, and share slip once all have slipped."""
@@ -205,4 +158,4 @@ def test_a_cable_from_a_drum_without_loads_keeps_the_bend_that_its_sliders_hold(
 def test_a_pose_after_another_model_is_refused():
     free = scene.solved()[2]
     with pytest.raises(Scan2FlexError, match="after is an equilibrium of another model or mesh"):
-        equilibrium(CableModel(scene.CABLE, jnp.zeros(3), Friction(0.3, 1.0)), turned(0.3), elements=16, after=free)
+        equilibrium(CableModel(scene.CABLE, jnp.zeros(3), Friction(0.3, 1.0)), scene.straight(), elements=16, after=free)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import scan2flex_jax.effects as fx
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.export import TO
 from scan2flex_jax.export.hanging import described
@@ -65,11 +64,6 @@ def test_every_effect_goes_along_or_is_refused_by_name(kind, plain):
             with pytest.raises(Scan2FlexError, match=kind) as refused:
                 write(hanging)
             assert "\n" not in str(refused.value)
-
-
-def test_the_list_of_effects_is_whole():
-    ours = {kind for kind in fx.kinds() if fx.effect_class(kind).__module__.startswith("scan2flex_jax.")}
-    assert ours - {"memory_set"} <= set(VALUES)
 
 
 def joints_of(text, name):

@@ -1,6 +1,6 @@
 """Studies for the tests of the fit: the paper's simulated cable, and shapes made from known values of any unknown.
 
-All made studies have 40 elements and curves of 60 points, so that those with the same unknowns share one compilation.
+All made studies have 20 elements and curves of 60 points, so that those with the same unknowns share one compilation.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from scan2flex_jax.examples import example_path
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.study import MeasuredCurve, Tolerance, Unknown, load_study
 
-ELEMENTS = 40
+ELEMENTS = 20
 POINTS = 60
 EI, GJ = 0.1, 0.25  # N m^2, the paper's Section 6.2
 EXACT = Tolerance()

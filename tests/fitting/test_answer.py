@@ -7,24 +7,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import fit
 from scan2flex_jax.inference.answer import (
     BAD,
     FAIR,
     GOOD,
-    digits_of,
-    in_mm,
     moved_in_words,
-    noise_in_words,
-    number,
-    percent,
     rests_on,
-    symbol_of,
-    two_digits,
 )
-from scan2flex_jax.inference.estimate import Estimate
-from scan2flex_jax.inference.fit_result import in_words
 from scan2flex_jax.inference.influence import Influence
 from scan2flex_jax.study import Tolerance, Unknown, study_warnings
 
@@ -128,18 +118,6 @@ def test_the_error_on_unseen_poses():
     assert lost.answer.unseen == "not known: a validate pose could not be solved"
 
 
-@pytest.mark.parametrize(("value", "text"), [(123.4, "120"), (0.01234, "0.012"), (3.456, "3.5"), (0.0, "0"), (1e-4, "0.0001")])
-def test_two_digits_without_an_exponent(value, text):
-    assert two_digits(value) == text
-    assert two_digits(value, sign=True) == f"+{text}"
-
-
-def test_a_parameter_is_named_before_its_effect():
-    assert symbol_of("nonlinear_bending.slip_curvature") == "slip curvature (nonlinear bending)"
-    assert symbol_of("tether.anchor", 2) == "anchor[2] (tether)"
-    assert (symbol_of("bending_stiffness"), symbol_of("bending_stiffness", 1)) == ("EI", "EI2")
-
-
 def test_whether_to_believe_it():
     f, alone = fitted(), fitted(last="fit")
     assert (f.answer.tone, f.answer.belief[:4]) == (GOOD, "yes:")
@@ -175,21 +153,3 @@ def test_an_undetermined_value_has_no_number():
     row = next(row for row in answer.rows if row.name == "torsional_stiffness")
     assert (row.value, row.interval, row.note) == ("", "", "not determined by these poses")
     assert answer.belief.endswith("these poses do not determine GJ")
-
-
-def test_numbers():
-    assert percent(0.0412) == "+4.1 %" and percent(-1.2345e-6) == "-0.00012 %" and percent(1.5) == "+150 %"
-    assert number(0.1, 3) == "0.100" and number(123.0, 3) == "123" and number(1.2e-7, 2) == "1.2e-07"
-    assert in_mm(2.71828e-7) == "0.000272" and in_mm(1.6e-4) == "0.160"
-    said, assumed = noise_in_words(Noise(1e-5, 2e-6, 0.03), 1.0).split("; ")
-    assert said == "white 0.0100 mm, correlated 0.00200 mm over 30 mm, per normal"
-    assert assumed == "the least that is assumed: the shapes show less"
-    assert noise_in_words(Noise(1e-4, 2e-6, 0.03), 1.0).endswith("over 30 mm, per normal")
-    assert in_mm(0.01234567) == "12.346" and in_mm(0.0) == "0.000"
-    assert digits_of(0.318, 0.308, 0.331) == 3 and digits_of(0.1, 0.09999, 0.10001) == 5 and digits_of(0.0, -1.0, 1.0) == 3
-
-
-def test_an_estimate_is_told_from_the_ends_of_its_interval():
-    """However narrow it is: no `0.1 [0.1, 0.1]`."""
-    sharp = Estimate(0.0999998, 2.6e-7, 0.0999993, 0.1000003, identifiable=True, at_bound=False, unit="N m^2")
-    assert in_words(sharp) == "0.0999998 [0.0999993, 0.100000] N m^2"

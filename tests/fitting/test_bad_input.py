@@ -2,15 +2,11 @@
 
 from dataclasses import replace
 
-import equinox as eqx
 import numpy as np
 import pytest
 
-from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting.least_squares import Minimum
-from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import fit
-from scan2flex_jax.statics.verdict import SOLVED, UNBALANCED
 from scan2flex_jax.study import Unknown
 
 from . import scenes
@@ -45,25 +41,6 @@ def test_one_sentence(name):
         fit(change(scenes.example()), **options)
     assert sentence in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_poses_that_do_not_settle_are_told_apart_by_the_type_of_the_error():
-    """With the poses and their reasons as fields; a refusal of the study is another error."""
-    problem = Problem(scenes.example(), 8)
-    names = [pose.name for pose in problem.study.fit_poses]
-    codes = np.where(np.arange(len(names)) == 1, UNBALANCED, SOLVED)
-    evaluation = problem.evaluator(problem.starts()[0], derivative=False)
-    evaluation = evaluation._replace(verdict=eqx.tree_at(lambda v: v.code, evaluation.verdict, codes))
-    with pytest.raises(NotSettledError) as caught:
-        problem._finite(Minimum(problem.starts()[0], np.zeros((len(names), 0)), evaluation, np.inf, 0, False))
-    assert caught.value.reasons == {names[1]: "the forces do not balance"}
-    assert str(caught.value) == (
-        f"no values in the range let every pose settle ({names[1]}: the forces do not balance): "
-        "check clamps, length and turns of these poses"
-    )
-    with pytest.raises(Scan2FlexError) as refused:
-        fit(replace(scenes.example(), unknowns=()))
-    assert not isinstance(refused.value, NotSettledError)
 
 
 def test_clamps_too_far_apart_name_the_pose():

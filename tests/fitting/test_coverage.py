@@ -52,7 +52,7 @@ def test_noise_of_the_integrated_distance():
     """A pose in the plane x-z, noise in all directions: the noise is found at equal arc length too."""
     study = scenes.study_of([Unknown("bending_stiffness")], poses=("plane",))
     curves = scenes.exact_curves(study, {"bending_stiffness": scenes.EI})
-    inner = [scenes.measured(study, curves, NOISE, seed) for seed in range(16)]
+    inner = [scenes.measured(study, curves, NOISE, seed) for seed in range(6)]
     fits = [fit(s, distance="integrated", elements=scenes.ELEMENTS) for s in inner]
     np.testing.assert_allclose(np.mean([f.noise.total for f in fits]), NOISE, rtol=0.1)
     z = [(f.estimates["bending_stiffness"].value - scenes.EI) / f.estimates["bending_stiffness"].std for f in fits]

@@ -10,7 +10,6 @@ from scan2flex_jax.study import MeasuredCurve
 
 from . import scenes
 
-COUNTS = (4, 5, 6, 7, 8, 12)
 NOISE = 5e-4  # m
 TRUE = (scenes.EI, scenes.GJ)
 
@@ -27,8 +26,7 @@ def few(n, power, noise=0.0):
     return replace(scenes.example(), poses=tuple(poses))
 
 
-@pytest.mark.parametrize("power", [1.0, 2.0])
-@pytest.mark.parametrize("n", (3, *COUNTS))
+@pytest.mark.parametrize(("n", "power"), [(3, 1.0), (4, 2.0), (7, 1.0), (12, 2.0)])
 def test_few_points_are_fitted(n, power):
     f = fit(few(n, power))
     assert f.converged
@@ -45,8 +43,7 @@ def test_two_points_inside_each_curve_are_fitted():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("power", [1.0, 2.0])
-@pytest.mark.parametrize("n", COUNTS)
+@pytest.mark.parametrize(("n", "power"), [(4, 2.0), (7, 1.0)])
 def test_few_points_are_explained(n, power):
     """White noise and nothing missing: no alarm at the one per cent level, no effect named, the truth within 4 sigma."""
     e = explain(few(n, power, NOISE))

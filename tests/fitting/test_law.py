@@ -32,7 +32,7 @@ def found(request):
     """The name of a law, and the fit of shapes that another effect type made with it."""
     truth = EffectDeclaration("nonlinear_bending", {"slip_curvature": SLIP, "ratio": LAWS[request.param]})
     curves = scenes.exact_curves(scenes.study_of(effects=[truth]), TRUE)
-    return request.param, fit(scenes.measured(with_law(), curves, noise=NOISE, seed=3, stated=NOISE))
+    return request.param, fit(scenes.measured(with_law(), curves, noise=NOISE, seed=3, stated=NOISE), elements=scenes.ELEMENTS)
 
 
 def true_moment(name, q):
@@ -153,7 +153,7 @@ def test_a_law_takes_no_range_and_no_prior_but_its_own(said):
 def test_a_law_that_is_given_is_no_finding():
     study = with_law(scenes.BOTH, factor=np.linspace(1.0, 0.4, 8))
     curves = scenes.exact_curves(study, TRUE)
-    result = fit(scenes.measured(study, curves, noise=NOISE, stated=NOISE))
+    result = fit(scenes.measured(study, curves, noise=NOISE, stated=NOISE), elements=scenes.ELEMENTS)
     (law,) = result.laws
     assert law.p_value is None
     assert not law.linear

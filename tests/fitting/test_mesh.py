@@ -48,12 +48,6 @@ def test_a_number_of_elements_is_used_as_given(soft):
     assert "(80 are needed)" in f.mesh[0]
 
 
-def test_a_cable_with_long_bends_has_the_usual_elements():
-    f = fit(scenes.study_of(poses=("plane", "twist-90")))
-    assert f.problem.elements == FIT_ELEMENTS
-    assert f.mesh == ()
-
-
 def test_poses_that_too_few_elements_cannot_solve_are_fitted_with_more(soft):
     """The stiffness is then that of the start, from the balance of the measured curve."""
     made = []

@@ -6,25 +6,11 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
-from scan2flex_jax.fitting.noise import Noise, matern, white_noise
-from scan2flex_jax.inference.rows import plane_normal
+from scan2flex_jax.fitting.noise import Noise, white_noise
 
 LENGTH, POINTS = 1.0, 64
 S = LENGTH * np.linspace(0.01, 0.99, POINTS)
 TRUE = np.array([2.0e-4, 4.0e-4, 0.07])  # white, correlated (m), correlation length (m)
-
-
-def kernel(s, length):
-    """Matern-3/2, written by itself."""
-    d = np.abs(np.subtract.outer(s, s)) * 3**0.5 / length
-    return np.exp(-d) * (1 + d)
-
-
-def test_kernel():
-    np.testing.assert_allclose(matern(S, 0.07), kernel(S, 0.07), rtol=1e-12)
-    dense = TRUE[0] ** 2 * np.eye(POINTS) + TRUE[1] ** 2 * kernel(S, TRUE[2])
-    np.testing.assert_allclose(Noise(*TRUE).covariance(S), dense, rtol=1e-12)
-    assert Noise(3.0, 4.0, 1.0).total == 5.0
 
 
 def smooth_columns(count=6):
@@ -48,15 +34,6 @@ def test_most_likely_part_of_a_residual_is_the_discrepancy():
     assert Discrepancy().rms == 0.0
 
 
-def test_points_of_a_picture_lie_in_one_plane():
-    """Aside from the plane of a photograph nothing was measured; gravity across that plane would move the cable out of it."""
-    rng = np.random.default_rng(0)
-    flat = rng.standard_normal((40, 3)) * [1.0, 0.0, 1.0]
-    np.testing.assert_allclose(np.abs(plane_normal(flat, np.array([0.0, 0.0, -9.81]))), [0.0, 1.0, 0.0], atol=1e-12)
-    assert plane_normal(flat, np.array([0.0, -9.81, 0.0])) is None
-    assert plane_normal(flat + 1e-4 * rng.standard_normal((40, 3)), np.array([0.0, 0.0, -9.81])) is None
-
-
 class Curve(NamedTuple):
     """What a pose tells of its noise."""
 
@@ -68,8 +45,8 @@ class Curve(NamedTuple):
         return self
 
 
-@pytest.mark.parametrize("uneven", [0.0, 0.4, 0.8])
-@pytest.mark.parametrize(("sigma", "within"), [(0.0, 0.0), (1e-5, 0.03), (1e-4, 0.03), (5e-4, 0.05), (5e-3, 0.2)])
+@pytest.mark.parametrize("uneven", [0.0, 0.8])
+@pytest.mark.parametrize(("sigma", "within"), [(0.0, 0.0), (1e-5, 0.03), (5e-3, 0.2)])
 def test_uneven_points_are_no_noise(uneven, sigma, within):
     """A helix at points some 5 mm apart, at distances that vary: its noise is found again, also where it is far smaller."""
     rng = np.random.default_rng(5)

@@ -144,16 +144,20 @@ def test_exact_clamps_would_be_overconfident(tilted_clamps):
     assert all(exact.rms() > 1.5 * loose.rms() for exact, loose in tilted_clamps)
 
 
-def test_range_is_kept_and_the_bound_is_flagged():
-    """A range above the truth: the estimate lies on its lower bound, says so, and GJ stays inside its own."""
-    study = scenes.study_of([Unknown("bending_stiffness", low=0.15, high=1.0), Unknown("torsional_stiffness")])
+def test_range_is_kept_and_the_bound_is_flagged(tmp_path):
+    """A range above the truth: the estimate lies on its lower bound, says so, stays there whichever pose is left out, and the
+    calibrated study, with that value, can be read."""
+    study = scenes.study_of([Unknown("bending_stiffness", low=0.104, high=1.0), Unknown("torsional_stiffness")])
     curves = scenes.exact_curves(scenes.study_of(), TRUE)
     f = fit(scenes.measured(study, curves, 1e-4), elements=scenes.ELEMENTS)
     held = f.estimates["bending_stiffness"]
-    assert held.at_bound and 0.15 <= held.value < 0.15 * (1 + 1e-9)
+    assert held.at_bound and 0.104 <= held.value < 0.104 * (1 + 1e-9)
     assert not f.estimates["torsional_stiffness"].at_bound
     assert any("bending_stiffness lies at a bound" in s for s in f.sentences)
     assert "AT A BOUND" in f.summary()
+    np.testing.assert_array_equal(f.influence.moved[:, 0], 0.0)
+    save_study(f.calibrated, tmp_path)
+    assert load_study(tmp_path).start_value("bending_stiffness") == held.value
 
 
 def test_guess_outside_the_default_range_is_brought_inside():

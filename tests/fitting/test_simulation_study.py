@@ -13,7 +13,7 @@ from scan2flex_jax.inference import fit
 
 from . import scenes
 
-DECADES = (0.01, 0.1, 1.0, 10.0, 100.0)  # N m^2, the paper's guesses of both stiffnesses
+FARTHEST = (0.01, 100.0)  # N m^2, of the paper's guesses of both stiffnesses
 COMPILED = "/jax/core/compile/backend_compile_duration"
 
 
@@ -47,10 +47,10 @@ def test_a_stiffness_that_is_left_out_is_told_in_the_result():
     assert f.calibrated.assumptions and not study.assumptions
 
 
-@pytest.mark.parametrize("EI", DECADES)
+@pytest.mark.parametrize("EI", FARTHEST)
 def test_every_guess(EI):
-    """All 25 (the paper: 19); a bad guess costs no more than time, since the package's own start stands beside it."""
-    fits = {GJ: fit(scenes.guessed(scenes.example(), bending_stiffness=EI, torsional_stiffness=GJ)) for GJ in DECADES}
+    """The corners of the paper's 25: a bad guess costs only time, since the package's own start stands beside it."""
+    fits = {GJ: fit(scenes.guessed(scenes.example(), bending_stiffness=EI, torsional_stiffness=GJ)) for GJ in FARTHEST}
     assert [GJ for GJ, f in fits.items() if not recovered(f)] == []
 
 
@@ -61,18 +61,6 @@ def test_near_guesses_suffice_without_the_own_start():
     for guess in ((0.03, 0.08), (0.3, 0.08), (0.03, 0.8), (1.0, 2.0)):
         found = levenberg_marquardt(goal, np.log(guess))
         np.testing.assert_allclose(np.exp(found.shared), [scenes.EI, scenes.GJ], rtol=1e-3)
-
-
-@pytest.mark.parametrize("better", [0, 1])
-def test_the_better_of_two_starts_leads_and_leaves_nothing_for_the_other(better, monkeypatch):
-    problem, begun = Problem(scenes.example()), []
-    near, far = np.log([0.2, 0.2]), np.log([40.0, 0.02])
-    monkeypatch.setattr(Problem, "starts", lambda self: [near, far] if better == 0 else [far, near])
-    descend = Problem._descend
-    monkeypatch.setattr(Problem, "_descend", lambda self, goal, x, e: begun.append(x) or descend(self, goal, x, e))
-    found = problem.minimise("least-squares")
-    np.testing.assert_allclose(np.exp(found.shared), [scenes.EI, scenes.GJ], rtol=1e-3)
-    np.testing.assert_allclose(begun, [near])
 
 
 @pytest.mark.parametrize("method", ["bfgs", "nelder-mead"])
@@ -86,7 +74,7 @@ def test_other_methods_reach_the_same_minimum(method, unguessed):
 
 def test_integrated_distance_recovers_too():
     """The paper's own distance (Eq. 10): its arc lengths are those of the measured polygon, hence 0.5 %."""
-    f = fit(scenes.example(), distance="integrated")
+    f = fit(scenes.example(), distance="integrated", elements=scenes.ELEMENTS)
     assert recovered(f, 5e-3), f.summary()
     assert f.distance == "integrated"
 
@@ -102,24 +90,25 @@ def test_progress_says_which_descent_it_is_of():
     assert other and all(line.startswith("other turns: iteration ") for line in other)
 
 
-def test_new_values_compile_nothing(unguessed):
+def test_new_values_compile_nothing():
     """Another guess, range, density, gravity, length and shape: the same compiled functions."""
-    del unguessed
     study, events = scenes.study_of(), []
-    truth = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
-    curves = scenes.exact_curves(study, truth)
-    fit(scenes.measured(study, curves, 3e-4), elements=scenes.ELEMENTS)
-    ranged = [scenes.Unknown(u.name, guess=0.2, low=0.01, high=20.0) for u in study.unknowns]
-    other = scenes.study_of(ranged, length_density=0.21, length=1.001)
-    other = scenes.measured(scenes.replace(other, gravity=np.array([0.1, 0.0, -9.8])), curves, 3e-4, seed=1)
+    curves = scenes.exact_curves(study, {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ})
+
+    def fitted(guess, density, length, gravity, seed):
+        ranged = [scenes.Unknown(u.name, guess=guess, low=0.1 * guess, high=100 * guess) for u in study.unknowns]
+        other = scenes.study_of(ranged, length_density=density, length=length)
+        other = scenes.measured(scenes.replace(other, gravity=np.array([gravity, 0.0, -9.8])), curves, 3e-4, seed=seed)
+        return fit(other, elements=scenes.ELEMENTS)
 
     def listen(event, duration, **more):
         if event == COMPILED and listening:
             events.append((event, duration))
 
+    fitted(0.15, 0.19, 0.999, -0.1, 0)
     listening = True
     jax.monitoring.register_event_duration_secs_listener(listen)
-    fit(other, elements=scenes.ELEMENTS)
+    fitted(0.2, 0.21, 1.001, 0.1, 1)
     jax.jit(lambda x: x * 3.25 + 1)(1.0)  # the listener hears what is compiled
     listening = False
     assert len(events) == 1

@@ -1,6 +1,5 @@
 """Poses on several threads: the same numbers as on one, the caller's settings of JAX, and no thread left behind."""
 
-import threading
 
 import jax
 import jax.numpy as jnp
@@ -19,26 +18,6 @@ def cores(request, monkeypatch):
     return request.param
 
 
-def waiting():
-    """Work of a pose that names its thread; the first two wait for each other."""
-    both = threading.Barrier(2, timeout=10)
-
-    def work(i):
-        if i < 2:
-            both.wait()
-        return threading.current_thread().name
-
-    return work
-
-
-def test_poses_of_a_threaded_call_run_side_by_side(monkeypatch):
-    monkeypatch.setattr(threads, "_cores", lambda: 4)
-    found = threaded(lambda: each_pose(waiting(), 8))()
-    assert found[0] != found[1]
-    assert all(n.startswith("pose") for n in found)
-    assert not [t for t in threading.enumerate() if t.name.startswith("pose")]
-
-
 def test_order_and_exceptions_are_those_of_a_loop(cores):
     def work(i):
         if i in (5, 7):
@@ -48,15 +27,6 @@ def test_order_and_exceptions_are_those_of_a_loop(cores):
     assert threaded(lambda: each_pose(work, 5))() == each_pose(work, 5) == [0, 1, 2, 3, 4]
     with pytest.raises(ValueError, match="pose 5"):
         threaded(lambda: each_pose(work, 9))()
-
-
-def test_calls_within_a_call_share_its_threads(monkeypatch):
-    monkeypatch.setattr(threads, "_cores", lambda: 4)
-    inner = threaded(threads._POOL.get)
-    outer = threaded(lambda: (threads._POOL.get(), inner(), threads._POOL.get()))
-    mine, shared, after = outer()
-    assert mine is shared is after
-    assert threads._POOL.get() is None
 
 
 @pytest.mark.parametrize("precise", [True, False])

@@ -17,7 +17,7 @@ from . import scenes
 
 NEAR, SEVERAL = (0.05, 0.5), ((0.05, 0.5), (0.3, 0.1), (100.0, 0.01))  # guesses of EI and GJ (N m^2); the last leads nowhere
 STIFF = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
-ELEMENTS = 20
+ELEMENTS = scenes.ELEMENTS
 POSES = ("plane", "twist-90")
 
 
@@ -46,26 +46,9 @@ def same(traced, host):
     assert int(traced.iterations) == host.iterations
 
 
-def test_it_takes_the_steps_of_the_ordinary_descent(study, ready):
-    problem, _ = ready
-    found = minimise(problem, np.log([NEAR]))
-    assert bool(found.converged) and bool(found.verdict.solved)
-    same(found, alone(study, NEAR))
-
-
 @pytest.mark.slow
-def test_from_both_starts_it_is_the_minimum_of_the_fit(study, ready):
-    """From a guess that leads nowhere, the package's own start leads to the minimum."""
-    problem, _ = ready
-    both = Problem(study, ELEMENTS).both_starts(scenes.guessed(study, bending_stiffness=100.0, torsional_stiffness=0.01))
-    found = minimise(problem, np.stack(both))
-    assert bool(found.converged) and float(found.rms) < 1e-4
-    np.testing.assert_allclose(found.x, Problem(study, ELEMENTS).minimise("least-squares").shared, atol=1e-8)
-
-
-@pytest.mark.slow
-def test_guesses_are_vmapped_and_a_stuck_one_says_so(study, ready):
-    """As the ordinary descent does, which stalls from there."""
+def test_it_takes_the_steps_of_the_ordinary_descent_for_many_guesses(study, ready):
+    """And stalls where that does."""
     problem, _ = ready
     starts = jnp.log(jnp.array(SEVERAL))[:, None]
     many = jax.vmap(minimise, in_axes=(None, 0))(problem, starts)
@@ -77,6 +60,7 @@ def test_guesses_are_vmapped_and_a_stuck_one_says_so(study, ready):
         single = minimise(problem, starts[k])
         np.testing.assert_allclose(many.x[k], single.x, atol=1e-9)
         assert int(many.iterations[k]) == int(single.iterations)
+        same(single, alone(study, SEVERAL[k]))
 
 
 @pytest.mark.slow
@@ -103,17 +87,6 @@ def test_parameters_pushed_outwards_stay_at_their_bounds(study):
     found, host = minimise(problem, np.log([[0.4, 0.5]])), alone(narrow, (0.4, 0.5))
     assert float(found.x[0]) == pytest.approx(np.log(0.2), abs=1e-12)
     np.testing.assert_allclose(found.x, host.shared, atol=1e-8)
-
-
-@pytest.mark.slow
-def test_other_numbers_are_not_compiled_again(study, ready, monkeypatch):
-    problem, starts = ready
-    minimise(problem, starts)
-    traced = []
-    monkeypatch.setattr("scan2flex_jax.fitting.traced.evaluate", lambda *a: traced.append(a))
-    other = replace(study, cable={**study.cable, "length_density": 0.25})
-    minimise(*traced_problem(other, elements=ELEMENTS))
-    assert not traced
 
 
 @pytest.mark.parametrize(

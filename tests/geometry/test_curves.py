@@ -1,6 +1,5 @@
 """Curves given by points: lengths, tangents, and frames that do not turn about the tangent."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -44,11 +43,6 @@ def test_smallest_rotation_takes_one_vector_to_the_other(b):
     np.testing.assert_allclose(np.linalg.norm(Rotation.from_matrix(R).as_rotvec()), np.arccos(a @ b), atol=1e-6)
 
 
-def test_smallest_rotation_has_finite_derivatives_where_nothing_turns():
-    a = jnp.array([0.0, 0.0, 1.0])
-    assert np.all(np.isfinite(jax.jacfwd(curves.smallest_rotation, 1)(a, a)))
-
-
 def test_transport_round_a_helix_turns_by_its_total_torsion():
     """A rotation-minimising frame lags the Frenet frame by the integral of the torsion c/(R^2 + c^2) along the arc."""
     turns, length = 1.0, 2 * np.pi * np.hypot(RADIUS, PITCH)
@@ -63,10 +57,3 @@ def test_transport_round_a_helix_turns_by_its_total_torsion():
         lag = np.arctan2(last[:, 0] @ first[:, 1], last[:, 0] @ first[:, 0])
         errors.append(abs(np.angle(np.exp(1j * (lag + total)))))
     assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 1.9)
-
-
-def test_turning_about_the_tangent():
-    frames = jnp.broadcast_to(jnp.eye(3), (3, 3, 3))
-    angle = np.array([0.0, 0.7, -2.0])
-    got = curves.turned_about_tangent(frames, jnp.array(angle))
-    np.testing.assert_allclose(got, Rotation.from_rotvec(angle[:, None] * np.eye(3)[2]).as_matrix(), atol=1e-15)

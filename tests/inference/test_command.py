@@ -1,7 +1,6 @@
 """`scan2flex explain` writes what it says: JSON in the study's format, pictures, and a study that goes round again."""
 
 import json
-from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -9,22 +8,24 @@ import pytest
 from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
-from scan2flex_jax.study import load_study
+from scan2flex_jax.study import load_study, save_study
+
+from . import scenes
 
 pytestmark = pytest.mark.slow
-CASE = Path(__file__).parents[1] / "data" / "blind" / "cases" / "t004"
 ALLOWED = {"no missing effect", "explained", "tied", "unexplained", "not in equilibrium"}
 
 
 def test_explain_writes_result_pictures_and_study(tmp_path):
+    study = scenes.case("t004", unseen=("p7",))
+    save_study(study, tmp_path / "case")
     options = ["--json", tmp_path / "result.json", "--figures", tmp_path / "pictures", "--save", tmp_path / "again"]
-    found = CliRunner().invoke(app, ["explain", str(CASE), *map(str, options)])
+    found = CliRunner().invoke(app, ["explain", str(tmp_path / "case"), "--elements", "40", *map(str, options)])
     assert found.exit_code == 0, found.output
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["format"] == "scan2flex-result/1"
     assert result["verdict"] in ALLOWED
     assert result["verdict"] in found.output
-    study = load_study(CASE)
     assert list(result["poses"]) == [p.name for p in study.poses]
     for name, pose in result["poses"].items():
         assert pose["rms"] >= 0

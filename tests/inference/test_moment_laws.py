@@ -4,18 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
+from scan2flex_jax.effects.catalogue import entry_of
 from scan2flex_jax.effects.moment_law import tangent
 from tests.effects import scene
 
 STIFFNESS = jnp.diag(jnp.array([1e5, 1e5, 1e4, 0.02, 0.02, 0.015]))
 SLIP, RATIO = 2.0, 0.3
-
-
-def test_laws_are_neither_scanned_for_nor_fields_along_the_cable():
-    kinds = {entry.kind for entry in laws()}
-    assert kinds == {"bending_law", "torsion_law"}
-    assert not kinds & {entry.kind for entry in (*catalogue(), *fields())}
 
 
 def test_a_law_begins_as_stiff_as_the_effects_of_another_refit():

@@ -105,9 +105,11 @@ def test_a_full_disk_leaves_the_old_result(study, tmp_path):
 def test_links_that_lead_in_a_circle_are_one_sentence(study, tmp_path):
     (tmp_path / "a").symlink_to(tmp_path / "b")
     (tmp_path / "b").symlink_to(tmp_path / "a")
-    for words in (["check", study, "--json", tmp_path / "a"], ["check", study, "--json", tmp_path / "a" / "x.json"],
-                  ["check", tmp_path / "a"], ["simulate", study, "--out", tmp_path / "a"]):  # fmt: skip
-        one_sentence(scenes.scan2flex(*words), str(tmp_path / "a"))
+    for words in (["check", study, "--json", tmp_path / "a" / "x.json"], ["check", tmp_path / "a"],
+                  ["simulate", study, "--out", tmp_path / "a"]):  # fmt: skip
+        found = scenes.run(*words)
+        assert isinstance(found.exception, Scan2FlexError) and str(tmp_path / "a") in str(found.exception)
+    one_sentence(scenes.scan2flex("check", study, "--json", tmp_path / "a"), str(tmp_path / "a"))
     assert (tmp_path / "a").is_symlink()
 
 

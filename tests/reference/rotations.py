@@ -2,7 +2,7 @@
 
 A rotation is a 3x3 matrix whose columns are the directors (d1, d2, d3), d3 along the tangent of an unsheared rod, or a
 quaternion (w, x, y, z), scalar first. A rotation vector phi has the length of the angle (rad) and the direction of the
-axis. `right_jacobian_inverse` is J with log(exp(phi) exp(e)) = phi + J e + O(e^2).
+axis.
 
 Source: J. Sola, J. Deray, D. Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), appendix B.
 """
@@ -39,17 +39,6 @@ def log(R):
     small = angle < SMALL_ANGLE
     factor = np.where(small, 1 + angle**2 / 6, angle / np.where(small, 1.0, sine))
     return factor[..., None] * axis_sin
-
-
-def right_jacobian_inverse(phi):
-    """Matrices (..., 3, 3): log(exp(phi) exp(e)) = phi + J e to first order; the left one is its transpose."""
-    phi = np.asarray(phi, float)
-    angle = np.linalg.norm(phi, axis=-1)
-    small = angle < SMALL_ANGLE
-    safe = np.where(small, 1.0, angle)
-    c = np.where(small, 1 / 12 + angle**2 / 720, (1 - safe / 2 / np.tan(safe / 2)) / safe**2)
-    W = hat(phi)
-    return np.eye(3) + W / 2 + c[..., None, None] * (W @ W)
 
 
 def about(axis, angle):

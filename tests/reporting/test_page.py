@@ -13,9 +13,9 @@ import pytest
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import Explanation, Law, Reading
 from scan2flex_jax.inference.answer import moved_in_words
-from scan2flex_jax.reporting import page, report, save_report
+from scan2flex_jax.reporting import report
 from scan2flex_jax.reporting.contents import contents_of
-from scan2flex_jax.reporting.parts import errors, laws
+from scan2flex_jax.reporting.parts import laws
 from scan2flex_jax.study.mistakes import Mistake
 from tests.reporting.scenes import EVIL, explained
 
@@ -64,6 +64,12 @@ def shown(text):
 
 
 @pytest.fixture(scope="module")
+def tie(fitted):
+    """The page of an explanation that is tied."""
+    return Page(report(explained(fitted)))
+
+
+@pytest.fixture(scope="module")
 def interactive(fitted):
     pytest.importorskip("plotly", reason="an interactive report needs the extra [report]")
     return Page(report(fitted, interactive=True))
@@ -74,10 +80,9 @@ def headings(shown):
     return [a["id"] for tag, a in shown.tags if tag in ("header", "section")]
 
 
-def test_the_answer_stands_first_and_correlations_last(fitted, shown):
+def test_the_answer_stands_first_and_correlations_last(fitted, shown, tie):
     assert headings(shown) == ["answer", "poses", "errors", "sections", "next", "details", "again"]
-    explanation = headings(Page(report(explained(fitted))))
-    assert explanation == ["answer", "poses", "errors", "missing", "sections", "details", "again"]
+    assert headings(tie) == ["answer", "poses", "errors", "missing", "sections", "details", "again"]
     words = shown.words()
     order = [words.index(said) for said in ("EI", "N m^2", "GJ", "Rests on", "Unseen poses", "Shapes, measured")]
     assert words.rindex("Correlations") > words.index("What to scan next")
@@ -132,15 +137,6 @@ def test_every_pose_has_its_panels_and_words(fitted, shown):
         moved = moved_in_words(fitted.influence, name)
         assert re.fullmatch(r"EI [+-][\d.]+ %, GJ [+-][\d.]+ %", moved)
         assert moved in shown.words()
-
-
-def test_many_poses_have_a_panel_each_for_their_errors(fitted):
-    many = {f"{name} {k}": p for k in range(3) for name, p in fitted.poses.items()}
-    study = replace(fitted.study, poses=tuple(replace(fitted.study.pose(n.rsplit(" ", 1)[0]), name=n) for n in many))
-    contents = contents_of(fitted)
-    contents = replace(contents, poses=tuple(replace(contents.poses[0], name=n) for n in many))
-    [found] = errors(contents, replace(fitted, poses=many, study=study))
-    assert Page(found).tags.count(("figure", {})) == len(many)
 
 
 def test_the_figures_in_space_show_the_fit(fitted, interactive):
@@ -199,19 +195,15 @@ def pictures(shown):
     return {a["aria-label"] for tag, a in shown.tags if tag == "svg"}
 
 
-def test_an_explanation_brings_its_evidence_and_the_tie(fitted):
-    shown = Page(report(explained(fitted)))
+def test_an_explanation_brings_its_evidence_and_the_tie(tie):
     load = "equivalent load along the cable"
-    assert {"comparison of the hypotheses", load, "residual of pose twist-90"} <= pictures(shown)
-    words = shown.words()
+    assert {"comparison of the hypotheses", load, "residual of pose twist-90"} <= pictures(tie)
+    words = tie.words()
     assert "tied: kink or natural curvature" in words
     assert "tied with natural_curvature" in words
     assert "kink: look at the cable" in words
     assert "position 0.42 m; angle (0.1, 0, 0) rad; width 0.02 m" in words
     assert "baseline fit: validate poses" in words
-    alone = explained(fitted)
-    alone = replace(alone, chosen=(replace(alone.chosen[0], tied_with=()),))
-    assert "tied: kink or something outside the catalogue" in Page(report(alone)).words()
 
 
 def test_evidence_is_not_shown_where_nothing_is_concluded(fitted):
@@ -242,22 +234,6 @@ def test_a_likely_mistake_stands_at_the_head(fitted):
         words = Page(report(subject)).words()
         assert "the input is likely mistaken" in words
         assert mistake.mend in words
-
-
-def test_a_report_is_written_whole(fitted, text, tmp_path, monkeypatch):
-    monkeypatch.setattr(page, "report", lambda subject, **options: text)
-    file = save_report(fitted, tmp_path / "deep" / "report.html")
-    assert file.read_text("utf-8") == text
-    assert list(file.parent.iterdir()) == [file]
-
-
-def test_a_missing_library_is_one_sentence(monkeypatch):
-    def gone(name):
-        raise ImportError(name)
-
-    monkeypatch.setattr(page, "import_module", gone)
-    with pytest.raises(Scan2FlexError, match=r"scan2flex_jax\[report\]"):
-        page.require_libraries()
 
 
 def test_a_law_has_its_panel_and_what_is_read_off_it(fitted):

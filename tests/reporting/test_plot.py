@@ -78,12 +78,6 @@ def test_a_long_title_stays_inside_the_figure(fitted):
         assert box.y1 < figure.bbox.height and box.y0 > max(ax.title.get_window_extent().y1 for ax in figure.axes)
 
 
-def test_four_poses_make_a_square(fitted):
-    four = dict(list({f"{name} {k}": p for k in range(4) for name, p in fitted.poses.items()}.items())[:4])
-    figure = plot.overview(replace(fitted, poses=four))
-    assert {ax.get_subplotspec().colspan.start for ax in figure.axes[:4]} == {0, 1}
-
-
 @pytest.mark.parametrize("name", [name for name in DRAWN if name != "comparison"])
 def test_legends_hide_no_data(fitted, name):
     draw, subject, options = DRAWN[name]
@@ -93,35 +87,6 @@ def test_legends_hide_no_data(fitted, name):
     assert ax.get_legend().get_window_extent().y0 >= ax.get_window_extent().y1
 
 
-def test_what_was_before_lies_broad_under_what_is_after(fitted):
-    found = explained(fitted)
-    for ax in (plot.shapes(found, "twist-90"), plot.errors(found, "twist-90"), plot.residual(found, "twist-90")):
-        labels = [line.get_label() for line in ax.lines]
-        before, after = (next(i for i, label in enumerate(labels) if label.startswith(w)) for w in ("before", "after"))
-        assert before < after  # drawn first
-        assert ax.lines[before].get_linewidth() > 2 * ax.lines[after].get_linewidth()
-        assert ax.lines[before].get_alpha() < 1
-    np.testing.assert_allclose(
-        plot.shapes(found, "twist-90").lines[0].get_xdata(), plot.shapes(fitted, "twist-90").lines[1].get_xdata()
-    )  # "before" is the baseline fit's
-
-
-def test_poses_whose_lines_would_tangle_have_a_panel_each(fitted):
-    many = {f"{name} {k}": p for k in range(2) for name, p in fitted.poses.items()}
-    figure = plot.overview(replace(fitted, poses=many))
-    assert len(figure.axes) == 2 * len(many)
-    of_errors = figure.axes[len(many) :]
-    assert all(len(ax.lines) == 1 for ax in of_errors)
-    assert len({ax.get_ylim() for ax in of_errors}) == 1
-
-
 def test_a_measured_shape_alone(fitted):
     shown = plot.measured(fitted.study, "twist-90")
     assert len(shown.lines) == 1 and len(shown.lines[0].get_xdata()) == len(fitted.study.pose("twist-90").curve.points)
-
-
-def test_quantities_along_and_correlations(fitted):
-    s = np.linspace(0, 1, 5)
-    assert [line.get_label() for line in plot.along({"a": (s, s), "b": (s, 2 * s)}, "torque (N m)").lines] == ["a", "b"]
-    texts = [text.get_text() for text in plot.correlations(fitted).texts]
-    assert texts == [f"{v:+.2f}" for v in fitted.correlation.ravel()]

@@ -36,7 +36,7 @@ def differentiated(rod, c):
 
 
 @pytest.mark.parametrize("effects", [(), FIELDS], ids=["linear", "fields and a nonlinear law"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_free_rod(effects, seed):
     rod, c = random_rod(seed, effects)
     gradient, hessian, balance, _ = assembled(rod, c)

@@ -39,7 +39,7 @@ def strains(seed, rod, size=0.8):
 
 
 @pytest.mark.parametrize("effects", [(), LAW], ids=["linear", "with a law of an effect"])
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_forces_and_stiffness_are_derivatives_of_the_energy(effects, seed):
     """For full random stiffness matrices, natural strains and large strains."""
     rod, _ = random_rod(seed, effects)
@@ -58,12 +58,12 @@ def diagonal_rod(EI, GJ, GA=1e5):
     return eqx.tree_at(lambda r: (r.section.stiffness, r.section.within), rod, (K, stiffness_within(K)))
 
 
-@pytest.mark.parametrize("ratio", 10.0 ** np.arange(-4, 5))
+@pytest.mark.parametrize("ratio", [1e-4, 1.0, 1e4])
 def test_energy_is_never_negative(ratio):
     """GJ/EI over eight decades; strains from small to far beyond what a mesh may hold; and never more than the section's."""
     rod = diagonal_rod(0.1, 0.1 * ratio)
     for size in (1e-3, 0.1, 1.0, 10.0, 100.0):
-        for seed in range(20):
+        for seed in range(5):
             excess = strains(seed, rod, size)
             energy = law(rod, excess)[0]
             section = 0.5 * jnp.einsum("ni,nij,nj->n", excess, rod.section.stiffness, excess)
@@ -92,7 +92,7 @@ def test_law_of_an_effect_adds_to_that_of_the_section():
     np.testing.assert_allclose(law(rod, excess)[1], plain + own, atol=1e-11)
 
 
-@pytest.mark.parametrize("GJ", [0.0008, 0.04, 0.1, 0.55, 12.5])
+@pytest.mark.parametrize("GJ", [0.0008, 0.1, 12.5])
 def test_shear_flexibility_of_a_plane_element(GJ):
     """A straight element under a transverse force: 1/GA + ds^2/(12 EI), MacNeal's residual bending flexibility."""
     rod = diagonal_rod(0.1, GJ, 50.0)
@@ -100,10 +100,3 @@ def test_shear_flexibility_of_a_plane_element(GJ):
     stiffness = law(rod, jnp.zeros((rod.elements, 6)))[2]
     np.testing.assert_allclose(1 / stiffness[:, 0, 0], 1 / 50.0 + 0.3**2 / (12 * 0.1), rtol=1e-12)
     np.testing.assert_allclose(stiffness[:, 2, 2], 50.0, rtol=1e-12)
-
-
-def test_stiffness_within_is_that_under_no_force():
-    """The inverse of the block of bending and torsion in the compliance."""
-    rod, _ = random_rod(5)
-    block = jnp.linalg.inv(rod.section.stiffness)[:, 3:, 3:]
-    np.testing.assert_allclose(rod.section.within, jnp.linalg.inv(block), rtol=1e-9)

@@ -12,12 +12,11 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan import extract, load_cloud, shapes, tube_mesh
+from scan2flex_jax.scan import load_cloud, shapes, tube_mesh
 from scan2flex_jax.scan.cloud import MESH_SAMPLES, normals_at
 from scan2flex_jax.scan.coarse_curve import axis_votes
 from scan2flex_jax.study.scans import scan_facts
 from tests.outputs import scenes
-from tests.scan.truth import ends, errors
 
 LENGTH, RADIUS = 1.0, 0.012
 DATA = Path(__file__).parents[1] / "data"
@@ -63,17 +62,6 @@ def test_a_mesh_is_sampled_the_same_every_time(tmp_path, ending):
     assert np.quantile(away, 0.99) < 1.01 * RADIUS  # the ends are closed by flat faces
     assert abs(np.median(away) / RADIUS - 1.0) < 0.01
     np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-6)
-
-
-@pytest.mark.slow
-def test_a_curve_comes_out_of_an_stl(tmp_path):
-    curve = shapes.FAMILIES["loop"](LENGTH, RADIUS)
-    tube_mesh(curve, RADIUS).export(tmp_path / "cable.stl")
-    start, end = ends(curve)
-    found = extract(load_cloud(tmp_path / "cable.stl"), RADIUS, length=LENGTH, start=start, end=end)
-    rms, _, length = errors(found, curve, RADIUS, 2)
-    assert rms < 2e-4
-    assert abs(length) < 0.005
 
 
 def test_normals_of_a_file_are_used(tmp_path):
@@ -175,12 +163,6 @@ def test_what_is_empty_or_cut_short_is_said_by_every_reader(tmp_path, name):
     assert len(said) == 1 and "\n" not in said.pop()
 
 
-def test_a_scan_without_finite_points_has_none(tmp_path):
-    (tmp_path / "a.xyz").write_text("nan 0 0\n0 inf 0\n")
-    with pytest.raises(Scan2FlexError, match="holds no points"):
-        scan_facts(tmp_path / "a.xyz")
-
-
 @pytest.mark.parametrize("command", ["check", "extract", "fit"])
 def test_commands_say_so_in_one_sentence(tmp_path, command):
     study = scenes.write_study(tmp_path / "study", measured="scan")
@@ -219,11 +201,6 @@ def test_tables_of_points_as_others_write_them(tmp_path, name):
     np.testing.assert_allclose(found.points, np.arange(6.0).reshape(2, 3), atol=1e-12)
     said = {"german.csv": "in mm", "millimetres.csv": "in mm", "holes.xyz": "2 of 4", "gaps.csv": "1 of 3"}.get(name)
     assert [said in note for note in found.notes] == [True] if said else found.notes == ()
-
-
-def test_a_table_in_utf_16(tmp_path):
-    (tmp_path / "a.txt").write_text("0 1 2\n3 4 5\n", "utf-16")
-    np.testing.assert_array_equal(load_cloud(tmp_path / "a.txt").points, np.arange(6.0).reshape(2, 3))
 
 
 def _las(path, points):

@@ -103,17 +103,6 @@ def test_reactions_balance_the_weight(refined, name):
         np.testing.assert_allclose(got, -turned.sum(0), atol=1e-7)
 
 
-@pytest.mark.parametrize("name", HOUSE + POSES)
-def test_which_branch_the_generic_start_returns(name):
-    """From the generic sag all seven come out on the certified branch."""
-    model, boundary = cases.reference_case(name, STIFF)
-    answer = cases.solved(model, boundary)
-    reference = write_values.load(name)
-    assert answer.verdict.solved
-    assert distance(answer, {"positions": np.array(reference["positions"])}) < 2e-5
-    assert abs(float(answer.energy) - reference["energy"]) < 2e-5
-
-
 def test_a_loop_as_start_gives_another_branch():
     """H1's clamps also hold a full turn of twist or a loop; a start with a turn leads there, and it is stable too."""
     model, boundary = cases.reference_case("H1", STIFF)
@@ -122,14 +111,11 @@ def test_a_loop_as_start_gives_another_branch():
     assert float(answer.energy) > 0.2
 
 
-SWEEP = [(EI, GJ) for EI in (0.01, 0.1, 1.0, 10.0, 100.0) for GJ in (0.01, 0.1, 1.0, 10.0, 100.0)]
-
-
-nodes_start = eqx.filter_jit(curve_start)
+SWEEP = [(EI, GJ) for EI in (0.01, 1.0, 100.0) for GJ in (0.01, 1.0, 100.0)]
 
 
 def test_four_poses_over_four_decades_of_stiffness():
-    """Generic starts, twists of 0, +-90 and 45 degrees: stable or an honest code, at least 98 of 100 solved.
+    """Generic starts, twists of 0, +-90 and 45 degrees: stable or an honest code, at least 35 of 36 solved.
 
     Its nodes, without their frames and forces, are a start from which an equilibrium is found in a few steps.
     """
@@ -143,9 +129,9 @@ def test_four_poses_over_four_decades_of_stiffness():
             assert code != SOLVED or (int(answer.verdict.negative) == 0 and answer.verdict.out_of_balance < 1e-6)
             codes.append(code)
             if code == SOLVED:
-                found = cases.solved(cases.model(Cable(1.0, 0.2, EI, GJ)), boundary, start=nodes_start(answer.points, boundary))
+                found = cases.solved(cases.model(Cable(1.0, 0.2, EI, GJ)), boundary, start=curve_start(answer.points, boundary))
                 again.append(int(found.verdict.steps) if found.verdict.solved else 1000)
-    assert codes.count(SOLVED) >= 98, np.reshape(codes, (4, 25))
+    assert codes.count(SOLVED) >= 35, np.reshape(codes, (4, 9))
     assert max(again) <= 40, again
 
 
@@ -155,55 +141,30 @@ def test_a_stiff_rod_is_found_again_from_its_own_nodes():
     model = cases.model(Cable(1.0, 0.617, 103.0, 78.5, 1.65e7, 1.65e7))
     boundary = cases.clamped((0.6, 0.0, 0.0), cases.START_FRAME)
     rod = cases.solved(model, boundary)
-    again = cases.solved(model, boundary, start=nodes_start(rod.points, boundary))
+    again = cases.solved(model, boundary, start=curve_start(rod.points, boundary))
     assert rod.verdict.solved
     assert again.verdict.solved
     assert int(again.verdict.steps) <= 20
     np.testing.assert_allclose(again.points, rod.points, atol=1e-9)
 
 
-def displaced(configuration, length, seed):
-    """The configuration moved by smooth noise of 1 % of the length, still at its clamps, with the frames kept."""
-    n = len(configuration.r)
-    s = np.linspace(0.0, 1.0, n)
-    modes = np.stack([np.sin(np.pi * k * s) for k in (1, 2, 3)], axis=1)
-    noise = modes @ np.random.default_rng(seed).normal(size=(3, 3))
-    turn = modes @ np.random.default_rng(seed + 1).normal(size=(3, 3))
-    noise, turn = (0.01 * x / np.linalg.norm(x, axis=1).max() for x in (noise, turn))
-    R = np.asarray(configuration.R) @ rotations.exp(turn)
-    return configuration._replace(r=configuration.r + length * jnp.array(noise), R=jnp.array(R))
-
-
-@pytest.fixture(scope="module")
-def settled_poses():
-    """The four poses and the four house cases, each with its equilibrium from the generic start."""
-    cable = Cable(1.0, 0.2, 0.1, 0.25, 1e5, 1e5)  # BFGS sees the energy alone, which an inextensible one ill-conditions
-    models = [(cases.model(cable), cases.clamped(pose.end, pose.frame)) for pose in cases.four_poses()]
-    models += [cases.reference_case(name) for name in HOUSE]
-    return [(model, boundary, cases.solved(model, boundary, 20)) for model, boundary in models]
-
-
-@pytest.mark.parametrize("number", [0, 2])
-def test_newton_and_bfgs_agree(settled_poses, number):
-    """To 1e-8 L, both from the equilibrium displaced by 1 % of the length, so that the branch is the same.
-
-    From the generic start itself the two may part: pose 3 (twist -90 degrees) has two stable branches that are nearly
-    mirror images, and the sag lies on the ridge between them.
-    """
-    model, boundary, found = settled_poses[number]
-    assert found.verdict.solved
-    start = displaced(found.configuration, 1.0, number)
-    newton = cases.solved(model, boundary, 20, start)
+@pytest.mark.slow
+def test_newton_and_bfgs_agree():
+    """To 1e-8 L, from the equilibrium displaced by 1 % of the length. BFGS sees the energy alone, which a cable that does not
+    stretch ill-conditions."""
+    model, boundary = cases.reference_case("P1")
+    newton = cases.solved(model, boundary, 20)
+    bump = 0.01 * np.sin(np.pi * np.linspace(0.0, 1.0, 21))[:, None] * np.array([0.3, 0.8, 0.5])
+    start = newton.configuration._replace(r=newton.configuration.r + jnp.array(bump))
     bfgs = equilibrium(model, boundary, start=start, elements=20, solver=optx.BFGS(1e-8, 1e-8))
-    assert newton.verdict.solved
     assert bfgs.verdict.solved, (bfgs.verdict.sentence(), float(bfgs.verdict.out_of_balance))
-    np.testing.assert_allclose(newton.points, found.points, atol=1e-8)
     np.testing.assert_allclose(bfgs.points, newton.points, atol=1e-8)
 
 
-@pytest.mark.parametrize("shortening", [1e-3, 0.1])
-@pytest.mark.parametrize("twist", [0.0, 4.0])
-@pytest.mark.parametrize("EI", [(0.1, 0.1), (0.1, 0.12)], ids=["isotropic", "two stiffnesses"])
+SADDLES = [(1e-3, 0.0, (0.1, 0.1)), (0.1, 0.0, (0.1, 0.12)), (0.1, 4.0, (0.1, 0.1))]  # shortening, twist (rad), EI
+
+
+@pytest.mark.parametrize(("shortening", "twist", "EI"), SADDLES)
 def test_a_saddle_is_left(shortening, twist, EI):
     """Exactly straight and compressed far beyond Euler's load, which shortens it by 4e-5 only, without gravity.
 

@@ -17,10 +17,9 @@ from .test_closed_forms import catenary
 NOTHING = 1e-6  # of the length
 ALONG_X, DOWN = np.array([0.5, 0.5, 0.5, 0.5]), np.array([0.0, 1.0, 0.0, 0.0])
 EARTH = jnp.array([0.0, 0.0, -9.81])
-# length m, kg/m, EI, GJ (N m^2): 0.6 kg of cable, a wire of 2 g, one that bends hardly, a rope whose bends are short
+# length m, kg/m, EI, GJ (N m^2): 0.6 kg of cable, one that bends hardly, a rope whose bends are short
 CABLES = {
     "heavy": (1.2, 0.5, 0.05, 0.04),
-    "light": (0.5, 0.005, 1e-3, 8e-4),
     "stiff": (0.4, 0.02, 0.5, 0.4),
     "rope": (2.0, 0.5, 1e-2, 1e-3),
 }

@@ -1,14 +1,15 @@
 """Critical loads as the sign change of the Hessian's smallest eigenvalue, counted from its factorisation, to 0.5 %.
 
 Each state is known: straight or a ring. It is put down, settled by a few plain Newton steps (which do not care whether
-it is stable) and judged; the load is bisected. The critical values are derived in `reference.stability`.
+it is stable) and judged; the load is bisected.
+
+Source: S. P. Timoshenko, J. M. Gere, "Theory of Elastic Stability" (1961), 2.12 and 2.21.
 """
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference import rotations
-from reference import stability as critical_values
 
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import Configuration
@@ -28,14 +29,14 @@ def is_stable(model, boundary, configuration):
 
 
 def test_heavy_column_buckles():
-    """Clamped at the foot, free above: q L^3/EI = 7.83735."""
+    """Clamped at the foot, free above: q L^3/EI = (9/4) j^2, j the first zero of J_-1/3 (Greenhill 1881)."""
     boundary = cases.cantilever(np.eye(3))
 
     def stable(weight):
         model = cases.model(Cable(1.0, weight / 9.81, 1.0, 1.0, RIGID, RIGID))
         return is_stable(model, boundary, cases.straight(boundary, 1.0, N))
 
-    np.testing.assert_allclose(cases.critical(stable, 5.0, 12.0), critical_values.heavy_column(), rtol=TO)
+    np.testing.assert_allclose(cases.critical(stable, 5.0, 12.0), 7.837347438943, rtol=TO)
 
 
 def test_compressed_rod_buckles():
@@ -47,15 +48,12 @@ def test_compressed_rod_buckles():
         model = cases.model(Cable(1.0, 0.0, 1.0, 1.0, RIGID, RIGID), cases.WEIGHTLESS)
         return is_stable(model, boundary, cases.straight(boundary, shortened, N))
 
-    exact = critical_values.clamped_clamped_compression()
-    np.testing.assert_allclose(exact, 4 * np.pi**2, rtol=1e-12)
-    np.testing.assert_allclose(cases.critical(stable, 20.0, 60.0), exact, rtol=TO)
+    np.testing.assert_allclose(cases.critical(stable, 20.0, 60.0), 4 * np.pi**2, rtol=TO)
 
 
-@pytest.mark.parametrize("GJ", [1.0, 3.0])
-@pytest.mark.parametrize("tension", [0.0, 10.0])
-def test_twisted_straight_rod_buckles(GJ, tension):
-    """M L/EI = 8.98682 without tension, 10.428856 with T L^2/EI = 10; the twist is M L/GJ."""
+@pytest.mark.parametrize(("GJ", "tension", "exact"), [(1.0, 0.0, 8.986818915818), (3.0, 10.0, 10.428856439277)])
+def test_twisted_straight_rod_buckles(GJ, tension, exact):
+    """M L/EI at a tension T L^2/EI (Greenhill: tan x = x with x = M L/(2 EI), if there is none); the twist is M L/GJ."""
     length = 1.0 + tension / RIGID
 
     def stable(moment):
@@ -64,7 +62,6 @@ def test_twisted_straight_rod_buckles(GJ, tension):
         model = cases.model(Cable(1.0, 0.0, 1.0, GJ, RIGID, RIGID), cases.WEIGHTLESS)
         return is_stable(model, boundary, cases.straight(boundary, length, N, twist))
 
-    exact = critical_values.twisted_straight_rod(tension)
     np.testing.assert_allclose(cases.critical(stable, 6.0, 14.0), exact, rtol=TO)
 
 
@@ -76,7 +73,7 @@ def ring(twist, elements):
     return Configuration(jnp.array(r), jnp.array(frames @ rotations.exp(a[:, None] / (2 * np.pi) * twist * Z)))
 
 
-@pytest.mark.parametrize("GJ", [0.75, 1.0, 3.0])
+@pytest.mark.parametrize("GJ", [0.75, 3.0])
 def test_twisted_ring_writhes(GJ):
     """Michell's ring, closed by clamping both ends at one place: total twist 2 pi sqrt(3) EI/GJ.
 
@@ -93,6 +90,5 @@ def test_twisted_ring_writhes(GJ):
         force = -GJ * twist * 2 * np.pi * np.eye(3)[1]  # t = +x, towards the centre +z: the binormal is -y
         return int(cases.stability_under_force(model, boundary, c, jnp.array(force), 1e-3)) == 0
 
-    exact = critical_values.ring_twist_angle(1.0 / GJ)
-    np.testing.assert_allclose(exact, 2 * np.pi * np.sqrt(3) / GJ, rtol=1e-12)
+    exact = 2 * np.pi * np.sqrt(3) / GJ
     np.testing.assert_allclose(cases.critical(stable, 0.8 * exact, 1.2 * exact), exact, rtol=TO)

@@ -1,8 +1,6 @@
-"""A kind is one file: class, format, entry. One list has them all, and the table for the reader of studies is made from it."""
+"""Formats of effect types follow from their classes; an effect goes to the format and back."""
 
 import dataclasses
-import importlib
-import pkgutil
 from typing import ClassVar
 
 import equinox as eqx
@@ -12,7 +10,7 @@ import pytest
 
 import scan2flex_jax.effects as fx
 from scan2flex_jax.effects.__main__ import table
-from scan2flex_jax.effects.catalogue import EFFECTS, catalogue
+from scan2flex_jax.effects.catalogue import EFFECTS
 from scan2flex_jax.effects.format import format_of
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -22,37 +20,6 @@ from . import scene
 
 ENTRIES = {entry.kind: entry for entry in EFFECTS}
 DECLARED = [kind for kind in kind_names() if kind in ENTRIES]
-ORDER = [
-    "natural_curvature", "kink", "anisotropic_bending", "bend_twist_coupling", "nonlinear_bending", "stiffness_profile",
-    "density_profile", "stiffness_taper", "density_taper", "extensibility", "tension_twist_coupling", "tension_stiffening",
-    "memory_set", "point_mass", "point_load", "uniform_load", "tether", "support_plane", "elastic_support", "elastic_clamp",
-    "clamp_rotation", "clamp_offset", "length_error", "scan_scale", "scan_offset",
-]  # fmt: skip
-
-
-def test_the_order_of_the_catalogue_is_fixed():
-    """Ties in a ranking keep it."""
-    assert [entry.kind for entry in catalogue()] == ORDER
-
-
-@pytest.mark.parametrize("entry", EFFECTS, ids=list(ENTRIES))
-def test_class_and_entry_are_of_one_file_named_after_the_kind(entry):
-    module, cls = importlib.import_module(f"{fx.__name__}.{entry.kind}"), entry.effect
-    assert cls.__module__ == module.__name__
-    assert entry is module.ENTRY
-    assert getattr(fx, cls.__name__) is fx.effect_class(cls.kind) is cls
-
-
-def test_every_kind_of_the_folder_is_in_the_list():
-    listed = {entry.effect for entry in EFFECTS}
-    for info in pkgutil.iter_modules(fx.__path__):
-        module = importlib.import_module(f"{fx.__name__}.{info.name}")
-        own = [x for x in vars(module).values() if isinstance(x, type) and x.__module__ == module.__name__]
-        kinds = {x for x in own if issubclass(x, AbstractEffect) and "kind" in vars(x)}
-        assert kinds <= listed, f"{info.name} lacks its line in EFFECTS"
-        assert len(kinds) == 1 or not hasattr(module, "ENTRY")
-
-
 def test_the_reader_of_studies_has_the_formats_of_the_classes():
     """It knows them without JAX, from a table."""
     assert TABLE.read_text("utf-8") == table(), "write it anew: python -m scan2flex_jax.effects"
@@ -124,3 +91,42 @@ def test_a_class_that_says_too_little_is_refused(cls, message):
 def test_a_domain_that_does_not_exist_is_refused():
     with pytest.raises(Scan2FlexError, match="The domain of a parameter is 'postive': use one of any, positive"):
         fx.parameter("m/s", domain="postive")
+
+
+@pytest.mark.parametrize("kind", kind_names())
+def test_there_and_back(kind):
+    given = {**scene.VALUES[kind][0], **scene.VALUES[kind][1]}
+    back = fx.parameters_of(fx.effect_of(kind, given))
+    optional = {p.name: 0.0 for p in kind_format(kind).parameters if p.optional}
+    assert back.keys() == (optional | given).keys()
+    for name, value in (optional | given).items():
+        np.testing.assert_allclose(back[name], value, rtol=1e-12)
+
+
+def test_one_clamped_end():
+    effect = fx.effect_of("elastic_clamp", {"stiffness": [0.5]}, ("end",))
+    np.testing.assert_array_equal(effect.stiffness, [np.inf, 0.5])
+    np.testing.assert_array_equal(fx.parameters_of(effect, ("end",))["stiffness"], [0.5])
+    effect = fx.effect_of("clamp_rotation", {"rotation": [[0.1, 0.2, 0.3]]}, ("start",))
+    np.testing.assert_array_equal(effect.rotation, [[0.1, 0.2, 0.3], [0, 0, 0]])
+
+
+def test_order_of_clamp_effects_does_not_matter():
+    a, b = scene.active("clamp_rotation"), scene.active("clamp_offset")
+    assert fx.ordered((a, b)) == fx.ordered((b, a)) == (b, a)
+
+
+@pytest.mark.parametrize(
+    ("kind", "parameters", "message"),
+    [
+        ("gremlin", {}, "No effect kind is called"),
+        ("kink", {"position": 0.1}, "lacks angle, width"),
+        ("point_mass", {"position": 0.1, "mass": 0.1, "colour": 1.0}, "has no parameter colour"),
+        ("uniform_load", {"force": [1.0, 2.0]}, "has shape"),
+        ("distributed_load", {"s": [0.0, 1.0], "force": [[0.0, 0.0, 1.0]]}, "has 2 of s, 1 of force"),
+    ],
+)
+def test_faults_are_one_sentence(kind, parameters, message):
+    with pytest.raises(Scan2FlexError, match=message) as caught:
+        fx.effect_of(kind, parameters)
+    assert "\n" not in str(caught.value)
