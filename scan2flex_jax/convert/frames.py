@@ -256,7 +256,8 @@ def _numbers(row, names, mark):
     try:
         values = np.array([float(cell) for cell in cells])
     except ValueError:
-        raise Scan2FlexError(f"{', '.join(names)} are {', '.join(c[:20] or 'empty' for c in cells)}: write numbers.") from None
+        shown = ", ".join(one_line(c[:20]) or "empty" for c in cells)
+        raise Scan2FlexError(f"{', '.join(names)} are {shown}: write numbers.") from None
     if not np.all(np.abs(values) <= LARGEST):
         raise Scan2FlexError(f"{', '.join(names)} are not all finite: write finite numbers.")
     return values
