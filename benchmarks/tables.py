@@ -105,11 +105,9 @@ def _measured(value):
     return None if value is None else f"{value:.2f}"
 
 
-def _cost(results, calibration):
-    t, c = results["table"], calibration
+def _cost(results):
+    t = results["table"]
     rows = [
-        ("nothing missing, all such cases of three seeds", f"{100 * c['share']:.1f} % of {c['cases']} ({100 * c['low']:.1f} to "
-         f"{100 * c['high']:.1f} %)", "3-8 %"),
         ("seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"),
         ("the same in processor time, compilation included",
          f"{t['processor_seconds_mean']:.0f}, {t['processor_seconds_most']:.0f}", "-"),
@@ -121,7 +119,7 @@ def _cost(results, calibration):
 
 
 MEASURED = columns("", "measured", "target")
-BLIND = Table(("blind", "calibration"), MEASURED, scores(
+BLIND = Table(("blind",), MEASURED, scores(
     ("false_alarms", "nothing missing: alarms at the 5 % level", "3-8 %"),
     ("detected_above_0.7", "one or two effects of strength above 0.7: detected", "95 %"),
     ("truth_in_tie_set_6_poses", "one effect, six poses or more: in the tie set", "90 %"),
