@@ -88,6 +88,7 @@ def test_a_table_is_left_out_however_thinly_it_was_seen():
     assert kept[: len(scan.points)].mean() > 0.99
 
 
+@pytest.mark.slow
 def test_noise_as_large_as_the_radius_lets_the_last_stage_settle():
     """Flying pixels take information from the points beside them; a step that overlooks it goes to and fro for ever."""
     curve = shapes.loop(LENGTH, 0.004)
