@@ -227,6 +227,10 @@ class Tolerance(Record):
     KEYS: ClassVar = TOLERANCE
     AS = "a Tolerance, as in Tolerance(length=0.002)"
 
+    def __hash__(self) -> int:  # type: ignore[override]
+        """Of its numbers."""
+        return hash(tuple(vars(self).values()))
+
     @property
     def given(self) -> dict[str, float]:
         """The nonzero entries, and a stated roll, by name."""

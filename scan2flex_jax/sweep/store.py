@@ -98,9 +98,9 @@ def opened(place: str | Path, task: Task, blank: "xarray.Dataset", block: tuple[
         with _said(place):
             store = Store(place, extra("zarr").create_group(place, attributes=about))
     before = store.group.attrs[_KEY]
-    for name in {**before, **identity}.keys() - {"block"}:
-        if before.get(name) != identity.get(name):
-            raise Scan2FlexError(f"{place} holds another sweep (another {name}): choose another folder")
+    names = sorted({*before, *identity} - {"block"})
+    if other := [name for name in names if before.get(name) != identity.get(name)]:
+        raise Scan2FlexError(f"{place} holds another sweep (not the same {', '.join(other)}): choose another folder")
     with _said(place):
         for x in blank.coords.values():
             store.array(x)[...] = x.values

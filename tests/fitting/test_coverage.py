@@ -48,11 +48,12 @@ def test_correlation_is_that_of_the_draws(fits):
     assert abs(np.arctanh(np.corrcoef(values.T)[0, 1]) - np.arctanh(quoted)) < 3.5 / np.sqrt(DRAWS - 3)
 
 
+@pytest.mark.slow
 def test_noise_of_the_integrated_distance():
     """A pose in the plane x-z, noise in all directions: the noise is found at equal arc length too."""
     study = scenes.study_of([Unknown("bending_stiffness")], poses=("plane",))
     curves = scenes.exact_curves(study, {"bending_stiffness": scenes.EI})
-    inner = [scenes.measured(study, curves, NOISE, seed) for seed in range(6)]
+    inner = [scenes.measured(study, curves, NOISE, seed) for seed in range(16)]
     fits = [fit(s, distance="integrated", elements=scenes.ELEMENTS) for s in inner]
     np.testing.assert_allclose(np.mean([f.noise.total for f in fits]), NOISE, rtol=0.1)
     z = [(f.estimates["bending_stiffness"].value - scenes.EI) / f.estimates["bending_stiffness"].std for f in fits]

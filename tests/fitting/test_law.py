@@ -133,7 +133,7 @@ def test_the_law_is_drawn_with_its_band(found):
     ("change", "message"),
     [
         ({"curvature": [2.0]}, "got 1 point: give at least 2"),
-        ({"curvature": [1.0, 3.0, 2.0]}, "does not grow from entry 2"),
+        ({"curvature": [1.0, 3.0, 2.0]}, "does not grow from point 2"),
         ({"curvature": [0.0, 3.0, 4.0]}, "give a value above zero"),
         ({"factor": np.ones(3)}, "write a list of 8 numbers"),
     ],
