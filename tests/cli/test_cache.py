@@ -78,6 +78,7 @@ def test_what_is_no_file_is_no_entry(tmp_path):
         assert entries.get(key) is None
 
 
+@pytest.mark.slow
 def test_two_processes_fill_one_cache_and_damaged_entries_are_made_anew(tmp_path):
     for process in [start(SCAN2FLEX_CACHE=tmp_path) for _ in range(2)]:
         assert compiled(process)[2] == ""

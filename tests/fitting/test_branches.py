@@ -31,6 +31,7 @@ def right():
     return fit(with_turns({}), elements=scenes.ELEMENTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [{"aside-45": -1}, {"unseen": 1}], ids="+".join)
 def test_a_full_turn_too_many_is_found_and_said(right, wrong):
     f = fit(with_turns(wrong), elements=scenes.ELEMENTS)

@@ -54,6 +54,7 @@ KNOWN = [EffectDeclaration("point_mass", {"position": 0.30, "mass": 2e-3}, ("b3"
 FULL = [*BATTERIES, [(0.30, 2e-3 * G)]]
 
 
+@pytest.mark.slow
 def test_heights_alone_tell_the_stiffness():
     declared = [EffectDeclaration("point_mass", {"position": a, "mass": m}, (f"b{i}",))
                 for i, (a, m) in enumerate(zip(PLACES, MASSES, strict=True))]  # fmt: skip

@@ -37,6 +37,7 @@ def limp():
     return cables.study_of((Unknown("torsional_stiffness"),), poses=("plane",), bending_stiffness=1e-9)
 
 
+@pytest.mark.slow
 def test_poses_that_do_not_settle_are_an_answer_and_other_refusals_are_not():
     settings = Settings(found=4.5)
     found = explain(limp(), elements=20, settings=settings)

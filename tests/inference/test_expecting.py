@@ -46,6 +46,7 @@ def expectation():
     return expect(planned(), noise=1e-3)
 
 
+@pytest.mark.slow
 def test_less_noise_shows_more(expectation):
     finer = expect(planned(), noise=0.5e-3)
     for name, e in expectation.estimates.items():
@@ -72,6 +73,7 @@ def test_a_file_without_curves_is_planned(tmp_path):
     assert (tmp_path / "seen.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_the_picture_has_a_row_for_every_effect(expectation):
     assert len(plot.expected(expectation).get_yticklabels()) == len(expectation.effects)
     assert expectation.to_json()["effects"][0]["kind"] == expectation.effects[0].kind

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from jax import Array
 from jaxtyping import Float
 
@@ -11,6 +12,8 @@ from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.loads import point_load
 
 from . import rods
+
+pytestmark = pytest.mark.slow
 
 TRACED = []  # once for each time that the effect is traced
 

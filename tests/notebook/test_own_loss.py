@@ -10,6 +10,8 @@ import pytest
 from scan2flex_jax import Scan2FlexError, boundary_of, equilibrium, fit, load_study, model_of, residual_function
 from scan2flex_jax.examples import example_path
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def study():

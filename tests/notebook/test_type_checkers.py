@@ -21,6 +21,8 @@ import numpy as np
 from scan2flex_jax import Boundary, Cable, CableModel, StudyError, equilibrium, explain, fit, load_study, plan, plot, predict
 from scan2flex_jax import report, save_study
 
+pytestmark = pytest.mark.slow
+
 cable = Cable(length=0.9, length_density=0.05, bending_stiffness=[0.02, 0.03], torsional_stiffness=np.float64(0.015))
 held = Boundary.of((np.zeros(3), np.eye(3)), (np.array([0.5, 0.0, 0.0]), None))
 solved = equilibrium(CableModel(cable, [0.0, 0.0, -9.81]), held)

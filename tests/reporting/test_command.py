@@ -66,6 +66,7 @@ def test_a_pose_that_is_not_solved_ends_with_three(fitted, tmp_path, monkeypatch
     assert "no: twist-90 could not be solved (lost)" in (tmp_path / "r.html").read_text("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "verdict", "code"),
     [("explain", "no missing effect", 3), ("report", "no missing effect", 3), ("explain", "partly explained", 0)],
