@@ -27,10 +27,10 @@ def with_law(unknowns=ALL, **parameters):
     return scenes.study_of(unknowns, effects=[EffectDeclaration("bending_law", {"curvature": GRID, **parameters})])
 
 
-LAWS = ["softening", *(pytest.param(law, marks=pytest.mark.slow) for law in ("linear", "slipping"))]
+LAWS_SEEN = ["softening", *(pytest.param(law, marks=pytest.mark.slow) for law in ("linear", "slipping"))]
 
 
-@pytest.fixture(scope="module", params=LAWS)
+@pytest.fixture(scope="module", params=LAWS_SEEN)
 def found(request):
     """The name of a law, and the fit of shapes that another effect type made with it."""
     truth = EffectDeclaration("nonlinear_bending", {"slip_curvature": SLIP, "ratio": LAWS[request.param]})
