@@ -14,6 +14,8 @@ import pytest
 
 import scan2flex_jax
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(scan2flex_jax.__file__).parents[1]
 SCRIPT = """
 import numpy as np
@@ -21,7 +23,6 @@ import numpy as np
 from scan2flex_jax import Boundary, Cable, CableModel, StudyError, equilibrium, explain, fit, load_study, plan, plot, predict
 from scan2flex_jax import report, save_study
 
-pytestmark = pytest.mark.slow
 
 cable = Cable(length=0.9, length_density=0.05, bending_stiffness=[0.02, 0.03], torsional_stiffness=np.float64(0.015))
 held = Boundary.of((np.zeros(3), np.eye(3)), (np.array([0.5, 0.0, 0.0]), None))
