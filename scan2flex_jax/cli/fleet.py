@@ -68,10 +68,13 @@ def _results(calls, workers):
         yield from (call() for call in calls)
         return
     try:
-        from distributed import Client, LocalCluster  # noqa: PLC0415  (an extra)
+        from distributed import Client, KilledWorker, LocalCluster  # noqa: PLC0415  (an extra)
     except ImportError as error:
         raise Scan2FlexError("--workers needs dask: install it with pip install 'scan2flex_jax[sweep]'") from error
     options = {"threads_per_worker": 1, "memory_limit": None, "dashboard_address": None, "silence_logs": "ERROR"}
     with LocalCluster(n_workers=workers, **options) as cluster, Client(cluster) as client:
         for future in [client.submit(call, pure=False) for call in calls]:
-            yield future.result()
+            try:
+                yield future.result()
+            except KilledWorker:
+                yield [], "its workers were lost again and again: give fewer --workers, for less memory", BAD_INPUT

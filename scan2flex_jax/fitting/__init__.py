@@ -1,7 +1,7 @@
 """From measured shapes to the minimum of their distances: what `inference` is built on.
 
 Input: `poses`, `parameters` (unknowns, nuisance parameters and their priors), `start`, `problem`. Residuals: `distance`,
-`states`, `evaluate`, `cloud` (points of scans), and `residuals` as one traced function. Minimisers: `descent`, `quadratic`,
+`states`, `evaluate`, and `residuals` as one traced function. Minimisers: `descent`, `quadratic`,
 `least_squares` (with the paper's Nelder-Mead), `traced` (in JAX, for batches). `noise`, `discrepancy`: deviations.
 """
 
