@@ -60,12 +60,12 @@ def vector(layout, truth):
     return np.concatenate([*parts, np.zeros(layout.shared - layout.unknowns)])
 
 
-def exact_curves(study, truth, local=None):
+def exact_curves(study, truth, local=None, elements=ELEMENTS):
     """Curves (m) of the model with known values, one per pose; ``local`` moves the clamps, in their tolerances."""
-    problem = Problem(study, ELEMENTS)
+    problem = Problem(study, elements)
     found = problem.evaluator(vector(problem.layout, truth), local)
     assert found.solved
-    nodes = np.linspace(0.0, problem.length, ELEMENTS + 1)
+    nodes = np.linspace(0.0, problem.length, elements + 1)
     curves = zip(found.configuration.r, found.configuration.R, strict=True)
     return [CubicHermiteSpline(nodes, r, R[:, :, 2])(STATIONS * problem.length) for r, R in curves]
 

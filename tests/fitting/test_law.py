@@ -34,8 +34,8 @@ LAWS_SEEN = ["softening", *(pytest.param(law, marks=pytest.mark.slow) for law in
 def found(request):
     """The name of a law, and the fit of shapes that another effect type made with it."""
     truth = EffectDeclaration("nonlinear_bending", {"slip_curvature": SLIP, "ratio": LAWS[request.param]})
-    curves = scenes.exact_curves(scenes.study_of(effects=[truth]), TRUE)
     elements = scenes.ELEMENTS * (2 if request.param == "slipping" else 1)  # it bends sharply at its clamps
+    curves = scenes.exact_curves(scenes.study_of(effects=[truth]), TRUE, elements=elements)
     return request.param, fit(scenes.measured(with_law(), curves, noise=NOISE, seed=3, stated=NOISE), elements=elements)
 
 
