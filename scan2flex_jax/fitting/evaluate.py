@@ -116,18 +116,18 @@ class Evaluator:
         p = self.poses
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
-        start = p.start if start is None else start
+        near, start = start is not None and start is not p.start, p.start if start is None else start
         if p.history is None:
-            found = each_pose(lambda i: self._pose(p, i, shared, local[i], one(start, i), derivative), p.count)
+            found = each_pose(lambda i: self._pose(p, i, shared, local[i], one(start, i), derivative, near=near), p.count)
         else:
-            found = self._in_order(p.history, shared, local, start, derivative)
+            found = self._in_order(p.history, shared, local, start, derivative, near)
         return Evaluation.of(found)
 
     def _rows(self, x, derivative):
         """Number of tangents of a call."""
         return -(-len(x) // states.WIDTH) * states.WIDTH if derivative else 0
 
-    def _pose(self, poses, i, shared, local, start, derivative, before=None, held=None):
+    def _pose(self, poses, i, shared, local, start, derivative, before=None, held=None, near=False):
         """One pose; with memory ``before`` is what the one before it left, None for the first pose."""
         x = np.concatenate([shared, local])
         given = self.layout, poses.template(i), one(poses.boundary, i), x, self.slots, self.elements
@@ -136,11 +136,11 @@ class Evaluator:
         if held is not None:  # the first pose has a state too, so that one compiled function serves all
             left, moved = _entered(state, tangents, before)
             state, tangents = states.after(state, left), None if tangents is None else states.after(tangents, moved)
-        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, held)
+        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, held, near)
         found = found._replace(entered=left)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
-    def _in_order(self, history: History, shared, local, start, derivative) -> list[states.Shape]:
+    def _in_order(self, history: History, shared, local, start, derivative, near=True) -> list[states.Shape]:
         """The shape of each pose; poses of the history that are not of these have no part of their own but what they leave."""
         found: dict[int, states.Shape] = {}
         own, before = {int(q): i for i, q in enumerate(history.at)}, None
@@ -148,7 +148,7 @@ class Evaluator:
             before = STRAIGHTENED if history.reset[q] else before
             i, poses = own.get(q, q), self.poses if q in own else history.poses
             z, begin = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
-            shape = self._pose(poses, i, shared, z, begin, derivative, before, np.asarray(history.held[q]))
+            shape = self._pose(poses, i, shared, z, begin, derivative, before, np.asarray(history.held[q]), near)
             found[q] = shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]
@@ -187,7 +187,7 @@ class Evaluator:
             given = self.layout, self.poses.template(i), boundary, x, self.slots, self.elements
             state = states.after(_state(*given, self._rows(x, derivative=True))[0], before[i])
             along, target, held = discrepancy.directions(state), target_of(self.poses, i), np.zeros(()) if before[i] else None
-            found = states.evaluate(state, along, one(start, i), target, self.distance, held)
+            found = states.evaluate(state, along, one(start, i), target, self.distance, held, near=True)
             return np.asarray(found.columns)
 
         return each_pose(columns, self.poses.count)

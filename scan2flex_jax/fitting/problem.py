@@ -99,7 +99,8 @@ class Problem:
         `several_starts`."""
         starts: list[np.ndarray] = []
         for given in several_starts(self.study, self.poses, self.length):
-            starts += [x for x in self.both_starts(given=given) if not any(np.allclose(x, y, atol=0.05) for y in starts)]
+            for x in self.both_starts(given=given):
+                starts += [] if any(np.allclose(x, y, atol=0.05) for y in starts) else [x]
         if np.any(shapes_scale(self.poses)):
             return starts
         return [x + np.where(self.layout.logs, np.log(factor), 0.0) for factor in UNSCALED for x in starts]

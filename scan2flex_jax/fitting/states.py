@@ -33,10 +33,12 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect, overriding
 from scan2flex_jax.rod.memory import Left, memories, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
+from scan2flex_jax.statics.newton import MAX_STEPS
 from scan2flex_jax.statics.solve import Equilibrium, solve_rod
 from scan2flex_jax.statics.verdict import Verdict
 
 WIDTH = 24  # tangents per call: as fast as six; most fits need two, a refit a dozen
+NEAR = 60  # steps of a solve from a neighbouring shape: of 16,000 that settled in three searches, all but 30 took fewer
 DISTANCES: dict[str, Callable] = {
     "normal": normal_residuals,
     "closest": closest_residuals,
@@ -131,21 +133,21 @@ class Target(NamedTuple):
     rows: Float[Array | np.ndarray, "3 3"] | None = None
 
 
-def shape(state: State, start: Configuration, target: Target, distance: str):
+def shape(state: State, start: Configuration, target: Target, distance: str, most=None):
     """Residual (m, 3) of a pose solved from ``start``, then ``(arc lengths (m), configuration, verdict, axes)``; traceable."""
-    r, s, axes, e = _solved(state, start, target, distance)
+    r, s, axes, e = _solved(state, start, target, distance, most)
     return r, (s, jax.lax.stop_gradient(e.configuration), e.verdict, axes)
 
 
-def shape_and_left(state: State, start: Configuration, target: Target, distance: str, held: Float[Array, ""]):
+def shape_and_left(state: State, start: Configuration, target: Target, distance: str, held: Float[Array, ""], most=None):
     """`shape` with the residual followed by the state that the pose leaves after it was ``held`` (s)."""
-    r, s, axes, e = _solved(state, start, target, distance)
+    r, s, axes, e = _solved(state, start, target, distance, most)
     return (r, e.leaves(held)), (s, jax.lax.stop_gradient(e.configuration), e.verdict, axes)
 
 
-def _solved(state, start, target, distance) -> tuple[Array, Array, Array, Equilibrium]:
+def _solved(state, start, target, distance, most) -> tuple[Array, Array, Array, Equilibrium]:
     """Residual, arc lengths, axes, and the equilibrium."""
-    e = solve_rod(state.rod, start)
+    e = solve_rod(state.rod, start, max_steps=most)
     curve = e.points, e.configuration.R[:, :, 2], state.rod.section.ds, target.points, target.expected
 
     def seen(points):
@@ -159,13 +161,13 @@ def _solved(state, start, target, distance) -> tuple[Array, Array, Array, Equili
 
 
 @compiled
-def _evaluate(state, start, target, distance, tangents, held=None):
+def _evaluate(state, start, target, distance, most, tangents, held=None):
     """Residual and state left, their derivatives along ``tangents``, and the rest."""
 
     def solve(x):
         if held is not None:
-            return shape_and_left(x, start, target, distance, held)
-        r, rest = shape(x, start, target, distance)
+            return shape_and_left(x, start, target, distance, held, most)
+        r, rest = shape(x, start, target, distance, most)
         return (r, ()), rest
 
     if tangents is None:
@@ -182,19 +184,22 @@ def evaluate(
     target: Target,
     distance: str = "normal",
     held: np.ndarray | None = None,
+    near: bool = False,
 ) -> Shape:
     """The pose solved from ``start``, and the residual's derivative along ``tangents`` (leading axis, any number).
 
     `WIDTH` tangents are evaluated per call. Without ``tangents`` there are no columns, and a smaller function is compiled.
-    ``held``: how long (s) the pose is held, for the state that it leaves; None: no memory.
+    ``held``: how long (s) the pose is held, for the state that it leaves; None: no memory. ``near``: the start is a
+    neighbouring shape; a solve that takes long from there leads elsewhere, and is given up.
     """
+    most = np.array(NEAR if near else MAX_STEPS)
     if tangents is None:
-        (r, left), _, rest = _evaluate(state, start, target, distance, None, held)
+        (r, left), _, rest = _evaluate(state, start, target, distance, most, None, held)
         return _as_numpy(r, None, *rest)._replace(marked=target.marked, left=left)
     count, columns = len(jax.tree.leaves(tangents)[0]), []
     for first in range(0, max(count, 1), WIDTH):
         part = tangents if count == WIDTH else jax.tree.map(partial(_rows, first), tangents)
-        (r, left), moved, (s, configuration, verdict, axes) = _evaluate(state, start, target, distance, part, held)
+        (r, left), moved, (s, configuration, verdict, axes) = _evaluate(state, start, target, distance, most, part, held)
         columns.append(jax.tree.map(np.asarray, moved))
         start = jax.tree.map(np.asarray, configuration)
     d, leaving = jax.tree.map(lambda *x: np.concatenate(x)[:count], *columns)

@@ -296,7 +296,11 @@ class Variant:
             if self.held and not components:
                 converged = self.minimum.converged
                 break
-            end = self._descend(components, x, shapes, self.likelihood.whitening(u, linear.Z), wider)
+            wr, wX = self.likelihood.white(u, linear)
+            A, g = linear.normal(wr, wX)
+            lowest = float(np.sum(wr**2) + linear.quad - g @ inverted(A)[1] @ g)  # by a linear step, which ``value`` counts on
+            hopeless = lowest + 2 * (value - self.best + 2 * _DOUBT)
+            end = self._descend(components, x, shapes, self.likelihood.whitening(u, linear.Z), wider, hopeless=hopeless)
             if end is None:
                 break
             x, shapes, converged, _ = end
@@ -392,7 +396,8 @@ class Variant:
                     base[slot.at : slot.at + slot.size] += np.log(factors.get(slot.name, 1.0)) if slot.log else 0.0
                 components = (*found.components[:k], Component(c.kind, site), *found.components[k + 1 :])
                 amplitudes = [a if j == k else found.amplitudes(j) for j in range(len(components))]
-                end = self.refitted(components, amplitudes, base, found.shapes, found.u, plain=True, others=False)
+                begun = found.shapes, found.u
+                end = self.refitted(components, amplitudes, base, *begun, plain=True, nearest=found.squares, others=False)
                 if end is not None:
                     yield end
 

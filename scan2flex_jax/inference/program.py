@@ -128,6 +128,7 @@ class Program:
     def shapes(self, components, x, start: Configuration | None = None) -> list[states.Shape]:
         """All poses solved at the vector ``x`` of a hypothesis, their columns in the order of `Index.of_pose`."""
         index, start = Index(self, components), self.start if start is None else start
+        near = start is not self.poses.start
         if not components:
             return self._alone(x, index, start)
 
@@ -138,7 +139,7 @@ class Program:
             self._null(full, sites)
             full[at] = x[own]
             along[np.arange(len(own)), at] = 1.0
-            shape = self._solve(i, full, sites, along, one(start, i))
+            shape = self._solve(i, full, sites, along, one(start, i), near)
             return shape._replace(columns=shape.columns[..., : len(own)])
 
         return self._each(solved)
@@ -197,7 +198,7 @@ class Program:
     def _along(self, components, x, start, directions):
         def of(i):
             state = self._state_of(components, x, i)
-            return states.evaluate(state, directions(state, i), one(start, i), target_of(self.poses, i)).columns
+            return states.evaluate(state, directions(state, i), one(start, i), target_of(self.poses, i), near=True).columns
 
         return self._each(of)
 
@@ -243,11 +244,11 @@ class Program:
         given = self.layout, self.elements, tuple(self.layout_of_effects.items())
         return _state(*given, self.poses.template(i), one(self.poses.boundary, i), full, sites, scene, along)
 
-    def _solve(self, i, full, sites, along, start):
+    def _solve(self, i, full, sites, along, start, near=True):
         found = []
         for part in np.split(along, max(len(along) // WIDTH, 1)):
             state, tangents = self._state(i, full, sites, part)
-            found.append(states.evaluate(state, tangents, start, target_of(self.poses, i)))
+            found.append(states.evaluate(state, tangents, start, target_of(self.poses, i), near=near))
             start = found[-1].configuration
         return found[-1]._replace(columns=np.concatenate([f.columns for f in found], axis=-1))
 

@@ -94,14 +94,21 @@ class Rows:
         return out
 
     def _directed(self, i, shape, columns):
-        """Columns of a pose in the fixed directions: turned about the tangents, or projected onto the one normal in plane."""
-        onto, u, fixed = self.axes[i]
-        if u is not None:
-            one = np.einsum("mck,mc->mk", columns[:, :2], in_plane(shape.axes, onto, u))
-            return np.stack([one, np.zeros_like(one), columns[:, 2]], axis=1)
-        if fixed or shape.axes is onto:
+        """Columns of a pose in the fixed directions: those of markers, whose places are vectors, turned as such; the others
+        turned about the tangents, or projected onto the one normal in plane."""
+        (onto, u, fixed), axes = self.axes[i], shape.axes
+        if fixed:
             return columns
-        c, s = _angle(shape.axes, onto)
+        if shape.marked is not None and axes is not onto:
+            held = (np.asarray(shape.marked) > 0)[:, None, None]
+            columns = np.where(held, onto @ axes.transpose(0, 2, 1) @ columns, columns)
+            axes = np.where(held, onto, axes)
+        if u is not None:
+            one = np.einsum("mck,mc->mk", columns[:, :2], in_plane(axes, onto, u))
+            return np.stack([one, np.zeros_like(one), columns[:, 2]], axis=1)
+        if axes is onto:
+            return columns
+        c, s = _angle(axes, onto)
         c, s = c[:, None], s[:, None]
         return np.stack([c * columns[:, 0] - s * columns[:, 1], s * columns[:, 0] + c * columns[:, 1], columns[:, 2]], axis=1)
 

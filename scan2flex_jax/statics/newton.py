@@ -35,7 +35,7 @@ from scan2flex_jax.rod.assembly import (
 from scan2flex_jax.rod.energy import retract, supported
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics import blocktridiagonal as bt
-from scan2flex_jax.statics.solver import AbstractRodSolver, Settled
+from scan2flex_jax.statics.solver import AbstractRodSolver, Settled, Steps
 
 MAX_STEPS = 200
 _LONGEST = 0.8  # largest motion of one node in one step: rad, or relative to the length
@@ -80,7 +80,7 @@ class MixedNewton(AbstractRodSolver):
 
     atol: float = 1.0e-7
 
-    def settle(self, rod: Rod, start: Configuration, max_steps: int | None = None) -> Settled:
+    def settle(self, rod: Rod, start: Configuration, max_steps: Steps = None) -> Settled:
         """See `AbstractRodSolver.settle`; ``max_steps`` is `MAX_STEPS` unless given."""
         most = MAX_STEPS if max_steps is None else max_steps
 

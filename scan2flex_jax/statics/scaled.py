@@ -20,7 +20,7 @@ from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics import blocktridiagonal as bt
 from scan2flex_jax.statics.balance import BALANCE, imbalance
 from scan2flex_jax.statics.newton import lendable_stiffness
-from scan2flex_jax.statics.solver import AbstractRodSolver, Settled
+from scan2flex_jax.statics.solver import AbstractRodSolver, Settled, Steps
 
 _SHARES = (2, 4, 4)  # of the steps, one divisor per round: approach, restart with a fresh Hessian, finish
 _SMALLEST = 1.0e-9  # curvature over the largest: directions below it are scaled no further
@@ -37,7 +37,7 @@ class ScaledMinimiser(AbstractRodSolver):
 
     minimiser: optx.AbstractMinimiser
 
-    def settle(self, rod: Rod, start: Configuration, max_steps: int | None = None) -> Settled:
+    def settle(self, rod: Rod, start: Configuration, max_steps: Steps = None) -> Settled:
         """See `AbstractRodSolver.settle`."""
         most = MAX_STEPS if max_steps is None else max_steps
         configuration, steps = supported(rod, start), jnp.array(0)

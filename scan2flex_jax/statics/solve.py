@@ -26,7 +26,7 @@ from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS, FEWEST_ELEMENTS
 from scan2flex_jax.statics.implicit import settled
 from scan2flex_jax.statics.kernel.solver import default_solver
 from scan2flex_jax.statics.scaled import ScaledMinimiser
-from scan2flex_jax.statics.solver import AbstractRodSolver
+from scan2flex_jax.statics.solver import AbstractRodSolver, Steps
 from scan2flex_jax.statics.verdict import SENTENCES, Verdict, judge
 
 Solver = AbstractRodSolver | optx.AbstractMinimiser | None
@@ -112,7 +112,7 @@ def solve_rod(
     *,
     turns: Int[Array, ""] | int = 0,
     solver: Solver = None,
-    max_steps: int | None = None,
+    max_steps: Steps = None,
     throw: bool = False,
 ) -> Equilibrium:
     """The static equilibrium of a discrete rod (paper, Section 5: (x, q0, qL) -> q*).
@@ -230,8 +230,8 @@ def _raised(found: Equilibrium) -> Equilibrium:
     return eqx.branched_error_if(found, code != 0, code - 1, sentences)
 
 
-def _allowed(max_steps: int | None) -> int | None:
-    return None if max_steps is None else whole_number(max_steps, "max_steps")
+def _allowed(max_steps: Steps) -> Steps:
+    return max_steps if max_steps is None or isinstance(max_steps, jax.Array) else whole_number(max_steps, "max_steps")
 
 
 def _rod_solver(solver: object) -> AbstractRodSolver:

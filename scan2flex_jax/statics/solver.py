@@ -13,6 +13,8 @@ from jaxtyping import Bool, Int
 from scan2flex_jax.rod.assembly import Derivatives
 from scan2flex_jax.rod.model import Configuration, Rod
 
+Steps = int | Int[Array, ""] | None
+
 
 class Settled(eqx.Module):
     """Result of a rod solver.
@@ -34,7 +36,7 @@ class AbstractRodSolver(eqx.Module):
     """Base of all rod solvers: fields hold the tolerances, `settle` solves."""
 
     @abc.abstractmethod
-    def settle(self, rod: Rod, start: Configuration, max_steps: int | None) -> Settled:
+    def settle(self, rod: Rod, start: Configuration, max_steps: Steps) -> Settled:
         """The equilibrium on the branch of ``start``, in at most ``max_steps`` steps (None: the solver's default).
 
         ``rod`` and ``start`` carry no derivatives: those of the equilibrium are computed from the result, so `settle` need

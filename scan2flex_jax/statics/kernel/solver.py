@@ -8,7 +8,7 @@ from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics.kernel import library
 from scan2flex_jax.statics.newton import MAX_STEPS, MixedNewton, lendable_stiffness
-from scan2flex_jax.statics.solver import AbstractRodSolver, Settled
+from scan2flex_jax.statics.solver import AbstractRodSolver, Settled, Steps
 
 
 class CompiledNewton(AbstractRodSolver):
@@ -21,7 +21,7 @@ class CompiledNewton(AbstractRodSolver):
     target: str
     atol: float = MixedNewton.atol
 
-    def settle(self, rod: Rod, start: Configuration, max_steps: int | None = None) -> Settled:
+    def settle(self, rod: Rod, start: Configuration, max_steps: Steps = None) -> Settled:
         """See `AbstractRodSolver.settle`."""
         newton = MixedNewton(self.atol)
         arrays = _operands(rod, start, newton)
