@@ -48,9 +48,9 @@ def default_solver() -> AbstractRodSolver:
 def _operands(rod, start, newton):
     """The arrays of the function, in its order."""
     s, b = rod.section, rod.boundary
-    mode, stiffness, atol = newton.begin(rod, start).mode, lendable_stiffness(rod), jnp.asarray(newton.atol)
+    mode, lendable, atol = newton.begin(rod, start).mode, lendable_stiffness(rod)[-1, -1], jnp.asarray(newton.atol)
     return [s.ds, s.stiffness, s.natural, s.within, rod.load.force, rod.load.lever, b.position, b.rotation, b.held, *start,
-            mode, stiffness, atol]  # fmt: skip
+            mode, lendable, atol]  # fmt: skip
 
 
 def _translated(rod, arrays):
