@@ -4,7 +4,6 @@ Skipped without a C++ compiler. The library is kept beside the compiled function
 """
 
 import shutil
-from functools import cache, partial
 from pathlib import Path
 
 import equinox as eqx
@@ -12,36 +11,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from reference import clamped_cases
 
-from scan2flex_jax.compilation import compiled
 from scan2flex_jax.effects.nonlinear_bending import NonlinearBending
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.geometry import lie
-from scan2flex_jax.rod.boundary import BALL, CLAMP, FREE, Boundary
 from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.element_law import stiffness_within
-from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics import MixedNewton, equilibrium
 from scan2flex_jax.statics.kernel import build, library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton, default_solver
-from scan2flex_jax.statics.starts import sagging_start
-from scan2flex_jax.statics.verdict import NON_FINITE, judge
+from scan2flex_jax.statics.verdict import NON_FINITE
 
 from . import cases
+from .rods import ELEMENTS, LANES, judged, random_rods, settle_of
 
 FOLDER = Path(jax.config.jax_compilation_cache_dir)
-LANES, ELEMENTS = 24, 11
-SUPPORTS = ((CLAMP, CLAMP), (CLAMP, FREE), (CLAMP, BALL), (BALL, BALL))
 _without = pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler")
 
 
 def needs_compiler(test):
     """A test of the library, whose compilation takes most of a minute."""
     return pytest.mark.slow(_without(test))
-
-
-judged = jax.jit(jax.vmap(judge))
 
 
 @pytest.fixture(scope="module")
@@ -51,37 +40,6 @@ def kernel():
         patch.setenv(library.FOLDER, str(FOLDER))
         file = library.path()
         return CompiledNewton(library.register(file if file.exists() else build.build()))
-
-
-@cache
-def random_rods():
-    """Rods with unequal, coupled and varying sections on all kinds of supports, and their generic starts, as one batch."""
-    rng = np.random.default_rng(5)
-    held = np.array([SUPPORTS[i % len(SUPPORTS)] for i in range(LANES)])
-    stiffness, frames = 10.0 ** rng.uniform(-2, 0, (LANES, 3)), 0.7 * rng.normal(size=(LANES, 2, 3))
-    numbers = stiffness, rng.uniform(0.0, 0.3, LANES), rng.normal(size=(LANES, 6)) * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0]
-    ends = rng.uniform([0.3, -0.4, -0.4], [0.8, 0.4, 0.4], (LANES, 3))
-    mixed = 0.1 * rng.uniform(-1.0, 1.0, (LANES, ELEMENTS, 6, 6)) + 0.3 * rng.uniform(size=(LANES, ELEMENTS, 1, 1)) * np.eye(6)
-    return compiled(jax.vmap(rod_of))(*map(jnp.asarray, (*numbers, held, frames, ends, mixed)))
-
-
-def rod_of(stiffness, density, natural, held, frames, end, mixed):
-    """A rod with ``mixed`` added to its sections, as parts of their size, and its generic start."""
-    rotation = jnp.array(clamped_cases.START_FRAME) @ jax.vmap(lie.so3_exp)(frames)
-    clamps = Boundary(jnp.stack([jnp.zeros(3), end]), rotation, held)
-    cable = Cable(1.0, density, stiffness[:2], stiffness[2], 3e2, 4e3, natural[3:], natural[:3])
-    model = CableModel(cable, jnp.array([0.5, -0.3, -9.81]))
-    rod = discretise(model, clamps, len(mixed))
-    size = jnp.sqrt(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2))
-    mixed = 0.5 * (mixed + mixed.swapaxes(1, 2)) * size[:, :, None] * size[:, None, :]
-    rod = eqx.tree_at(lambda r: r.section.stiffness, rod, rod.section.stiffness + mixed)
-    rod = eqx.tree_at(lambda r: r.section.within, rod, stiffness_within(rod.section.stiffness))
-    return rod, sagging_start(clamps, cable.length, model.gravity, 0, len(mixed))
-
-
-@cache
-def settle_of(solver):
-    return compiled(jax.vmap(partial(solver.settle, max_steps=None)))
 
 
 @needs_compiler

@@ -14,7 +14,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel, discretise
-from scan2flex_jax.statics import blocktridiagonal, newton
+from scan2flex_jax.statics import newton
 from scan2flex_jax.statics.kernel import elements, library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton
 from scan2flex_jax.statics.starts import sagging_start
@@ -23,11 +23,6 @@ _FLAGS = ("-std=c++17", "-O3", "-fno-math-errno", "-ffp-contract=fast", "-w", "-
 _NATIVE = "-march=native"  # not every compiler knows it
 _COMPILERS = ("c++", "g++", "clang++")
 _ALIKE = 1.0e-9  # of the length: the two solvers' difference in the check; rounding leaves 1e-14
-_CONSTANTS = {
-    "LONGEST": newton._LONGEST, "PUSH": newton._PUSH, "SETTLED": newton._SETTLED, "LEFT": newton._LEFT, "HOLD": newton._HOLD,
-    "FIRST": newton._FIRST, "GROW": newton._GROW, "SHRINK": newton._SHRINK, "NONE": newton._NONE,
-    "NEUTRAL": blocktridiagonal._NEUTRAL,
-}  # fmt: skip
 
 
 def build() -> Path:
@@ -60,7 +55,7 @@ def _compile(folder):
         raise Scan2FlexError(f"no C++ compiler found ({', '.join(_COMPILERS)}): install one, or name it in CXX.")
     file, here = folder / "settle.so", Path(__file__).parent
     (folder / "elements.inc").write_text(elements.source())
-    (folder / "constants.inc").write_text("".join(f"constexpr double {k} = {v!r};\n" for k, v in _CONSTANTS.items()))
+    (folder / "constants.inc").write_text(elements.constants())
     headers = [f"-I{path}" for path in (folder, here, jax.ffi.include_dir())]
     command = [*compiler, *_FLAGS, *headers, str(here / "settle.cpp"), "-o", str(file)]
     for more in ([_NATIVE], []):

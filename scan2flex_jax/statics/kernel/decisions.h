@@ -1,7 +1,4 @@
 // The decisions of a step of MixedNewton (`statics/newton.py`), under the names that they have there; for CPU and GPU.
-#ifndef INLINE
-#define INLINE inline
-#endif
 
 INLINE double larger(double a, double b) { return a > b || a != a ? a : b; }
 
@@ -12,7 +9,7 @@ struct State {
   bool small = false, definite = false, push = false;
   int negative = 0, steps = 0;
 
-  INLINE bool over(int64_t most) const { return done || steps >= most || !finite; }
+  INLINE bool over(long long most) const { return done || steps >= most || !finite; }
 
   INLINE bool looking(double atol) const { return size < atol; }
 

@@ -21,9 +21,11 @@ from scan2flex_jax.rod.effect import Section
 from scan2flex_jax.rod.energy import retract
 from scan2flex_jax.rod.loads import DeadLoad
 from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.statics import blocktridiagonal, newton
 from scan2flex_jax.statics.kernel.symbolic import Graph, traced
-from scan2flex_jax.statics.newton import _ROTATION, lent_forces, stiffened
+from scan2flex_jax.statics.newton import lent_forces, stiffened
 
+_CONSTANTS = ("_LONGEST", "_PUSH", "_SETTLED", "_LEFT", "_HOLD", "_FIRST", "_GROW", "_SHRINK", "_NONE")
 _SECTION = {"ds": (), "stiffness": (1, 6, 6), "natural": (1, 6), "within": (1, 3, 3)}
 _FRAMES = {"r": (2, 3), "R": (2, 3, 3)}
 
@@ -55,7 +57,7 @@ def _forces(ds, stiffness, natural, within, r, R):
 
 
 def _element(ds, stiffness, natural, within, r, R, force, lever, forces, of_strains, stretching, lent, lendable, mode):
-    rod, turning = _rod(ds, stiffness, natural, within, force, lever), jnp.diag(jnp.array(_ROTATION))
+    rod, turning = _rod(ds, stiffness, natural, within, force, lever), jnp.diag(jnp.array(newton._ROTATION))
     kept = jnp.concatenate([jnp.full(3, stretching), jnp.ones(3)])
     d = derivatives(
         rod, Configuration(r, R), lent * lendable * turning, lambda n: jnp.where(of_strains > 0.0, n * kept, forces)
@@ -96,6 +98,12 @@ _INFIX = {"add": "+", "sub": "-", "mul": "*", "lt": "<", "gt": ">", "le": "<=", 
 def source() -> str:
     """The C++ of all routines: for each a namespace with the places of its inputs and outputs, and a function ``run``."""
     return "\n".join(_translated(routine) for routine in ROUTINES)
+
+
+def constants() -> str:
+    """The C++ of the constants of the method."""
+    named = {name[1:]: getattr(newton, name) for name in _CONSTANTS} | {"NEUTRAL": blocktridiagonal._NEUTRAL}
+    return "".join(f"constexpr double {name} = {value!r};\n" for name, value in named.items())
 
 
 def _translated(routine):

@@ -11,6 +11,7 @@ namespace {
 
 using std::isfinite;
 
+#define INLINE inline
 #include "constants.inc"
 #include "decisions.h"
 #include "elements.inc"
