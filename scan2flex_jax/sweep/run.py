@@ -161,7 +161,10 @@ def _line(found, before, spent) -> str:
 
 def _labelled(found):
     """The outputs before the status, plain text, and the names of axes and ends as coordinates."""
-    found["verdict"] = found["verdict"].astype(str)
+    verdict = found["verdict"]
+    places = {sentence: i for i, sentence in enumerate(dict.fromkeys(verdict.values.flat))}  # each is made once
+    which = np.fromiter(map(places.get, verdict.values.flat), int, verdict.size).reshape(verdict.shape)
+    found["verdict"] = verdict.copy(data=np.array(list(places), str).take(which))
     order = [*(name for name in found if name not in STATUS), *STATUS]
     found = extra("xarray").Dataset({name: found[name] for name in order}, found.coords)
     return found.assign_coords({d: names for d, names in _AXES.items() if found.sizes.get(d) == len(names)})
