@@ -15,6 +15,7 @@ using std::isfinite;
 #define KERNEL static
 #define SHARED(type, name, count) type *name = reinterpret_cast<type *>(small)
 #define DYNAMIC_SHARED(name) double *name = large
+#define UNROLL
 
 namespace {
 
@@ -76,7 +77,7 @@ double __longlong_as_double(long long x) {
   memcpy(&y, &x, 8);
   return y;
 }
-inline double reciprocal(double x) { return 1.0 / x; }
+inline double reciprocal(double x) { return x == 0.0 ? NAN : 1.0 / x; }
 inline double lanes_sqrt(double x) { return std::sqrt(x); }
 inline double lanes_sin(double x) { return std::sin(x); }
 inline double lanes_cos(double x) { return std::cos(x); }

@@ -179,17 +179,20 @@ def _fits(n):
 @cache
 def _code(n, card):
     """The machine code, kept where the library of the CPU is."""
-    file = library.path()
-    file = file.with_name(f"{file.stem}-sm_{card.capability}-{n}.cubin")
-    with contextlib.suppress(OSError):
-        if library.ours(file):
-            return file.read_bytes()
+
+    def file():
+        library_file = library.path()
+        return library_file.with_name(f"{library_file.stem}-sm_{card.capability}-{n}.cubin")
+
+    with contextlib.suppress(OSError, RuntimeError):  # not there, or no home
+        if library.ours(file()):
+            return file().read_bytes()
     code = compiled_for(n, card)
-    with contextlib.suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, delete=False) as part:
+    with contextlib.suppress(OSError, RuntimeError):
+        file().parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file().parent, delete=False) as part:
             part.write(code)
-        Path(part.name).replace(file)
+        Path(part.name).replace(file())
     return code
 
 

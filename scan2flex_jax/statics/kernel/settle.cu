@@ -8,8 +8,9 @@
 #define KERNEL extern "C" __global__ __launch_bounds__(THREADS)
 #define SHARED(type, name, count) __shared__ type name[count]
 #define DYNAMIC_SHARED(name) extern __shared__ double name[]
+#define UNROLL _Pragma("unroll")
 
-INLINE double reciprocal(double x) {  // to rounding; without the branches of a division
+INLINE double reciprocal(double x) {  // to rounding, of zero NaN; without the branches of a division
   double y;
   asm("rcp.approx.ftz.f64 %0, %1;" : "=d"(y) : "d"(x));
   const double e = fma(-x, y, 1.0);
@@ -21,7 +22,7 @@ INLINE double lanes_sqrt(double x) {
   const double e = fma(-x * y, y, 1.0);
   y = fma(y, e * fma(0.375, e, 0.5), y);
   const double s = x * y;
-  return fma(0.5 * y, fma(-s, s, x), s);
+  return x == 0.0 ? x : fma(0.5 * y, fma(-s, s, x), s);
 }
 // angles below some turns: without the branch for large ones, which needs memory
 constexpr double HALF_TURNS = 1.0 / 3.14159265358979323846;
@@ -92,15 +93,12 @@ struct Element {
     stretching = looking || close(z) ? 1.0 : 0.0;
     const double *from = o.within + (size_t)z.rod * 6 * N + e;
     double of[stiffened::in::size], found[stiffened::out::size];
-#pragma unroll
-    for (int i = 0; i < 6; i++) within[i] = from[i * N];
+    UNROLL for (int i = 0; i < 6; i++) within[i] = from[i * N];
     if (z.state.own) return;
-#pragma unroll
-    for (int i = 0; i < 9; i++) of[stiffened::in::within + i] = within[low(i / 3, i % 3)];
+    UNROLL for (int i = 0; i < 9; i++) of[stiffened::in::within + i] = within[low(i / 3, i % 3)];
     of[stiffened::in::own] = 0.0;
     stiffened::run<const double *, double *>(of, found);
-#pragma unroll
-    for (int i = 0; i < 9; i++) within[low(i / 3, i % 3)] = found[stiffened::out::within + i];
+    UNROLL for (int i = 0; i < 9; i++) within[low(i / 3, i % 3)] = found[stiffened::out::within + i];
     of_law = found[stiffened::out::own] != 0.0;
   }
 
@@ -156,14 +154,6 @@ struct Found {
   }
 };
 
-// Inputs of `predicted_forces` for element e.
-struct Ahead {
-  const Slot &z;
-  const double *P, *S;
-  int e;
-  INLINE double operator[](int i) const;
-};
-
 INLINE void support(const Operands &o, const Slot &z, double *P, int node) {
   if (node != 0 && node != N) return;
   const size_t end = 2 * (size_t)z.rod + (node ? 1 : 0);
@@ -177,11 +167,9 @@ INLINE void support(const Operands &o, const Slot &z, double *P, int node) {
 INLINE void strain(const Operands &o, Slot &z, const double *P, double *S, int e) {
   double n[section_forces::out::size], most = 0.0;
   section_forces::run<const Element &, double *>(Element(o, z, P, e), n);
-#pragma unroll
-  for (int i = 0; i < 3; i++) {
+  UNROLL for (int i = 0; i < 3; i++) {
     double f = 0.0;
-#pragma unroll
-    for (int j = 0; j < 3; j++) f += 0.5 * (P[(R + 3 * i + j) * NODES + e] + P[(R + 3 * i + j) * NODES + e + 1]) * n[j];
+    UNROLL for (int j = 0; j < 3; j++) f += 0.5 * (P[(R + 3 * i + j) * NODES + e] + P[(R + 3 * i + j) * NODES + e + 1]) * n[j];
     S[3 * e + i] = f;
     most = larger(most, fabs(f));
   }
@@ -192,8 +180,7 @@ INLINE void strain(const Operands &o, Slot &z, const double *P, double *S, int e
 INLINE void jump(const Operands &o, Slot &z, const double *S, int e) {
   if (e == 0) return;
   double left = 0.0;
-#pragma unroll
-  for (int i = 0; i < 3; i++)
+  UNROLL for (int i = 0; i < 3; i++)
     left = larger(left, fabs(S[3 * e + i] - S[3 * e - 3 + i] + o.force[((size_t)z.rod * 3 + i) * NODES + e]));
   atomicMax(&z.left, bits(left));
 }
@@ -204,8 +191,7 @@ INLINE double weighted(int k, double x, double ds) { return k < 6 ? x * ds * ds 
 // The near node's shares of element e are added.
 INLINE void add(Slot &z, double *S, int e, const double *near) {
   double *row = S + e * ROW, most = 0.0;
-#pragma unroll
-  for (int k = 0; k < 33; k++) {
+  UNROLL for (int k = 0; k < 33; k++) {
     double &x = row[k < U ? k : k - U + G];
     x = e ? x + near[k] : near[k];
     if (k < U) most = larger(most, weighted(k, fabs(x), z.ds));
@@ -231,29 +217,22 @@ INLINE void eliminate(const double *held, double *S, int end, int c) {
 INLINE int reduce(double *A, const double *scale, double *v) {
   int count = 0;
   double inverse[6];
-#pragma unroll
-  for (int j = 0; j < 6; j++) {
+  UNROLL for (int j = 0; j < 6; j++) {
     const double pivot = A[low(j, j)];
     const bool neutral = fabs(pivot) <= scale[j];
     count += pivot < 0.0 && !neutral;
     inverse[j] = neutral ? 0.0 : reciprocal(pivot);
     double l[6];
-#pragma unroll
-    for (int i = j + 1; i < 6; i++) l[i] = A[low(i, j)] * inverse[j];
-#pragma unroll
-    for (int i = j + 1; i < 6; i++) {
-#pragma unroll
-      for (int k = j + 1; k <= i; k++) A[low(i, k)] -= l[i] * A[low(k, j)];
+    UNROLL for (int i = j + 1; i < 6; i++) l[i] = A[low(i, j)] * inverse[j];
+    UNROLL for (int i = j + 1; i < 6; i++) {
+      UNROLL for (int k = j + 1; k <= i; k++) A[low(i, k)] -= l[i] * A[low(k, j)];
       v[i] -= l[i] * v[j];
     }
-#pragma unroll
-    for (int i = j + 1; i < 6; i++) A[low(i, j)] = l[i];
+    UNROLL for (int i = j + 1; i < 6; i++) A[low(i, j)] = l[i];
   }
-#pragma unroll
-  for (int j = 5; j >= 0; j--) {
+  UNROLL for (int j = 5; j >= 0; j--) {
     v[j] *= inverse[j];
-#pragma unroll
-    for (int i = j + 1; i < 6; i++) v[j] -= A[low(i, j)] * v[i];
+    UNROLL for (int i = j + 1; i < 6; i++) v[j] -= A[low(i, j)] * v[i];
   }
   return count;
 }
@@ -263,35 +242,27 @@ INLINE int reduce(double *A, const double *scale, double *v) {
 INLINE int solve(double *S, double ds, double most, int lane, unsigned mask) {
   const int half = lane >> 3 & 1, c = lane & 7, base = lane & 24;
   for (int k = lane & 15; k < 42; k += 16) most = larger(most, weighted(k % 21, fabs(S[(k < 21 ? 0 : N * ROW) + k % 21]), ds));
-#pragma unroll
-  for (int m = 8; m; m >>= 1) most = larger(most, __shfl_xor_sync(mask, most, m));
+  UNROLL for (int m = 8; m; m >>= 1) most = larger(most, __shfl_xor_sync(mask, most, m));
   const double turn = HOLD * most, hold = turn / (ds * ds);
   S -= PAD * ROW;
   int count = 0;
   double w[6] = {};
-#pragma unroll 1
-  for (int k = 0; k <= HALF; k++) {  // last the node in the middle, in both directions
+  _Pragma("unroll 1") for (int k = 0; k <= HALF; k++) {  // last the node in the middle, in both directions
     const bool middle = k == HALF;
     const int node = half ? LAST - k : k, link = half ? (k ? node : LAST - 1) : (k ? node - 1 : 0), next = half ? node - 1 : node;
     double *row = S + node * ROW, *M = S + link * ROW + U, A[21], d[6], scale[6], v[6];
-#pragma unroll
-    for (int a = 0; a < 6; a++) {
+    UNROLL for (int a = 0; a < 6; a++) {
       double one = M[a] * w[0], two = M[6 + a] * w[1];
-#pragma unroll
-      for (int j = 2; j < 6; j += 2) one += M[6 * j + a] * w[j], two += M[6 * j + 6 + a] * w[j + 1];
+      UNROLL for (int j = 2; j < 6; j += 2) one += M[6 * j + a] * w[j], two += M[6 * j + 6 + a] * w[j + 1];
       d[a] = one + two;
     }
     if (middle)
-#pragma unroll
-      for (int a = 0; a < 6; a++) d[a] += __shfl_xor_sync(mask, d[a], 8);
+      UNROLL for (int a = 0; a < 6; a++) d[a] += __shfl_xor_sync(mask, d[a], 8);
     __syncwarp(mask);
     if (c < 6 && k > 0)
-#pragma unroll
-      for (int a = 0; a < 6; a++) M[6 * a + c] = w[a];
-#pragma unroll
-    for (int a = 0; a < 6; a++)
-#pragma unroll
-      for (int b = 0; b <= a; b++) {
+      UNROLL for (int a = 0; a < 6; a++) M[6 * a + c] = w[a];
+    UNROLL for (int a = 0; a < 6; a++)
+      UNROLL for (int b = 0; b <= a; b++) {
         double x = row[low(a, b)];
         if (a == b) {
           x += a < 3 ? hold : turn;
@@ -301,8 +272,7 @@ INLINE int solve(double *S, double ds, double most, int lane, unsigned mask) {
       }
     const double *from = c < 6 ? S + (middle ? 0 : next) * ROW + U + c : row + G + 6 * (c - 6);
     const int stride = c < 6 ? 6 : 1;
-#pragma unroll
-    for (int a = 0; a < 6; a++) {
+    UNROLL for (int a = 0; a < 6; a++) {
       const double x = from[a * stride];
       v[a] = c == 6 ? -x - d[a] : c == 7 ? x - d[a] : x;
     }
@@ -311,11 +281,9 @@ INLINE int solve(double *S, double ds, double most, int lane, unsigned mask) {
       __syncwarp(mask);
     }
     count += reduce(A, scale, v);
-#pragma unroll
-    for (int a = 0; a < 6; a++) w[a] = v[a];
+    UNROLL for (int a = 0; a < 6; a++) w[a] = v[a];
     if (c >= 6 && !(middle && half))
-#pragma unroll
-      for (int a = 0; a < 6; a++) row[G + 6 * (c - 6) + a] = v[a];
+      UNROLL for (int a = 0; a < 6; a++) row[G + 6 * (c - 6) + a] = v[a];
     __syncwarp(mask);
   }
   for (int k = 1; k <= HALF; k++) {
@@ -324,8 +292,7 @@ INLINE int solve(double *S, double ds, double most, int lane, unsigned mask) {
     const double *x = S + before * ROW + G, *carry = S + link * ROW + U + 6 * c;
     if (c < 6) {
       double a[2] = {row[c], 0.0}, b[2] = {row[6 + c], 0.0};
-#pragma unroll
-      for (int j = 0; j < 6; j++) a[j % 2] -= carry[j] * x[j], b[j % 2] -= carry[j] * x[6 + j];
+      UNROLL for (int j = 0; j < 6; j++) a[j % 2] -= carry[j] * x[j], b[j % 2] -= carry[j] * x[6 + j];
       row[c] = a[0] + a[1];
       row[6 + c] = b[0] + b[1];
     }
@@ -338,12 +305,9 @@ INLINE int solve(double *S, double ds, double most, int lane, unsigned mask) {
 INLINE void decide(const Operands &o, Slot &z, const double *S, int pivots, int lane, unsigned mask) {
   double largest[4] = {};  // displacement and rotation of the twist, of the mode
   for (int node = lane & 15; node < NODES; node += 16)
-#pragma unroll
-    for (int i = 0; i < 12; i++) largest[i / 3] = larger(largest[i / 3], fabs(S[node * ROW + G + i]));
-#pragma unroll
-  for (int m = 8; m; m >>= 1)
-#pragma unroll
-    for (int i = 0; i < 4; i++) largest[i] = larger(largest[i], __shfl_xor_sync(mask, largest[i], m));
+    UNROLL for (int i = 0; i < 12; i++) largest[i / 3] = larger(largest[i / 3], fabs(S[node * ROW + G + i]));
+  UNROLL for (int m = 8; m; m >>= 1)
+    UNROLL for (int i = 0; i < 4; i++) largest[i] = larger(largest[i], __shfl_xor_sync(mask, largest[i], m));
   const double now = larger(largest[0] / z.length, largest[1]), of_mode = larger(largest[2] / z.length, largest[3]);
   State state = z.state;
   if (z.running) state.judge(pivots, now, o.atol[z.rod]);
@@ -357,8 +321,7 @@ INLINE void decide(const Operands &o, Slot &z, const double *S, int pivots, int 
           for (int j = 0; j < 3; j++)
             home += S[node * ROW + F + j] / of_mode * P[(R + 3 * i + j) * NODES + node] * (start[i * NODES + node] - P[i * NODES + node]);
     }
-#pragma unroll
-    for (int m = 8; m; m >>= 1) home += __shfl_xor_sync(mask, home, m);
+    UNROLL for (int m = 8; m; m >>= 1) home += __shfl_xor_sync(mask, home, m);
   }
   state.decide(now, close(z), z.of_law, home);
   __syncwarp(mask);
@@ -370,35 +333,36 @@ INLINE double motion(const Slot &z, const double *S, int node, int i) {
   return z.state.share == 0.0 ? 0.0 : z.state.share * (z.state.push ? row[F + i] * z.of_mode : row[G + i]);
 }
 
-INLINE double Ahead::operator[](int i) const {
-  namespace at = predicted_forces::in;
-  if (i < at::r) return z.ds;
-  if (i < at::R) return P[(i - at::r) % 3 * NODES + (i - at::r) / 3];
-  if (i < at::x) return P[(R + (i - at::R) % 9) * NODES + (i - at::R) / 9];
-  if (i < at::K) return P[(X + i - at::x) * NODES];
-  if (i < at::twist) return P[(K + low((i - at::K) / 6, (i - at::K) % 6)) * NODES];
-  return motion(z, S, e + (i - at::twist) / 6, (i - at::twist) % 6);
-}
+// Inputs of `predicted_forces` for element e.
+struct Ahead {
+  const Slot &z;
+  const double *P, *S;
+  int e;
+  INLINE double operator[](int i) const {
+    namespace at = predicted_forces::in;
+    if (i < at::r) return z.ds;
+    if (i < at::R) return P[(i - at::r) % 3 * NODES + (i - at::r) / 3];
+    if (i < at::x) return P[(R + (i - at::R) % 9) * NODES + (i - at::R) / 9];
+    if (i < at::K) return P[(X + i - at::x) * NODES];
+    if (i < at::twist) return P[(K + low((i - at::K) / 6, (i - at::K) % 6)) * NODES];
+    return motion(z, S, e + (i - at::twist) / 6, (i - at::twist) % 6);
+  }
+};
 
 INLINE void foresee(const Slot &z, double *P, const double *S, int e) {
   double forces[predicted_forces::out::size];
   predicted_forces::run<const Ahead &, double *>(Ahead{z, P + e, S, e}, forces);
-#pragma unroll
-  for (int i = 0; i < 6; i++) P[(FORCES + i) * NODES + e] = forces[i];
+  UNROLL for (int i = 0; i < 6; i++) P[(FORCES + i) * NODES + e] = forces[i];
 }
 
 INLINE void move(Slot &z, double *P, const double *S, int node) {
   double of[moved::in::size], to[moved::out::size], none = 0.0;
-#pragma unroll
-  for (int i = 0; i < 12; i++) of[i] = P[i * NODES + node];
-#pragma unroll
-  for (int i = 0; i < 6; i++) of[moved::in::twist + i] = motion(z, S, node, i);
+  UNROLL for (int i = 0; i < 12; i++) of[i] = P[i * NODES + node];
+  UNROLL for (int i = 0; i < 6; i++) of[moved::in::twist + i] = motion(z, S, node, i);
   moved::run<const double *, double *>(of, to);
-#pragma unroll
-  for (int i = 0; i < 12; i++) P[i * NODES + node] = to[i], none += to[i] - to[i];
+  UNROLL for (int i = 0; i < 12; i++) P[i * NODES + node] = to[i], none += to[i] - to[i];
   if (!(none == 0.0)) z.state.finite = false;
-#pragma unroll
-  for (int i = 0; i < 6; i++) {
+  UNROLL for (int i = 0; i < 6; i++) {
     const double x = S[node * ROW + F + i] * z.of_mode;
     if (isfinite(x)) P[(MODE + i) * NODES + node] = x;
   }
