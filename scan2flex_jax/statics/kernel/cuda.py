@@ -11,6 +11,7 @@ import math
 import tempfile
 import warnings
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
@@ -151,8 +152,16 @@ def compiled_for(elements: int, card: Card) -> bytes:
 
 @cache
 def _translation():
-    """What `settle.cu` includes that is made from the package."""
-    return {"elements.inc": elements.source().encode(), "constants.inc": elements.constants().encode()}
+    """What `settle.cu` includes, made from the package outside of the trace of a solve, and not on the card."""
+
+    def source():
+        with contextlib.ExitStack() as stack:
+            with contextlib.suppress(RuntimeError):  # JAX_PLATFORMS leaves the CPU out
+                stack.enter_context(jax.default_device(jax.devices("cpu")[0]))
+            return elements.source()
+
+    with ThreadPoolExecutor(1) as thread:
+        return {"elements.inc": thread.submit(source).result().encode(), "constants.inc": elements.constants().encode()}
 
 
 def _nvrtc():
@@ -169,7 +178,7 @@ def _nvrtc():
 def _fits(n):
     """Whether the card solves rods of ``n`` elements; a warning says why not."""
     try:
-        _code(n, _card(0))
+        _code(n)
     except Scan2FlexError as error:
         warnings.warn(str(error), stacklevel=2)
         return False
@@ -177,17 +186,17 @@ def _fits(n):
 
 
 @cache
-def _code(n, card):
-    """The machine code, kept where the library of the CPU is."""
+def _code(n):
+    """The machine code, kept where the library of the CPU is; `_fits` makes it when a solve is traced."""
 
     def file():
         library_file = library.path()
-        return library_file.with_name(f"{library_file.stem}-sm_{card.capability}-{n}.cubin")
+        return library_file.with_name(f"{library_file.stem}-sm_{_card().capability}-{n}.cubin")
 
     with contextlib.suppress(OSError, RuntimeError):  # not there, or no home
         if library.ours(file()):
             return file().read_bytes()
-    code = compiled_for(n, card)
+    code = compiled_for(n, _card())
     with contextlib.suppress(OSError, RuntimeError):
         file().parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=file().parent, delete=False) as part:
@@ -214,13 +223,13 @@ def _do(name, *arguments):
 
 
 @cache
-def _card(device):
-    """The card of a number."""
+def _card():
+    """The first card; all are taken to be alike."""
     value = ctypes.c_int()
     _do("cuInit", 0)
 
     def of(attribute):
-        _do("cuDeviceGetAttribute", ctypes.byref(value), attribute, device)
+        _do("cuDeviceGetAttribute", ctypes.byref(value), attribute, 0)
         return value.value
 
     return Card(10 * of(_MAJOR) + of(_MINOR), of(_SHARED), of(_PROCESSORS))
@@ -228,19 +237,17 @@ def _card(device):
 
 @cache
 def _function(context, n):
-    """The kernel in a context, which is the current one, with its card."""
-    device, module, function = ctypes.c_int(), ctypes.c_void_p(), ctypes.c_void_p()
-    _do("cuCtxGetDevice", ctypes.byref(device))
-    card = _card(device.value)
-    _do("cuModuleLoadData", ctypes.byref(module), _code(n, card))
+    """The kernel in a context, which is the current one."""
+    module, function = ctypes.c_void_p(), ctypes.c_void_p()
+    _do("cuModuleLoadData", ctypes.byref(module), _code(n))
     _do("cuModuleGetFunction", ctypes.byref(function), module, b"settle")
-    _do("cuFuncSetAttribute", function, _DYNAMIC, _dynamic(n, card))
-    return function, card
+    _do("cuFuncSetAttribute", function, _DYNAMIC, _dynamic(n))
+    return function
 
 
-def _dynamic(n, card):
+def _dynamic(n):
     """Bytes of shared memory of a block, besides those that the kernel declares."""
-    return rods_of_a_block(n, card) * (n + n % 2 + 1) * _ROW
+    return rods_of_a_block(n, _card()) * (n + n % 2 + 1) * _ROW
 
 
 def _launch(operands, n, call):
@@ -248,12 +255,11 @@ def _launch(operands, n, call):
     _do("cuStreamGetCtx", stream, ctypes.byref(context))
     _do("cuCtxPushCurrent_v2", context)
     try:
-        function, card = _function(context.value, n)
-        blocks = min(card.processors, operands.rods)
-        threads = -(-rods_of_a_block(n, card) * max(n + 1, _LANES) // 32) * 32
+        function, blocks = _function(context.value, n), min(_card().processors, operands.rods)
+        threads = -(-rods_of_a_block(n, _card()) * max(n + 1, _LANES) // 32) * 32
         _do("cuMemsetD32Async", ctypes.c_void_p(operands.arrays[16] + 4 * 3), 0, ctypes.c_size_t(1), stream)
         argument = (ctypes.c_void_p * 1)(ctypes.addressof(operands))
-        _do("cuLaunchKernel", function, blocks, 1, 1, threads, 1, 1, _dynamic(n, card), stream, argument, None)
+        _do("cuLaunchKernel", function, blocks, 1, 1, threads, 1, 1, _dynamic(n), stream, argument, None)
     finally:
         _do("cuCtxPopCurrent_v2", ctypes.byref(context))
 
