@@ -3,62 +3,32 @@
 On the CPU the threads of a block are fibers in random order (`fibers.cpp`), so that a barrier that is missing changes results.
 """
 
-import ctypes
-import shutil
 import subprocess
 import sys
-from functools import cache
-from itertools import count
-from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from scan2flex_jax.effects.nonlinear_bending import NonlinearBending
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.model import CableModel
-from scan2flex_jax.statics import MixedNewton, equilibrium
-from scan2flex_jax.statics.kernel import cuda, elements, library
+from scan2flex_jax.statics import MixedNewton
+from scan2flex_jax.statics.kernel import cuda, library
 from scan2flex_jax.statics.kernel.solver import default_solver
-from scan2flex_jax.statics.verdict import NON_FINITE
 
-from . import cases
-from .rods import ELEMENTS, LANES, judged, random_rods, settle_of
+from .rods import COMPILER, ELEMENTS, LANES, judged, middle, random_rods, same_derivatives, settle_of, solver_on_threads
 
 H200 = cuda.Card(90, 232_448, 132)
-STRAIGHT, IN_A_BLOCK = 2, 3  # an odd number: the last warp eliminates one rod
+STRAIGHT = 2
 MESHES = (8, ELEMENTS, 40)
 MANY = 50  # steps beyond which rounding decides on the way
-needs_compiler = pytest.mark.skipif(not shutil.which("g++"), reason="no g++")
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C++ compiler")
 needs_gpu = pytest.mark.skipif(jax.default_backend() != "gpu", reason="no GPU")
-orders = count()
 
 
 @pytest.fixture(scope="module")
 def on_threads(tmp_path_factory):
-    """The solver whose kernel runs on the CPU."""
-    folder = tmp_path_factory.mktemp("fibers")
-    (folder / "elements.inc").write_text(elements.source())
-    (folder / "constants.inc").write_text(elements.constants())
-    include = [f"-I{path}" for path in (folder, Path(cuda.__file__).parent)]
-
-    @cache
-    def built(n):
-        command = ["g++", "-std=c++17", "-O1", "-w", "-shared", "-fPIC", f"-DN={n}", f"-DRODS={IN_A_BLOCK}", *include]
-        subprocess.run([*command, str(Path(__file__).with_name("fibers.cpp")), "-o", str(folder / f"{n}.so")], check=True)
-        return ctypes.CDLL(str(folder / f"{n}.so"))
-
-    def launch(operands, n, call):
-        (ctypes.c_int * 4).from_address(operands.arrays[16])[3] = 0
-        if built(n).launch(ctypes.byref(operands), next(orders)):
-            raise RuntimeError("threads wait for each other")
-
-    cuda.register(launch, "settle_on_threads", "cpu")
-    return cuda.CudaNewton("settle_on_threads", "cpu")
+    return solver_on_threads(tmp_path_factory.mktemp("fibers"))
 
 
 def same(solver, n, tolerance):
@@ -78,58 +48,11 @@ def same(solver, n, tolerance):
         np.testing.assert_allclose(a, b, rtol=0.0, atol=tolerance * (1.0 + np.max(np.abs(b))))
 
 
-def middle(x, solver):
-    cable = Cable(1.0, 0.2, jnp.exp(x[0]), jnp.exp(x[1]))
-    model, clamps = CableModel(cable, cases.EARTH), cases.clamped(*cases.four_poses()[1])
-    found = equilibrium(model, clamps, elements=ELEMENTS, solver=solver)
-    return jnp.sum(found.points[ELEMENTS // 2] * jnp.array([1.0, 2.0, 3.0]))
-
-
-def same_derivatives(solver):
-    x = jnp.log(jnp.array([[0.1, 0.25], [0.12, 0.2]]))
-    ours = jax.jit(jax.grad(lambda x: jnp.sum(jax.vmap(lambda row: middle(row, solver))(x))))(x)
-    in_jax = jax.jit(jax.jacfwd(lambda row: middle(row, MixedNewton())))
-    np.testing.assert_allclose(ours, [in_jax(row) for row in x], rtol=1e-7)
-
-
 @needs_compiler
 @pytest.mark.slow
 @pytest.mark.parametrize("n", MESHES)
 def test_threads_in_any_order_end_as_jax(on_threads, n):
     same(on_threads, n, 1e-8)
-
-
-@needs_compiler
-@pytest.mark.slow
-def test_broken_rods_leave_others_alone(on_threads):
-    """Also those that come after them in their place; bit by bit, in another order of the threads."""
-    rods, starts = random_rods(ELEMENTS, STRAIGHT)
-    bad = eqx.tree_at(lambda r: r.load.force, rods, rods.load.force.at[3].set(jnp.nan))
-    broken = eqx.tree_at(lambda s: s.r, starts, starts.r.at[5, 4].set(jnp.inf))
-    found = settle_of(on_threads)(bad, broken)
-    codes = np.asarray(judged(bad, found).code)
-    assert codes[3] == codes[5] == NON_FINITE
-    others = np.setdiff1d(np.arange(LANES), (3, 5))
-    for with_bad, without in zip(jax.tree.leaves(found), jax.tree.leaves(settle_of(on_threads)(rods, starts)), strict=True):
-        np.testing.assert_array_equal(with_bad[others], without[others])
-
-
-@needs_compiler
-@pytest.mark.slow
-def test_derivatives_of_a_batch_are_those_of_the_solve_in_jax(on_threads):
-    same_derivatives(on_threads)
-
-
-@needs_compiler
-@pytest.mark.slow
-def test_energies_of_effects_are_left_to_jax(on_threads):
-    def program(*effects):
-        model = CableModel(Cable(1.0, 0.2, 0.1, 0.25), cases.EARTH, effects)
-        boundary = cases.clamped(*cases.four_poses()[0])
-        return str(jax.make_jaxpr(lambda m: equilibrium(m, boundary, solver=on_threads).points)(model))
-
-    assert on_threads.target in program()
-    assert on_threads.target not in program(NonlinearBending(3.0, 0.5))
 
 
 @pytest.mark.slow

@@ -3,7 +3,6 @@
 Skipped without a C++ compiler. The library is kept beside the compiled functions of the tests.
 """
 
-import shutil
 from pathlib import Path
 
 import equinox as eqx
@@ -22,10 +21,10 @@ from scan2flex_jax.statics.kernel.solver import CompiledNewton, default_solver
 from scan2flex_jax.statics.verdict import NON_FINITE
 
 from . import cases
-from .rods import ELEMENTS, LANES, judged, random_rods, settle_of
+from .rods import COMPILER, LANES, judged, random_rods, same_derivatives, settle_of, solver_on_threads
 
 FOLDER = Path(jax.config.jax_compilation_cache_dir)
-_without = pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler")
+_without = pytest.mark.skipif(not COMPILER, reason="no C++ compiler")
 
 
 def needs_compiler(test):
@@ -40,6 +39,14 @@ def kernel():
         patch.setenv(library.FOLDER, str(FOLDER))
         file = library.path()
         return CompiledNewton(library.register(file if file.exists() else build.build()))
+
+
+@pytest.fixture(scope="module", params=("library", "threads of a GPU"))
+def each(request, tmp_path_factory):
+    """Either of the compiled solvers, that of a GPU with its own source on the CPU."""
+    if request.param == "library":
+        return request.getfixturevalue("kernel")
+    return solver_on_threads(tmp_path_factory.mktemp("fibers"))
 
 
 @needs_compiler
@@ -62,42 +69,32 @@ def test_all_supports_and_sections_end_as_in_jax(kernel):
 
 
 @needs_compiler
-def test_failed_lanes_leave_their_neighbours_alone(kernel):
+def test_failed_lanes_leave_their_neighbours_alone(each):
     rods, starts = random_rods()
     bad = eqx.tree_at(lambda r: r.load.force, rods, rods.load.force.at[3].set(jnp.nan))
     broken = eqx.tree_at(lambda s: s.r, starts, starts.r.at[5, 4].set(jnp.inf))
-    found = settle_of(kernel)(bad, broken)
+    found = settle_of(each)(bad, broken)
     codes = np.asarray(judged(bad, found).code)
     assert codes[3] == codes[5] == NON_FINITE
     others = np.setdiff1d(np.arange(LANES), (3, 5))
-    for with_bad, without in zip(jax.tree.leaves(found), jax.tree.leaves(settle_of(kernel)(rods, starts)), strict=True):
+    for with_bad, without in zip(jax.tree.leaves(found), jax.tree.leaves(settle_of(each)(rods, starts)), strict=True):
         np.testing.assert_array_equal(with_bad[others], without[others])
 
 
 @needs_compiler
-def test_derivatives_of_a_batch_are_those_of_the_solve_in_jax(kernel):
-    pose = cases.four_poses()[1]
-
-    def middle(x, solver):
-        cable = Cable(1.0, 0.2, jnp.exp(x[0]), jnp.exp(x[1]))
-        found = equilibrium(CableModel(cable, cases.EARTH), cases.clamped(*pose), elements=ELEMENTS, solver=solver)
-        return jnp.sum(found.points[ELEMENTS // 2] * jnp.array([1.0, 2.0, 3.0]))
-
-    x = jnp.log(jnp.array([[0.1, 0.25], [0.12, 0.2]]))
-    ours = jax.jit(jax.grad(lambda x: jnp.sum(jax.vmap(lambda row: middle(row, kernel))(x))))(x)
-    in_jax = jax.jit(jax.jacfwd(lambda row: middle(row, MixedNewton())))
-    np.testing.assert_allclose(ours, [in_jax(row) for row in x], rtol=1e-7)
+def test_derivatives_of_a_batch_are_those_of_the_solve_in_jax(each):
+    same_derivatives(each)
 
 
 @needs_compiler
-def test_effects_with_an_energy_of_their_own_are_solved_in_jax(kernel):
+def test_effects_with_an_energy_of_their_own_are_solved_in_jax(each):
     def program(*effects):
         model = CableModel(Cable(1.0, 0.2, 0.1, 0.25), cases.EARTH, effects)
         boundary = cases.clamped(*cases.four_poses()[0])
-        return str(jax.make_jaxpr(lambda m: equilibrium(m, boundary, solver=kernel).points)(model))
+        return str(jax.make_jaxpr(lambda m: equilibrium(m, boundary, solver=each).points)(model))
 
-    assert kernel.target in program()
-    assert kernel.target not in program(NonlinearBending(3.0, 0.5))
+    assert each.target in program()
+    assert each.target not in program(NonlinearBending(3.0, 0.5))
 
 
 @needs_compiler
