@@ -93,7 +93,9 @@ class Task:
     @property
     def chunk(self) -> int:
         """Samples of one block, unless the user states it."""
-        return 256 if self.traced else 8
+        if not self.traced:
+            return 8
+        return 4096 if jax.default_backend() == "gpu" else 256
 
 
 def evaluate(task: Task, samples: Columns, width: int, devices: Sequence[jax.Device] | None = None) -> Columns:
