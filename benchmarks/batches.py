@@ -1,15 +1,11 @@
-"""Many equilibria: one call after the other, in one compiled call, vectorised, and on an accelerator.
+"""Many equilibria on a processor: one call after the other, in one compiled call, and vectorised.
 
 `python -m benchmarks.batches` times 256 cables, EI and GJ each over two decades, 40 elements, generic start: one call after the
 other, the same loop inside one compiled call (what a sweep does on a CPU), one vectorised call, which takes as many steps as
 its slowest cable, vectorised groups of cables with similar GJ/EI, and the compiled solver where it is installed
-(`python -m scan2flex_jax.statics.kernel`). Processor seconds; the record is `batches`. If JAX has an accelerator, sweeps of 1,
-4, 16, ... samples are timed on it (target on an H200: 50,000 equilibria a second), and the record is `accelerator`, with the
-name of the device.
+(`python -m scan2flex_jax.statics.kernel`). Processor seconds; the record is `batches`. `benchmarks.accelerator` times a GPU.
 """
 
-import argparse
-import sys
 from time import process_time
 
 import jax
@@ -17,16 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.equilibrium import boundary, model, waited
-from benchmarks.record import conclude, one_processor, record, timed, timed_in_turn
+from benchmarks.record import conclude, one_processor, timed_in_turn
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.statics import MixedNewton, equilibrium
 from scan2flex_jax.statics.kernel import library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton
-from scan2flex_jax.sweep import Output, draws, equilibria, sweep
 
 BATCH, GROUP = 256, 8
-REPEATS, LONGEST = 3, 120.0  # runs of one number of samples; seconds of a run after which more samples are not tried
-MIDDLE = {"middle": (lambda e: e.points[len(e.points) // 2], Output("m", ("axis",)))}  # little to carry home
 
 
 def stiffnesses(count: int) -> np.ndarray:
@@ -63,38 +56,12 @@ def on_a_processor() -> dict:
     return {"cables": BATCH, "solved": int(jnp.sum(verdict.solved)), "steps: mean, most, of a group": steps} | times
 
 
-def on_an_accelerator(most: int) -> dict:
-    """Equilibria per second by the number of samples of a sweep, without compilation."""
-    supports = boundary()
-    task = equilibria(lambda sample: (model(sample["EI"], sample["GJ"]), supports), MIDDLE)
-    results = {"device": jax.devices()[0].device_kind, "backend": jax.default_backend(), "samples": {}}
-    for count in (4**k for k in range(20) if 4**k <= most):
-        samples = draws(**{name: (x, "N m^2") for name, x in zip(("EI", "GJ"), stiffnesses(count), strict=True)})
-        found = sweep(task, samples, chunk=count)
-        t = timed(lambda n=count, samples=samples: sweep(task, samples, chunk=n), REPEATS)
-        t |= {"equilibria per second": count / t["min_s"], "solved": int((found["code"] == 0).sum())}
-        results["samples"][str(count)] = t | {"steps: mean, most": [float(found["steps"].mean()), int(found["steps"].max())]}
-        sys.stderr.write(f"{count} samples: {t['equilibria per second']:.0f} equilibria a second, {t['solved']} solved\n")
-        record("accelerator", results)
-        if t["min_s"] > LONGEST:
-            break
-    return results
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.batches", description=__doc__.splitlines()[0])
-    parser.add_argument("--most", type=int, default=65_536, help="samples of the largest batch on an accelerator")
-    args = parser.parse_args()
     jax.config.update("jax_enable_x64", True)
-    if jax.default_backend() == "cpu":
-        one_processor()
-        results = on_a_processor()
-        conclude("batches", results, {f"{way} over loop": results[way]["min_s"] / results["loop"]["min_s"]
-                                      for way in ("loop in one call", f"vmap, groups of {GROUP}")})  # fmt: skip
-    else:
-        results = on_an_accelerator(args.most)
-        rates = [row["equilibria per second"] for row in results["samples"].values()]
-        conclude("accelerator", results, {"a sample of the best batch over one alone": rates[0] / max(rates)})
+    one_processor()
+    results = on_a_processor()
+    conclude("batches", results, {f"{way} over loop": results[way]["min_s"] / results["loop"]["min_s"]
+                                  for way in ("loop in one call", f"vmap, groups of {GROUP}")})  # fmt: skip
 
 
 if __name__ == "__main__":

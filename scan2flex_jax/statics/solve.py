@@ -123,8 +123,8 @@ def solve_rod(
         rod: Sections, loads and supports, from `discretise`.
         start: Initial configuration, which selects the branch; by default a sag along the resultant of the dead loads.
         turns: Full turns of twist of the default start.
-        solver: `MixedNewton` (default; compiled where `statics.kernel` is installed), another `AbstractRodSolver`, or an
-            optimistix minimiser, which is run by `ScaledMinimiser`, each with its own tolerances.
+        solver: `MixedNewton` (default; compiled on a GPU, or where `statics.kernel` is installed), another `AbstractRodSolver`,
+            or an optimistix minimiser, which is run by `ScaledMinimiser`, each with its own tolerances.
         max_steps: Largest number of steps; None is the solver's default.
         throw: Raise if the solve fails. Otherwise the failure stands in the `Verdict` of the result, so that one rod of a
             batch does not affect the others.

@@ -44,8 +44,8 @@ def sweep(
         store: Folder (or address that zarr knows) of a zarr store that keeps each finished chunk; the same call continues from
             there.
         client: A `dask.distributed.Client`, whose workers evaluate the samples; by default this process does.
-        chunk: Largest number of samples that are evaluated and stored together: 8 by default, 256 of a traced task. On an
-            accelerator they are one vectorised call.
+        chunk: Largest number of samples that are evaluated and stored together: 8 by default, of a traced task 256, and 4096 on
+            a GPU. On an accelerator they are one vectorised call.
         devices: Devices of this process over which a traced task is vectorised; by default a loop on a CPU, and all local
             devices elsewhere.
         longest: Seconds after which no further chunk is begun; samples not reached are marked, and the same call continues.
@@ -161,7 +161,10 @@ def _line(found, before, spent) -> str:
 
 def _labelled(found):
     """The outputs before the status, plain text, and the names of axes and ends as coordinates."""
-    found["verdict"] = found["verdict"].astype(str)
+    verdict = found["verdict"]
+    places = {sentence: i for i, sentence in enumerate(dict.fromkeys(verdict.values.flat))}  # each is made once
+    which = np.fromiter(map(places.get, verdict.values.flat), int, verdict.size).reshape(verdict.shape)
+    found["verdict"] = verdict.copy(data=np.array(list(places), str).take(which))
     order = [*(name for name in found if name not in STATUS), *STATUS]
     found = extra("xarray").Dataset({name: found[name] for name in order}, found.coords)
     return found.assign_coords({d: names for d, names in _AXES.items() if found.sizes.get(d) == len(names)})

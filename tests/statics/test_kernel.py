@@ -3,8 +3,6 @@
 Skipped without a C++ compiler. The library is kept beside the compiled functions of the tests.
 """
 
-import shutil
-from functools import cache, partial
 from pathlib import Path
 
 import equinox as eqx
@@ -12,36 +10,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from reference import clamped_cases
 
-from scan2flex_jax.compilation import compiled
 from scan2flex_jax.effects.nonlinear_bending import NonlinearBending
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.geometry import lie
-from scan2flex_jax.rod.boundary import BALL, CLAMP, FREE, Boundary
 from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.element_law import stiffness_within
-from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics import MixedNewton, equilibrium
 from scan2flex_jax.statics.kernel import build, library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton, default_solver
-from scan2flex_jax.statics.starts import sagging_start
-from scan2flex_jax.statics.verdict import NON_FINITE, judge
+from scan2flex_jax.statics.verdict import NON_FINITE
 
 from . import cases
+from .rods import COMPILER, LANES, judged, random_rods, same_derivatives, settle_of, solver_on_threads
 
 FOLDER = Path(jax.config.jax_compilation_cache_dir)
-LANES, ELEMENTS = 24, 11
-SUPPORTS = ((CLAMP, CLAMP), (CLAMP, FREE), (CLAMP, BALL), (BALL, BALL))
-_without = pytest.mark.skipif(not any(map(shutil.which, ("c++", "g++", "clang++"))), reason="no C++ compiler")
+_without = pytest.mark.skipif(not COMPILER, reason="no C++ compiler")
 
 
 def needs_compiler(test):
     """A test of the library, whose compilation takes most of a minute."""
     return pytest.mark.slow(_without(test))
-
-
-judged = jax.jit(jax.vmap(judge))
 
 
 @pytest.fixture(scope="module")
@@ -53,35 +41,12 @@ def kernel():
         return CompiledNewton(library.register(file if file.exists() else build.build()))
 
 
-@cache
-def random_rods():
-    """Rods with unequal, coupled and varying sections on all kinds of supports, and their generic starts, as one batch."""
-    rng = np.random.default_rng(5)
-    held = np.array([SUPPORTS[i % len(SUPPORTS)] for i in range(LANES)])
-    stiffness, frames = 10.0 ** rng.uniform(-2, 0, (LANES, 3)), 0.7 * rng.normal(size=(LANES, 2, 3))
-    numbers = stiffness, rng.uniform(0.0, 0.3, LANES), rng.normal(size=(LANES, 6)) * [1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0]
-    ends = rng.uniform([0.3, -0.4, -0.4], [0.8, 0.4, 0.4], (LANES, 3))
-    mixed = 0.1 * rng.uniform(-1.0, 1.0, (LANES, ELEMENTS, 6, 6)) + 0.3 * rng.uniform(size=(LANES, ELEMENTS, 1, 1)) * np.eye(6)
-    return compiled(jax.vmap(rod_of))(*map(jnp.asarray, (*numbers, held, frames, ends, mixed)))
-
-
-def rod_of(stiffness, density, natural, held, frames, end, mixed):
-    """A rod with ``mixed`` added to its sections, as parts of their size, and its generic start."""
-    rotation = jnp.array(clamped_cases.START_FRAME) @ jax.vmap(lie.so3_exp)(frames)
-    clamps = Boundary(jnp.stack([jnp.zeros(3), end]), rotation, held)
-    cable = Cable(1.0, density, stiffness[:2], stiffness[2], 3e2, 4e3, natural[3:], natural[:3])
-    model = CableModel(cable, jnp.array([0.5, -0.3, -9.81]))
-    rod = discretise(model, clamps, len(mixed))
-    size = jnp.sqrt(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2))
-    mixed = 0.5 * (mixed + mixed.swapaxes(1, 2)) * size[:, :, None] * size[:, None, :]
-    rod = eqx.tree_at(lambda r: r.section.stiffness, rod, rod.section.stiffness + mixed)
-    rod = eqx.tree_at(lambda r: r.section.within, rod, stiffness_within(rod.section.stiffness))
-    return rod, sagging_start(clamps, cable.length, model.gravity, 0, len(mixed))
-
-
-@cache
-def settle_of(solver):
-    return compiled(jax.vmap(partial(solver.settle, max_steps=None)))
+@pytest.fixture(scope="module", params=("library", "threads of a GPU"))
+def each(request, tmp_path_factory):
+    """Either of the compiled solvers, that of a GPU with its own source on the CPU."""
+    if request.param == "library":
+        return request.getfixturevalue("kernel")
+    return solver_on_threads(tmp_path_factory.mktemp("fibers"))
 
 
 @needs_compiler
@@ -104,42 +69,32 @@ def test_all_supports_and_sections_end_as_in_jax(kernel):
 
 
 @needs_compiler
-def test_failed_lanes_leave_their_neighbours_alone(kernel):
+def test_failed_lanes_leave_their_neighbours_alone(each):
     rods, starts = random_rods()
     bad = eqx.tree_at(lambda r: r.load.force, rods, rods.load.force.at[3].set(jnp.nan))
     broken = eqx.tree_at(lambda s: s.r, starts, starts.r.at[5, 4].set(jnp.inf))
-    found = settle_of(kernel)(bad, broken)
+    found = settle_of(each)(bad, broken)
     codes = np.asarray(judged(bad, found).code)
     assert codes[3] == codes[5] == NON_FINITE
     others = np.setdiff1d(np.arange(LANES), (3, 5))
-    for with_bad, without in zip(jax.tree.leaves(found), jax.tree.leaves(settle_of(kernel)(rods, starts)), strict=True):
+    for with_bad, without in zip(jax.tree.leaves(found), jax.tree.leaves(settle_of(each)(rods, starts)), strict=True):
         np.testing.assert_array_equal(with_bad[others], without[others])
 
 
 @needs_compiler
-def test_derivatives_of_a_batch_are_those_of_the_solve_in_jax(kernel):
-    pose = cases.four_poses()[1]
-
-    def middle(x, solver):
-        cable = Cable(1.0, 0.2, jnp.exp(x[0]), jnp.exp(x[1]))
-        found = equilibrium(CableModel(cable, cases.EARTH), cases.clamped(*pose), elements=ELEMENTS, solver=solver)
-        return jnp.sum(found.points[ELEMENTS // 2] * jnp.array([1.0, 2.0, 3.0]))
-
-    x = jnp.log(jnp.array([[0.1, 0.25], [0.12, 0.2]]))
-    ours = jax.jit(jax.grad(lambda x: jnp.sum(jax.vmap(lambda row: middle(row, kernel))(x))))(x)
-    in_jax = jax.jit(jax.jacfwd(lambda row: middle(row, MixedNewton())))
-    np.testing.assert_allclose(ours, [in_jax(row) for row in x], rtol=1e-7)
+def test_derivatives_of_a_batch_are_those_of_the_solve_in_jax(each):
+    same_derivatives(each)
 
 
 @needs_compiler
-def test_effects_with_an_energy_of_their_own_are_solved_in_jax(kernel):
+def test_effects_with_an_energy_of_their_own_are_solved_in_jax(each):
     def program(*effects):
         model = CableModel(Cable(1.0, 0.2, 0.1, 0.25), cases.EARTH, effects)
         boundary = cases.clamped(*cases.four_poses()[0])
-        return str(jax.make_jaxpr(lambda m: equilibrium(m, boundary, solver=kernel).points)(model))
+        return str(jax.make_jaxpr(lambda m: equilibrium(m, boundary, solver=each).points)(model))
 
-    assert kernel.target in program()
-    assert kernel.target not in program(NonlinearBending(3.0, 0.5))
+    assert each.target in program()
+    assert each.target not in program(NonlinearBending(3.0, 0.5))
 
 
 @needs_compiler

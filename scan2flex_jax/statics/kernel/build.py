@@ -7,27 +7,16 @@ import tempfile
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 
-from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.cable import Cable
-from scan2flex_jax.rod.model import CableModel, discretise
-from scan2flex_jax.statics import blocktridiagonal, newton
 from scan2flex_jax.statics.kernel import elements, library
+from scan2flex_jax.statics.kernel.operands import check
 from scan2flex_jax.statics.kernel.solver import CompiledNewton
-from scan2flex_jax.statics.starts import sagging_start
 
 _FLAGS = ("-std=c++17", "-O3", "-fno-math-errno", "-ffp-contract=fast", "-w", "-shared", "-fPIC")
 _NATIVE = "-march=native"  # not every compiler knows it
 _COMPILERS = ("c++", "g++", "clang++")
-_ALIKE = 1.0e-9  # of the length: the two solvers' difference in the check; rounding leaves 1e-14
-_CONSTANTS = {
-    "LONGEST": newton._LONGEST, "PUSH": newton._PUSH, "SETTLED": newton._SETTLED, "LEFT": newton._LEFT, "HOLD": newton._HOLD,
-    "FIRST": newton._FIRST, "GROW": newton._GROW, "SHRINK": newton._SHRINK, "NONE": newton._NONE,
-    "NEUTRAL": blocktridiagonal._NEUTRAL,
-}  # fmt: skip
+_CHECKED = 11  # elements of the cable in the check
 
 
 def build() -> Path:
@@ -44,7 +33,7 @@ def build() -> Path:
         place.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=place.parent) as folder:
             file = _compile(Path(folder))
-            _check(library.register(file))
+            check(CompiledNewton(library.register(file)), _CHECKED)
             file.replace(place)
     except OSError as error:
         raise Scan2FlexError(f"{place.parent}: the kernel cannot be written there ({error.strerror}): name another folder"
@@ -60,7 +49,7 @@ def _compile(folder):
         raise Scan2FlexError(f"no C++ compiler found ({', '.join(_COMPILERS)}): install one, or name it in CXX.")
     file, here = folder / "settle.so", Path(__file__).parent
     (folder / "elements.inc").write_text(elements.source())
-    (folder / "constants.inc").write_text("".join(f"constexpr double {k} = {v!r};\n" for k, v in _CONSTANTS.items()))
+    (folder / "constants.inc").write_text(elements.constants())
     headers = [f"-I{path}" for path in (folder, here, jax.ffi.include_dir())]
     command = [*compiler, *_FLAGS, *headers, str(here / "settle.cpp"), "-o", str(file)]
     for more in ([_NATIVE], []):
@@ -73,16 +62,3 @@ def _compile(folder):
             return file
     first = next((line for line in done.stderr.splitlines() if "error" in line), "no message")
     raise Scan2FlexError(f"the C++ compiler {compiler[0]!r} failed ({first}): set CXX to another, which knows C++17.")
-
-
-def _check(target):
-    """Raise `Scan2FlexError` unless a twisted cable of eleven elements ends where `MixedNewton` leaves it."""
-    cable = Cable(length=1.0, length_density=0.2, bending_stiffness=[0.1, 0.12], torsional_stiffness=0.25)
-    model = CableModel(cable, gravity=[0.0, 0.0, -9.81])
-    clamps = Boundary.of(([0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5]), ([0.6, 0.2, 0.0], [0.0, 0.7, 0.0, 0.7]))
-    rod = discretise(model, clamps, 11)
-    start = sagging_start(clamps, cable.length, model.gravity, 0, rod.elements)
-    ours, theirs = (compiled(s.settle)(rod, start) for s in (CompiledNewton(target), newton.MixedNewton()))
-    apart = float(jnp.max(jnp.linalg.norm(ours.configuration.r - theirs.configuration.r, axis=1)))
-    if not (apart < _ALIKE and int(ours.steps) == int(theirs.steps)):
-        raise Scan2FlexError(f"the compiled kernel's result differs by {apart:.1e} m of 1 m: it is not installed.")

@@ -1,28 +1,33 @@
-"""C++ of the arithmetic of one element and of one node, translated from the package's own functions.
+"""C++ of the arithmetic of one element and of one node, translated from the package's own functions, for CPU and GPU.
 
 The energy of a rod is the sum over its elements, so its gradient and Hessian are sums of those of rods of one element: the
 functions below apply `rod.assembly.derivatives` and others to such a rod, without supports. A node's load counts in the element
-before it. Translated (`symbolic`), each function works on eight elements or nodes at a time.
+before it. Translated (`symbolic`), each function works on numbers of type ``lanes``: those of eight elements or nodes on a CPU
+(`lanes.h`), one on a GPU (`settle.cu`).
 """
 
+from collections import defaultdict
 from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from scan2flex_jax.geometry import lie
+from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.assembly import Elements, derivatives, section_forces, strain_increment
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import Section
 from scan2flex_jax.rod.energy import retract
 from scan2flex_jax.rod.loads import DeadLoad
 from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.statics import blocktridiagonal, newton
 from scan2flex_jax.statics.kernel.symbolic import Graph, traced
 from scan2flex_jax.statics.newton import lent_forces, stiffened
 
+_CONSTANTS = ("_LONGEST", "_PUSH", "_SETTLED", "_LEFT", "_HOLD", "_FIRST", "_GROW", "_SHRINK", "_NONE")
 _SECTION = {"ds": (), "stiffness": (1, 6, 6), "natural": (1, 6), "within": (1, 3, 3)}
 _FRAMES = {"r": (2, 3), "R": (2, 3, 3)}
-_OF_ELEMENT = {"x": (1, 6), "n": (1, 6), "K": (1, 6, 6), "T": (1, 6, 6), "A": (1, 6, 6)}
 
 
 class Routine(NamedTuple):
@@ -51,15 +56,19 @@ def _forces(ds, stiffness, natural, within, r, R):
     return section_forces(_rod(ds, stiffness, natural, within), Configuration(r, R))
 
 
-def _element(ds, stiffness, natural, within, r, R, force, lever, predicted, damping, mode, lendable):
-    rod = _rod(ds, stiffness, natural, within, force, lever)
-    d = derivatives(rod, Configuration(r, R), damping, lambda n: predicted)
-    return *d.elements, d.gradient, d.diagonal, d.upper, lent_forces(rod, lendable, d.elements, mode)
+def _element(ds, stiffness, natural, within, r, R, force, lever, forces, of_strains, stretching, lent, lendable, mode):
+    rod, turning = _rod(ds, stiffness, natural, within, force, lever), jnp.diag(jnp.array(newton._ROTATION))
+    kept = jnp.concatenate([jnp.full(3, stretching), jnp.ones(3)])
+    d = derivatives(
+        rod, Configuration(r, R), lent * lendable * turning, lambda n: jnp.where(of_strains > 0.0, n * kept, forces)
+    )
+    return *d.elements, d.gradient, d.diagonal, d.upper, lent_forces(rod, lendable * turning, d.elements, mode)
 
 
-def _predicted(ds, n, K, T, A, twist):
-    rod = _rod(ds, K, n, jnp.zeros((1, 3, 3)))
-    return n + jnp.sum(K * strain_increment(rod, Elements(n, n, K, T, A), twist)[:, None, :], axis=-1)
+def _predicted(ds, r, R, x, n, K, twist):
+    T, A = lie.right_jacobian_inverse(x[0]), lie.adjoint_inverse(vecmat(r[1] - r[0], R[0]), matmul(R[0].T, R[1]))
+    increment = strain_increment(_rod(ds, K, n, jnp.zeros((1, 3, 3))), Elements(x, n, K, T[None], A[None]), twist)
+    return n + matvec(K, increment)
 
 
 def _moved(r, R, twist):
@@ -67,28 +76,34 @@ def _moved(r, R, twist):
 
 
 _LOADS = {"force": (2, 3), "lever": (2, 3)}
-_STEP = {"predicted": (1, 6), "damping": (6, 6), "mode": (2, 6), "lendable": (6, 6)}
+_STEP = {"forces": (1, 6), "of_strains": (), "stretching": (), "lent": (), "lendable": (), "mode": (2, 6)}
 ROUTINES = (
     Routine("stiffened", _stiffened, {"within": (1, 3, 3), "own": ()}, ("within", "own")),
     Routine("section_forces", _forces, _SECTION | _FRAMES, ("n",)),
     Routine(
         "element", _element, _SECTION | _FRAMES | _LOADS | _STEP,
-        (*_OF_ELEMENT, "gradient", "diagonal", "upper", "followed"),
+        ("x", "n", "K", "T", "A", "gradient", "diagonal", "upper", "followed"),
     ),
     Routine(
-        "predicted_forces", _predicted, {k: v for k, v in ({"ds": ()} | _OF_ELEMENT).items() if k != "x"} | {"twist": (2, 6)},
+        "predicted_forces", _predicted, {"ds": ()} | _FRAMES | {"x": (1, 6), "n": (1, 6), "K": (1, 6, 6), "twist": (2, 6)},
         ("forces",),
     ),
     Routine("moved", _moved, {"r": (1, 3), "R": (1, 3, 3), "twist": (1, 6)}, ("r", "R")),
 )  # fmt: skip
 
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "lt": "<", "gt": ">", "le": "<=", "ge": ">=", "eq": "==", "ne": "!=",
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "lt": "<", "gt": ">", "le": "<=", "ge": ">=", "eq": "==", "ne": "!=",
           "and": "&", "or": "|"}  # fmt: skip
 
 
 def source() -> str:
     """The C++ of all routines: for each a namespace with the places of its inputs and outputs, and a function ``run``."""
     return "\n".join(_translated(routine) for routine in ROUTINES)
+
+
+def constants() -> str:
+    """The C++ of the constants of the method."""
+    named = {name[1:]: getattr(newton, name) for name in _CONSTANTS} | {"NEUTRAL": blocktridiagonal._NEUTRAL}
+    return "".join(f"constexpr double {name} = {value!r};\n" for name, value in named.items())
 
 
 def _translated(routine):
@@ -100,34 +115,36 @@ def _translated(routine):
         inputs.append(np.array([graph.input(first + i) for i in range(count)], int).reshape(shape))
         first += count
     found = traced(graph, routine.function, tuple(inputs))
-    results = np.concatenate([x.ravel() for x in found])
+    results = np.concatenate([x.ravel() for x in found]).tolist()
     second, outputs = 0, []
     for name, nodes in zip(routine.outputs, found, strict=True):
         outputs.append(f"constexpr int {name} = {second};")
         second += nodes.size
-    lines = _statements(graph, results)
-    lines += [f"out[{i}] = {_operand(graph, node)};" for i, node in enumerate(results.tolist())]
     return "\n".join(
         [f"namespace {routine.name} {{", "namespace in {", *places, f"constexpr int size = {first};", "}", "namespace out {",
          *outputs, f"constexpr int size = {second};", "}",
-         "static void run(const lanes *__restrict in, lanes *__restrict out) {", *lines, "}", "}"]
+         "template <class In, class Out> INLINE void run(In in, Out out) {", *_statements(graph, results), "}", "}"]
     )  # fmt: skip
 
 
 def _statements(graph, results):
-    """One statement for each node that a result depends on."""
-    needed, open_ = set(), list(set(results.tolist()))
+    """One statement for each node that a result depends on; each result as soon as it is known."""
+    needed, open_, places = set(), list(set(results)), defaultdict(list)
     while open_:
         index = open_.pop()
         if index not in needed:
             needed.add(index)
             if graph.nodes[index].operation not in ("const", "input"):
                 open_ += graph.nodes[index].arguments
-    return [
-        f"const {'truths' if graph.is_truth(i) else 'lanes'} v{i} = {_expression(graph, graph.nodes[i])};"
-        for i in sorted(needed)
-        if graph.nodes[i].operation != "const"
-    ]
+    for place, index in enumerate(results):
+        places[index].append(place)
+    lines = []
+    for i in sorted(needed):
+        if graph.nodes[i].operation != "const":
+            kind = "truths" if graph.is_truth(i) else "lanes"
+            lines.append(f"const {kind} v{i} = {_expression(graph, graph.nodes[i])};")
+        lines += [f"out[{place}] = {_operand(graph, i)};" for place in places[i]]
+    return lines
 
 
 def _expression(graph, node):
@@ -139,7 +156,7 @@ def _expression(graph, node):
     if node.operation in _INFIX:
         return f"{x[0]} {_INFIX[node.operation]} {x[1]}"
     if node.operation in ("neg", "not"):
-        return f"{'-' if node.operation == 'neg' else '~'}{x[0]}"
+        return f"{'-' if node.operation == 'neg' else '!'}{x[0]}"
     return f"lanes_{node.operation}({', '.join(x)})"
 
 

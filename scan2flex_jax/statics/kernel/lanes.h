@@ -8,6 +8,8 @@ namespace {
 constexpr int W = 8;  // elements or nodes at a time
 typedef double lanes __attribute__((vector_size(W * sizeof(double))));
 typedef int64_t truths __attribute__((vector_size(W * sizeof(int64_t))));
+using Read = const lanes *__restrict;
+using Write = lanes *__restrict;
 
 inline lanes all(double x) { return lanes{} + x; }
 
@@ -20,6 +22,7 @@ inline lanes each(F f, lanes x, lanes y) {
   for (int k = 0; k < W; k++) x[k] = f(x[k], y[k]);
   return x;
 }
+inline lanes lanes_div(lanes x, lanes y) { return x / y; }
 inline lanes lanes_sqrt(lanes x) {
   for (int k = 0; k < W; k++) x[k] = std::sqrt(x[k]);
   return x;
@@ -46,7 +49,5 @@ void unpack(double *to, const lanes *from, int entries, int stride, int first, i
     for (int i = 0; i < entries; i++) one[i] = lane[W * i];
   }
 }
-
-inline double larger(double a, double b) { return a > b || a != a ? a : b; }
 
 }  // namespace

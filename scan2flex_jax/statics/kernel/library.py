@@ -38,14 +38,19 @@ def path() -> Path:
     return (cached if given == "off" else Path(given)) / f"settle-{key()}.so"
 
 
+def switched_off() -> bool:
+    """Whether the user wants no compiled solver."""
+    return os.environ.get(SWITCH) == "off"
+
+
 @cache
 def target() -> str | None:
     """The name of the custom call of the installed library; None without one. Decided once in a process."""
-    if os.environ.get(SWITCH) == "off":
+    if switched_off():
         return None
     try:
         file = path()
-        return register(file) if file.exists() and _ours(file) else None
+        return register(file) if file.exists() and ours(file) else None
     except (OSError, RuntimeError):  # no home, or a library of another system
         return None
 
@@ -60,7 +65,7 @@ def register(file: Path) -> str:
     return name
 
 
-def _ours(file):
+def ours(file: Path) -> bool:
     """Whether this user or the administrator wrote the file: it is machine code."""
     return not hasattr(os, "geteuid") or file.stat().st_uid in (0, os.geteuid())
 

@@ -25,7 +25,7 @@ ffi::Error settled(F64 ds, F64 stiffness, F64 natural, F64 within, F64 force, F6
     const auto to = [&](Out<F64> &array, size_t entries) { return array->typed_data() + i * entries; };
     const Operands operands{of(ds, 1), of(stiffness, 36 * n), of(natural, 6 * n), of(within, 9 * n), of(force, 3 * nodes),
                             of(lever, 3 * nodes), of(position, 6), of(rotation, 18), of(held, 12), of(r, 3 * nodes),
-                            of(R, 9 * nodes), of(mode, 6 * nodes), of(lendable, 36), of(atol, 1), most.typed_data() + i};
+                            of(R, 9 * nodes), of(mode, 6 * nodes), of(lendable, 1), of(atol, 1), most.typed_data() + i};
     const Results results{to(r_, 3 * nodes), to(R_, 9 * nodes), to(gradient, 6 * nodes), to(diagonal, 36 * nodes),
                           to(upper, 36 * n), to(ends, 144), to(x, 6 * n), to(n_, 6 * n), to(K, 36 * n), to(T, 36 * n),
                           to(A, 36 * n), negative->typed_data() + i, steps->typed_data() + i, exhausted->typed_data() + i};

@@ -1,15 +1,19 @@
 // MixedNewton of `statics/newton.py`: the same steps in the same order, under the names that they have there.
 //
 // The arithmetic of an element and of a node is in `elements.inc`, translated from the package (`elements.py`); the constants of
-// the method are in `constants.inc`, from `newton.py`. Here are the sums over the chain, the block-tridiagonal system
-// (`statics/blocktridiagonal.py`) and the decisions of a step.
+// the method are in `constants.inc`, from `newton.py`; what it decides is in `decisions.h`. Here are the sums over the chain and
+// the block-tridiagonal system (`statics/blocktridiagonal.py`), on a CPU; `settle.cu` has them on a GPU.
 #include <vector>
 
 #include "lanes.h"
 
 namespace {
 
+using std::isfinite;
+
+#define INLINE inline
 #include "constants.inc"
+#include "decisions.h"
 #include "elements.inc"
 
 // The arrays of one rod.
@@ -28,22 +32,18 @@ class Solver {
  public:
   explicit Solver(int n)
       : n(n), nodes(n + 1), groups((n + W - 1) / W), in(groups), out(groups), r(3 * nodes), R(9 * nodes), start(3 * nodes),
-        section_force(6 * n), forces(6 * n), mode(6 * nodes), twist(6 * nodes), followed(6 * nodes), gradient(6 * nodes),
+        forces(6 * n), mode(6 * nodes), twist(6 * nodes), followed(6 * nodes), gradient(6 * nodes),
         ends(4 * 36), diagonal(6 * nodes), upper(6 * nodes), carry(6 * nodes) {}
 
   void settle(const Operands &operands, const Results &to) {
     o = operands;
     begin();
-    int64_t steps = 0;
-    while (!done && steps < *o.most && finite) {
-      step();
-      steps++;
-    }
+    while (!z.over(*o.most)) step();
     support();
     write(to);
-    *to.negative = negative;
-    *to.steps = steps;
-    *to.exhausted = !done && finite;
+    *to.negative = z.negative;
+    *to.steps = z.steps;
+    *to.exhausted = !z.done && z.finite;
   }
 
  private:
@@ -55,14 +55,11 @@ class Solver {
   double length = 0.0;
   std::vector<Input> in;
   std::vector<Output> out;
-  std::vector<double> r, R, start, section_force, forces, mode, twist, followed, gradient, ends;
+  std::vector<double> r, R, start, forces, mode, twist, followed, gradient, ends;
   // rows of six: diagonal blocks; upper blocks with two right-hand sides; the same after elimination
   std::vector<lanes> diagonal, upper, carry;
   double free[2][6];
-  // as in `NewtonState`
-  double lent = 0.0, size = 1.0;
-  bool own = true, first = true, was_indefinite = false, settling = false, done = false, finite = true;
-  int64_t negative = 0;
+  State z;
 
   void begin() {
     length = *o.ds * n;
@@ -72,7 +69,7 @@ class Solver {
     std::copy_n(o.mode, 6 * nodes, mode.data());
     std::fill(forces.begin(), forces.end(), 0.0);
     for (int i = 0; i < 12; i++) free[i / 6][i % 6] = 1.0 - o.held[i];
-    lent = 0.0, size = 1.0, own = first = finite = true, was_indefinite = settling = done = false, negative = 0;
+    z = State();
     for (int g = 0; g < groups; g++) {
       lanes *to = in[g].of;
       to[element::in::ds] = all(*o.ds);
@@ -80,7 +77,7 @@ class Solver {
       pack(to + element::in::natural, o.natural, 6, 6, g * W, n);
       pack(to + element::in::force, o.force, 6, 3, g * W, n);
       pack(to + element::in::lever, o.lever, 6, 3, g * W, n);
-      for (int i = 0; i < 36; i++) to[element::in::lendable + i] = all(o.lendable[i]);
+      to[element::in::lendable] = all(*o.lendable);
       for (int i = 0; i < 3; i++)  // a node's load counts in the element before it
         for (int k = g ? 0 : 1; k < W; k++) to[element::in::force + i][k] = to[element::in::lever + i][k] = 0.0;
     }
@@ -96,34 +93,20 @@ class Solver {
 
   void step() {
     support();
-    const bool looking = size < *o.atol;
-    const bool of_law = stiffen(), close = strain();
-    assemble(looking, close);
-    negative = factor();
+    frames();
+    const bool of_law = stiffen(), close = !z.first || handed_on();
+    assemble(close);
+    const int pivots = factor();
     substitute();
     const double of_mode = largest_motion(followed), now = largest_motion(twist);
     for (double &x : followed) x /= of_mode;  // the new mode
-    const bool definite = negative == 0 && std::isfinite(now), small = now < SETTLED, known = !first || close;
-    const bool push = definite && was_indefinite && small && settling;
-    done = looking && definite;
-    if (push) {
-      const double way = homeward() < 0.0 ? -PUSH : PUSH;
-      for (int i = 0; i < 6 * nodes; i++) twist[i] = way * followed[i];
-    } else {
-      const double share = definite && !done ? std::min(1.0, LONGEST / now) : 0.0;
-      for (double &x : twist) x = share == 0.0 ? 0.0 : share * x;
-    }
-    if (definite) predict();
+    z.judge(pivots, now, *o.atol);
+    z.decide(now, close, of_law, z.push ? homeward() : 0.0);
+    for (int i = 0; i < 6 * nodes; i++) twist[i] = z.share == 0.0 ? 0.0 : z.share * (z.push ? followed : twist)[i];
+    if (z.definite) predict();
     move();
     for (int i = 0; i < 6 * nodes; i++)
       if (std::isfinite(followed[i])) mode[i] = followed[i];
-    const bool newton = definite && !push && lent == 0.0 && known;
-    size = newton && of_law ? now : 1.0;
-    own = (first ? close : own) || (newton && small);
-    lent = !definite ? std::max(GROW * lent, FIRST) : lent < NONE ? 0.0 : lent / SHRINK;
-    if (definite) settling = small && !push;
-    first = first && !definite;
-    was_indefinite = !definite;
   }
 
   // Stiffness of the elements against strain variation; whether it is their own.
@@ -132,21 +115,27 @@ class Solver {
     for (int g = 0; g < groups; g++) {
       lanes of[stiffened::in::size], found[stiffened::out::size];
       pack(of + stiffened::in::within, o.within, 9, 9, g * W, n);
-      of[stiffened::in::own] = all(own ? 1.0 : 0.0);
-      stiffened::run(of, found);
+      of[stiffened::in::own] = all(z.own ? 1.0 : 0.0);
+      stiffened::run<Read, Write>(of, found);
       std::copy_n(found + stiffened::out::within, 9, in[g].of + element::in::within);
       for (int k = 0; k < W; k++) of_law &= found[stiffened::out::own][k] != 0.0;
     }
     return of_law;
   }
 
-  // Section forces of the strains, and whether they are handed on from element to element.
-  bool strain() {
+  void frames() {
     for (int g = 0; g < groups; g++) {
       pack(in[g].of + element::in::r, r.data(), 6, 3, g * W, n);
       pack(in[g].of + element::in::R, R.data(), 18, 9, g * W, n);
+    }
+  }
+
+  // Whether section forces are handed on from element to element.
+  bool handed_on() {
+    std::vector<double> section_force(6 * n);
+    for (int g = 0; g < groups; g++) {
       lanes now[section_forces::out::size];
-      section_forces::run(in[g].of, now);
+      section_forces::run<Read, Write>(in[g].of, now);
       unpack(section_force.data(), now, 6, 6, g * W, n);
     }
     double before[3] = {}, left = 0.0, most = 0.0;
@@ -161,19 +150,20 @@ class Solver {
     return left <= LEFT * most;
   }
 
-  void assemble(bool looking, bool close) {
+  void assemble(bool close) {
+    const bool looking = z.looking(*o.atol);
     std::fill(gradient.begin(), gradient.end(), 0.0);
     std::fill(followed.begin(), followed.end(), 0.0);
     std::fill(diagonal.begin(), diagonal.end(), all(0.0));
     std::fill(upper.begin(), upper.end(), all(0.0));
     for (int g = 0; g < groups; g++) {
       lanes *of = in[g].of;
-      pack(of + element::in::predicted, looking || first ? section_force.data() : forces.data(), 6, 6, g * W, n);
-      if (!looking && first && !close)  // forces of stretching carry no information at another start
-        for (int i = 0; i < 3; i++) of[element::in::predicted + i] = all(0.0);
-      for (int i = 0; i < 36; i++) of[element::in::damping + i] = lent * of[element::in::lendable + i];
+      pack(of + element::in::forces, forces.data(), 6, 6, g * W, n);
+      of[element::in::of_strains] = all(looking || z.first ? 1.0 : 0.0);
+      of[element::in::stretching] = all(looking || close ? 1.0 : 0.0);  // carries no information at another start
+      of[element::in::lent] = all(z.lent);
       pack(of + element::in::mode, mode.data(), 12, 6, g * W, n);
-      element::run(of, out[g].of);
+      element::run<Read, Write>(of, out[g].of);
       for (int e = g * W; e < std::min(n, (g + 1) * W); e++) add(e, reinterpret_cast<double *>(out[g].of) + e % W);
     }
     eliminate();
@@ -217,12 +207,12 @@ class Solver {
 
   // Block elimination from the first node to the last, with the right-hand sides -gradient and `followed` in lanes 6 and 7;
   // returns the number of negative pivots.
-  int64_t factor() {
+  int factor() {
     const double ds = *o.ds, unit[6] = {1.0 / ds, 1.0 / ds, 1.0 / ds, 1.0, 1.0, 1.0};
     double most = 0.0;
     for (int i = 0; i < 6 * nodes; i++)
       for (int b = 0; b < 6; b++) most = larger(most, std::fabs(diagonal[i][b]) / (unit[i % 6] * unit[b]));
-    int64_t count = 0;
+    int count = 0;
     for (int node = 0; node < nodes; node++) {
       lanes A[6], B[6];
       double scale[6];
@@ -319,9 +309,10 @@ class Solver {
     for (int g = 0; g < groups; g++) {
       lanes of[predicted_forces::in::size], found[predicted_forces::out::size];
       of[predicted_forces::in::ds] = all(*o.ds);
-      std::copy_n(out[g].of + element::out::n, predicted_forces::in::twist - 1, of + 1);  // n, K, T, A
+      std::copy_n(in[g].of + element::in::r, 24, of + predicted_forces::in::r);  // r, R
+      std::copy_n(out[g].of + element::out::x, 48, of + predicted_forces::in::x);  // x, n, K
       pack(of + predicted_forces::in::twist, twist.data(), 12, 6, g * W, n);
-      predicted_forces::run(of, found);
+      predicted_forces::run<Read, Write>(of, found);
       unpack(forces.data(), found, 6, 6, g * W, n);
     }
   }
@@ -333,14 +324,14 @@ class Solver {
       pack(of + moved::in::r, r.data(), 3, 3, first_node, nodes);
       pack(of + moved::in::R, R.data(), 9, 9, first_node, nodes);
       pack(of + moved::in::twist, twist.data(), 6, 6, first_node, nodes);
-      moved::run(of, found);
+      moved::run<Read, Write>(of, found);
       unpack(r.data(), found + moved::out::r, 3, 3, first_node, nodes);
       unpack(R.data(), found + moved::out::R, 9, 9, first_node, nodes);
       lanes none = all(0.0);
       for (const lanes &x : found) none += x - x;
       for (int k = 0; k < W; k++) ok &= none[k] == 0.0;
     }
-    finite = ok;
+    z.finite = ok;
   }
 
   void write(const Results &to) const {

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 
 from scan2flex_jax.rod.assembly import Derivatives, Elements
-from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics.kernel import library
-from scan2flex_jax.statics.newton import MAX_STEPS, MixedNewton, lendable_stiffness
+from scan2flex_jax.statics.kernel.operands import operands, translated
+from scan2flex_jax.statics.newton import MixedNewton
 from scan2flex_jax.statics.solver import AbstractRodSolver, Settled, Steps
 
 
@@ -24,8 +24,8 @@ class CompiledNewton(AbstractRodSolver):
     def settle(self, rod: Rod, start: Configuration, max_steps: Steps = None) -> Settled:
         """See `AbstractRodSolver.settle`."""
         newton = MixedNewton(self.atol)
-        arrays = _operands(rod, start, newton)
-        if not _translated(rod, arrays):
+        arrays = operands(rod, start, newton, max_steps)
+        if not translated(rod, arrays) or [device.platform for device in jax.devices()] != ["cpu"]:
             return newton.settle(rod, start, max_steps)
         n = rod.elements
         real = [(n + 1, 3), (n + 1, 3, 3), (n + 1, 6), (n + 1, 6, 6), (n, 6, 6), (2, 2, 6, 6)]  # as in `Derivatives`
@@ -33,28 +33,16 @@ class CompiledNewton(AbstractRodSolver):
         shapes = [jax.ShapeDtypeStruct(shape, jnp.float64) for shape in real]
         shapes += [jax.ShapeDtypeStruct((), kind) for kind in (jnp.int64, jnp.int64, jnp.bool_)]
         call = jax.ffi.ffi_call(self.target, shapes, vmap_method="broadcast_all")
-        most = jnp.asarray(MAX_STEPS if max_steps is None else max_steps, jnp.int64)
-        r, R, gradient, diagonal, upper, ends, *elements, negative, steps, exhausted = call(*arrays, most)
+        r, R, gradient, diagonal, upper, ends, *elements, negative, steps, exhausted = call(*arrays)
         derivatives = Derivatives(gradient, diagonal, upper, ends, Elements(*elements))
         return Settled(Configuration(r, R), derivatives, negative, steps, exhausted)
 
 
 def default_solver() -> AbstractRodSolver:
-    """The solver of a caller who names none: the compiled one where it is installed."""
+    """The solver of a caller who names none: on a GPU that of `cuda`, on a CPU the compiled one where it is installed."""
+    if jax.default_backend() == "gpu":
+        from scan2flex_jax.statics.kernel import cuda  # noqa: PLC0415 - where there is no GPU, nothing is loaded
+
+        return cuda.solver()
     target = library.target()
     return MixedNewton() if target is None else CompiledNewton(target)
-
-
-def _operands(rod, start, newton):
-    """The arrays of the function, in its order."""
-    s, b = rod.section, rod.boundary
-    mode, stiffness, atol = newton.begin(rod, start).mode, lendable_stiffness(rod), jnp.asarray(newton.atol)
-    return [s.ds, s.stiffness, s.natural, s.within, rod.load.force, rod.load.lever, b.position, b.rotation, b.held, *start,
-            mode, stiffness, atol]  # fmt: skip
-
-
-def _translated(rod, arrays):
-    """Whether the function solves this rod."""
-    known = all(array is not None and array.dtype == jnp.float64 for array in arrays)
-    energies = [effect for hook in ("strain_energy", "node_potential") for effect in overriding(rod.effects, hook)]
-    return known and not energies and [device.platform for device in jax.devices()] == ["cpu"]

@@ -130,7 +130,9 @@ class Graph:
         return (node.arguments[0], True) if node.operation == "neg" else (index, False)
 
     def _div(self, a, b, x, y):
-        return a if y == 1.0 else None
+        if y:
+            return self.apply("mul", a, self.constant(1.0 / y))
+        return None if x == 1.0 else self.apply("mul", a, self.apply("div", self.constant(1.0), b))
 
     def _and(self, a, b, x, y):
         return b if x is True else a if y is True else self.constant(False) if False in (x, y) else None
