@@ -6,30 +6,23 @@ factor of 20 is one standard deviation), so that an unidentifiable one does not 
 hundreds of steps to solve, while identifiable ones move by a small part of their standard error; it is also the noise in the
 rule of convergence (`quadratic`). Steps in logarithms are bounded. A fit from known configurations starts once more
 from the measured curves at the end.
-
-A moment law makes the cost a narrow, curved valley: where a cable yields, its moment hardly grows, and the law and the
-stiffness before it compensate each other far from linearly. Such a fit bends its steps (`descent`). Near its end the residuals
-are not small: along the valley the curvature of the cost exceeds that of ``J'J``, whose steps are too long and refused in turn.
-A descent that ends so is continued by BFGS in the metric of ``J'J``.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize
 
 from scan2flex_jax.fitting.descent import Model, Point, Rules, descend
 from scan2flex_jax.fitting.evaluate import Evaluation, Evaluator
-from scan2flex_jax.fitting.quadratic import PREDICTED, FitQuadratic
+from scan2flex_jax.fitting.quadratic import FitQuadratic
 
 MOST_ITERATIONS = 60
 _PATIENCE, _FAR = 10, 10.0  # iterations, and cost over the one to beat, after which a descent is given up
 COST_TOLERANCE, STEP_TOLERANCE = 1.0e-10, 1.0e-8
 _CLOSER = 1.0e-6  # of the cost: least gain of a start from the measured curves
 GIVE_UP = 1.0e12  # damping at which no step helps
-_RIDGE = 1.0e-9  # of correlations, so that undetermined parameters have a direction too
-_MOST_BFGS = 120  # iterations
 _FAILED = 1.0e12  # a cost that stands for an unsolved pose in methods that know no rejection
 
 
@@ -95,13 +88,6 @@ class Goal:
         )
 
 
-    def without(self, own: np.ndarray) -> "Goal":
-        """The same with the shared numbers ``own`` held at zero."""
-        low, high = self.low.copy(), self.high.copy()
-        low[own] = high[own] = 0.0
-        return replace(self, low=low, high=high)
-
-
 def normal_equations(layout, residual, jacobian, shared, local):
     """``J'J`` (with the priors' unit rows) and ``J'r`` of weighted residuals and Jacobian of all poses."""
     P, n, k = len(residual), layout.shared, layout.local
@@ -130,12 +116,11 @@ def levenberg_marquardt(
         most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
         settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, judged=True, damping=1e-3, least=1e-12,
         give_up=GIVE_UP, closer=None if start is None else lambda cost: _CLOSER * cost,
-        bend=model.bends, hopeless=goal.beat, progress=goal.progress,
+        hopeless=goal.beat, progress=goal.progress,
     )  # fmt: skip
     found = descend(model, model.of(np.r_[shared, local.ravel()], e), rules)
     shared, local = model.split(found.point.x)
-    end = Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged, found.stalled)
-    return _continued(model, end) if model.bends and not end.converged and end.cost < _FAR * goal.beat else end
+    return Minimum(shared, local, found.point.found, found.point.cost, found.iterations, found.converged, found.stalled)
 
 
 class _FitModel(Model):
@@ -151,8 +136,6 @@ class _FitModel(Model):
         free = np.full(rest, np.inf)
         self.began, self.low, self.high = np.r_[began, np.zeros(rest)], np.r_[goal.low, -free], np.r_[goal.high, free]
         self.weak = np.r_[np.broadcast_to(goal.weak, self.shared), np.zeros(rest)]
-        walks = goal.evaluator.layout.walks
-        self.bends = bool(np.any(goal.high[: len(walks)][walks] > goal.low[: len(walks)][walks]))
 
     def split(self, x):
         """Shared and local parameters."""
@@ -160,18 +143,7 @@ class _FitModel(Model):
 
     def of(self, x, e: Evaluation) -> Point:
         """The point of a known evaluation at ``x``."""
-        cost = self.goal.cost(e, *self.split(x))
-        whole = self._residual(e) if self.bends and np.isfinite(cost) else (None, None)
-        return Point(x, cost, e.configuration, e, *whole)
-
-    def _residual(self, e: Evaluation):
-        """Weighted residual (k,) of all poses and its Jacobian (k, n) by all parameters."""
-        n, (poses, own) = self.shared, self.shape
-        sigma, points = self.goal.sigma[:, None, None], e.residual[0].size
-        J = np.zeros((poses, points, n + poses * own))
-        for i, part in enumerate((e.jacobian / sigma[..., None]).reshape(poses, points, -1)):
-            J[i, :, :n], J[i, :, n + i * own : n + (i + 1) * own] = part[:, :n], part[:, n:]
-        return (e.residual / sigma).ravel(), J.reshape(poses * points, -1)
+        return Point(x, self.goal.cost(e, *self.split(x)), e.configuration, e)
 
     def at(self, x, start=None) -> Point:
         return self.of(x, self.goal.evaluator(*self.split(x), start=start))
@@ -185,38 +157,6 @@ class _FitModel(Model):
 
     def bounded(self, move, about):
         return about.bounded(move)
-
-
-def _continued(model: _FitModel, found: Minimum) -> Minimum:
-    """The end of a descent continued by BFGS, in parameters of which ``J'J`` is the unit matrix and within the bounds."""
-    goal, x, begun = model.goal, np.r_[found.shared, found.local.ravel()], found.evaluation.configuration
-    free = (x > model.low) & (x < model.high)
-    JJ, _ = goal.normal_equations(found.evaluation, found.shared, found.local)
-    scale = np.sqrt(np.diag(JJ)[free]) + 1e-150
-    unit = JJ[np.ix_(free, free)] / np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
-    ways = np.linalg.inv(np.linalg.cholesky(unit)).T / scale[:, None]
-
-    def at(y):
-        trial = x.copy()
-        trial[free] += ways @ y
-        inside = np.all((trial >= model.low) & (trial <= model.high))
-        return model.at(trial, begun) if inside else Point(trial, np.inf, None)
-
-    def value(y):
-        point = at(y)
-        if not np.isfinite(point.cost):
-            return _FAILED, np.zeros(len(y))
-        goal.progress(f"BFGS: cost {point.cost:.6g}")
-        return point.cost, 2.0 * ways.T @ goal.normal_equations(point.found, *model.split(point.x))[1][free]
-
-    flat = np.sqrt(PREDICTED * found.cost / model.residuals)  # of the gradient: it predicts a quarter of its square
-    end = optimize.minimize(value, np.zeros(len(scale)), jac=True, method="BFGS", options={"gtol": flat, "maxiter": _MOST_BFGS})
-    point = at(end.x)
-    if not point.cost <= found.cost:
-        return found
-    (shared, local), count = model.split(point.x), found.iterations + int(end.nit)
-    converged = bool(model.about(point).converged())
-    return Minimum(shared, local, point.found, point.cost, count, converged, not converged)
 
 
 def bfgs(goal: Goal, shared: np.ndarray) -> Minimum:

@@ -168,11 +168,6 @@ class Layout:
         return bool(len(self.prior.at)) or self.local > 0
 
     @property
-    def walks(self) -> np.ndarray:
-        """Which of the unknown numbers are steps of a walk, along a law."""
-        return np.array([slot.walk for slot in self.slots for _ in range(slot.size)], bool)
-
-    @property
     def sums(self) -> np.ndarray:
         """Matrix (b, b) from the unknown numbers of ``x`` to quantities or their logarithms."""
         return block_diag(*[slot.sums for slot in self.slots]) if self.slots else np.zeros((0, 0))

@@ -157,20 +157,10 @@ class Problem:
         logs = self.logs()
         for factor in LADDER:
             start = np.clip(x + np.where(logs, np.log(factor), 0.0), goal.low, goal.high)
-            minimum = self._from_linear_laws(goal, start, evaluation if factor == 1.0 else None)
+            minimum = levenberg_marquardt(goal, start, known=evaluation if factor == 1.0 else None)
             if np.isfinite(minimum.cost):
                 return minimum
         return minimum
-
-    def _from_linear_laws(self, goal, start, known):
-        """Levenberg-Marquardt from ``start``; where laws begin linear there, first with these held."""
-        own = np.flatnonzero(self.layout.walks)
-        if not len(own) or np.any(start[own]):
-            return levenberg_marquardt(goal, start, known=known)
-        linear = levenberg_marquardt(goal.without(own), start, known=known)
-        if not np.isfinite(linear.cost):
-            return linear
-        return levenberg_marquardt(goal, linear.shared, known=linear.evaluation)
 
     def seen_by_normals(self, minimum: Minimum) -> Minimum:
         """The minimum of another distance with residuals along the normals, for the statistics and the poses."""
