@@ -10,7 +10,8 @@ and by two standard errors of the paired difference over the poses (of Student's
    by the catalogue.
 4. Explained: no discrepancy is needed beside the noise, and no field leads; else partly explained, if the effects take most of
    the structure away.
-5. Unexplained: a field leads, or nothing does while a discrepancy is needed. The field is a description, no cause.
+5. Unexplained: a field leads, or nothing does while a discrepancy is needed, or noise that nobody stated is unlike a scanner's
+   (`belief.conspicuous`). The field is a description, no cause.
 6. A validate pose that is off by `surprise` times what the hypothesis expects contradicts it: at most partly explained.
 7. A mistake of the input that leads over the study as stated stands, unless effects lead over it.
 8. One pose only: described, never established.
@@ -24,6 +25,7 @@ from scipy import special
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import SameShapes
+from scan2flex_jax.inference import belief
 from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.search import Search, describes, same_shapes
 from scan2flex_jax.study.mistakes import Mistake
@@ -109,14 +111,14 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     gain = cause.gain() if cause is not None else alone
     takes = cause is not None and (gain <= s.slab or cause.structured() < s.explains * empty.structured())
     if cause is None or not ahead or not takes or field or empty.variant.program.poses.count == 1:
-        missing = ahead or field or alone > s.slab
+        missing = ahead or field or alone > s.slab or smooth(empty)
         if not missing:
             return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
         shown = cause if cause is not None and cause.score > empty.score + s.found else empty
         return Decision(UNEXPLAINED, shown, empty, (), tuple(dict.fromkeys((shown, empty, *likely))), gain=alone, **rest)
     tied = tuple(h for h in causes if h is not cause and _tied(h, cause, empty, s))
     surprised = surprise(cause)
-    partly = gain > s.slab or bool(surprised)
+    partly = gain > s.slab or smooth(cause) or bool(surprised)
     verdict = TIE if tied or errors_of_input(cause.kinds) else PARTLY if partly else EXPLAINED
     averaged = tuple(dict.fromkeys((cause, *tied, *(h for h in likely if h is not empty))))
     return Decision(verdict, cause, empty, tied, averaged, gain=gain, surprised=surprised, **rest)
@@ -127,9 +129,19 @@ def _density(h: Fitted) -> float:
     return float(np.sum(h.elpd)) if len(h.elpd) > 1 else h.score
 
 
+def smooth(h: Fitted) -> bool:
+    """Whether a residual that a hypothesis takes for noise, and nobody stated, varies along the cable as no scanner's does."""
+    v = h.variant
+    taken = v.likelihood.stated is None and not h.discrepant
+    return taken and belief.conspicuous(v.likelihood.noise(h.u), v.length, v.settings)
+
+
 def _p_value(h: Fitted, empty: Fitted) -> float:
-    """Probability that a hypothesis predicts poses left out no better than the one without effects."""
+    """Probability that a hypothesis predicts poses left out no better than the one without effects; of a single pose, the
+    inverse of its Bayes factor."""
     difference, error = compared(h, empty)
+    if len(h.elpd) < 2:
+        return float(np.exp(-max(difference, 0.0)))
     return float(special.stdtr(max(len(h.elpd) - 1, 1), -difference / max(error, 1e-12)))
 
 

@@ -11,8 +11,8 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import belief, variants
 from scan2flex_jax.inference import quantities as of
+from scan2flex_jax.inference import variants
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
@@ -31,6 +31,7 @@ from scan2flex_jax.inference.decision import (
     decide,
     errors_of_input,
     leads,
+    smooth,
 )
 from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked, rms_over
 from scan2flex_jax.inference.fit_result import Fit
@@ -131,7 +132,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
     noise = best.variant.likelihood.noise(best.u)
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
-    findings = _findings(d, chosen, poses, discrepancy, noise, coarse, scanned)
+    findings = _findings(d, chosen, poses, discrepancy, coarse, scanned)
     return Explanation(
         study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),
         fit=fitted,
@@ -284,12 +285,12 @@ def _poses(d: Decision) -> dict[str, PoseChange]:
     return {p.name: out[p.name] for p in study.poses if p.name in out}
 
 
-def _findings(d: Decision, chosen, poses, discrepancy, noise, coarse, scanned) -> list[Finding]:
+def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[Finding]:
     """What is to be said, in its order."""
     v, kinds = d.best.variant, [r.kind for r in chosen]
     if d.verdict == UNSOLVED:
         return [Finding("coarse", "fault", {"poses": ", ".join(coarse)})]
-    out = [*_of_verdict(d, kinds, noise, discrepancy), *_of_effects(kinds, poses)]
+    out = [*_of_verdict(d, kinds), *_of_effects(kinds, poses)]
     for pose, ratio in d.surprised.items():
         out.append(Finding("surprise" if np.isfinite(ratio) else "unseen", "fault", {"pose": pose, "ratio": ratio}))
     if discrepancy.curvature:
@@ -302,16 +303,15 @@ def _findings(d: Decision, chosen, poses, discrepancy, noise, coarse, scanned) -
     return out
 
 
-def _of_verdict(d: Decision, kinds, noise, discrepancy) -> Iterator[Finding]:
+def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
     v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
     if d.verdict == NONE:
         yield Finding("nothing", values={"p": d.p_value})
-        smooth = belief.conspicuous(noise, v.length, v.settings)
-        if v.likelihood.stated is None and smooth and not discrepancy.curvature:
-            yield Finding("smooth", "doubt", {"mm": 1e3 * np.sqrt(2) * noise.total})
     elif d.verdict == UNEXPLAINED:
         yield Finding("unexplained", "fault")
+        if smooth(d.empty):
+            yield Finding("smooth", "doubt", {"mm": 1e3 * np.sqrt(2) * d.empty.variant.likelihood.noise(d.empty.u).total})
         cause, field = d.cause, d.description
         if field is not None and field.score > max(d.empty.score, cause.score if cause else -np.inf):
             words = {"field": FIELDS.get(field.kinds[0], listed(field.kinds)), "nats": field.score - d.empty.score}

@@ -56,11 +56,10 @@ def test_a_single_pose_is_never_explained():
 def test_a_smooth_residual_of_a_single_photograph_is_no_good_answer():
     """13.8 mm on a wire of 1.5 m: physics or a smooth error of the photograph, and no test on another pose."""
     found = explain(load_study(example_path("red-wire")))
-    assert found.verdict in ("no missing effect", "unexplained") and found.chosen == ()
-    assert found.answer.tone != "good"
-    said = any(s.startswith("but only if the measured curves err by") for s in found.sentences)
-    assert found.verdict == "unexplained" or said
-    assert found.significant is (found.verdict == "unexplained")
+    assert found.verdict == "unexplained" and found.chosen == ()
+    assert found.answer.tone == "bad"
+    assert any("unlike the noise of a scanner" in s for s in found.sentences)
+    assert found.significant
     assert found.rms(after=False) == pytest.approx(found.fit.rms(), rel=0.02)
 
 
