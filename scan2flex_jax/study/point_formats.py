@@ -36,6 +36,7 @@ class Points(NamedTuple):
 
 _PTX_HEAD = 10  # lines: columns, rows, position and axes of the scanner, and its 4 x 4 matrix (transposed)
 _HEADER = 100_000  # bytes of a header in text
+_RECORDS = 10_000  # most records before the points of a LAS
 _BEFORE = 1000  # lines of a text before its points
 _INSTALL = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
 
@@ -65,7 +66,10 @@ def _las(stream: Any, path: Path, limit: Limit) -> Points:
     with _library(path, "LAS"):
         import laspy  # noqa: PLC0415
         import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
-    with laspy.open(stream, closefd=False) as file:
+    if int.from_bytes(stream.read(104)[100:], "little") > _RECORDS:
+        raise ValueError("its header is damaged")
+    stream.seek(0)
+    with laspy.open(stream, closefd=False, read_evlrs=False) as file:
         count = _fits(path, file.header.point_count, limit)
         return Points(np.asarray(file.read().xyz, float), declared=count)
 
