@@ -66,9 +66,16 @@ def _las(stream: Any, path: Path, limit: Limit) -> Points:
     with _library(path, "LAS"):
         import laspy  # noqa: PLC0415
         import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
-    if int.from_bytes(stream.read(104)[100:], "little") > _RECORDS:
-        raise ValueError("its header is damaged")
+    head = stream.read(107)
+    points, records = (int.from_bytes(head[k : k + 4], "little") for k in (96, 100))
+    packed = head[104:105] >= b"\x80"  # LAZ: where its table of chunks is stands before the points
+    stream.seek(points)
+    table = int.from_bytes(stream.read(8), "little", signed=True) if packed else 0
+    stream.seek(table if table >= 0 else 0)
+    chunks = int.from_bytes(stream.read(8)[4:], "little") if packed else 0
     stream.seek(0)
+    if records > _RECORDS or table < 0 or chunks > limit.points:  # the libraries would never end, or end the process
+        raise ValueError("its header is damaged")
     with laspy.open(stream, closefd=False, read_evlrs=False) as file:
         count = _fits(path, file.header.point_count, limit)
         return Points(np.asarray(file.read().xyz, float), declared=count)
