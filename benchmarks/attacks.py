@@ -267,8 +267,8 @@ def run(inputs: int, seed: int, only: str = "") -> dict:
         order = list(every.values())
         for i in range(inputs):
             reader, turn = order[i % len(order)], i // len(order)
-            given = mutated(rng, reader.seeds) if reader.mutate else reader.seeds[turn % len(reader.seeds)]
-            attempt(reader, given)
+            if reader.mutate or turn < len(reader.seeds):
+                attempt(reader, mutated(rng, reader.seeds) if reader.mutate else reader.seeds[turn])
             if (i + 1) % 5000 == 0 or i + 1 == inputs:
                 found = summary(every, seed)
                 sys.stderr.write(f"{i + 1} inputs, {found['failures']} failures, {found['seconds']:.0f} s\n")

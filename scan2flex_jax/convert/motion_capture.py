@@ -5,19 +5,16 @@ lost throughout are left out. Rigid bodies of Motive that are called "start" and
 """
 
 import csv
-import subprocess
-import sys
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.point_formats import read_apart
 from scan2flex_jax.study.tables import LENGTHS
 from scan2flex_jax.study.values import Where
 
@@ -111,7 +108,6 @@ def _number(cell: str) -> float:
         return np.nan
 
 
-_LONGEST = 60.0  # s
 _READ_C3D = """
 import sys, ezc3d, numpy
 file = ezc3d.c3d(sys.argv[1])
@@ -119,7 +115,6 @@ known = {name: file["parameters"]["POINT"].get(name, {}).get("value", []) for na
 words = {name.lower(): numpy.array(value, str) for name, value in known.items()}
 numpy.savez(sys.argv[2], points=file["data"]["points"], **words)
 """
-"""Read by a process of its own: on a damaged file the library may end its process, or never end."""
 
 
 def read_c3d(path: Path) -> Capture:
@@ -127,15 +122,11 @@ def read_c3d(path: Path) -> Capture:
     if find_spec("ezc3d") is None:
         advice = "install it with: pip install 'scan2flex_jax[scans]', or export a CSV."
         raise StudyError(path, None, f"C3D needs a library that is not installed (ezc3d): {advice}")
-    with TemporaryDirectory() as folder:
-        there = Path(folder) / "points.npz"
-        command = [sys.executable, "-c", _READ_C3D, str(path), str(there)]
-        with suppress(subprocess.TimeoutExpired):
-            subprocess.run(command, capture_output=True, timeout=_LONGEST, check=False)
-        if not there.is_file():
-            raise StudyError(path, None, "it cannot be read as a C3D file: export it again, or as a CSV.")
-        with np.load(there) as found:
-            points, labels, units = (found[name] for name in ("points", "labels", "units"))
+    try:
+        found = read_apart(_READ_C3D, str(path))
+    except ValueError as fault:
+        raise StudyError(path, None, "it cannot be read as a C3D file: export it again, or as a CSV.") from fault
+    points, labels, units = (found[name] for name in ("points", "labels", "units"))
     unit = next((str(u) for u in units if u in LENGTHS), None)
     names = tuple(str(name).rpartition(":")[2] for name in labels[: points.shape[1]])
     points = np.moveaxis(points[:3], 0, 2).swapaxes(0, 1)
