@@ -1,6 +1,6 @@
 """Hostile input: every reader of the package returns the contents of a file, or refuses it in one sentence.
 
-`python -m benchmarks.attacks --inputs 100000` mutates valid files (pieces removed, doubled, exchanged, bytes changed) or makes
+`python -m benchmarks.attacks --inputs 5000` mutates valid files (pieces removed, doubled, exchanged, bytes changed) or makes
 raw bytes, and passes them to a reader in turn; *hostile values* puts wrong values into every key of a study. Anything but the
 contents or a `Scan2FlexError` of one printable line is a failure: another exception, more than `LIMIT_S` seconds of processor
 time, more than `LIMIT_MB` of additional memory, a study that does not survive saving, a damaged sweep that reads as another.
@@ -295,7 +295,7 @@ def summary(every: dict[str, Reader], seed: int) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--inputs", type=int, default=5_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", default="", help="only readers whose name holds this; nothing is recorded then")
     args = parser.parse_args()
