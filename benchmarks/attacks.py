@@ -1,6 +1,6 @@
 """Hostile input: every reader of the package returns the contents of a file, or refuses it in one sentence.
 
-`python -m benchmarks.attacks --inputs 100000` mutates valid files (pieces removed, doubled, exchanged, bytes changed) or makes
+`python -m benchmarks.attacks --inputs 5000` mutates valid files (pieces removed, doubled, exchanged, bytes changed) or makes
 raw bytes, and passes them to a reader in turn; *hostile values* puts wrong values into every key of a study. Anything but the
 contents or a `Scan2FlexError` of one printable line is a failure: another exception, more than `LIMIT_S` seconds of processor
 time, more than `LIMIT_MB` of additional memory, a study that does not survive saving, a damaged sweep that reads as another.
@@ -9,6 +9,7 @@ Failures are counted by the line that raised them, with the first input of each.
 
 import argparse
 import base64
+import gzip
 import json
 import resource
 import shutil
@@ -26,14 +27,18 @@ import jax
 import numpy as np
 import trimesh
 
+from benchmarks.formats import FORMATS
 from benchmarks.kinect_wires import read_picks
 from benchmarks.record import record
 from scan2flex_jax.convert import quantity, read_foreign_curve, read_frames
-from scan2flex_jax.convert.curves import read_foreign_points
+from scan2flex_jax.convert.curves import captured, read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.cloud import load_cloud
 from scan2flex_jax.study import describe, load_study, save_study
 from scan2flex_jax.sweep import Output, Task, grid, open_sweep, sweep
+from tests.convert.test_frames import PRINTED
+from tests.convert.test_motion_capture import c3d, motive, vicon
+from tests.convert.test_motion_capture import frames as marker_frames
 from tests.study.samples import STUDY, csv, curve, write_sample
 
 jax.config.update("jax_enable_x64", True)
@@ -145,7 +150,23 @@ def cloud_seeds() -> dict[str, list[bytes]]:
     out["ply"] += [points.export(file_type="ply", encoding="ascii"), mesh.export(file_type="ply", encoding="ascii")]
     out["stl"] += [mesh.export(file_type="stl_ascii").encode()]
     out["xyz"] += [b"\n".join(b"%g %g %g" % tuple(p) for p in curve(20))]
+    with tempfile.TemporaryDirectory() as folder:
+        for name, write in FORMATS.values():
+            path = Path(folder) / name
+            write(path, curve(30))
+            out.setdefault(path.suffix[1:], []).append(path.read_bytes())
+        np.savez_compressed(Path(folder) / "a.npz", points=curve(30), colours=np.zeros(30))
+        out["npz"] = [(Path(folder) / "a.npz").read_bytes()]
+    out["pcd"] += [(Path(__file__).parents[1] / "tests/data/pypcd4.pcd").read_bytes()]
+    out["xyz.gz"] = [gzip.compress(out["xyz"][-1])]
     return out
+
+
+def bombs() -> list[bytes]:
+    """Small files that unpack to more than may be read, once or twice packed."""
+    blank = gzip.compress(bytes(6 * 10**8), 1)
+    rows = gzip.compress(b"0 0 0\n" * 10**8, 1)
+    return [rows, blank, gzip.compress(blank)]
 
 
 def readers(folder: Path) -> dict[str, Reader]:
@@ -156,6 +177,8 @@ def readers(folder: Path) -> dict[str, Reader]:
     quaternions = b"name;x;y;z;qw;qx;qy;qz\nsag start;0;0;0;1;0;0;0\n"
     german, blanks = table.replace(b",", b";").replace(b".", b","), b"# t\nx_mm y_mm z_mm\n" + table[6:].replace(b",", b" ")
     frames, foreign, toml = [matrices, angles, quaternions], [table, arcs, german, blanks], STUDY.encode()
+    captures = [motive(marker_frames()).encode(), vicon(marker_frames()).encode()]
+    c3d(folder / "seed.c3d", marker_frames())
     lengths = [b"900 mm", b"0,9 m", b"1e-3", b"12.5 in"]
     out = {
         "study.toml": Reader(in_study(folder / "a", "study.toml"), [toml]),
@@ -165,6 +188,12 @@ def readers(folder: Path) -> dict[str, Reader]:
         "foreign curve": Reader(in_file(folder / "curve.txt", lambda p: read_foreign_curve(p, units=None)), foreign),
         "foreign points": Reader(in_file(folder / "points.txt", lambda p: read_foreign_points(p, units="mm")), foreign),
         "frames": Reader(in_file(folder / "f.csv", lambda p: read_frames(p, convention="kuka")), frames),
+        "printed poses": Reader(
+            in_file(folder / "r.txt", lambda p: read_frames(p, convention=None)), [text.encode() for text in PRINTED.values()]
+        ),
+        "motion capture": Reader(in_file(folder / "m.csv", captured), captures),
+        "motion capture c3d": Reader(in_file(folder / "m.c3d", captured), [(folder / "seed.c3d").read_bytes()]),
+        "bombs": Reader(in_file(folder / "bomb.xyz.gz", lambda p: load_cloud(p).points.shape), bombs(), mutate=False),
         "quantity": Reader(lambda data: quantity(data[:60].decode("latin-1"), "length"), lengths),
         "kinect picks": Reader(in_file(folder / "picks.csv", read_picks), [b"310,200,900\n320.5,210,905\n340,230,915\n"]),
     }
@@ -238,8 +267,8 @@ def run(inputs: int, seed: int, only: str = "") -> dict:
         order = list(every.values())
         for i in range(inputs):
             reader, turn = order[i % len(order)], i // len(order)
-            given = mutated(rng, reader.seeds) if reader.mutate else reader.seeds[turn % len(reader.seeds)]
-            attempt(reader, given)
+            if reader.mutate or turn < len(reader.seeds):
+                attempt(reader, mutated(rng, reader.seeds) if reader.mutate else reader.seeds[turn])
             if (i + 1) % 5000 == 0 or i + 1 == inputs:
                 found = summary(every, seed)
                 sys.stderr.write(f"{i + 1} inputs, {found['failures']} failures, {found['seconds']:.0f} s\n")
@@ -266,7 +295,7 @@ def summary(every: dict[str, Reader], seed: int) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--inputs", type=int, default=100_000)
+    parser.add_argument("--inputs", type=int, default=5_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", default="", help="only readers whose name holds this; nothing is recorded then")
     args = parser.parse_args()

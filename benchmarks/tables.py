@@ -593,15 +593,14 @@ PAIRED = Table(("paired",), columns("", "former engine", "this one"), _paired,
                "40 pure cases and 14 with a background; the former engine is that of commit {former}.")  # fmt: skip
 
 
-def _newton(r):
-    links = sorted({row["links"] for row in r["rows"]})
+def _simulators(r):
     for name in dict.fromkeys(row["cable"] for row in r["rows"]):
-        off = {row["links"]: row["off"] for row in r["rows"] if row["cable"] == name}
-        yield name, " / ".join(f"{100 * off[n]:.2f} %" for n in links), " / ".join(map(str, links))
+        rows = [[x for x in r["rows"] if x["cable"] == name and x["target"] == target] for target in ("newton", "mujoco")]
+        yield name, *(" / ".join(f"{100 * x['off']:.2f} %" if "off" in x else "refused" for x in row) for row in rows)
 
 
-NEWTON = Table(("newton",), columns("cable", "largest distance of a link, over the length", "links"), _newton,
-               "Newton {newton}, on the CPU.")  # fmt: skip
+SIMULATORS = Table(("simulators",), columns("cable", "Newton", "MuJoCo"), _simulators,
+                   "Largest distance of a link over the length, with 20 / 40 / 80 links. Newton {newton}, MuJoCo {mujoco}.")
 
 
 def _keys(*tables: str) -> Callable[[], str]:
@@ -622,7 +621,7 @@ PAGES: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "missing-effects.md": {"memory": MEMORY},
     DOCS / "real" / "wing.md": {"wing": WING},
     DOCS / "scanning.md": {"formats": FORMATS, "extraction": EXTRACTION, "kinds": KINDS, "virtual": VIRTUAL},
-    DOCS / "export.md": {"newton": NEWTON},
+    DOCS / "export.md": {"simulators": SIMULATORS},
     DOCS / "sweeps.md": {"workers": WORKERS, "batches": BATCHES},
     DOCS / "peers.md": {"ratios": RATIOS},
     DOCS / "robustness.md": {"extremes": EXTREMES, "attacks": ATTACKS},

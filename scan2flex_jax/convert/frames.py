@@ -226,7 +226,7 @@ def _table(lines, where, header, units, convention, degrees, tangent):
 def _turn(quaternion) -> np.ndarray:
     """The rotation matrix of a quaternion, scalar first."""
     size = np.linalg.norm(quaternion)
-    if abs(size - 1) > 1e-3:
+    if not abs(size - 1) <= 1e-3:  # NaN too
         raise Scan2FlexError(f"its quaternion has the length {size:.4g}: give a unit one, scalar first.")
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
@@ -236,7 +236,10 @@ def _printed(text, robot, tangent):
     pattern, units, convention, degrees, order = _PRINTED[robot]
     ended = 0
     for k, found in enumerate(pattern.finditer(text)):
-        values = np.array([float(found[1 + i]) for i in order])
+        try:
+            values = np.array([float(found[1 + i]) for i in order])
+        except ValueError:  # 0.5.7: what the pose itself says of it
+            values = np.full(len(order), np.nan)
         before = [_DECLARED.sub(" ", line).strip("\"'-;#!\t ") for line in text[ended : found.start()].splitlines()]
         name = " ".join(next((line for line in reversed(before) if line), f"frame {k + 1}").split())
         name = _END.sub(lambda end: f" {end[1].lower()}", name)

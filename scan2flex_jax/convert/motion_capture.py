@@ -6,13 +6,15 @@ lost throughout are left out. Rigid bodies of Motive that are called "start" and
 
 import csv
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.point_formats import read_apart
 from scan2flex_jax.study.tables import LENGTHS
 from scan2flex_jax.study.values import Where
 
@@ -106,20 +108,26 @@ def _number(cell: str) -> float:
         return np.nan
 
 
+_READ_C3D = """
+import sys, ezc3d, numpy
+file = ezc3d.c3d(sys.argv[1])
+known = {name: file["parameters"]["POINT"].get(name, {}).get("value", []) for name in ("LABELS", "UNITS")}
+words = {name.lower(): numpy.array(value, str) for name, value in known.items()}
+numpy.savez(sys.argv[2], points=file["data"]["points"], **words)
+"""
+
+
 def read_c3d(path: Path) -> Capture:
     """The capture in a C3D file; raises `StudyError`."""
-    try:
-        import ezc3d  # noqa: PLC0415
-    except ImportError as fault:
+    if find_spec("ezc3d") is None:
         advice = "install it with: pip install 'scan2flex_jax[scans]', or export a CSV."
-        raise StudyError(path, None, f"C3D needs a library that is not installed (ezc3d): {advice}") from fault
+        raise StudyError(path, None, f"C3D needs a library that is not installed (ezc3d): {advice}")
     try:
-        found: Any = ezc3d.c3d(str(path))
-        points, known = found["data"]["points"], found["parameters"]["POINT"]
-    except Exception as fault:  # the library raises what its C++ raises
-        reason = " ".join(str(fault).split())[:140]
-        raise StudyError(path, None, f"it cannot be read as a C3D file ({reason}): export it again.") from fault
-    unit = next((u for u in known.get("UNITS", {}).get("value", []) if u in LENGTHS), None)
-    names = tuple(name.rpartition(":")[2] for name in known["LABELS"]["value"][: points.shape[1]])
+        found = read_apart(_READ_C3D, str(path))
+    except ValueError as fault:
+        raise StudyError(path, None, "it cannot be read as a C3D file: export it again, or as a CSV.") from fault
+    points, labels, units = (found[name] for name in ("points", "labels", "units"))
+    unit = next((str(u) for u in units if u in LENGTHS), None)
+    names = tuple(str(name).rpartition(":")[2] for name in labels[: points.shape[1]])
     points = np.moveaxis(points[:3], 0, 2).swapaxes(0, 1)
     return Capture(names, points, unit, {})

@@ -18,7 +18,7 @@ from scan2flex_jax.errors import Scan2FlexError
 
 _SAME = 1e-9  # relative difference below which sections count as equal
 _STRETCH = 1e-3  # largest strain of a pose for which a chain of rigid links may neglect stretch and shear
-_SOFTER = 100.0  # divisor of an assumed stiffness of shear or stretch, which costs simulators small steps or digits
+_SOFTEST = 1e-4  # of an assumed stiffness of stretch or shear that carries next to nothing
 THIN = 5e-3  # of the length: radius where the study has none
 
 STIFFNESS = "a stiffness that varies along the cable"
@@ -82,9 +82,10 @@ class HungCable:
 
     @property
     def softened(self) -> np.ndarray:
-        """``stiffness`` with assumed entries divided by 100: still practically rigid, and easier for a simulator."""
+        """``stiffness`` with assumed entries as soft as a strain of 0.1 % in this pose allows: a stiffer one costs a simulator
+        small steps, iterations or digits, and changes nothing that was measured."""
         soft = [("shear_stiffness" in self.assumed)] * 2 + ["axial_stiffness" in self.assumed] + [False] * 3
-        scale = np.where(soft, _SOFTER**-0.5, 1.0)
+        scale = np.where(soft, np.sqrt(np.clip(self.strain / _STRETCH, _SOFTEST, 1.0)), 1.0)
         return self.stiffness * np.outer(scale, scale)
 
     @property
@@ -114,7 +115,7 @@ class HungCable:
             )
         if self.assumed:
             names = " and ".join(self.assumed)
-            out.append(f"The study has no {names}: the cable is assumed practically rigid there.")
+            out.append(f"The study has no {names}: a value is assumed with which it strains by 0.1 % in this pose.")
         if self.seen:
             out.append(f"Left out: {', '.join(self.seen)}, an effect of the scanner and not of the cable.")
         return out

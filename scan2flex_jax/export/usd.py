@@ -8,8 +8,10 @@ The curve's segments are the links of `export.cable`: segment k is centred on no
 element beyond the cable. Normals are d2: a body of Newton then has the axes d1, d2, d3. ``restShapePoints`` and
 ``restNormals`` give the unloaded cable with its natural curvature; ``masses`` are those of the segments, in kg.
 
-A support is a `PhysicsAttachment`: sites of the end segment, tied to points of the world. Three sites, one of them off the
-axis, make a clamp; one makes a ball joint. Units are SI, as the stage metadata and the doc of attributes state.
+A support ties sites of the end segment to bodies that do not move, each by a `PhysicsAttachment`. Three sites, one of them off
+the axis, make a clamp; one makes a ball joint. Newton's importer makes a ball joint of each, and warns of two between the same
+bodies; the world counts as one, to which it ties the cable's first link by a free joint: hence a body for each site. Units are
+SI, as the stage metadata and the doc of attributes state.
 """
 
 import json
@@ -34,7 +36,7 @@ def to_usd(cable: HungCable) -> str:
     values = dict(zip(_UNITS, (K[2, 2], K[0, 0], K[3, 3], K[5, 5]), strict=True))
     points, rest = closed(cable), unloaded(cable)
     lines = [
-        *_head(cable), *_scene(cable.gravity), *_material(values), *_attachments(cable),
+        *_head(cable), *_scene(cable.gravity), *_material(values), *_supports(cable),
         *_prim(
             'def BasisCurves "Cable"',
             [
@@ -122,8 +124,8 @@ def unloaded(cable: HungCable) -> np.ndarray:
     return np.array([turned.as_matrix() for turned in out])
 
 
-def _attachments(cable):
-    """Supports as sites on the end segments: `(u, s, t)` is the fraction of the length, and m along normal and binormal."""
+def _supports(cable):
+    """Supports as sites on the end segments: `(u, s, t)` is the weight of the first point, and m along normal and binormal."""
     out, ds = [], cable.element_length
     for name, segment, held in (("Start", 0, cable.held[0]), ("End", cable.elements, cable.held[-1])):
         if not held[0]:
@@ -131,16 +133,25 @@ def _attachments(cable):
         sites = [(0.5, 0.0, 0.0)] if not held[3] else [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.5, ds, 0.0)]
         axes = cable.rotation[-1 if segment else 0]
         at = cable.position[-1 if segment else 0]
-        world = [at + axes @ ((u - 0.5) * ds * _TANGENT + s * _NORMAL) for u, s, _ in sites]
-        out += _prim(
-            f'def PhysicsAttachment "{name}"',
-            [
-                "rel physics:src0 = </World/Cable>", 'uniform token physics:type0 = "segment"',
-                f"int[] physics:indices0 = [{', '.join([str(segment)] * len(sites))}]",
-                f"vector3f[] physics:coords0 = {_tuples(sites)}", 'uniform token physics:type1 = "xform"',
-                f"vector3f[] physics:coords1 = {_tuples(world)}", "bool physics:attachmentEnabled = true",
-            ],
-        )  # fmt: skip
+        for k, site in enumerate(sites):
+            world = at + axes @ ((0.5 - site[0]) * ds * _TANGENT + site[1] * _NORMAL)
+            out += _prim(
+                f'def Xform "{name}{k}"',
+                [
+                    "bool physics:kinematicEnabled = true", f"double3 xformOp:translate = {_tuple(world)}",
+                    'uniform token[] xformOpOrder = ["xformOp:translate"]',
+                ],
+                schemas=("PhysicsRigidBodyAPI",),
+            )  # fmt: skip
+            out += _prim(
+                f'def PhysicsAttachment "{name}{k}Tie"',
+                [
+                    "rel physics:src0 = </World/Cable>", 'uniform token physics:type0 = "segment"',
+                    f"int[] physics:indices0 = [{segment}]", f"vector3f[] physics:coords0 = {_tuples([site])}",
+                    f"rel physics:src1 = </World/{name}{k}>", 'uniform token physics:type1 = "xform"',
+                    "bool physics:attachmentEnabled = true",
+                ],
+            )  # fmt: skip
     return out
 
 

@@ -24,7 +24,7 @@ from scan2flex_jax.scan import cloud as clouds
 from scan2flex_jax.scan import coarse_curve, refine, snakes, snakes_minimisers, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
 from scan2flex_jax.scan.guide_points import checked_guides, guide_tube, guided_curve
-from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts
+from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts, foreign
 from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import check_study
@@ -92,8 +92,14 @@ def extract(
         if not left_out:
             break
         against, curve, fit = refined((fit.points,), points[inside])
+    strange = np.zeros(0, bool) if few else foreign(fit, radius)
+    if strange.any():
+        where = cKDTree(spline.evenly(fit.points, 800)).query(points[inside])[1] / 800
+        against, curve, fit = refined((fit.points,), points[inside][~strange[(where * len(strange)).astype(int)]])
     _refuse_doubtful(curve, length, start, end)
     said = [] if few else _remarks(curve, radius, fit, eyes is not None)
+    if strange.any():
+        said.append("where most points lie on no tube of this radius (a connector?) they were left out: see the gaps")
     return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against))
 
 

@@ -26,6 +26,7 @@ _VAGUE = 3.0  # of the noise of a point: a curve with a larger std, also above a
 _BESIDE = 2.5  # of the noise: largest offset of an end from its clamp; also for the radius
 _MOST_BENT = 0.6  # rad: largest bend between the last seen point and the clamp
 _KINK = 0.7  # kappa r out of reach of a cable
+_TOLD = 20  # points near the curve at a station, from which their share on it counts
 _UNEXPLAINED = 0.4  # smallest share of the points within a radius of the surface that must lie on it
 
 
@@ -44,6 +45,15 @@ def pulls(fit, radius: float):
     held = told + np.eye(2) / radius**2
     u = -np.linalg.solve(held, g[..., None])[..., 0]
     return u, np.einsum("bn,bnm,bm->b", u, told, u), at
+
+
+def foreign(fit, radius: float) -> np.ndarray:
+    """Mask of the stations (b,) where few of the points near the curve lie on it (a connector), and of their neighbours."""
+    station = np.clip((fit.parameter / (len(fit.points) - 1) * _STATIONS).astype(int), 0, _STATIONS - 1)
+    away = np.abs(fit.residual)
+    near, on = (np.bincount(station[away < reach], minlength=_STATIONS) for reach in (radius, min(3.0 * fit.sigma, radius)))
+    found = (near >= _TOLD) & (on < _UNEXPLAINED * near)
+    return found | np.r_[found[1:], False] | np.r_[False, found[:-1]]
 
 
 def doubts(curve, fit, radius, length, start, end, few: bool = False) -> list[str]:

@@ -1,14 +1,16 @@
-"""`to_newton`: the rod that Newton's own importer makes of the OpenUSD file, and what is said without Newton."""
+"""`to_newton`: the rod that Newton's own importer makes of the OpenUSD file; the moduli that Isaac Lab takes."""
 
+import re
 import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from benchmarks.simulators import settled
 from scan2flex_jax import Scan2FlexError, load_study
 from scan2flex_jax.examples import example_path
-from scan2flex_jax.export import export, to_newton
+from scan2flex_jax.export import export, hung, isaac_lab_material, to_newton
 
 LINKS = 12
 
@@ -25,21 +27,79 @@ def test_without_newton_a_sentence_says_what_to_install(study, monkeypatch):
         to_newton(study, None)
 
 
-def test_the_rod_is_that_of_the_importer_with_its_ends_held(study, tmp_path):
-    newton = pytest.importorskip("newton")
-    pytest.importorskip("pxr")
+@pytest.fixture
+def imported(study, tmp_path, recwarn):
+    """Newton, the builder with our file in it, the cable's bodies, and what the importer warned of."""
+    newton = pytest.importorskip("newton", reason="Newton is not installed: pip install 'newton[importers]'")
+    pytest.importorskip("pxr", reason="OpenUSD is not installed: pip install 'newton[importers]'")
     (tmp_path / "cable.usda").write_text(export(study, "usd", pose="twist-90", elements=LINKS))
-    own, imported = newton.ModelBuilder(), newton.ModelBuilder()
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -9.81))
+    builder.add_usd(str(tmp_path / "cable.usda"))
+    bodies = [k for k, label in enumerate(builder.body_label) if "Cable" in label]
+    return newton, builder, bodies, [str(w.message) for w in recwarn if "newton" in w.category.__name__.lower()]
+
+
+def test_both_ways_give_the_same_rod_and_no_warning(study, imported):
+    newton, builder, links, warned = imported
+    assert warned == []
+    own = newton.ModelBuilder(gravity=(0.0, 0.0, -9.81))
     bodies, joints = to_newton(study, own, pose="twist-90", elements=LINKS)
-    imported.add_usd(str(tmp_path / "cable.usda"))
-    mine, theirs = own.finalize(device="cpu"), imported.finalize(device="cpu")
-    for name in ("joint_X_p", "joint_X_c", "joint_rest_q", "joint_stiffness", "joint_target_ke", "joint_type", "body_com"):
-        a, b = getattr(mine, name).numpy(), getattr(theirs, name).numpy()
-        np.testing.assert_allclose(a, b[: len(a)], rtol=1e-5, atol=2e-5, err_msg=name)
-    a, b = mine.body_q.numpy(), theirs.body_q.numpy()
+    mine, theirs = own.finalize(device="cpu"), builder.finalize(device="cpu")
+    a, b = (m.joint_type.numpy() for m in (mine, theirs))
+    rods = [np.flatnonzero(kinds == newton.JointType.ROD) for kinds in (a, b)]
+    for name in ("joint_X_p", "joint_X_c"):
+        a, b = getattr(mine, name).numpy()[rods[0]], getattr(theirs, name).numpy()[rods[1]]
+        np.testing.assert_allclose(a, b, rtol=1e-5, atol=2e-5, err_msg=name)
+    np.testing.assert_allclose(stiffnesses(mine, rods[0]), stiffnesses(theirs, rods[1]), rtol=1e-5)
+    a, b = mine.body_q.numpy()[bodies], theirs.body_q.numpy()[links]
     np.testing.assert_allclose(a[:, :3], b[:, :3], atol=2e-5)
     np.testing.assert_allclose(np.abs(np.sum(a[:, 3:] * b[:, 3:], axis=1)), 1.0, atol=1e-5)  # quaternions of either sign
-    masses = mine.body_mass.numpy()
-    np.testing.assert_allclose(masses[1:-1], theirs.body_mass.numpy()[1:-1], rtol=1e-6)
-    assert masses[bodies[0]] == masses[bodies[-1]] == 0.0  # clamped at both ends: Newton does not move them
+    masses = mine.body_mass.numpy()[bodies]
+    np.testing.assert_allclose(masses[1:-1], theirs.body_mass.numpy()[links][1:-1], rtol=1e-6)
+    assert masses[0] == masses[-1] == 0.0  # clamped at both ends: Newton does not move them
     assert len(joints) == len(bodies) - 1 == LINKS
+
+
+def stiffnesses(model, joints):
+    """Rows of stretch, shear, bending, twist of each joint."""
+    start = model.joint_qd_start.numpy()
+    return np.array([model.joint_target_ke.numpy()[start[j] : start[j + 1]] for j in joints])
+
+
+@pytest.mark.slow
+def test_both_ways_hang_alike(study, imported):
+    newton, builder, links, _ = imported
+    own = newton.ModelBuilder(gravity=(0.0, 0.0, -9.81))
+    bodies, _ = to_newton(study, own, pose="twist-90", elements=LINKS)
+    called, read = settled(own, bodies, 960), settled(builder, links, 960)
+    assert np.max(np.linalg.norm(called - read, axis=1)) < 3e-3  # m: ball joints hold the clamps of the file less exactly
+    assert np.max(np.linalg.norm(called - hung(study, "twist-90", LINKS).position, axis=1)) < 1.5e-2
+
+
+def test_isaac_lab_takes_moduli_that_give_the_stiffnesses_back(study):
+    """Sections of a full circle: EA = E pi r^2, EI = E pi r^4/4, GJ = G pi r^4/2, mass per length = density pi r^2."""
+    given = replace(study, cable=study.cable | {"radius": 0.004, "axial_stiffness": 2e4, "shear_stiffness": 1e4})
+    m = isaac_lab_material(given, pose="plane", elements=LINKS)
+    area, r = np.pi * 0.004**2, 0.004
+    assert m["thickness"] == 2 * r
+    assert m["density"] * area == pytest.approx(0.2)
+    assert (m["stretch_stiffness"] * area, m["shear_stiffness"] * area) == pytest.approx((2e4, 1e4))
+    assert m["bend_stiffness"] * area * r**2 / 4 == pytest.approx(0.1)
+    assert m["twist_stiffness"] * area * r**2 / 2 == pytest.approx(0.25)
+
+
+def test_newton_reads_the_moduli_of_isaac_lab_as_our_stiffnesses(study, imported, tmp_path):
+    """Isaac Lab writes its material as `physics:bendStiffness` and the like, which Newton's importer multiplies."""
+    newton, builder, *_ = imported
+    text = (tmp_path / "cable.usda").read_text()
+    for name, value in isaac_lab_material(study, pose="twist-90", elements=LINKS).items():
+        mode = name.removesuffix("_stiffness")
+        text = re.sub(rf"physics:curves{mode.title()}Stiffness = \S+", f"physics:{mode}Stiffness = {value:.9g}", text)
+    assert "curvesBend" not in text
+    (tmp_path / "moduli.usda").write_text(text)
+    other = newton.ModelBuilder()
+    with pytest.warns(newton.NewtonDeprecationWarning):
+        other.add_usd(str(tmp_path / "moduli.usda"))
+    a, b = (x.finalize(device="cpu") for x in (builder, other))
+    rods = np.flatnonzero(a.joint_type.numpy() == newton.JointType.ROD)
+    np.testing.assert_allclose(stiffnesses(a, rods), stiffnesses(b, rods), rtol=1e-5)

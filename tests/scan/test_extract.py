@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import trimesh
+from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan import cloud, extract, scanner, shapes
@@ -52,6 +54,65 @@ def test_a_gap_is_bridged_and_marked():
     inside = (found.arc_length > gap[0] + 0.02) & (found.arc_length < gap[1] - 0.02)
     assert found.std[inside].min() > 2.0 * np.median(found.std)
     assert any("no points were seen" in said for said in found.warnings)
+
+
+def beside(curve, place):
+    """Point, unit tangent and two unit normals of a curve at a fraction of its length."""
+    k = int(place * len(curve))
+    d3 = np.gradient(curve, axis=0)[k]
+    side = np.cross(d3, [0.1, 0.2, 1.0])
+    d3, side = d3 / np.linalg.norm(d3), side / np.linalg.norm(side)
+    return curve[k], d3, side, np.cross(side, d3)
+
+
+def branch(curve):
+    at, d3, side, _ = beside(curve, 0.4)
+    return scanner.tube_mesh(at + np.linspace(0, 0.3, 60)[:, None] * (0.45 * d3 + 0.89 * side), RADIUS)
+
+
+def touching(curve):
+    at, d3, side, up = beside(curve, 0.5)
+    u = np.linspace(-0.35, 0.35, 80)[:, None]
+    return scanner.tube_mesh(at + 2.0 * RADIUS * up + u * (0.76 * d3 + 0.64 * side) + 0.5 * u**2 * up, RADIUS)
+
+
+def connector(curve):
+    at, d3, *_ = beside(curve, 0.6)
+    place = trimesh.geometry.align_vectors([0.0, 0.0, 1.0], d3)
+    place[:3, 3] = at
+    return trimesh.creation.box((0.04, 0.04, 0.06), transform=place)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("thing", [branch, touching, connector])
+def test_what_touches_the_cable_does_not_draw_the_curve(thing):
+    """Another cable is left aside. Where a connector hides the cable there is a gap, which is said."""
+    curve = shapes.random_smooth(LENGTH, RADIUS)
+    points = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 3, clutter=[thing(curve)]).points
+    start, end = ends(curve)
+    found = extract(points, RADIUS, length=LENGTH, start=start, end=end)
+    away, _ = cKDTree(shapes.resample(curve, 8001)).query(found.points)
+    assert found.sure
+    assert away.max() < 1e-3
+    if thing is connector:
+        ((low, high),) = found.gaps
+        assert low < 0.57 and high > 0.63
+        assert any("connector" in said for said in found.warnings)
+    else:
+        assert not found.gaps
+
+
+@pytest.mark.slow
+def test_fragments_are_joined_and_a_missing_end_is_not_invented():
+    gaps = ((0.1, 0.16), (0.3, 0.36), (0.5, 0.57), (0.7, 0.76))
+    curve, scan = scanned("random", LENGTH, RADIUS, key=3, gaps=gaps)
+    start, end = ends(curve)
+    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    np.testing.assert_allclose(found.gaps, gaps, atol=0.01)
+    assert errors(found, curve, RADIUS, 2)[0] < NOISE
+    _, short = scanned("random", LENGTH, RADIUS, key=3, gaps=((0.8, 1.0),))
+    with pytest.raises(Scan2FlexError, match="mark guide points"):
+        extract(short.points, RADIUS, length=LENGTH, start=start, end=end)
 
 
 def test_guide_points_and_a_table():
