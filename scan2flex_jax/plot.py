@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # for annotations only: drawing needs no import of these type
     from scan2flex_jax.inference import Expectation, Explanation, Fit
     from scan2flex_jax.study import Study
 
-MEASURED, _MODELLED, _BEFORE = "#555d66", "#c1272d", "#e9a13b"
+MEASURED, BAND, _MODELLED, _BEFORE = "#555d66", "#dddddd", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
 _HARDLY_SEEN = 100.0  # usual sizes: an effect that needs more is drawn there
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
@@ -197,7 +197,7 @@ def residual(explanation: "Explanation", pose: str | None = None, ax: Axes | Non
     order = np.argsort(p.s)
     s = p.s[order]
     band = 1.96e3 * explanation.noise.total
-    ax.fill_between([s[0], s[-1]], -band, band, color="#dddddd", lw=0, label="95 % of the noise")
+    ax.fill_between([s[0], s[-1]], -band, band, color=BAND, lw=0, label="95 % of the noise")
     for k, style in enumerate(("-", (0, (2, 1)))):
         wide = {**_PALE, "ls": style} if k == 0 else {**_PALE, "ls": style, "lw": 2.5}
         ax.plot(s, 1e3 * p.residual_before[order, k], color=_BEFORE, label=f"before, normal {k + 1}", **wide)
@@ -267,7 +267,8 @@ def comparison(explanation: "Explanation", ax: Axes | None = None, most: int = 1
     ax.axvline(0.0, color="k", lw=0.8)
     ax.set_yticks(range(len(names)), names)
     score = "log predictive density" if any(np.isfinite(h.elpd) for h in rows) else "log evidence"
-    ax.set(ylim=(len(names) - 0.3, -0.9), xlabel=f"difference from no effect in {score} (nats)")
+    ax.set_ylim(len(names) - 0.3, -0.9)
+    ax.set_xlabel(f"{score} over no effect (nats)", loc="right")  # long names leave little room below the axes
     if rest:
         _legend(ax)
     return ax

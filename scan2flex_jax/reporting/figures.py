@@ -20,7 +20,7 @@ from scan2flex_jax.reporting.html import Html
 
 MODELLED = "#8a8f98"
 _INK = "#010203"  # stands for the page's own colour of text
-_OF_PAGE = {_INK: "var(--ink)", plot.MEASURED: "var(--measured)"}
+_OF_PAGE = {**dict.fromkeys((_INK, "#000000"), "var(--ink)"), plot.MEASURED: "var(--measured)", plot.BAND: "var(--grid)"}
 _STYLE: Any = {
     "svg.fonttype": "none", "svg.hashsalt": "scan2flex", "axes.spines.top": False, "axes.spines.right": False,
     **dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK),
