@@ -3,12 +3,14 @@
 import signal
 
 import numpy as np
+import pytest
 
 from benchmarks import attacks
 
 INPUTS = 20
 
 
+@pytest.mark.slow
 def test_every_reader_refuses_in_one_sentence_or_reads(tmp_path):
     readers = attacks.readers(tmp_path)
     before = signal.signal(signal.SIGPROF, attacks._hung)

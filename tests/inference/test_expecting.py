@@ -55,6 +55,7 @@ def test_less_noise_shows_more(expectation):
     assert all(sizes[v.kind] == pytest.approx(0.5 * v.size, rel=0.05) for v in expectation.effects[:10])
 
 
+@pytest.mark.slow
 def test_plane_poses_do_not_determine_torsion():
     study = planned()
     told = expect(replace(study, poses=tuple(p for p in study.poses if p.name == "plane")))

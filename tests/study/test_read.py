@@ -134,7 +134,7 @@ def test_examples_come_with_the_package(name):
 
 def test_no_such_example():
     with pytest.raises(Scan2FlexError, match="black-wire"):
-        example_path("white-wire")
+        example_path("grey-wire")
 
 
 def test_warnings_in_words(tmp_path):
