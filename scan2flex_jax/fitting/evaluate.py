@@ -140,7 +140,7 @@ class Evaluator:
         found = found._replace(entered=left)
         return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
 
-    def _in_order(self, history: History, shared, local, start, derivative, near=True) -> list[states.Shape]:
+    def _in_order(self, history: History, shared, local, start, derivative, near=False) -> list[states.Shape]:
         """The shape of each pose; poses of the history that are not of these have no part of their own but what they leave."""
         found: dict[int, states.Shape] = {}
         own, before = {int(q): i for i, q in enumerate(history.at)}, None
@@ -148,7 +148,8 @@ class Evaluator:
             before = STRAIGHTENED if history.reset[q] else before
             i, poses = own.get(q, q), self.poses if q in own else history.poses
             z, begin = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
-            shape = self._pose(poses, i, shared, z, begin, derivative, before, np.asarray(history.held[q]), near)
+            held = np.asarray(history.held[q])
+            shape = self._pose(poses, i, shared, z, begin, derivative, before, held, near and q in own)
             found[q] = shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]

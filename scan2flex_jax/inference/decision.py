@@ -8,10 +8,10 @@ and by two standard errors of the paired difference over the poses (of Student's
    over each smaller set.
 3. Tied: hypotheses of as many effects, each found by itself, over which the best does not lead, or which have the same shapes
    by the catalogue.
-4. Explained: no discrepancy is needed beside the noise, and no field leads; else partly explained, if the effects take most of
-   the structure away.
-5. Unexplained: a field leads, or nothing does while a discrepancy is needed, or noise that nobody stated is unlike a scanner's
-   (`belief.conspicuous`). The field is a description, no cause.
+4. Explained: no discrepancy is needed beside the noise, which is like a scanner's or stated (`smooth`), and no field leads;
+   else partly explained, if the effects take most of the structure away.
+5. Unexplained: a field leads, or nothing does while a discrepancy is needed, or the noise is unlike a scanner's. The field is a
+   description, no cause.
 6. A validate pose that is off by `surprise` times what the hypothesis expects contradicts it: at most partly explained.
 7. A mistake of the input that leads over the study as stated stands, unless effects lead over it.
 8. One pose only: described, never established.
@@ -142,7 +142,7 @@ def _p_value(h: Fitted, empty: Fitted) -> float:
     difference, error = compared(h, empty)
     if len(h.elpd) < 2:
         return float(np.exp(-max(difference, 0.0)))
-    return float(special.stdtr(max(len(h.elpd) - 1, 1), -difference / max(error, 1e-12)))
+    return float(special.stdtr(len(h.elpd) - 1, -difference / max(error, 1e-12)))
 
 
 def errors_of_input(kinds) -> list[SameShapes]:

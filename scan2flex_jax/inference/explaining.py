@@ -290,7 +290,9 @@ def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[
     v, kinds = d.best.variant, [r.kind for r in chosen]
     if d.verdict == UNSOLVED:
         return [Finding("coarse", "fault", {"poses": ", ".join(coarse)})]
-    out = [*_of_verdict(d, kinds), *_of_effects(kinds, poses)]
+    out, shown = [*_of_verdict(d, kinds), *_of_effects(kinds, poses)], d.best if kinds else d.empty
+    if smooth(shown):
+        out.append(Finding("smooth", "doubt", {"mm": 1e3 * np.sqrt(2) * shown.variant.likelihood.noise(shown.u).total}))
     for pose, ratio in d.surprised.items():
         out.append(Finding("surprise" if np.isfinite(ratio) else "unseen", "fault", {"pose": pose, "ratio": ratio}))
     if discrepancy.curvature:
@@ -310,8 +312,6 @@ def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
         yield Finding("nothing", values={"p": d.p_value})
     elif d.verdict == UNEXPLAINED:
         yield Finding("unexplained", "fault")
-        if smooth(d.empty):
-            yield Finding("smooth", "doubt", {"mm": 1e3 * np.sqrt(2) * d.empty.variant.likelihood.noise(d.empty.u).total})
         cause, field = d.cause, d.description
         if field is not None and field.score > max(d.empty.score, cause.score if cause else -np.inf):
             words = {"field": FIELDS.get(field.kinds[0], listed(field.kinds)), "nats": field.score - d.empty.score}

@@ -296,11 +296,12 @@ class Variant:
             if self.held and not components:
                 converged = self.minimum.converged
                 break
-            wr, wX = self.likelihood.white(u, linear)
-            A, g = linear.normal(wr, wX)
+            Li = self.likelihood.whitening(u, linear.Z)
+            wr = (Li @ linear.r[:, :, None])[:, :, 0]
+            A, g = linear.normal(wr, Li @ linear.X)
             lowest = float(np.sum(wr**2) + linear.quad - g @ inverted(A)[1] @ g)  # by a linear step, which ``value`` counts on
             hopeless = lowest + 2 * (value - self.best + 2 * _DOUBT)
-            end = self._descend(components, x, shapes, self.likelihood.whitening(u, linear.Z), wider, hopeless=hopeless)
+            end = self._descend(components, x, shapes, Li, wider, hopeless=hopeless)
             if end is None:
                 break
             x, shapes, converged, _ = end

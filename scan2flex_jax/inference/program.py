@@ -119,7 +119,8 @@ class Program:
         some = copy(self)
         some.poses = self.poses.only(which)
         some.evaluator = self.problem.evaluator_of(self.evaluator.poses.only(which))
-        some.start = jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
+        measured = self.start is self.poses.start
+        some.start = some.poses.start if measured else jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
         some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
         return some
 
