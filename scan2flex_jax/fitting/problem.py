@@ -18,10 +18,8 @@ from scan2flex_jax.fitting.least_squares import (
     bfgs,
     levenberg_marquardt,
     nelder_mead,
-    prefixed,
     silent,
 )
-from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.quadratic import rounding_of
@@ -77,12 +75,8 @@ class Problem:
             raise Scan2FlexError("the study has no pose with role 'validate': there is nothing to predict")
         return self.evaluator_of(self.held_out, self.evaluator.distance)(minimum.shared)
 
-    def scale(self, noise: Noise) -> np.ndarray:
-        """Standard deviation (m) that weighs each pose: the stated one, else the estimated one."""
-        return np.array([noise.total if pose.noise is None else pose.noise for pose in self.study.fit_poses])
-
     def first_scale(self) -> np.ndarray:
-        """Likewise before any residual is known: the stated noises, else a thousandth of the length for all."""
+        """Standard deviation (m) that weighs each pose: the stated noises, else a thousandth of the length for all."""
         stated = [pose.noise for pose in self.study.fit_poses]
         return np.array(stated, float) if all(stated) else np.full(self.poses.count, 1e-3 * self.length)
 
@@ -169,12 +163,6 @@ class Problem:
         self.evaluator.equilibria = old.equilibria
         start = minimum.evaluation.configuration
         return replace(minimum, evaluation=self.evaluator(minimum.shared, minimum.local, start=start))
-
-    def with_priors(self, minimum: Minimum, noise: Noise, progress: Progress = silent) -> Minimum:
-        """The fit repeated with the nuisance parameters free under their priors."""
-        goal = self.goal(self.scale(noise), prefixed(progress, "with priors"))
-        solved = minimum.evaluation.configuration  # a soft law may not be solved from the measured curves there
-        return self._finite(levenberg_marquardt(goal, minimum.shared, minimum.local, solved))
 
     def _finite(self, minimum):
         if np.isfinite(minimum.cost):

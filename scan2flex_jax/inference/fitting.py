@@ -177,7 +177,6 @@ def _on_branches(declared, first, method, progress, mistakes):
     if first.mistakes:
         return first
     problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
-    problem, minimum = branches.needed(declared.study, problem, minimum, method, progress)
     likely = hidden(declared.study, problem, minimum, progress) if mistakes else ()
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
     return Found(problem, minimum, likely, doubt)

@@ -6,43 +6,42 @@ memory effect in the order of measurement and in random orders, in which times a
 exchangeable, as they are without memory, the rank of the true order is uniform: an exact permutation test (Good, "Permutation,
 Parametric and Bootstrap Tests of Hypotheses", 2005).
 
-Gains are in nats: half the decrease of the sum of squares against the fit without memory, in the metric of the noise of the
-true order (correlated along the cable), priors included.
+Gains are in nats: the log evidence of each order (`posterior`) over that of the fit without memory, in which the order has no
+part.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
-from scan2flex_jax.fitting.noise import Noise
-from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
+from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference.posterior import Variant
+from scan2flex_jax.inference.fitting import fitted
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.sense import check_study
 
 ORDERS = 19  # permutations: the least p-value is 1/20
 LEVEL = 0.05  # of the p-value
-LEAD = 3.0  # nats over the fit without memory, after the cost of its parameters, and over every other order
+LEAD = 3.0  # nats over the fit without memory, and over every other order
 
 
 @dataclass(frozen=True)
 class MemoryTest:
     """Whether poses owe something to their past.
 
-    ``gain`` (nats) of the memory effect ``kind`` in the order of measurement, ``others`` those in other orders, ``parameters``
-    its values, ``cost`` (nats) of estimating them.
+    ``gain`` (nats) of the memory effect ``kind`` in the order of measurement, ``others`` those in other orders (minus infinity
+    where no values let every pose settle), ``parameters`` its values.
     """
 
     kind: str
     gain: float
     others: tuple[float, ...] = field(repr=False)
     parameters: dict[str, float]
-    cost: float
 
     @property
     def p_value(self) -> float:
@@ -52,8 +51,7 @@ class MemoryTest:
     @property
     def named(self) -> bool:
         """Whether memory explains the poses, and no other order explains them as well."""
-        lead = self.gain - max(self.others, default=0.0)
-        return self.p_value <= LEVEL and lead >= LEAD and self.gain - self.cost >= LEAD
+        return self.p_value <= LEVEL and self.gain - max(0.0, *self.others) >= LEAD
 
     def sentence(self) -> str:
         """The result in words."""
@@ -62,13 +60,14 @@ class MemoryTest:
         tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"
         if self.named:
             return f"the cable remembers: {tested}"
-        if self.gain - self.cost < LEAD:
+        if self.gain < LEAD:
             return f"no memory is seen: {tested}"
         return f"memory is not established, other orders of the poses fit as well: {tested}"
 
     def to_json(self) -> dict:
         """As numbers and lists."""
-        said = {"kind": self.kind, "gain": self.gain, "others": list(self.others), "p_value": self.p_value}
+        others = [other if np.isfinite(other) else None for other in self.others]
+        said = {"kind": self.kind, "gain": self.gain, "others": others, "p_value": self.p_value}
         return said | {"parameters": self.parameters, "named": self.named}
 
 
@@ -103,28 +102,22 @@ def memory_test(
         >>> memory_test(load_study("my-cable")).named  # doctest: +SKIP
         True
     """
-    plain, remembering = _plain(study, kind), declaring(study, kind)
-    say = progress or (lambda message: None)
+    plain, remembering, say = _plain(study, kind), declaring(study, kind), progress or (lambda message: None)
+    fit = partial(fitted, elements=elements, turns=False, mistakes=False)
     say(f"with {kind}")
-    true = Problem(remembering, elements)
-    minimum = true.minimise("least-squares")
-    noise = _noise(true, minimum)
-    minimum = _with_priors(true, minimum, noise)
-    least = _cost(true, minimum, noise)
+    true = fit(remembering)
     say(f"without {kind}")
-    linear = Problem(plain, elements)
-    without = _cost(linear, _with_priors(linear, linear.minimise("least-squares"), noise), noise)
-    gain = without - least
-    own = [u.name for u in remembering.unknowns if u.name.startswith(f"{kind}.")]
-    count = int(np.count_nonzero(minimum.evaluation.residual))
-    cost = 0.5 * len(own) * float(np.log(max(count, 2)))
+    least = fit(plain).posterior.score
     rng, others = np.random.default_rng(seed), []
     for k in range(orders):
         say(f"order {k + 1} of {orders}")
-        others.append(without - _least(_permuted(remembering, rng), elements, minimum, noise))
-    values = true.layout.slots
-    told = {s.name.partition(".")[2]: float(s.value(minimum.shared[s.at : s.at + s.size])) for s in values if s.name in own}
-    return MemoryTest(kind, gain, tuple(others), told, cost)
+        try:
+            others.append(fit(_permuted(true.calibrated, rng)).posterior.score - least)
+        except NotSettledError:
+            others.append(-np.inf)
+    names = (name for name in true.estimates if name.startswith(f"{kind}."))
+    values = {name.partition(".")[2]: float(true.estimates[name].value) for name in names}
+    return MemoryTest(kind, true.posterior.score - least, tuple(others), values)
 
 
 def _plain(study, kind):
@@ -164,39 +157,3 @@ def other_order(count: int, rng: np.random.Generator) -> np.ndarray:
     while count > 1 and np.all(order == np.arange(count)):
         order = rng.permutation(count)
     return order
-
-
-def _with_priors(problem, minimum, noise):
-    return problem.with_priors(minimum, noise) if problem.layout.has_priors else minimum
-
-
-def _least(study, elements, found, noise) -> float:
-    """Least cost (nats) from the parameters of the true order and from the best start of this one; infinite if none settles."""
-    problem, costs = Problem(study, elements), []
-    goal = problem.goal(problem.first_scale())
-    none = np.zeros((problem.poses.count, problem.layout.local))
-    starts = [np.r_[x, np.zeros(problem.layout.shared - problem.layout.unknowns)] for x in problem.starts()]
-    own = min(starts, key=lambda x: goal.cost(problem.evaluator(x), x, none))
-    for x in (own, found.shared):
-        try:
-            minimum = problem.minimise("least-squares", start=x[: problem.layout.unknowns])
-            costs.append(_cost(problem, _with_priors(problem, minimum, noise), noise))
-        except NotSettledError:
-            continue
-    return min(costs, default=np.inf)
-
-
-def _noise(problem, minimum) -> Noise:
-    h = Variant("memory", problem, minimum, held=True).empty
-    return h.variant.likelihood.noise(h.u)
-
-
-def _cost(problem, minimum, noise) -> float:
-    """Half the sum of squares (nats) in the metric of the noise, priors included."""
-    e, total = minimum.evaluation, 0.0
-    for i in range(problem.poses.count):
-        real = np.asarray(problem.poses.mask[i]) > 0
-        factor = np.linalg.cholesky(noise.covariance(e.s[i][real]))
-        total += float(np.sum(np.linalg.solve(factor, e.residual[i][real][:, :2]) ** 2))
-    prior = np.sum(problem.layout.prior.pull(minimum.shared) ** 2) + np.sum(minimum.local**2)
-    return 0.5 * (total + float(prior))

@@ -158,8 +158,10 @@ class _Search:
         if self.turned or not self.close < refit.off < _NEARER * self.before:
             return refit
         with suppress(Scan2FlexError):
-            found = branches.full_turns(refit.problem, refit.minimum, "least-squares", self.progress)
-            return Refit(refit.mistake, _distance(found[0], found[1].evaluation.residual), *found)
+            problem, minimum, _ = branches.on_its_branches(
+                refit.problem, refit.minimum, "least-squares", self.progress, branches.NEARER
+            )
+            return Refit(refit.mistake, _distance(problem, minimum.evaluation.residual), problem, minimum)
         return refit
 
     def of_one_pose(self) -> Iterator[Refit]:

@@ -59,11 +59,15 @@ def test_turns_that_leave_a_pose_far_from_its_curve_are_not_believed(right):
 
 
 def test_turns_that_are_about_as_likely_are_named_before_the_values(right):
-    other = Problem(branches.with_turns(right.study, {"plane": 1, "aside-45": -1}), elements=right.problem.elements)
-    said = branches._in_doubt(right.problem, other, right.minimum)
-    assert "turns = 1 in pose plane and turns = -1 in pose aside-45 and torsional_stiffness = 0.25 N m^2" in said
+    best = branches.Branch(right.problem, right.minimum, right.study)
+    turned = Problem(branches.with_turns(right.study, {"plane": 1, "aside-45": -1}), elements=right.problem.elements)
+    other = branches.Branch(turned, replace(right.minimum, shared=right.minimum.shared + np.log([1.0, 2.0])), right.study)
+    best.log_posterior, other.log_posterior = 0.0, -3.0
+    said = branches.doubt(best, [best, other])
+    assert "turns = 1 in pose plane and turns = -1 in pose aside-45 and torsional_stiffness = 0.5 N m^2" in said
     assert said in replace(right, in_doubt=(said,)).doubts
-    assert right.in_doubt == ()
+    other.log_posterior = -8.0
+    assert branches.doubt(best, [best, other]) == "" and right.in_doubt == ()
 
 
 def folder_of(*names):
