@@ -55,8 +55,9 @@ class Search:
             self.add(variant.empty)
 
     def add(self, h: Fitted | None) -> None:
-        """Keep the likeliest end of each hypothesis."""
-        if h is not None and np.isfinite(h.score) and (h.key not in self.found or h.score > self.found[h.key].score):
+        """Keep the likeliest end of each hypothesis, unless it has become another one (a tether without stiffness, a force)."""
+        kept = h is not None and np.isfinite(h.score) and not _degenerate(h)
+        if h is not None and kept and (h.key not in self.found or h.score > self.found[h.key].score):
             self.found[h.key] = h
 
     @property
@@ -254,6 +255,15 @@ class Search:
 def same_shapes(a: str, b: str) -> bool:
     """Whether two effect types give the same shapes by the catalogue."""
     return any(s.other == y for x, y in ((a, b), (b, a)) for s in entry_of(x).same_shapes)
+
+
+def _degenerate(h: Fitted) -> bool:
+    """Whether an effect has lost what sets it apart: a one-sided amplitude is zero where others of either sign act."""
+    for k, c in enumerate(h.components):
+        a, one_sided = h.amplitudes(k), np.array(c.entry.one_sided)
+        if np.any(a[one_sided] <= 0.0) and np.any(a[~one_sided]):
+            return True
+    return False
 
 
 def describes(h: Fitted) -> bool:
