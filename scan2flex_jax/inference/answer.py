@@ -255,32 +255,25 @@ def compose(
     return Answer(rows, rests_on(study, influence, lost), unseen, belief, tone, warnings, doubts)
 
 
-def _unseen(fit):
-    """The error on validate poses; without them, on fitted poses left out in turn."""
-    length, poses = fit.problem.length, [p for p in fit.poses.values() if p.role == "validate"]
-    rms = fit.rms("validate")
-    if poses and np.isfinite(rms) and all(p.stable for p in poses):
-        return f"{distance_in_words(rms, length)} in {_count(len(poses))} that the fit never saw"
+def unseen_in_words(rms: float, poses: int, left_out: float | None, fitted: int, length: float, before: str = "") -> str:
+    """The error (m) on so many validate ``poses``, with that ``before``; without them, on so many ``fitted`` poses left out in
+    turn."""
+    if poses and np.isfinite(rms):
+        return f"{distance_in_words(rms, length)}{before} in {poses} pose{'s' * (poses > 1)} that the fit never saw"
     if poses:
         return "not known: a validate pose could not be solved"
-    return left_out_in_words(None if fit.influence is None else fit.influence.rms(_points(fit)), length, len(fit.poses))
-
-
-def left_out_in_words(rms: float | None, length: float, poses: int) -> str:
-    """The error on poses left out in turn."""
-    if poses < 2:
+    if fitted < 2:
         return "not known: there is one pose only"
-    if rms is None or not np.isfinite(rms):
+    if left_out is None or not np.isfinite(left_out):
         return "not known: a pose left out in turn is not predicted by the others"
-    return f"{distance_in_words(rms, length)} in poses left out in turn, to first order"
+    return f"{distance_in_words(left_out, length)} in poses left out in turn, to first order"
 
 
-def _points(fit):
-    return [len(p.residual) for p in fit.poses.values() if p.role == "fit"]
-
-
-def _count(poses: int) -> str:
-    return f"{poses} pose{'s' * (poses > 1)}"
+def _unseen(fit):
+    """The error on unseen poses."""
+    fitted = [len(p.residual) for p in fit.poses.values() if p.role == "fit"]
+    left_out = None if fit.influence is None else fit.influence.rms(fitted)
+    return unseen_in_words(fit.rms("validate"), len(fit.poses) - len(fitted), left_out, len(fitted), fit.problem.length)
 
 
 def _belief(fit) -> tuple[str, str]:

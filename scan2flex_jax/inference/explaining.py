@@ -33,8 +33,8 @@ from scan2flex_jax.inference.decision import (
     leads,
     smooth,
 )
-from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked, rms_over
-from scan2flex_jax.inference.fit_result import Fit
+from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked
+from scan2flex_jax.inference.fit_result import Fit, pose_fits, rms_over
 from scan2flex_jax.inference.fitting import with_curves
 from scan2flex_jax.inference.posterior import Fitted, Variant
 from scan2flex_jax.inference.search import Search
@@ -265,24 +265,17 @@ def _settle(d: Decision) -> tuple[str, ...]:
 
 def _poses(d: Decision) -> dict[str, PoseChange]:
     """Every pose before and after, in the order of the study."""
-    best, empty, out = d.best, d.empty, {}
-    study, several = best.variant.study, best.variant.program.poses.count > 1
-    left = [of.left_out(h) for h in (empty, best)] if several else []
-    groups = [(best.variant.program, study.fit_poses, empty.shapes, best.shapes)]
-    if best.variant.held_out is not None:
-        groups.append((best.variant.held_out, study.validate_poses, empty.predicted, best.predicted))
-    for program, poses, before, after in groups:
-        for i, pose in enumerate(poses):
-            keep, ok0, ok1 = program.real[i], of.stable(before[i]), of.stable(after[i])
-            r0, r1 = (np.where(ok, s.residual[keep], np.nan) for s, ok in ((before[i], ok0), (after[i], ok1)))
-            now, fitted = np.linalg.norm(r1, axis=1), program is best.variant.program and several
-            out[pose.name] = PoseChange(
-                role=pose.role, rms_before=float(np.sqrt(np.mean(np.sum(r0**2, axis=1)))), rms=float(np.sqrt(np.mean(now**2))),
-                worst=float(np.max(now)), stable=ok1, s=after[i].s[keep], residual_before=r0, residual=r1,
-                measured=np.asarray(program.poses.points[i])[keep], modelled=np.asarray(after[i].configuration.r),
-                left_out_before=float(left[0][i]) if fitted else None, left_out=float(left[1][i]) if fitted else None,
-            )  # fmt: skip
-    return {p.name: out[p.name] for p in study.poses if p.name in out}
+    before, after, study = pose_fits(d.empty), pose_fits(d.best), d.best.variant.study
+    left: dict[str, tuple[float, float]] = {}
+    if len(study.fit_poses) > 1:
+        figures = zip(of.left_out(d.empty).tolist(), of.left_out(d.best).tolist(), strict=True)
+        left = dict(zip((pose.name for pose in study.fit_poses), figures, strict=True))
+    changed = {}
+    for name, pose in after.items():
+        old, (was, now) = before[name], left.get(name, (None, None))
+        more = {"rms_before": old.rms, "residual_before": old.residual, "left_out_before": was, "left_out": now}
+        changed[name] = PoseChange(**vars(pose) | more)
+    return changed
 
 
 def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[Finding]:

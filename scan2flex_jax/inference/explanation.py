@@ -12,7 +12,7 @@ from scan2flex_jax.inference import belief
 from scan2flex_jax.inference.answer import BAD, Answer, change_in_words, in_mm, moved_in_words, noise_in_words, percent
 from scan2flex_jax.inference.decision import NAMED, PARTLY, TIED, TOO_LITTLE, UNEXPLAINED, UNSOLVED, Decision
 from scan2flex_jax.inference.estimate import Estimate
-from scan2flex_jax.inference.fit_result import Fit, in_words
+from scan2flex_jax.inference.fit_result import Fit, PoseFit, in_words, rms_over
 from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
 from scan2flex_jax.inference.posterior import Fitted
@@ -86,40 +86,21 @@ class Ranked:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseChange:
-    """One pose before and after: RMS distance (m), the largest distance after, and the residual along s for a picture.
+class PoseChange(PoseFit):
+    """One pose after, and ``before``: RMS distances (m) and residuals.
 
     ``left_out``: RMS distance (m) of the prediction from the other fitted poses (None for validate poses).
     """
 
-    role: str
     rms_before: float
-    rms: float
-    worst: float
-    stable: bool
-    s: np.ndarray = field(repr=False)
     residual_before: np.ndarray = field(repr=False)
-    residual: np.ndarray = field(repr=False)
-    measured: np.ndarray = field(repr=False)
-    modelled: np.ndarray = field(repr=False)
     left_out_before: float | None = None
     left_out: float | None = None
 
     def to_json(self) -> dict:
         """As in the study format."""
-        named: dict[str, float | None] = {"rms_before": self.rms_before, "rms": self.rms, "max": self.worst}
-        named |= {"left_out_before": self.left_out_before, "left_out": self.left_out}
-        figures = {k: float(v) for k, v in named.items() if v is not None and np.isfinite(v)}
-        return {"role": self.role, "stable": self.stable} | figures
-
-
-def rms_over(poses, figure: str) -> float:
-    """Root mean square distance (m) over all points of some `PoseChange`, by a ``figure`` of each (``"rms"``, ``"left_out"``);
-    NaN without poses or where one is not known."""
-    values = [getattr(p, figure) for p in poses]
-    if not values or any(v is None for v in values):
-        return float("nan")
-    return float(np.sqrt(np.average(np.square(values), weights=[len(p.residual) for p in poses])))
+        more = {k: getattr(self, k) for k in ("rms_before", "left_out_before", "left_out")}
+        return super().to_json() | {k: float(v) for k, v in more.items() if v is not None and np.isfinite(v)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,9 +172,7 @@ class Explanation:
 
     def rms(self, role: str = "fit", after: bool = True) -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
-        own = [p.residual if after else p.residual_before for p in self.poses.values() if p.role == role]
-        points = sum(len(r) for r in own)
-        return float(np.sqrt(sum(np.sum(r**2) for r in own) / points)) if points else float("nan")
+        return rms_over((p for p in self.poses.values() if p.role == role), "rms" if after else "rms_before")
 
     def rms_left_out(self, after: bool = True) -> float:
         """Root mean square distance (m) over the fitted poses, each predicted from the others; NaN with a single one."""

@@ -1,5 +1,6 @@
 """`Fit`, the result of a fit: estimates, poses, noise and sentences, its printed summary, and the format's JSON object."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -23,7 +24,9 @@ from scan2flex_jax.inference.estimate import Estimate
 from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
 from scan2flex_jax.inference.posterior import Fitted
+from scan2flex_jax.inference.quantities import ratios, stable
 from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.check import unit_warnings
 from scan2flex_jax.study.kinds import split_name
 from scan2flex_jax.study.mistakes import Mistake
@@ -32,8 +35,9 @@ from scan2flex_jax.study.model import Study
 
 @dataclass(frozen=True)
 class PoseFit:
-    """One pose: distances (m) between measured and modelled curve, both curves for a picture, and ``ratio``: of a validate pose
-    its distance over that which noise, discrepancy, tolerances and the errors of the estimates let expect."""
+    """One pose: distances (m) between measured and modelled curve, NaN where it could not be solved; both curves and the
+    residual along ``s`` for a picture; and ``ratio``: of a validate pose its distance over that which noise, discrepancy,
+    tolerances and the errors of the estimates let expect."""
 
     role: str
     rms: float
@@ -50,6 +54,35 @@ class PoseFit:
         """As in the study format; a pose that could not be solved has no distances."""
         out = {"role": self.role, "stable": self.stable}
         return out | {k: float(v) for k, v in (("rms", self.rms), ("max", self.worst)) if np.isfinite(v)}
+
+
+def pose_fits(h: Fitted) -> dict[str, PoseFit]:
+    """The poses at the mode of a hypothesis, in the order of the study."""
+    v, out = h.variant, dict[str, PoseFit]()
+    expected = ratios(h)
+    groups = [(v.study.fit_poses, v.program, h.shapes)]
+    if v.held_out is not None:
+        groups.append((v.study.validate_poses, v.held_out, h.predicted))
+    for study_poses, program, shapes in groups:
+        for i, (pose, shape, real) in enumerate(zip(study_poses, shapes, program.real, strict=True)):
+            residual = np.where(stable(shape), shape.residual[real], np.nan)
+            d = np.linalg.norm(residual, axis=1)
+            out[pose.name] = PoseFit(
+                pose.role, float(np.sqrt(np.mean(d**2))), float(np.max(d)), stable(shape),
+                measured=np.asarray(program.poses.points[i])[real], modelled=np.asarray(shape.configuration.r),
+                s=shape.s[real], residual=residual, verdict=SENTENCES[int(shape.verdict.code)],
+                ratio=expected.get(pose.name, 0.0),
+            )  # fmt: skip
+    return {p.name: out[p.name] for p in v.study.poses if p.name in out}
+
+
+def rms_over(poses: Iterable[PoseFit], figure: str = "rms") -> float:
+    """Root mean square distance (m) over all points of some poses, by a ``figure`` of each (``"rms"``, ``"left_out"``); NaN
+    without poses or where one is not known."""
+    values = [(getattr(p, figure), len(p.residual)) for p in poses]
+    if not values or any(v is None for v, _ in values):
+        return float("nan")
+    return float(np.sqrt(np.average([v**2 for v, _ in values], weights=[n for _, n in values])))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,9 +128,7 @@ class Fit:
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
-        squares = [p.residual.ravel() for p in self.poses.values() if p.role == role]
-        points = sum(len(p.residual) for p in self.poses.values() if p.role == role)
-        return float(np.sqrt(np.sum(np.concatenate(squares) ** 2) / points)) if points else float("nan")
+        return rms_over(p for p in self.poses.values() if p.role == role)
 
     @property
     def believable(self) -> bool:

@@ -21,13 +21,12 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches
 from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.fit_result import Fit, PoseFit, unsettled
+from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
 from scan2flex_jax.inference.posterior import Variant
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.check import study_warnings, unit_warnings
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeat_sentences
@@ -115,7 +114,7 @@ def fitted(
     posterior = variant.empty
     minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
-    known, poses, laws = of.known(posterior), _pose_fits(posterior), of.laws_of(posterior)
+    known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
     estimates = of.estimates(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, verdict = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
@@ -221,32 +220,6 @@ def _check(study, method, distance):
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     check_study(study)
     check_distance(study, distance)
-
-
-def _pose_fits(h) -> dict[str, PoseFit]:
-    """The poses at the mode of a posterior, in the order of the study."""
-    v, out = h.variant, {}
-    ratio = of.ratios(h)
-    groups = [(v.study.fit_poses, v.program, h.shapes)]
-    if v.held_out is not None:
-        groups.append((v.study.validate_poses, v.held_out, h.predicted))
-    for study_poses, program, shapes in groups:
-        for i, (pose, shape, real) in enumerate(zip(study_poses, shapes, program.real, strict=True)):
-            code, r = int(shape.verdict.code), shape.residual[real]
-            d = np.linalg.norm(r, axis=1) if code == SOLVED else np.full(len(r), np.nan)
-            out[pose.name] = PoseFit(
-                role=pose.role,
-                rms=float(np.sqrt(np.mean(d**2))),
-                worst=float(np.max(d)),
-                stable=code == SOLVED,
-                measured=np.asarray(program.poses.points[i])[real],
-                modelled=np.asarray(shape.configuration.r),
-                s=shape.s[real],
-                residual=r,
-                verdict=SENTENCES[code],
-                ratio=ratio.get(pose.name, 0.0),
-            )
-    return {p.name: out[p.name] for p in v.study.poses if p.name in out}
 
 
 def _bound_sentences(estimates):

@@ -11,9 +11,8 @@ from scan2flex_jax.inference.answer import (
     GOOD,
     Answer,
     compose,
-    distance_in_words,
-    left_out_in_words,
     two_digits,
+    unseen_in_words,
     warnings_of,
 )
 from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
@@ -91,16 +90,12 @@ def answer_of(explanation) -> Answer:
 
 
 def _unseen(explanation):
-    """The final error on validate poses; without them, on fitted poses left out in turn."""
-    length, rms = explanation.fit.problem.length, explanation.rms("validate")
-    count = sum(p.role == "validate" for p in explanation.poses.values())
-    if count and np.isfinite(rms):
-        before = explanation.rms("validate", after=False)
-        was = f", {1e3 * before:.3g} mm before" if explanation.chosen and np.isfinite(before) else ""
-        return f"{distance_in_words(rms, length)}{was}, in {count} pose{'s' * (count > 1)} that the fit never saw"
-    if count:
-        return "not known: a validate pose could not be solved"
-    return left_out_in_words(explanation.rms_left_out(), length, len(explanation.poses))
+    """The final error on unseen poses."""
+    e, before = explanation, explanation.rms("validate", after=False)
+    was = f", {1e3 * before:.3g} mm before," if e.chosen and np.isfinite(before) else ""
+    poses = sum(p.role == "validate" for p in e.poses.values())
+    left_out, length = e.rms_left_out(), e.fit.problem.length
+    return unseen_in_words(e.rms("validate"), poses, left_out, len(e.poses) - poses, length, was)
 
 
 def belief_of(explanation) -> tuple[str, str]:

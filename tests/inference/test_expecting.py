@@ -63,6 +63,7 @@ def test_plane_poses_do_not_determine_torsion():
     assert "torsional_stiffness      not determined" in told.summary()
 
 
+@pytest.mark.slow
 def test_a_file_without_curves_is_planned(tmp_path):
     save_study(replace(planned(), folder=None), tmp_path / "planned")
     words = ["plan", tmp_path / "planned", "--figure", tmp_path / "seen.png", "--json", tmp_path / "seen.json", "--quiet"]
