@@ -283,11 +283,10 @@ def _belief(fit) -> tuple[str, str]:
         return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
     if unsolved:
         return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
-    judged = fit.sentences[-1]
     if not fit.converged or fit.misfits:
         return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
     if fit.valid is False:
-        return BAD, f"no: {judged}{_EXPLAIN}"
+        return BAD, f"no: {fit.judgement}{_EXPLAIN}"
     if fit.doubts:
         return FAIR, f"with care: {fit.doubts[0]}"
-    return (FAIR, f"with care: {judged}") if fit.valid is None else (GOOD, f"yes: {judged}")
+    return (FAIR, f"with care: {fit.judgement}") if fit.valid is None else (GOOD, f"yes: {fit.judgement}")

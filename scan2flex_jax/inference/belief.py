@@ -40,8 +40,8 @@ def conspicuous(noise: Noise, length: float, settings: Settings = USUAL) -> bool
     return noise.correlated > settings.smooth * noise.white and beyond and not noise.assumed(length)
 
 
-def validity(poses, noise, differ, stated, length, misfit, settings: Settings = USUAL) -> tuple[bool | None, tuple[str, ...]]:
-    """Whether the validate poses are predicted, with sentences that give the reason: none is farther off than ``surprise``
+def validity(poses, noise, differ, stated, length, misfit, settings: Settings = USUAL) -> tuple[bool | None, str]:
+    """Whether the validate poses are predicted, with the reason in words: none is farther off than ``surprise``
     times what noise, discrepancy, tolerances and the errors of the estimates let expect. None without a validate pose.
 
     ``differ``: whether poses have a discrepancy. Without a stated noise the fit's own residual stands in for it; one that
@@ -49,18 +49,18 @@ def validity(poses, noise, differ, stated, length, misfit, settings: Settings = 
     """
     unseen = {n: p for n, p in poses.items() if p.role == "validate"}
     if misfit:
-        return (False if unseen else None), ("the residual of the fit is not noise: no prediction can be within it",)
+        return (False if unseen else None), "the residual of the fit is not noise: no prediction can be within it"
     if stated is None and conspicuous(noise, length, settings):
         left = f"the residual varies slowly along the cable ({1e3 * np.sqrt(2.0) * noise.total:.2f} mm)"
-        return (False if unseen else None), (f"{left}, unlike the noise of a scanner: something is missing or misread",)
+        return (False if unseen else None), f"{left}, unlike the noise of a scanner: something is missing or misread"
     if not unseen:
-        return None, ("no validate pose: whether the model predicts other poses is not known",)
+        return None, "no validate pose: whether the model predicts other poses is not known"
     bad = [n for n, p in unseen.items() if not p.ratio <= settings.surprise]
     worst = unseen[max(bad or unseen, key=lambda n: unseen[n].ratio)]
     error = f"error {two_digits(1e3 * worst.rms)} mm, {two_digits(worst.ratio)} times the expected one"
     sizes = error if np.isfinite(worst.rms) else "no equilibrium was found"
     within = "the noise and the deviations of poses" if differ else "the noise"
     if not bad:
-        return True, (f"validate poses are predicted to within {within} ({sizes})",)
+        return True, f"validate poses are predicted to within {within} ({sizes})"
     said = f"the model does not predict {', '.join(bad)} to within {within} ({sizes})"
-    return False, (f"{said}: something is missing or misread",)
+    return False, f"{said}: something is missing or misread"

@@ -90,14 +90,13 @@ class Fit:
     """Estimates with intervals, the poses with their residuals, and the validation on poses that were not fitted.
 
     ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
-    bound, and whether the validate poses are predicted, which is ``valid`` (None without such poses). ``turned``: sentences on
-    poses whose turns differ from the study's (`inference.branches`); ``in_doubt``: on turns about as likely.
+    bound, and last whether the validate poses are predicted (``judgement``; ``valid``, None without such poses). ``turned``:
+    sentences on poses whose turns differ from the study's (`inference.branches`); ``in_doubt``: on turns about as likely.
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
-    (`inference.mistakes`). ``cost`` is that of the mode of the ``posterior``, the ``minimum`` of the
-    ``problem``: squares of residuals in units of noise and discrepancy, and priors.
-    ``mesh``: sentences on the number of elements (`statics.mesh`). ``settings``: the thresholds of the validation. ``laws``:
-    the declared laws of bending and torsion, with their bands.
+    (`inference.mistakes`). ``cost`` is that of the mode of the ``posterior``, the ``minimum`` of the ``problem``: squares of
+    residuals in units of noise and discrepancy, and priors. ``mesh``: sentences on the number of elements (`statics.mesh`).
+    ``settings``: the thresholds of the validation. ``laws``: the declared laws of bending and torsion, with their bands.
     """
 
     study: Study = field(repr=False)
@@ -114,6 +113,7 @@ class Fit:
     discrepancy: Discrepancy
     sentences: tuple[str, ...]
     valid: bool | None
+    judgement: str
     converged: bool
     equilibria: int
     seconds: float
@@ -143,10 +143,10 @@ class Fit:
         if self.mistakes:
             first, *others = map(str, self.mistakes)
             return (f"likely mistake: {first}", _AS_IT_STANDS, *(f"or: {other}" for other in others))
-        units = [s for s in self.sentences if s in unit_warnings(self.study)]
+        units = unit_warnings(self.study)
         several = _SEVERAL_TURNED.format(len(self.turned)) if len(self.turned) > 1 else _ONE_TURNED
         turned = (several, *self.turned) if self.turned else ()
-        judged = [s for s in self.sentences[-1:] if self.valid is False]
+        judged = (self.judgement,) if self.valid is False else ()
         open_ = () if self.converged else (unsettled(self.minimum),)
         return (*open_, *self.misfits[:1], *units, *turned, *self.in_doubt, *judged)
 

@@ -117,8 +117,8 @@ def fitted(
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
     estimates = of.estimates(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
-    valid, verdict = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
-    verdict = (*belief.of_discrepancy(discrepancy), *verdict)
+    valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
+    verdict = (*belief.of_discrepancy(discrepancy), judgement)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
     said = (*said, *mesh.sentences(), *turned, *in_doubt)
@@ -137,6 +137,7 @@ def fitted(
         discrepancy=discrepancy,
         sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
         valid=valid,
+        judgement=judgement,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,

@@ -441,5 +441,5 @@ class _Descent(Model):
         """The move limited to a quarter of a site's range and a factor of e of an unknown."""
         prior = self.prior
         reach = np.where(prior.width > 0, 0.25 * (prior.high - prior.low), np.inf)
-        shrink = np.min(np.where(np.abs(move) > reach, reach / np.maximum(np.abs(move), 1e-300), 1.0), initial=1.0)
-        return move * min(shrink, 1.0 / max(np.max(np.abs(move[: self.n.shared]), initial=0.0), 1.0))
+        longest = np.max(np.abs(move) / reach, initial=1.0)
+        return move / max(longest, np.max(np.abs(move[: self.n.shared]), initial=1.0))

@@ -37,13 +37,13 @@ def test_turned_clamps_of_a_new_pose_are_no_fault_of_the_model(known):
     pose = known.poses["unseen"]
     assert pose.rms > 1.5 * np.sqrt(2) * NOISE
     assert known.valid is True and pose.ratio < 1.5
-    assert f"{two_digits(pose.ratio)} times the expected one" in known.sentences[-1]
+    assert f"{two_digits(pose.ratio)} times the expected one" in known.judgement
 
 
 def test_without_the_tolerance_each_pose_deviates_by_itself(turned, known):
     """What the clamps do is a discrepancy then, which the intervals know of."""
     f = fit(replace(turned, tolerance=scenes.EXACT), elements=scenes.ELEMENTS)
-    assert f.discrepancy.rms > 10 * NOISE and "the deviations of poses" in f.sentences[-1]
+    assert f.discrepancy.rms > 10 * NOISE and "the deviations of poses" in f.judgement
     for name, true in TRUE.items():
         e, before = f.estimates[name], known.estimates[name]
         assert e.low < true < e.high
@@ -52,7 +52,7 @@ def test_without_the_tolerance_each_pose_deviates_by_itself(turned, known):
 
 def test_a_validate_pose_that_was_not_solved_has_no_error(known):
     lost = replace(known.poses["unseen"], rms=np.nan, ratio=np.inf, stable=False)
-    valid, (said,) = validity(known.poses | {"unseen": lost}, known.noise, False, NOISE, 1.0, misfit=False)
+    valid, said = validity(known.poses | {"unseen": lost}, known.noise, False, NOISE, 1.0, misfit=False)
     assert valid is False
     assert "does not predict unseen" in said and "(no equilibrium was found)" in said
 
