@@ -34,6 +34,7 @@ from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
 from scan2flex_jax.inference.posterior import Variant
+from scan2flex_jax.inference.settings import USUAL
 from scan2flex_jax.study.model import Study
 
 FAR = 0.003  # of the length: RMS distance above which a pose may be on another branch
@@ -49,7 +50,6 @@ _RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiff
 _TRIED = 4  # largest number of choices of turns, the nearest ones, that a search fits
 _ALIKE = 0.4  # largest relative change of the torques by a choice of turns
 _TINY = 1.0e-9  # rad
-_TURNED = np.log(40.0)  # nats: prior odds against one turn more in a pose, and against one less: 5 % of poses are a turn off
 _CLOSE = 5.0  # nats behind those kept: turns that are named beside them, if
 _APART = 0.02  # an unknown, or its logarithm, differs by more
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit
@@ -139,7 +139,7 @@ class Branch:
         """Log likelihood (nats), given how rarely a pose is a turn off from what is declared."""
         changes = sum(abs(p.turns - n) for p, n in zip(self.declared.fit_poses, self.turns, strict=True))
         h = Variant("turns", self.problem, self.minimum, held=True).empty
-        return h.variant.likelihood.likeliest(h.linear, [h.u])[1] - _TURNED * changes
+        return h.variant.likelihood.likeliest(h.linear, [h.u])[1] - USUAL.turn * changes
 
 
 def on_its_branches(problem, minimum, method, progress, searches: Sequence | None = None, declared: Study | None = None):

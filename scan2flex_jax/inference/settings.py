@@ -27,7 +27,8 @@ class Settings:
     is withheld above a standard deviation ``vaguest_interval`` of the logarithm.
 
     Hypotheses: ``effect`` is the prior cost of each effect beyond the choice of its kind and place, ``turn`` that of a full
-    turn in a pose, ``mistake`` that of a mistake of the input. Sets have at most ``most_effects``.
+    turn in a pose (5 % of poses are a turn off, one way or the other), ``mistake`` that of a mistake of the input. Sets have at
+    most ``most_effects``.
 
     Decisions (`inference.decision`): ``found``, the least difference (nats) in log predictive density by which a hypothesis
     leads; ``tied``, that over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in
@@ -53,7 +54,7 @@ class Settings:
     surprise: float = 2.0
     vaguest_interval: float = 5.0
     effect: float = 1.0
-    turn: float = 2.0
+    turn: float = 3.7
     mistake: float = 5.0
     most_effects: int = 3
     found: float = 4.0
