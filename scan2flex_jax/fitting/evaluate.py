@@ -110,6 +110,7 @@ class Evaluator:
         self.layout, self.poses = layout, poses
         self.elements, self.distance, self.slots = elements, distance, slots
         self.equilibria = 0
+        self._between: dict[int, Configuration] = {}  # of poses of the history that are not of these: their last equilibria
 
     def __call__(self, shared, local=None, *, start=None, derivative=True) -> Evaluation:
         """At ``shared`` numbers and ``local`` ones (P, local), from ``start`` (default: the measured curves)."""
@@ -146,13 +147,24 @@ class Evaluator:
         own, before = {int(q): i for i, q in enumerate(history.at)}, None
         for q in range(max(own) + 1):
             before = STRAIGHTENED if history.reset[q] else before
-            i, poses = own.get(q, q), self.poses if q in own else history.poses
-            z, begin = (local[i], one(start, i)) if q in own else (np.zeros(self.layout.local), one(poses.start, q))
-            held = np.asarray(history.held[q])
-            shape = self._pose(poses, i, shared, z, begin, derivative, before, held, near and q in own)
+            held, i = np.asarray(history.held[q]), own.get(q)
+            if i is not None:
+                shape = self._pose(self.poses, i, shared, local[i], one(start, i), derivative, before, held, near)
+            else:
+                shape = self._passed(history.poses, q, shared, derivative, before, held)
             found[q] = shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]
+
+    def _passed(self, poses, q, shared, derivative, before, held) -> states.Shape:
+        """A pose of the history that is not of these, solved from its last equilibrium, or from its measured curve."""
+        none, last = np.zeros(self.layout.local), self._between.pop(q, None)
+        for start, near in [*([(last, True)] if last is not None else []), (one(poses.start, q), False)]:
+            shape = self._pose(poses, q, shared, none, start, derivative, before, held, near)
+            if int(shape.verdict.code) == SOLVED:
+                self._between[q] = shape.configuration
+                break
+        return shape
 
     def states_before(self, shared, local, start) -> list[Left]:
         """For each pose the state that those before it left; empty without memory."""
