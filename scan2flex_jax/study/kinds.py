@@ -134,6 +134,11 @@ class Key(ParameterFormat):
     words: str = ""
 
     @property
+    def required(self) -> bool:
+        """Whether its table always has it."""
+        return self.default == "required" or self.default.startswith("required in a ")
+
+    @property
     def written(self) -> str:
         """Advice to write it, with the example as it stands in a file."""
         return f"it, as in {'' if self.example.lstrip('[').startswith(self.name) else f'{self.name} = '}{self.example}"

@@ -110,7 +110,7 @@ def _given(table: str, given: Any, where: Where) -> dict[str, Any]:
     keys = KEYS[table]
     given = v.table(given, keys, where, KEYS["pose"]["start"].example if table == "clamp" else f"[{table}]")
     for name, key in keys.items():
-        if key.default.startswith("required"):
+        if key.required:
             v.required(given, name, where, key.written)
     return {FIELDS.get(name, name): value for name, value in given.items()}
 

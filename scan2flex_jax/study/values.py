@@ -247,7 +247,8 @@ def _rows(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]
         found = as_array(value)
     except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX
         raise where.fail(f"got {shown(value)}: give {wanted}.") from error
-    if found.dtype.kind not in "iuf":
+    mixed = isinstance(value, list) and any(isinstance(x, bool) for row in value if isinstance(row, list) for x in row)
+    if found.dtype.kind not in "iuf" or mixed:
         what = shown(value) if found.ndim == 0 else f"an array of {found.dtype}"
         raise where.fail(f"got {what}: give {wanted}.")
     return found.astype(np.float64, copy=False)
