@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from scan2flex_jax.study.declared import FEWEST_PLACES
-from scan2flex_jax.study.kinds import CABLE, KEYS, MOST_TURNS, ROLES, Key, KindFormat, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.kinds import CABLE, KEYS, MOST_TURNS, ROLES, KindFormat, ParameterFormat, kind_format, kind_names
 from scan2flex_jax.study.read import FORMAT
 
 Schema = dict[str, Any]
@@ -58,11 +58,11 @@ def _object(properties: Schema, required: Iterable[str] = (), **more: Any) -> Sc
     return {"type": "object", "properties": properties, "required": list(required), **more, "additionalProperties": False}
 
 
-def _of_key(key: Key) -> Schema:
+def _of_key(key: ParameterFormat) -> Schema:
     return _numbers(key, key.shapes()) if key.type == "quantity" else _TYPES[key.type]
 
 
-def _described(schema: Schema, key: Key) -> Schema:
+def _described(schema: Schema, key: ParameterFormat) -> Schema:
     """The schema with the meaning of a key, its unit and its default, without the links of the page."""
     unit = "" if key.unit == "-" else f" ({key.unit})"
     said = f"{key.words}{unit}. " + ("Required." if key.default == "required" else f"Left out: {key.default}.")
