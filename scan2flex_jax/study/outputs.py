@@ -97,10 +97,8 @@ def write_json_atomic(path: str | Path, obj: Any) -> None:
 
 def measured_files(study: Study) -> list[Path]:
     """The files of a study."""
-    files = [None if study.folder is None else study.folder / STUDY_FILE]
-    for pose in study.poses:
-        files += [getattr(pose.curve, "path", None), getattr(pose.markers, "path", None), pose.scan, pose.guide_points_path]
-    return [Path(path) for path in files if path is not None]
+    own = [] if study.folder is None else [study.folder / STUDY_FILE]
+    return own + [path for pose in study.poses for path in pose.files.values() if path is not None]
 
 
 def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:

@@ -201,8 +201,7 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
     for key, ending in _ENDINGS.items():
         content = getattr(pose, FIELDS.get(key, key))
         if content is not None:
-            path = {"scan": pose.scan, "guide_points": pose.guide_points_path}.get(key, getattr(content, "path", None))
-            table[key] = files.add(content, path, f"{slug}{ending}")
+            table[key] = files.add(content, pose.files[key], f"{slug}{ending}")
     return {key: table[key] for key in pose.KEYS if key in table}
 
 
