@@ -92,13 +92,10 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
         raise where.at("format").fail(f'{found}: write format = "{FORMAT}".')
     data = _given("study", data, where)
     tolerance = _record(Tolerance, "tolerance", data.get("tolerance", {}), where.at("tolerance"))
+    poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
+    effects = tuple(_effects(data.get("effects", []), where.at("effect")))
     with where.placed():
-        study = Study(data.get("title", ""), data["gravity"], data["cable"], (), tolerance, folder=folder)
-    study = replace(
-        study,
-        poses=tuple(_poses(data["poses"], where.at("pose"), folder, shown)),
-        effects=tuple(_effects(data.get("effects", []), where.at("effect"))),
-    )
+        study = Study(data.get("title", ""), data["gravity"], data["cable"], poses, tolerance, effects=effects, folder=folder)
     study = replace(study, unknowns=tuple(_unknowns(study, data.get("unknowns", {}), where.at("unknown"))))
     with where.placed({"curve": "centre_curve"}):
         check_study(study, purpose)
