@@ -88,8 +88,8 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     """The checked study of a TOML tree; `where` is the file, `shown` its folder in the user's notation."""
     given = data.get("format")
     if given != FORMAT:
-        found = "it is missing" if given is None else f"got {v.shown(given)}"
-        raise where.at("format").fail(f'{found}: write format = "{FORMAT}".')
+        said = "it is missing" if given is None else f"got {v.shown(given)}"
+        raise where.at("format").fail(f'{said}: write format = "{FORMAT}".')
     data = _given("study", data, where)
     tolerance = _record(Tolerance, "tolerance", data.get("tolerance", {}), where.at("tolerance"))
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))

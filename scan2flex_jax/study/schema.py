@@ -71,8 +71,8 @@ def _described(schema: Schema, key: ParameterFormat) -> Schema:
 
 def _numbers(form: ParameterFormat, shapes: Iterable[tuple[int, ...]]) -> Schema:
     """A quantity of one of some shapes."""
-    found = [_array(form, shape) for shape in shapes]
-    return found[0] if len(found) == 1 else {"anyOf": found}
+    arrays = [_array(form, shape) for shape in shapes]
+    return arrays[0] if len(arrays) == 1 else {"anyOf": arrays}
 
 
 def _array(form: ParameterFormat, shape: tuple[int, ...]) -> Schema:

@@ -65,19 +65,19 @@ def dialect(lines: list[str], where: Where) -> Dialect:
             row = rows[full[0]]
             texts = frozenset(k for k, x in enumerate(row) if x is None)
             best = (score, Dialect(mark, decimal, full[0], len(row), texts))
-    found = best[1]
-    if found is None or found.first > _PREAMBLE:
+    how = best[1]
+    if how is None or how.first > _PREAMBLE:
         raise where.fail("no line holds three numbers or more: give a text file with one point x,y,z a line.")
-    first = found.first
-    while first and len(row := found.cells(lines[first - 1])) == found.width > 1 and None not in row and not _numbers(row):
+    first = how.first
+    while first and len(row := how.cells(lines[first - 1])) == how.width > 1 and None not in row and not _numbers(row):
         first -= 1  # a row that has lost its numbers
     units = {match[1].lower() for line in lines[first : first + 3] for match in _MEASURED.finditer(line)}
     stated = units.pop() if len(units) == 1 else None
-    header = _header(lines, first, found)
+    header = _header(lines, first, how)
     if header is None:
-        return found._replace(first=first, unit=stated)
+        return how._replace(first=first, unit=stated)
     names, unit = _named(header, where)
-    return found._replace(first=first, names=tuple(names), unit=unit or stated)
+    return how._replace(first=first, names=tuple(names), unit=unit or stated)
 
 
 def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarray, "n c"]:
@@ -145,15 +145,15 @@ def _cells(line: str, mark: str | None, decimal: str) -> list[float | None]:
     """The cells of a line; one of several with three numbers between blanks is three cells."""
     if any(c.isdigit() for c in line):
         line = _MEASURED.sub(" ", _DRESS.sub(" ", line))
-    found: list[float | None] = []
+    row: list[float | None] = []
     cells = line.strip("\r\n").split(mark)
     for cell in cells:
         value, parts = _number(cell, decimal), cell.split()
         if value is None and len(parts) == 3 and len(cells) > 1 and None not in (inner := [_number(p, decimal) for p in parts]):
-            found += inner
+            row += inner
         else:
-            found.append(value)
-    return found
+            row.append(value)
+    return row
 
 
 def _stripped(row: list[float | None], width: int = 0) -> list[float | None]:
@@ -182,9 +182,9 @@ def _named(header: list[str], where: Where) -> tuple[list[str | None], str | Non
     units = set()
     for cell in header:
         base, unit = cell.lower(), None
-        found = _UNIT.fullmatch(base)
-        if found and found[2] in LENGTHS and found[1]:
-            base, unit = found[1], found[2]
+        stated = _UNIT.fullmatch(base)
+        if stated and stated[2] in LENGTHS and stated[1]:
+            base, unit = stated[1], stated[2]
         plain = re.sub(r"[^a-z0-9]", "", base)
         coordinate = _COORDINATE.fullmatch(plain)
         name = _NAMES.get(plain) or (coordinate and coordinate[1])
