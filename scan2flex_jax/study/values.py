@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.names import printable
 
 LARGEST = 1e15
 """Larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64."""
@@ -62,7 +63,7 @@ def one_line(text: str, longest: int = 80) -> str:
     """`text` for a message: no line breaks or control characters, not too long."""
     if len(text) <= longest and text.isprintable():
         return text
-    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: longest + 1])
+    text = printable(text[: longest + 1], keep="")
     return text if len(text) <= longest else text[: longest - 3] + "..."
 
 
