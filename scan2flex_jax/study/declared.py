@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names, split_name
-from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
+from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.values import Where
 
 FEWEST_PLACES = 2
@@ -141,7 +141,7 @@ def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: 
         std = where.at("prior.std")
         replace(form, domain="positive").check(v.array(prior["std"], shapes, std), std)
     if low is not None and high is not None and np.any(np.asarray(low) >= np.asarray(high)):
-        said = f"got low {_plain(low)} and high {_plain(high)}"
+        said = f"got low {v.shown(v.plain(low))} and high {v.shown(v.plain(high))}"
         raise where.at("range").fail(f"{said}: give range = [low, high] with low below high.")
     _check_start(unknown, study, where)
 
@@ -158,9 +158,5 @@ def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
         place = replace(where, key=given)
     for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
         if bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
-            said = f"got {_plain(start)}, outside the range whose {side} end is {_plain(bound)}"
+            said = f"got {v.shown(v.plain(start))}, outside the range whose {side} end is {v.shown(v.plain(bound))}"
             raise place.fail(f"{said}: start inside it, or widen it.")
-
-
-def _plain(value: Value) -> str:
-    return v.shown(np.asarray(value).tolist())

@@ -119,8 +119,7 @@ class ParameterFormat:
         size = float(np.linalg.norm(checked))
         if abs(size - 1) > UNIT_TOLERANCE:
             order = " [w, x, y, z]" if self.name == "quaternion" else ""
-            given = v.shown(np.asarray(checked).tolist())
-            raise where.fail(f"got {given} of length {size:.6g}: give a unit {self.name}{order}.")
+            raise where.fail(f"got {v.shown(v.plain(checked))} of length {size:.6g}: give a unit {self.name}{order}.")
         # a unit vector keeps its digits, so that saving and loading changes nothing
         return checked if abs(size - 1) < 4 * np.finfo(float).eps else np.asarray(checked) / size
 
