@@ -85,6 +85,15 @@ def test_the_sample_is_taken(tmp_path):
     assert marks(SAMPLE) == []
 
 
+@pytest.mark.parametrize("name", ['"point_mass[2]".position', "point_mass.position", '"point_mass.position"'])
+def test_unknowns_of_effects_are_written_in_several_ways(tmp_path, name):
+    text = SAMPLE.replace('[unknown."point_mass[2].position"]', f"[unknown.{name}]").replace("[unknown.point_mass.mass]\n", "")
+    text = text.replace("position = 0.42", "position = 0.42\nmass = 0.1")
+    (sample(tmp_path) / "study.toml").write_text(text, "utf-8")
+    load_study(tmp_path, purpose="predict")
+    assert marks(text) == []
+
+
 @pytest.mark.parametrize("at", ASSIGNED.values(), ids=lambda at: LINES[at])
 def test_what_it_marks_the_reader_refuses(tmp_path, at):
     folder, key = sample(tmp_path), LINES[at].split(" = ")[0]
