@@ -30,7 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
 )
 for _command in (
-    making.new, measuring.pose, measuring.curve, measuring.check, extracting.extract,
+    making.new, making.schema, measuring.pose, measuring.curve, measuring.check, extracting.extract,
     fitting.fit, explaining.explain, explaining.plan,
     sharing.report, fitting.simulate, sharing.export, demo.demo,
 ):  # fmt: skip

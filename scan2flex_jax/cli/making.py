@@ -1,4 +1,4 @@
-"""The command ``new``: a study from a folder of scans, centre curves or markers."""
+"""Commands that begin a study: new, from a folder of scans, centre curves or markers, and schema, for the editor."""
 
 import shlex
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from scan2flex_jax.cli.frames import Columns, Convention, Radians, Tangent, Units, numbers
 from scan2flex_jax.cli.measuring import scans_of
-from scan2flex_jax.cli.options import asked_or_refused, folder_to_write, interactive
+from scan2flex_jax.cli.options import Force, asked_or_refused, file_to_write, folder_to_write, interactive
 from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
 
@@ -79,6 +79,27 @@ def new(
     if frames is not None:
         _suggest_tangent(made, tangent)
     say(f"written: {toml}; look it through, then: scan2flex fit {shlex.quote(str(toml.parent))}")
+
+
+def schema(
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="JSON file to write, into the folder of the study.", callback=file_to_write)
+    ] = Path("study.schema.json"),
+    force: Force = False,
+) -> None:
+    """Write the JSON schema of study.toml, with which an editor completes its keys and marks mistakes.
+
+    Name it in the first line of the study, `#:schema ./study.schema.json`, as Even Better TOML (VS Code) and taplo read it.
+
+    Example: scan2flex schema -o my-cable/study.schema.json
+    """
+    from scan2flex_jax.study import study_schema  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
+
+    outputs = Outputs(force=force)
+    outputs.claim(out)
+    outputs.write_json(out, study_schema())
+    say(f"written: {out}; name it in the first line of study.toml: #:schema ./{out.name}")
 
 
 def _length_and_weight(length, density, mass):

@@ -13,13 +13,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.convert.motion_capture import Capture, capture_in, read_c3d
+from scan2flex_jax.convert.polylines import rows_of_polyline
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.study.curves import arc_length_fault, checked_curve
 from scan2flex_jax.study.files import read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.scans import load_geometry
-from scan2flex_jax.study.tables import SAMPLE, Dialect, dialect, rows, unfolded
+from scan2flex_jax.study.tables import SAMPLE, Dialect, dialect, rows
 from scan2flex_jax.study.values import Where, one_line, shown
 from scan2flex_jax.study.values import points as points_of
 
@@ -155,7 +156,7 @@ def _table(path, limit, where):
     if path.suffix.lower() == ".npy":
         return Dialect(None, ".", 0, 3), np.asarray(load_geometry(path).vertices)
     text = read_text(path, limit.bytes, where, "the file is not there: name one.", limit, foreign=True)
-    lines = [line for line in (unfolded(text) or text).splitlines() if line.strip()]
+    lines = [line for line in (rows_of_polyline(text) or text).splitlines() if line.strip()]
     how = dialect(lines[:SAMPLE], where)
     return how, rows(lines[how.first :], how, where)
 

@@ -1,7 +1,7 @@
 """Studies: one cable, measured in several poses, on disk and in memory.
 
 `load_study` reads and checks, `Study.from_arrays` takes arrays, `check_study` checks a study made in memory, `save_study`
-writes, `describe` summarises a study for a user. No jax here.
+writes, `describe` summarises a study for a user, `study_schema` is the JSON schema of `study.toml`. No jax here.
 """
 
 from scan2flex_jax.study.check import PoseFacts, describe, pose_facts, study_warnings
@@ -27,6 +27,7 @@ from scan2flex_jax.study.model import (
 )
 from scan2flex_jax.study.outputs import write_json_atomic
 from scan2flex_jax.study.read import load_study
+from scan2flex_jax.study.schema import study_schema
 from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.study.write import save_study
 
@@ -53,6 +54,7 @@ __all__ = [
     "pose_facts",
     "register_kind",
     "save_study",
+    "study_schema",
     "study_warnings",
     "write_json_atomic",
 ]

@@ -182,7 +182,7 @@ def study_warnings(study: Study) -> list[str]:
     warnings += [] if scale is None else [f"{scale}."]
     warnings += _of_study(study)
     mended = mistakes[-1].study if mistakes else study  # a mistake is the reason for what its correction mends
-    facts = {pose.name: found for pose in mended.poses if (found := pose_facts(pose)) is not None}
+    facts = {pose.name: one for pose in mended.poses if (one := pose_facts(pose)) is not None}
     warnings += curve_warnings(mended, facts)
     measured = len(facts) == len(study.poses)
     if not mistakes:

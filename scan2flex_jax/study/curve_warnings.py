@@ -31,19 +31,18 @@ STRAIGHT = 10.0
 COMMON = 3
 """Poses from which a fault is reported once for all of them."""
 
-_FRAMES = "the convention of their angles, or their axis along the cable (--tangent of new)"
 _Kind = Literal["gap", "tangent", "longer", "shorter", "straight"]
 
 
 @dataclass(frozen=True)
 class _Fault:
-    """One fault of one pose in words; ``size``: the gap or the covered length (m), or the angle (deg); ``off``: per cent of the
-    cable's length that the curve lacks or exceeds."""
+    """One fault of one pose; ``size``: the gap or the covered length (m), or the angle (deg); ``end``: of the clamp;
+    ``off``: per cent of the cable's length that the curve lacks or exceeds."""
 
     kind: _Kind
     pose: str
     size: float
-    text: str
+    end: str = ""
     off: float = 0.0
 
 
@@ -52,10 +51,12 @@ def curve_warnings(study: Study, facts: Mapping[str, PoseFacts]) -> list[str]:
     faults = [f for pose in study.poses if pose.name in facts for f in _of_pose(study, pose, facts[pose.name])]
     if not all(_straight(study, study.pose(name), one) for name, one in facts.items()):  # one bent pose is enough
         faults = [f for f in faults if f.kind != "straight"]
-    by_kind = {kind: [f for f in faults if f.kind == kind] for kind in dict.fromkeys(f.kind for f in faults)}
-    common = {kind for kind, some in by_kind.items() if len({f.pose for f in some}) >= COMMON}
-    said = [_together(kind, by_kind[kind], len(facts)) for kind in by_kind if kind in common]
-    return said + [f"{one_line(f.pose)}: {f.text}" for f in faults if f.kind not in common]
+    warnings = []
+    for kind in dict.fromkeys(f.kind for f in faults):
+        some = [f for f in faults if f.kind == kind]
+        common = len({f.pose for f in some}) >= COMMON
+        warnings += [_sentence(group, len(facts)) for group in ([some] if common else [[f] for f in some])]
+    return warnings
 
 
 def mm(metres: float) -> str:
@@ -63,25 +64,30 @@ def mm(metres: float) -> str:
     return f"{1e3 * metres:.3g} mm"
 
 
-def _together(kind: _Kind, faults: list[_Fault], count: int) -> str:
-    """One sentence for a fault that several of ``count`` curves share."""
+def _sentence(faults: list[_Fault], count: int) -> str:
+    """The warning about faults of one kind, of one of ``count`` curves or of several."""
     names = list(dict.fromkeys(one_line(f.pose) for f in faults))
+    many, kind = len(names) > 1, faults[0].kind
     who = f"all {count} curves" if len(names) == count else f"{len(names)} of {count} curves ({', '.join(names)})"
+    who, its, s, are = (who, "their", "", "are") if many else (f"{names[0]}: the curve", "its", "s", "is")
+    clamps, curves = ("their clamps", "the curves") if many else (f"the {faults[0].end} clamp", "the curve")
     least, most = min(f.size for f in faults), max(f.size for f in faults)
     if kind == "gap":
-        mend = "scan up to the clamps, where the cable bends most, or correct the positions of the clamps"
-        return f"{who} stop {_span(1e3 * least, 1e3 * most, '.3g')} mm from their clamps: {mend}."
+        mend = f"scan up to {clamps}, where the cable bends most, or correct {its} position{'s' * many}"
+        return f"{who} stop{s} {_span(1e3 * least, 1e3 * most, '.3g')} mm from {clamps}: {mend}."
     if kind == "tangent":
-        tolerance = f"or write clamp_rotation = {np.radians(most):.2g} under [tolerance]"
-        mend = f"correct the frames: {_FRAMES}" if most > ANGLE_TOLERANCE else f"correct the frames, {tolerance}"
-        return f"{who} leave their clamps {_span(least, most, '.0f')} deg off the axis d3: {mend}."
+        mend = f", or write clamp_rotation = {np.radians(most):.2g} under [tolerance]"
+        if most > ANGLE_TOLERANCE:
+            several = "the convention of their angles, or their axis along the cable: --tangent of new"
+            mend = f" ({several if many else 'its angles, or the pose that it belongs to'})"
+        said = f"{who} meet{s} {clamps} {_span(least, most, '.1f')} deg off the axis d3"
+        return f"{said}: correct {its} frame{'s' * many}{mend}."
     if kind == "straight":
-        mend = "bring the clamps nearer to each other, or give the poses more sag"
-        return f"{who} are nearly straight and say little about stiffness: {mend}."
-    off = sorted(f.off for f in faults)
-    given = _span(least, most, ".4g")
-    mend = f"measure the length again (the curves give {given} m), or look for missing parts of the curves"
-    return f"{who} with their gaps are {_span(off[0], off[-1], '.1f')} % {kind} than the cable's length: {mend}."
+        mend = f"bring {its} clamps nearer to each other, or give the pose{'s' * many} more sag"
+        return f"{who} {are} nearly straight and say{s} little about stiffness: {mend}."
+    off, given = sorted(f.off for f in faults), _span(least, most, ".4g")
+    mend = f"measure the length again ({curves} give{s} {given} m), or look for missing parts of {curves}"
+    return f"{who} with {its} gaps {are} {_span(off[0], off[-1], '.1f')} % {kind} than the cable's length: {mend}."
 
 
 def _span(least: float, most: float, form: str) -> str:
@@ -94,28 +100,15 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> Iterator[_Fault
     length = study.known("length")
     scale = facts.covered if length is None else float(np.max(length))
     for name, end in (("start", facts.start), ("end", facts.end)):
-        if end is None:
-            continue
-        if end.gap > GAP_WARNING * scale:
-            mend = "scan up to the clamp, where the cable bends most, or correct its position"
-            text = f"the curve {name}s {mm(end.gap)} from the {name} clamp: {mend}."
-            yield _Fault("gap", pose.name, end.gap, text)
-        if end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
-            mend = f"correct its frame, or write clamp_rotation = {np.radians(end.angle):.2g} under [tolerance]"
-            if end.angle > ANGLE_TOLERANCE:
-                mend = "correct its frame (its angles, or the pose that it belongs to)"
-            text = f"the {name} clamp's tangent is off by {end.angle:.1f} deg from the curve: {mend}."
-            yield _Fault("tangent", pose.name, end.angle, text)
+        if end is not None and end.gap > GAP_WARNING * scale:
+            yield _Fault("gap", pose.name, end.gap, name)
+        if end is not None and end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
+            yield _Fault("tangent", pose.name, end.angle, name)
     off, least = facts.covered / scale - 1, -FREE_WARNING if facts.end is None else -LENGTH_WARNING
     if length is not None and not least - facts.unseen / scale <= off <= LENGTH_WARNING:
-        kind: _Kind = "longer" if off > 0 else "shorter"
-        mend = f"measure the length again (the curve gives {facts.covered:.4g} m), or look for a missing part of the curve"
-        text = f"the curve with its gaps is {abs(100 * off):.1f} % {kind} than the cable's length: {mend}."
-        yield _Fault(kind, pose.name, facts.covered, text, abs(100 * off))
+        yield _Fault("longer" if off > 0 else "shorter", pose.name, facts.covered, off=abs(100 * off))
     if _straight(study, pose, facts):
-        mend = "bring its clamps nearer to each other, or give the pose more sag"
-        text = f"the curve is nearly straight and says little about stiffness: {mend}."
-        yield _Fault("straight", pose.name, facts.off_line, text)
+        yield _Fault("straight", pose.name, facts.off_line)
 
 
 def _straight(study: Study, pose: StudyPose, facts: PoseFacts) -> bool:

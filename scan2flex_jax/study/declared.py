@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterFormat, kind_format, kind_names, split_name
-from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown, Value
+from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.values import Where
 
 FEWEST_PLACES = 2
@@ -30,7 +30,21 @@ def longest_cable(study: Study) -> float | None:
     return float(np.max(longest)) + slack
 
 
-def check_effects(study: Study, where: Where) -> None:
+def check_declared(study: Study, where: Where) -> None:
+    """The effects and the unknowns fit the cable, its clamps and each other: names first, then values."""
+    formats, unknown = unknown_formats(study), where.at("unknown")
+    for name in study.unknown_names:
+        check_name(name, study, unknown.at(name))
+        if study.unknown_names.count(name) > 1:
+            raise unknown.at(name).fail(f"{v.shown(name)} is declared twice: leave one out.")
+        if "." in name and not study.effects_of(name):
+            raise unknown.at(name).fail("every effect of this kind has an unknown of its own number: leave this name out.")
+    _check_effects(study, where.at("effect"))
+    for one in study.unknowns:
+        _check_values(one, study, formats[one.name], unknown.at(one.name))
+
+
+def _check_effects(study: Study, where: Where) -> None:
     """Every parameter is given or unknown, has its shape, and places lie on the cable."""
     longest, names = longest_cable(study), [pose.name for pose in study.poses]
     for i, effect in enumerate(study.effects):
@@ -101,19 +115,6 @@ def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     return formats
 
 
-def check_unknowns(study: Study, where: Where) -> None:
-    """Every name exists in this study, once, and starts and ranges are admissible values."""
-    formats, longest = unknown_formats(study), longest_cable(study)
-    for unknown, name in zip(study.unknowns, study.unknown_names, strict=True):
-        here = where.at(name)
-        check_name(name, study, here)
-        if study.unknown_names.count(name) > 1:
-            raise here.fail(f"{v.shown(name)} is declared twice: leave one out.")
-        if "." in name and not study.effects_of(name):
-            raise here.fail("every effect of this kind has an unknown of its own number: leave this name out.")
-        _check_range(unknown, study, formats[name], longest, here)
-
-
 def check_name(name: str, study: Study, where: Where) -> None:
     """Refuse a name that the study does not contain."""
     kind, formats = split_name(name)[0], unknown_formats(study)
@@ -125,25 +126,23 @@ def check_name(name: str, study: Study, where: Where) -> None:
         raise where.fail(f"nothing is called {v.shown(name)}{needed}: {v.suggestion(name, formats)}")
 
 
-def _check_range(unknown: Unknown, study: Study, form: ParameterFormat, longest: float | None, where: Where) -> None:
-    """Guess, range and prior lie in the domain of the quantity, and the range contains the start."""
+def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: Where) -> None:
+    """Guess, range and prior have a shape and lie in the domain of the quantity, and the range contains the start."""
     shapes = form.bound_shapes(len(study.clamped_ends), study.places_of(unknown.name))
-    low, high, prior, key = unknown.low, unknown.high, unknown.prior or {}, where.at("range")
+    low, high, prior = unknown.low, unknown.high, unknown.prior or {}
     bounds = replace(form, domain="any") if form.domain == "unit" else form
-    said = {"guess": [unknown.guess], "range": [low, high], "prior.mean": [prior.get("mean")]}
-    for name, value in ((name, value) for name, values in said.items() for value in values if value is not None):
+    given = {"guess": [unknown.guess], "range": [low, high], "prior.mean": [prior.get("mean")]}
+    for name, value in ((name, value) for name, values in given.items() for value in values if value is not None):
         if form.walk and name != "guess":
-            said_alone = "the points of a law follow one another by a smoothness prior of their own: leave it out."
-            raise where.at(name.partition(".")[0]).fail(said_alone)
-        bounds.check(v.array(value, shapes, where.at(name)), where.at(name), longest)
+            said = "the points of a law follow one another by a smoothness prior of their own: leave it out."
+            raise where.at(name.partition(".")[0]).fail(said)
+        bounds.check(v.array(value, shapes, where.at(name)), where.at(name), longest_cable(study))
     if prior:
         std = where.at("prior.std")
         replace(form, domain="positive").check(v.array(prior["std"], shapes, std), std)
-    if low is not None and high is not None:
-        if not _match(low, high):
-            raise key.fail(_MISMATCH)
-        if np.any(np.asarray(low) >= np.asarray(high)):
-            raise key.fail(f"got low {_plain(low)} and high {_plain(high)}: give range = [low, high] with low below high.")
+    if low is not None and high is not None and np.any(np.asarray(low) >= np.asarray(high)):
+        said = f"got low {v.shown(v.plain(low))} and high {v.shown(v.plain(high))}"
+        raise where.at("range").fail(f"{said}: give range = [low, high] with low below high.")
     _check_start(unknown, study, where)
 
 
@@ -158,26 +157,6 @@ def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
         given = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
         place = replace(where, key=given)
     for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
-        if bound is None:
-            continue
-        if not _match(bound, start):
-            raise where.at("range").fail(_MISMATCH)
-        if np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
-            said = f"got {_plain(start)}, outside the range whose {side} end is {_plain(bound)}"
+        if bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
+            said = f"got {v.shown(v.plain(start))}, outside the range whose {side} end is {v.shown(v.plain(bound))}"
             raise place.fail(f"{said}: start inside it, or widen it.")
-
-
-_MISMATCH = "its shape does not match the value: write one number, or one for each entry, in both."
-
-
-def _match(a: Value, b: Value) -> bool:
-    """Whether two values refer to the same entries; a scalar refers to all."""
-    try:
-        np.broadcast_shapes(np.shape(a), np.shape(b))
-    except ValueError:
-        return False
-    return True
-
-
-def _plain(value: Value) -> str:
-    return v.shown(np.asarray(value).tolist())

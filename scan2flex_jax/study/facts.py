@@ -92,7 +92,7 @@ def measured_length(study: Study) -> float | None:
     The median over poses that are held at both ends of the curve with its gaps to the clamps; without any, the longest curve,
     or the arc length of the last marker.
     """
-    facts = [found for pose in study.poses if (found := pose_facts(pose)) is not None]
+    facts = [one for pose in study.poses if (one := pose_facts(pose)) is not None]
     held = [f.covered for f in facts if f.end is not None]
     if held:
         return float(np.median(held))

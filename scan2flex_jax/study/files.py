@@ -86,8 +86,8 @@ def existing(folder: Path, name: str, where: Where) -> Path:
         raise where.fail(f"got {shown(name)}, which is the study itself: name the file of what was measured.")
     try:
         if not path.is_file():
-            found = "is no regular file" if path.exists() else "is not there"
-            raise where.fail(f"the file {shown(name)} {found}: put it into the study's folder, or correct the name.")
+            said = "is no regular file" if path.exists() else "is not there"
+            raise where.fail(f"the file {shown(name)} {said}: put it into the study's folder, or correct the name.")
         if path.stat().st_size == 0:
             raise where.fail(f"the file {shown(name)} is empty: export it again.")
     except (OSError, ValueError) as error:
@@ -156,17 +156,17 @@ def write_atomic(path: Path, data: bytes | Path) -> None:
 def is_stream(path: Path) -> bool:
     """Whether a path leads to a device, a pipe, or a stream of this process, which must not be replaced by a new file."""
     try:
-        found = path.stat()
+        status = path.stat()
     except FileNotFoundError:
         return False
-    return not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)) or _own_stream(found) is not None
+    return not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)) or _own_stream(status) is not None
 
 
-def _own_stream(found: os.stat_result) -> int | None:
+def _own_stream(status: os.stat_result) -> int | None:
     """The descriptor of standard output or error, if this is it: /dev/stdout may refer to a regular file."""
     for handle in (1, 2):
         with contextlib.suppress(OSError):
-            if os.path.samestat(found, os.fstat(handle)):
+            if os.path.samestat(status, os.fstat(handle)):
                 return handle
     return None
 

@@ -13,7 +13,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -32,73 +32,6 @@ UNIT_TOLERANCE = 1e-3
 """Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
 ROLES = ("fit", "validate")
 MOST_TURNS = 1000
-_Form = TypeVar("_Form", bound="ParameterFormat")
-
-
-@dataclass(frozen=True)
-class ParameterFormat:
-    """One quantity: `unit` as text ("-" for none), `shape` of one value, `domain` of its entries.
-
-    `pair`: two entries, about d1 and d2, may replace a scalar. `per_end`: one value of `shape` for each clamped end, in the
-    order start, end. `per_point`: one value of `shape` for each point of a field, along the cable or over a strain.
-    `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
-    of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
-    `optional`: a study may leave it out, and it is then zero.
-    """
-
-    name: str
-    unit: str
-    shape: tuple[int, ...] = ()
-    domain: Domain = "any"
-    pair: bool = False
-    per_end: bool = False
-    per_point: bool = False
-    estimable: bool = True
-    walk: float = 0.0
-    optional: bool = False
-
-    def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
-        """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""
-        if self.per_point:
-            return ((points, *self.shape),)
-        if self.per_end:
-            counts = (2,) if ends >= 2 else (1, 2)
-            return tuple((count, *self.shape) for count in counts)
-        return (self.shape, (2,)) if self.pair else (self.shape,)
-
-    def bound_shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
-        """The shapes of a guess or of one end of a range: a whole value, or a scalar for all entries."""
-        return tuple(dict.fromkeys(((), self.shape, *self.shapes(ends, points))))
-
-    def take(
-        self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0
-    ) -> float | Annotated[np.ndarray, "..."]:
-        """The checked value in a study with `ends` clamps, or of a field on `points`; unit vectors are normalised.
-
-        `longest` (m) is the largest place on the cable, None if unknown.
-        """
-        found = v.array(value, self.shapes(ends, points), where)
-        if self.domain != "unit":
-            return self.check(found, where, longest)
-        size = float(np.linalg.norm(found))
-        if abs(size - 1) > UNIT_TOLERANCE:
-            order = " [w, x, y, z]" if self.name == "quaternion" else ""
-            raise where.fail(f"got {v.shown(np.asarray(found).tolist())} of length {size:.6g}: give a unit {self.name}{order}.")
-        # a unit vector keeps its digits, so that saving and loading changes nothing
-        return found if abs(size - 1) < 4 * np.finfo(float).eps else np.asarray(found) / size
-
-    def check(self, value: Any, where: Where, longest: float | None = None) -> Any:
-        """`value`, whose entries must lie in the domain."""
-        lowest, highest = float(np.min(value)), float(np.max(value))
-        if self.domain == "positive" and lowest <= 0:
-            raise where.fail(f"got {lowest:g}: give a value above zero.")
-        if self.domain in ("nonnegative", "along_cable") and lowest < 0:
-            raise where.fail(f"got {lowest:g}: give zero or a value above it.")
-        if self.domain == "fraction" and not 0 <= lowest <= highest <= 1:
-            raise where.fail(f"got {lowest if lowest < 0 else highest:g}: give a fraction, from 0 to 1.")
-        if self.domain == "along_cable" and longest is not None and highest > longest:
-            raise where.fail(f"got {highest:g} m: give a place on the cable, from 0 to {longest:g} m.")
-        return value
 
 
 def _name(value: Any, where: Where) -> str:
@@ -120,28 +53,88 @@ _TYPES: dict[str, Callable[[Any, Where], Any]] = {
     "points": lambda value, where: v.points(value, 1, where),
     "file": lambda value, _: value, "table": lambda value, _: value,
 }  # fmt: skip
+"""Checks of keys that are no quantities; files and tables are read and checked by those who know them."""
 
 
 @dataclass(frozen=True)
-class Key(ParameterFormat):
-    """One key of a table of `study.toml`: a quantity or another `type`; the `default` where it is left out, an `example`,
-    and its meaning in `words`. Files and tables are read and checked by those who know them.
+class ParameterFormat:
+    """One quantity: `unit` as text ("-" for none), `shape` of one value, `domain` of its entries.
+
+    `pair`: two entries, about d1 and d2, may replace a scalar. `per_end`: one value of `shape` for each clamped end, in the
+    order start, end. `per_point`: one value of `shape` for each point of a field, along the cable or over a strain.
+    `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
+    of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
+    `optional`: a study may leave it out, and it is then zero. A key of `study.toml` has another `type` where it is no quantity,
+    the `default` where it is left out, an `example`, and its meaning in `words`.
     """
 
+    name: str
+    unit: str
+    shape: tuple[int, ...] = ()
+    domain: Domain = "any"
+    pair: bool = False
+    per_end: bool = False
+    per_point: bool = False
+    estimable: bool = True
+    walk: float = 0.0
+    optional: bool = False
     type: str = "quantity"
     default: str = ""
     example: str = ""
     words: str = ""
 
     @property
+    def required(self) -> bool:
+        """Whether its table always has it."""
+        return self.default == "required" or self.default.startswith("required in a ")
+
+    @property
     def written(self) -> str:
         """Advice to write it, with the example as it stands in a file."""
         return f"it, as in {'' if self.example.lstrip('[').startswith(self.name) else f'{self.name} = '}{self.example}"
 
+    def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
+        """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""
+        if self.per_point:
+            return ((points, *self.shape),)
+        if self.per_end:
+            counts = (2,) if ends >= 2 else (1, 2)
+            return tuple((count, *self.shape) for count in counts)
+        return (self.shape, (2,)) if self.pair else (self.shape,)
+
+    def bound_shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
+        """The shapes of a guess or of one end of a range: a whole value, or a scalar for all entries."""
+        return tuple(dict.fromkeys(((), self.shape, *self.shapes(ends, points))))
+
     def take(self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0) -> Any:
-        """The checked value."""
-        convert = _TYPES.get(self.type)
-        return super().take(value, where, ends, longest, points) if convert is None else convert(value, where)
+        """The checked value in a study with `ends` clamps, or of a field on `points`; unit vectors are normalised.
+
+        `longest` (m) is the largest place on the cable, None if unknown.
+        """
+        if self.type != "quantity":
+            return _TYPES[self.type](value, where)
+        checked = v.array(value, self.shapes(ends, points), where)
+        if self.domain != "unit":
+            return self.check(checked, where, longest)
+        size = float(np.linalg.norm(checked))
+        if abs(size - 1) > UNIT_TOLERANCE:
+            order = " [w, x, y, z]" if self.name == "quaternion" else ""
+            raise where.fail(f"got {v.shown(v.plain(checked))} of length {size:.6g}: give a unit {self.name}{order}.")
+        # a unit vector keeps its digits, so that saving and loading changes nothing
+        return checked if abs(size - 1) < 4 * np.finfo(float).eps else np.asarray(checked) / size
+
+    def check(self, value: Any, where: Where, longest: float | None = None) -> Any:
+        """`value`, whose entries must lie in the domain."""
+        lowest, highest = float(np.min(value)), float(np.max(value))
+        if self.domain == "positive" and lowest <= 0:
+            raise where.fail(f"got {lowest:g}: give a value above zero.")
+        if self.domain in ("nonnegative", "along_cable") and lowest < 0:
+            raise where.fail(f"got {lowest:g}: give zero or a value above it.")
+        if self.domain == "fraction" and not 0 <= lowest <= highest <= 1:
+            raise where.fail(f"got {lowest if lowest < 0 else highest:g}: give a fraction, from 0 to 1.")
+        if self.domain == "along_cable" and longest is not None and highest > longest:
+            raise where.fail(f"got {highest:g} m: give a place on the cable, from 0 to {longest:g} m.")
+        return value
 
 
 @dataclass(frozen=True)
@@ -175,12 +168,12 @@ class KindFormat:
         return next((p for p in self.parameters if p.per_point and not p.estimable), None)
 
 
-def _formats(form: type[_Form], given: dict[str, dict]) -> tuple[_Form, ...]:
-    return tuple(form(name, **{**said, "shape": tuple(said.get("shape", ()))}) for name, said in given.items())
+def _formats(given: dict[str, dict]) -> tuple[ParameterFormat, ...]:
+    return tuple(ParameterFormat(name, **{**said, "shape": tuple(said.get("shape", ()))}) for name, said in given.items())
 
 
 KEYS = {
-    table: {key.name: key for key in _formats(Key, given)}
+    table: {key.name: key for key in _formats(given)}
     for table, given in json.loads((Path(__file__).parent / "keys.json").read_text("utf-8")).items()
 }
 """The keys of each table of `study.toml`."""
@@ -227,7 +220,7 @@ TABLE = Path(__file__).parent / "kinds.json"  # effects of the package; `python 
 
 
 for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
-    _parameters = _formats(ParameterFormat, _said["parameters"])
+    _parameters = _formats(_said["parameters"])
     register_kind(KindFormat(_kind, _said["place"], _parameters, _said["words"], _said.get("memory", "none")))
 
 DESCRIPTIVE_KINDS = tuple(k for k, form in _KINDS.items() if form.grid is not None and form.grid.domain == "along_cable")

@@ -6,8 +6,9 @@ set ``SCAN2FLEX_MAX_POINTS``, which applies to scans and to curves.
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
-from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.errors import Scan2FlexError, StudyError
 
 VARIABLE = "SCAN2FLEX_MAX_POINTS"
 SCAN_POINTS, CURVE_POINTS = 5_000_000, 1_000_000
@@ -32,10 +33,21 @@ class Limit:
         """Advice for a larger file."""
         return f"thin it out, or set {VARIABLE} to more points."
 
-    def sentence(self, found: str) -> str:
-        """Message for a larger file; ``found`` is its content, as in "9000000 points"."""
+    def sentence(self, content: str) -> str:
+        """Message for a file of more ``content``, as in "9000000 points"."""
         most = f"{self.points} points ({self.bytes // 1_000_000} MB)"
-        return f"it holds {found}, and at most {most} are read: {self.advice}"
+        return f"it holds {content}, and at most {most} are read: {self.advice}"
+
+    def check(self, path: Path, count: int, noun: str = "points") -> int:
+        """``count``, which must be within the limit; raises `StudyError`."""
+        if count > self.points:
+            raise StudyError(path, None, self.sentence(f"{count} {noun}"))
+        return count
+
+    def check_bytes(self, path: Path, size: int) -> None:
+        """Raise `StudyError` for a content of more bytes."""
+        if size > self.bytes:
+            raise StudyError(path, None, self.sentence(f"{size // 1_000_000} MB or more"))
 
 
 def scan_limit(most: int = SCAN_POINTS) -> Limit:

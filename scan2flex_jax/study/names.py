@@ -29,17 +29,13 @@ def drawn(text: str) -> str:
 def file_stem(name: str) -> str:
     """``name`` as the stem of a file; a name that is valid on every system is unchanged."""
     text = unicodedata.normalize("NFC", name)
-    stem = _cut("".join(c if c.isprintable() and c not in _SEPARATING else "-" for c in text))
+    stem = "".join(c if c.isprintable() and c not in _SEPARATING else "-" for c in text)
+    stem = stem.strip(" .").lstrip("- .~")  # no dot or blank at either end, no hyphen that makes it an option of a command
+    stem = stem.encode()[:LONGEST].decode(errors="ignore").rstrip(" .")
     if not any(c.isalnum() for c in stem):
         return "pose"
     first = unicodedata.normalize("NFKC", stem.split(".")[0]).strip().casefold()
     return f"pose-{stem}" if first in _RESERVED else stem
-
-
-def _cut(stem: str) -> str:
-    """No dot or blank at either end, no leading hyphen, which would make it an option of a command; not too long."""
-    stem = stem.strip(" .").lstrip("- .~")
-    return stem.encode()[:LONGEST].decode(errors="ignore").rstrip(" .")
 
 
 def file_stems(names: Iterable[str], endings: tuple[str, ...]) -> dict[str, str]:
@@ -47,16 +43,14 @@ def file_stems(names: Iterable[str], endings: tuple[str, ...]) -> dict[str, str]
     taken: set[str] = set()
     stems: dict[str, str] = {}
     for name in names:
-        stem, number = file_stem(name), 1
-        while taken & (files := {_key(f"{_numbered(stem, number)}{ending}") for ending in endings}):
+        stem = first = file_stem(name)
+        number = 1
+        while taken & (files := {_key(stem + ending) for ending in endings}):
             number += 1
+            stem = f"{first}-{number}"
         taken |= files
-        stems[name] = _numbered(stem, number)
+        stems[name] = stem
     return stems
-
-
-def _numbered(stem: str, number: int) -> str:
-    return stem if number == 1 else f"{stem}-{number}"
 
 
 def _key(file: str) -> str:

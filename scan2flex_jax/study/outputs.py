@@ -97,10 +97,8 @@ def write_json_atomic(path: str | Path, obj: Any) -> None:
 
 def measured_files(study: Study) -> list[Path]:
     """The files of a study."""
-    files = [None if study.folder is None else study.folder / STUDY_FILE]
-    for pose in study.poses:
-        files += [getattr(pose.curve, "path", None), getattr(pose.markers, "path", None), pose.scan, pose.guide_points_path]
-    return [Path(path) for path in files if path is not None]
+    own = [] if study.folder is None else [study.folder / STUDY_FILE]
+    return own + [path for pose in study.poses for path in pose.files.values() if path is not None]
 
 
 def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:
@@ -158,8 +156,8 @@ def _written_here(path: Path) -> bool:
     """Whether the program wrote this file, and it is unchanged since."""
     path = path.resolve()
     with contextlib.suppress(OSError), path.open("rb") as stream:
-        found = _entry(path.name, hashlib.file_digest(stream, "sha256").hexdigest())
-        return found in (path.parent / LIST).read_text("utf-8", errors="replace").splitlines()
+        entry = _entry(path.name, hashlib.file_digest(stream, "sha256").hexdigest())
+        return entry in (path.parent / LIST).read_text("utf-8", errors="replace").splitlines()
     return False
 
 
@@ -201,10 +199,10 @@ def _plain(value: Any) -> Any:
 def _non_finite(obj: Any, key: str = "") -> str | None:
     """Key of the first NaN or infinity, as in estimates.length.std."""
     if isinstance(obj, dict):
-        found = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
+        keys = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
     elif isinstance(obj, list | tuple | np.ndarray) and np.ndim(obj) > 0:
-        found = (_non_finite(entry, f"{key}[{i}]") for i, entry in enumerate(obj))
+        keys = (_non_finite(entry, f"{key}[{i}]") for i, entry in enumerate(obj))
     else:
         bad = isinstance(obj, float | np.floating) and not np.isfinite(obj)
         return f"{key or 'it'} is {obj}" if bad else None
-    return next((entry for entry in found if entry), None)
+    return next(filter(None, keys), None)

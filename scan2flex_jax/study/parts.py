@@ -273,6 +273,12 @@ class StudyPose(Record):
     KEYS: ClassVar = KEYS["pose"]
     PARTS: ClassVar = {"start": Clamp, "end": Clamp, "curve": MeasuredCurve, "markers": Markers}
 
+    @property
+    def files(self) -> dict[str, Path | None]:
+        """The files that its measurements were read from, by key; None for one in memory."""
+        paths = {"centre_curve": getattr(self.curve, "path", None), "scan": self.scan}
+        return paths | {"markers": getattr(self.markers, "path", None), "guide_points": self.guide_points_path}
+
     def _check(self, where: Where) -> None:
         """A scan is the path of a file, and guide points are points."""
         if self.scan is not None:

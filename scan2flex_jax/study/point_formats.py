@@ -43,13 +43,6 @@ _BEFORE = 1000  # lines of a text before its points
 _INSTALL = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
 
 
-def _fits(path: Path, count: int, limit: Limit) -> int:
-    """A number of points that is within the limit."""
-    if count > limit.points:
-        raise StudyError(path, None, limit.sentence(f"{count} points"))
-    return count
-
-
 def _scans(parts: list[np.ndarray], declared: int = 0) -> Points:
     notes = (f"{len(parts)} scans in one file",) * (len(parts) > 1)
     return Points(np.concatenate([np.zeros((0, 3)), *parts]), notes, declared=declared)
@@ -59,7 +52,7 @@ def _e57(stream: Any, path: Path, limit: Limit) -> Points:
     with _library(path, "E57"):
         import pye57  # noqa: PLC0415
     with _on_disk(stream) as name, pye57.E57(name) as file:
-        _fits(path, sum(file.get_header(i).point_count for i in range(file.scan_count)), limit)
+        limit.check(path, sum(file.get_header(i).point_count for i in range(file.scan_count)))
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
     return _scans([np.column_stack([scan[f"cartesian{c}"] for c in "XYZ"]) for scan in scans])
 
@@ -72,7 +65,7 @@ def _las(stream: Any, path: Path, limit: Limit) -> Points:
         raise ValueError("its header is damaged")
     stream.seek(0)
     header = laspy.LasHeader.read_from(stream)
-    count = _fits(path, header.point_count, limit)
+    count = limit.check(path, header.point_count)
     stream.seek(0)
     if header.are_points_compressed:
         with _on_disk(stream) as name:
@@ -98,13 +91,13 @@ def read_apart(code: str, name: str) -> dict[str, np.ndarray]:
             subprocess.run(command, capture_output=True, timeout=_LONGEST, check=False)
         if not there.is_file():
             raise ValueError("its library does not read it")
-        with np.load(there) as found:
-            return dict(found)
+        with np.load(there) as arrays:
+            return dict(arrays)
 
 
 def _pcd(stream: Any, path: Path, limit: Limit) -> Points:
     kind, row, count = pcd_header(stream)
-    _fits(path, count, limit)
+    limit.check(path, count)
     if kind == "ascii":
         start = np.cumsum([0, *(math.prod(row[name].shape) for name in row.names or ())])
         at = [start[list(row.names or ()).index(c)] for c in "xyz"]
@@ -170,12 +163,13 @@ def _ptx(stream: Any, path: Path, limit: Limit) -> Points:
     text, parts, declared = io.TextIOWrapper(stream, "ascii", errors="replace"), [], 0
     while head := [line for line in itertools.islice(text, _PTX_HEAD) if line.strip()]:
         count = int(head[0]) * int(head[1])
-        declared = _fits(path, declared + count, limit)
+        declared = limit.check(path, declared + count)
         turn, shift = np.array([line.split() for line in head[6:9]], float)[:, :3], np.array(head[9].split(), float)[:3]
         rows = [line.split()[:3] for line in itertools.islice(text, count)]
         points = np.array(rows, float).reshape(-1, 3)
-        declared -= int(np.sum(found := np.all(points == 0.0, axis=1)))
-        parts.append(points[~found] @ turn + shift)
+        seen = np.any(points != 0.0, axis=1)
+        declared -= int(np.sum(~seen))
+        parts.append(points[seen] @ turn + shift)
     text.detach()
     return _scans(parts, declared)
 
@@ -196,7 +190,7 @@ def _text(stream: Any, path: Path, limit: Limit) -> Points:
         points, unit = scanned(lines, Where(one_line(str(path), 300)))
     finally:
         text.detach()
-    _fits(path, len(points), limit)
+    limit.check(path, len(points))
     declared = int(first[0]) if len(first) == 1 and first[0].isdecimal() else 0
     return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit, declared)
 
@@ -206,13 +200,13 @@ def _npy(stream: Any, path: Path, limit: Limit) -> Points:
 
 
 def _npz(stream: Any, path: Path, limit: Limit) -> Points:
-    _fits(path, max((entry.file_size for entry in zipfile.ZipFile(stream).infolist()), default=0) // 24, limit)
+    limit.check(path, max((entry.file_size for entry in zipfile.ZipFile(stream).infolist()), default=0) // 24)
     stream.seek(0)
     with np.load(stream, allow_pickle=False) as arrays:
-        found = [key for key in arrays.files if _shaped(arrays[key])]
-        if len(found) != 1:
-            raise ValueError(f"{len(found)} of its arrays have the shape (n, 3)")
-        return Points(columns(arrays[found[0]]))
+        names = [name for name in arrays.files if _shaped(arrays[name])]
+        if len(names) != 1:
+            raise ValueError(f"{len(names)} of its arrays have the shape (n, 3)")
+        return Points(columns(arrays[names[0]]))
 
 
 def columns(array: np.ndarray) -> Annotated[np.ndarray, "n 3"]:

@@ -88,17 +88,14 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     """The checked study of a TOML tree; `where` is the file, `shown` its folder in the user's notation."""
     given = data.get("format")
     if given != FORMAT:
-        found = "it is missing" if given is None else f"got {v.shown(given)}"
-        raise where.at("format").fail(f'{found}: write format = "{FORMAT}".')
+        said = "it is missing" if given is None else f"got {v.shown(given)}"
+        raise where.at("format").fail(f'{said}: write format = "{FORMAT}".')
     data = _given("study", data, where)
     tolerance = _record(Tolerance, "tolerance", data.get("tolerance", {}), where.at("tolerance"))
+    poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
+    effects = tuple(_effects(data.get("effects", []), where.at("effect")))
     with where.placed():
-        study = Study(data.get("title", ""), data["gravity"], data["cable"], (), tolerance, folder=folder)
-    study = replace(
-        study,
-        poses=tuple(_poses(data["poses"], where.at("pose"), folder, shown)),
-        effects=tuple(_effects(data.get("effects", []), where.at("effect"))),
-    )
+        study = Study(data.get("title", ""), data["gravity"], data["cable"], poses, tolerance, effects=effects, folder=folder)
     study = replace(study, unknowns=tuple(_unknowns(study, data.get("unknowns", {}), where.at("unknown"))))
     with where.placed({"curve": "centre_curve"}):
         check_study(study, purpose)
@@ -110,7 +107,7 @@ def _given(table: str, given: Any, where: Where) -> dict[str, Any]:
     keys = KEYS[table]
     given = v.table(given, keys, where, KEYS["pose"]["start"].example if table == "clamp" else f"[{table}]")
     for name, key in keys.items():
-        if key.default.startswith("required"):
+        if key.required:
             v.required(given, name, where, key.written)
     return {FIELDS.get(name, name): value for name, value in given.items()}
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, NoReturn, TypeVar, dataclass_transf
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.kinds import Key
+from scan2flex_jax.study.kinds import ParameterFormat
 from scan2flex_jax.study.values import Where, of_kind, shown
 
 _Record = TypeVar("_Record", bound="Record")
@@ -33,7 +33,7 @@ class Record:
     and `AS` says how one is made.
     """
 
-    KEYS: ClassVar[Mapping[str, Key]] = {}
+    KEYS: ClassVar[Mapping[str, ParameterFormat]] = {}
     PARTS: ClassVar[Mapping[str, type["Record"]]] = {}
     AS: ClassVar[str]
     __hash__ = None  # type: ignore[assignment]

@@ -17,11 +17,11 @@ _SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measur
 
 def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
     """Groups of names of repeated poses, in the order of the study."""
-    return tuple(group for group in _held_alike(study) if not _apart(study, group))
+    return tuple(tuple(pose.name for pose in group) for group in _groups(study) if not _apart(study, group))
 
 
-def _held_alike(study):
-    """Groups of names of poses that are marked as repeats, or held alike."""
+def _groups(study):
+    """Groups of poses that are marked as repeats, or have the same supports and effects."""
     groups: list[list[StudyPose]] = []
     for pose in study.poses:
         own = next((g for g in groups if any(_repeat(study, pose, other) for other in g)), None)
@@ -29,12 +29,12 @@ def _held_alike(study):
             groups.append([pose])
         else:
             own.append(pose)
-    return tuple(tuple(p.name for p in g) for g in groups if len(g) > 1)
+    return [group for group in groups if len(group) > 1]
 
 
 def _apart(study, group) -> float:
-    """Largest RMS distance (m) within a group that is held alike, if it exceeds that of handling, else 0."""
-    pairs = [(a, b) for a, b in combinations(map(study.pose, group), 2) if not _said(a, b)]
+    """Largest RMS distance (m) of poses that are not marked as repeats, if it exceeds that of handling, else 0."""
+    pairs = [(a, b) for a, b in combinations(group, 2) if not _marked(a, b)]
     off = max((difference(a, b) or 0.0 for a, b in pairs), default=0.0)
     return off if off > HANDLING * _length(study) else 0.0
 
@@ -44,17 +44,18 @@ def _length(study) -> float:
 
 
 def repeat_sentences(study: Study) -> tuple[str, ...]:
-    """Differences between curves or markers of repeats, one sentence for each comparable pair, and of poses that are held alike
-    and differ."""
+    """Differences between curves or markers of repeats, one sentence for each comparable pair, and of poses that have the same
+    supports and differ."""
     said, length = [], _length(study)
-    for group in _held_alike(study):
+    for group in _groups(study):
         if off := _apart(study, group):
             said.append(
-                f"poses {', '.join(group)} are held alike and differ by up to {1e3 * off:.3g} mm (RMS, {100 * off / length:.2g}"
-                " % of the length): something differs between them that the study does not declare, as a load in some of them"
+                f"poses {', '.join(p.name for p in group)} are held alike and differ by up to {1e3 * off:.3g} mm (RMS, "
+                f"{100 * off / length:.2g} % of the length): something differs between them that the study does not declare, "
+                "as a load in some of them"
             )
             continue
-        for a, b in combinations(map(study.pose, group), 2):
+        for a, b in combinations(group, 2):
             rms = difference(a, b)
             if rms is not None:
                 said.append(
@@ -76,24 +77,16 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
     return float(np.sqrt(np.mean(np.nansum(off**2, axis=1)))) if len(off) else None
 
 
-def _repeat(study, pose, other):
+def _repeat(study, a, b) -> bool:
     """Whether two poses repeat one another; of a cable that remembers, only where it has no history in either."""
-    if study.remembers and not all(p.reset or p is study.poses[0] for p in (pose, other)):
+    if study.remembers and not all(p.reset or p is study.poses[0] for p in (a, b)):
         return False
-    return _said(pose, other) or _alike(study, pose, other)
+    settings = [(p.turns, study.remembers or p.reset, study.acting(p), *study.gravity_in(p)) for p in (a, b)]
+    return _marked(a, b) or (settings[0] == settings[1] and _same_clamp(a.start, b.start) and _same_clamp(a.end, b.end))
 
 
-def _said(pose, other):
-    return other.name == pose.repeat_of or pose.name == other.repeat_of
-
-
-def _alike(study, a, b):
-    """Whether two poses have the same supports and the same effects."""
-    gravity = [study.gravity if p.gravity is None else p.gravity for p in (a, b)]
-    acting = [[e.poses is None or p.name in e.poses for e in study.effects] for p in (a, b)]
-    held = _same_clamp(a.start, b.start) and _same_clamp(a.end, b.end)
-    straightened = study.remembers or a.reset == b.reset
-    return held and a.turns == b.turns and straightened and acting[0] == acting[1] and np.array_equal(*gravity)
+def _marked(a, b) -> bool:
+    return b.name == a.repeat_of or a.name == b.repeat_of
 
 
 def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:

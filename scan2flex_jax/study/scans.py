@@ -53,7 +53,7 @@ def _unpacked(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str,
         name, data = path.stem, _counted(path, gzip.GzipFile(fileobj=stream), limit)
     else:
         name, data = path.name, stream
-        _check_bytes(path, path.stat().st_size, limit)
+        limit.check_bytes(path, path.stat().st_size)
     kind = Path(name).suffix.lower().removeprefix(".")
     if kind not in KINDS:
         raise StudyError(path, None, f"it is none of the kinds of scans that are read ({_NAMES}): {_ADVICE}")
@@ -65,11 +65,11 @@ def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str
     try:
         archive = zipfile.ZipFile(stream)
         kinds = {m: Path(m.filename).suffix.lower().removeprefix(".") for m in archive.infolist()}
-        found = [m for m, kind in kinds.items() if kind in set(KINDS) - _NOTES] or [m for m in kinds if kinds[m] in KINDS]
-        if len(found) != 1:
-            raise StudyError(path, None, f"the archive holds {len(found)} scans ({_NAMES}): pack one.")
-        _check_bytes(path, found[0].file_size, limit)
-        return found[0].filename, archive.open(found[0])
+        scans = [m for m, kind in kinds.items() if kind in set(KINDS) - _NOTES] or [m for m in kinds if kinds[m] in KINDS]
+        if len(scans) != 1:
+            raise StudyError(path, None, f"the archive holds {len(scans)} scans ({_NAMES}): pack one.")
+        limit.check_bytes(path, scans[0].file_size)
+        return scans[0].filename, archive.open(scans[0])
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OverflowError) as fault:  # damaged, unknown, encrypted
         raise unreadable(path, fault) from fault
 
@@ -80,43 +80,37 @@ def _counted(path: Path, stream: Any, limit: Limit) -> io.BufferedIOBase:
     try:
         while block := stream.read(_BLOCK):
             data.write(block)
-            _check_bytes(path, data.tell(), limit)
+            limit.check_bytes(path, data.tell())
     except (EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError) as fault:
         raise unreadable(path, fault) from fault
     data.seek(0)
     return data
 
 
-def _check_bytes(path: Path, size: int, limit: Limit) -> None:
-    if size > limit.bytes:
-        raise StudyError(path, None, limit.sentence(f"{size // 1_000_000} MB or more"))
-
-
-def _check(path: Path, found: Survey, limit: Limit) -> None:
+def _check(path: Path, counts: Survey, limit: Limit) -> None:
     """Refuse a file that is too large, empty, or shorter than its own header states."""
-    if max(found.points, found.declared, found.faces) > limit.points:
-        most = max(found.points, found.declared)
-        raise StudyError(path, None, limit.sentence(f"{most} {found.unit}" if most > limit.points else f"{found.faces} faces"))
-    if found.points < found.declared:
-        said = f"its header says {found.declared} {found.unit}, and there are {found.points}"
+    limit.check(path, max(counts.points, counts.declared), counts.unit)
+    limit.check(path, counts.faces, "faces")
+    if counts.points < counts.declared:
+        said = f"its header says {counts.declared} {counts.unit}, and there are {counts.points}"
         raise StudyError(path, None, f"{said}: it was cut short; {_ADVICE}")
-    if found.points == 0:
+    if counts.points == 0:
         raise StudyError(path, None, f"the scan holds no points: {_ADVICE}")
-    if found.cut:
-        raise StudyError(path, None, f"it ends before its {found.faces} faces do: it was cut short; {_ADVICE}")
+    if counts.cut:
+        raise StudyError(path, None, f"it ends before its {counts.faces} faces do: it was cut short; {_ADVICE}")
 
 
 def _read_points(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
     try:
-        found = READERS[kind](data, path, limit)
+        cloud = READERS[kind](data, path, limit)
     except Scan2FlexError:
         raise
     except Exception as fault:  # each library fails in its own way
         raise unreadable(path, fault) from fault
-    _check(path, Survey(len(found.points), max(len(found.points), found.declared)), limit)
-    return trimesh.PointCloud(found.points, metadata={"notes": found.notes, "unit": found.unit})
+    _check(path, Survey(len(cloud.points), max(len(cloud.points), cloud.declared)), limit)
+    return trimesh.PointCloud(cloud.points, metadata={"notes": cloud.notes, "unit": cloud.unit})
 
 
 def _read_mesh(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from scan2flex_jax.study.curves import arc_length_fault, curve_length
-from scan2flex_jax.study.declared import check_effects, check_unknowns, longest_cable
+from scan2flex_jax.study.declared import check_declared, longest_cable
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Value
 from scan2flex_jax.study.rotations import columns
@@ -52,8 +52,7 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     where = Where("Study")
     if not isinstance(study, Study):
         raise where.fail(f"got {shown(study)}: give a Study, as load_study(folder) or Study.from_arrays(...) makes it.")
-    check_unknowns(study, where.at("unknown"))
-    check_effects(study, where.at("effect"))
+    check_declared(study, where)
     _check_cable(study, where.at("cable"), purpose)
     _check_names(study, where.at("pose"))
     if purpose == "fit":

@@ -7,6 +7,7 @@ the number in its header (the same for formats without a header).
 import io
 import itertools
 import json
+import re
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -129,26 +130,21 @@ def _ply(stream: io.BufferedIOBase, size: int, limit: Limit) -> Survey:
 
 def _ply_header(stream: io.BufferedIOBase) -> tuple[bool, list[tuple[str, int, int]]]:
     """Whether a PLY is text, and the name, count and least bytes of its elements, in turn."""
-    elements: list[tuple[str, int, int]] = []
-    ascii_text = None
-    for line in iter(lambda: stream.readline(_LONGEST_LINE), b""):
-        words = line.decode("ascii", errors="replace").split()
-        match words:
-            case ["end_header", *_] if ascii_text is not None:
-                return ascii_text, elements
-            case ["format", written, *_]:
-                ascii_text = written == "ascii"
-            case ["element", name, count] if count.isascii() and count.isdecimal() and len(count) < 16:
-                elements.append((name, int(count), 0))
-            case ["element", *_]:
-                raise ValueError("an element of its header has no count")
-            case ["property", *kind] if elements and kind:
-                name, number, least = elements[-1]
-                written = kind[1] if kind[0] == "list" and len(kind) > 1 else kind[0]  # a list always has at least its count
-                elements[-1] = (name, number, least + _SIZES.get(written, 1))
-        if stream.tell() > _HEADER:
-            break
-    raise ValueError("its header has no end, or does not say how it is written")
+    data = stream.read(_HEADER)
+    end = re.search(rb"^end_header\b.*\n?", data, re.MULTILINE)
+    head = "" if end is None else data[: end.start()].decode("latin-1")
+    form = re.search(r"^format[ \t]+(\w+)", head, re.MULTILINE)
+    if end is None or form is None:
+        raise ValueError("its header has no end, or does not say how it is written")
+    stream.seek(end.end())
+    elements = []
+    for part in re.split(r"^element\b", head, flags=re.MULTILINE)[1:]:
+        counted = re.match(r"\s+(\S+)\s+([0-9]{1,15})\s", part)
+        if counted is None:
+            raise ValueError("an element of its header has no count")
+        types = re.findall(r"^property\s+(?:list\s+)?(\S+)", part, re.MULTILINE)  # a list always has at least its count
+        elements.append((counted[1], int(counted[2]), sum(_SIZES.get(name, 1) for name in types)))
+    return form[1] == "ascii", elements
 
 
 SURVEYS: dict[str, Callable[[io.BufferedIOBase, int, Limit], Survey]] = {

@@ -2,15 +2,13 @@
 
 A `Dialect` is the separator, the decimal mark, the first row, the meaning of the columns and the unit of lengths, as the first
 lines of a file show them. Centre curves, markers and guide points (`convert.curves`) and scans (`study.scans`) are read by it.
-Formats that are no tables (polylines in OBJ, VTK, DXF, WKT and JSON) are rewritten as rows first (`unfolded`).
 """
 
 import itertools
-import json
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -67,19 +65,19 @@ def dialect(lines: list[str], where: Where) -> Dialect:
             row = rows[full[0]]
             texts = frozenset(k for k, x in enumerate(row) if x is None)
             best = (score, Dialect(mark, decimal, full[0], len(row), texts))
-    found = best[1]
-    if found is None or found.first > _PREAMBLE:
+    how = best[1]
+    if how is None or how.first > _PREAMBLE:
         raise where.fail("no line holds three numbers or more: give a text file with one point x,y,z a line.")
-    first = found.first
-    while first and len(row := found.cells(lines[first - 1])) == found.width > 1 and None not in row and not _numbers(row):
+    first = how.first
+    while first and len(row := how.cells(lines[first - 1])) == how.width > 1 and None not in row and not _numbers(row):
         first -= 1  # a row that has lost its numbers
     units = {match[1].lower() for line in lines[first : first + 3] for match in _MEASURED.finditer(line)}
     stated = units.pop() if len(units) == 1 else None
-    header = _header(lines, first, found)
+    header = _header(lines, first, how)
     if header is None:
-        return found._replace(first=first, unit=stated)
+        return how._replace(first=first, unit=stated)
     names, unit = _named(header, where)
-    return found._replace(first=first, names=tuple(names), unit=unit or stated)
+    return how._replace(first=first, names=tuple(names), unit=unit or stated)
 
 
 def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarray, "n c"]:
@@ -147,15 +145,15 @@ def _cells(line: str, mark: str | None, decimal: str) -> list[float | None]:
     """The cells of a line; one of several with three numbers between blanks is three cells."""
     if any(c.isdigit() for c in line):
         line = _MEASURED.sub(" ", _DRESS.sub(" ", line))
-    found: list[float | None] = []
+    row: list[float | None] = []
     cells = line.strip("\r\n").split(mark)
     for cell in cells:
         value, parts = _number(cell, decimal), cell.split()
         if value is None and len(parts) == 3 and len(cells) > 1 and None not in (inner := [_number(p, decimal) for p in parts]):
-            found += inner
+            row += inner
         else:
-            found.append(value)
-    return found
+            row.append(value)
+    return row
 
 
 def _stripped(row: list[float | None], width: int = 0) -> list[float | None]:
@@ -184,9 +182,9 @@ def _named(header: list[str], where: Where) -> tuple[list[str | None], str | Non
     units = set()
     for cell in header:
         base, unit = cell.lower(), None
-        found = _UNIT.fullmatch(base)
-        if found and found[2] in LENGTHS and found[1]:
-            base, unit = found[1], found[2]
+        stated = _UNIT.fullmatch(base)
+        if stated and stated[2] in LENGTHS and stated[1]:
+            base, unit = stated[1], stated[2]
         plain = re.sub(r"[^a-z0-9]", "", base)
         coordinate = _COORDINATE.fullmatch(plain)
         name = _NAMES.get(plain) or (coordinate and coordinate[1])
@@ -200,62 +198,3 @@ def _named(header: list[str], where: Where) -> tuple[list[str | None], str | Non
     if len(units) > 1:
         raise here.fail(f"it states several units ({', '.join(sorted(units))}): convert the columns to one.")
     return names, next(iter(units), None)
-
-
-def unfolded(text: str) -> str | None:
-    """The points of a polyline in JSON, WKT, OBJ, VTK or DXF as rows of a table; None for another text."""
-    found = next((points for form, points in _FORMS if form.search(text[:4000])), None)
-    triples = None if found is None else found(text)
-    return "\n".join(" ".join(map(str, triple)) for triple in triples) if triples else None
-
-
-def _json(text: str) -> list[Any] | None:
-    try:
-        tree = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    inside = [tree]
-    while inside:
-        node = inside.pop(0)
-        if isinstance(node, dict):
-            axes = [node.get(c, node.get(c.upper())) for c in "xyz"]
-            if all(isinstance(axis, list) for axis in axes):
-                return list(zip(*axes, strict=False))
-            inside += node.values()
-        elif isinstance(node, list) and node:
-            if all(isinstance(p, dict) and {"x", "y", "z"} <= set(p) for p in node):
-                return [(p["x"], p["y"], p["z"]) for p in node]
-            if all(isinstance(p, list) and len(p) == 3 and all(isinstance(c, (int, float)) for c in p) for p in node):
-                return node
-            inside += node
-    return None
-
-
-def _vtk(text: str) -> list[Any]:
-    head = re.search(r"^POINTS\s+(\d+)\s+\w+", text, re.MULTILINE)
-    words = text[head.end() :].split()[: 3 * int(head[1])] if head else []
-    return [words[k : k + 3] for k in range(0, len(words), 3)]
-
-
-def _dxf(text: str) -> list[Any]:
-    """The vertices of polylines, points, and ends of lines, in their order: groups 10, 20, 30."""
-    words = [line.strip() for line in text.splitlines()]
-    pairs, entity, found = list(zip(words[::2], words[1::2], strict=False)), "", list[list[str]]()
-    for code, value in pairs:
-        if code == "0":
-            entity = value
-        elif entity in ("VERTEX", "POINT", "LWPOLYLINE", "SPLINE", "LINE") and code in ("10", "11"):
-            found.append([value])
-        elif found and entity in ("VERTEX", "POINT", "SPLINE", "LINE") and code in ("20", "30", "21", "31"):
-            found[-1].append(value)
-    return [p for p in found if len(p) == 3]
-
-
-_FORMS: tuple[tuple[re.Pattern[str], Callable[[str], list[Any] | None]], ...] = (
-    (re.compile(r"\A\s*[\[{]\s*[\[{\"]"), _json),
-    (re.compile(r"\A\s*(?:SRID=\d+;)?(?:LINESTRING|MULTIPOINT)\s*Z?M?\s*\(", re.IGNORECASE),
-     lambda text: [p.split()[:3] for p in re.sub(r"[()]", " ", text.partition("(")[2]).split(",")]),
-    (re.compile(r"\A# vtk DataFile"), _vtk),
-    (re.compile(r"\A\s*0\r?\n\s*SECTION"), _dxf),
-    (re.compile(r"^v\s+[-+.\d]", re.MULTILINE), lambda text: re.findall(r"^v\s+(\S+)\s+(\S+)\s+(\S+)", text, re.MULTILINE)),
-)  # fmt: skip

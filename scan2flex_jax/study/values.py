@@ -16,6 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.study.names import printable
 
 LARGEST = 1e15
 """Larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64."""
@@ -62,7 +63,7 @@ def one_line(text: str, longest: int = 80) -> str:
     """`text` for a message: no line breaks or control characters, not too long."""
     if len(text) <= longest and text.isprintable():
         return text
-    text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text[: longest + 1])
+    text = printable(text[: longest + 1], keep="")
     return text if len(text) <= longest else text[: longest - 3] + "..."
 
 
@@ -203,8 +204,8 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) ->
             return [numbers(entry) for entry in inner]
         return inner if wanted is None and isinstance(inner, float) else number(inner, where)
 
-    found = numbers(value)
-    return found if isinstance(found, float) else np.array(found)
+    checked = numbers(value)
+    return checked if isinstance(checked, float) else np.array(checked)
 
 
 def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
@@ -244,10 +245,11 @@ def growing(value: Any, count: int, where: Where, what: str = "arc length in met
 def _rows(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
     """An array of real numbers in float64."""
     try:
-        found = as_array(value)
+        rows = as_array(value)
     except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX
         raise where.fail(f"got {shown(value)}: give {wanted}.") from error
-    if found.dtype.kind not in "iuf":
-        what = shown(value) if found.ndim == 0 else f"an array of {found.dtype}"
+    flags = isinstance(value, list) and any(isinstance(x, bool) for row in value if isinstance(row, list) for x in row)
+    if rows.dtype.kind not in "iuf" or flags:
+        what = shown(value) if rows.ndim == 0 else f"an array of {rows.dtype}"
         raise where.fail(f"got {what}: give {wanted}.")
-    return found.astype(np.float64, copy=False)
+    return rows.astype(np.float64, copy=False)

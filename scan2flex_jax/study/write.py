@@ -23,7 +23,7 @@ from scan2flex_jax.study.model import EffectDeclaration, Markers, MeasuredCurve,
 from scan2flex_jax.study.read import FIELDS, FORMAT, load_study
 from scan2flex_jax.study.records import Record, same
 from scan2flex_jax.study.sense import Purpose
-from scan2flex_jax.study.values import Where, one_line
+from scan2flex_jax.study.values import Where, one_line, plain
 
 Content = MeasuredCurve | Markers | Path | Annotated[np.ndarray, "k 3"]
 _ENDINGS = {"centre_curve": ".csv", "scan": ".ply", "markers": "-markers.csv", "guide_points": "-guides.csv"}
@@ -157,17 +157,13 @@ def _csv(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> tup
 
 def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
     """The TOML tree of a study, as plain dicts, lists and numbers; files get their names in `files`."""
-    tree: dict[str, Any] = {"format": FORMAT, "title": study.title, "gravity": _plain(study.gravity)}
-    tree["cable"] = {key: _plain(value) for key, value in study.cable.items()}
+    tree: dict[str, Any] = {"format": FORMAT, "title": study.title, "gravity": plain(study.gravity)}
+    tree["cable"] = {key: plain(value) for key, value in study.cable.items()}
     tree["tolerance"] = _of_record(study.tolerance)
     tree["unknown"] = {unknown.name: _unknown(unknown) for unknown in study.unknowns}
     tree["pose"] = [_pose(pose, files) for pose in study.poses]
     tree["effect"] = [_effect(effect) for effect in study.effects]
     return {key: value for key, value in tree.items() if value or key in ("title", "cable", "pose")}
-
-
-def _plain(value: Any) -> Any:
-    return value if isinstance(value, str | bool | int) else np.asarray(value, dtype=np.float64).tolist()
 
 
 def _of_record(record: Record) -> dict[str, Any]:
@@ -178,20 +174,20 @@ def _of_record(record: Record) -> dict[str, Any]:
         name = FIELDS.get(key, key)
         value = getattr(record, name)
         if value is not None and form.type != "file" and not same(value, defaults[name]):
-            table[key] = _of_record(value) if isinstance(value, Record) else _plain(value)
+            table[key] = _of_record(value) if isinstance(value, Record) else plain(value)
     return table
 
 
 def _effect(effect: EffectDeclaration) -> dict[str, Any]:
-    table = {"kind": effect.kind, **{name: _plain(value) for name, value in effect.parameters.items()}}
+    table = {"kind": effect.kind, **{name: plain(value) for name, value in effect.parameters.items()}}
     return table if effect.poses is None else {**table, "poses": list(effect.poses)}
 
 
 def _unknown(unknown: Unknown) -> dict[str, Any]:
-    table = {} if unknown.guess is None else {"guess": _plain(unknown.guess)}
+    table = {} if unknown.guess is None else {"guess": plain(unknown.guess)}
     if unknown.low is not None and unknown.high is not None:
-        table["range"] = [_plain(unknown.low), _plain(unknown.high)]
-    return table if unknown.prior is None else {**table, "prior": {k: _plain(x) for k, x in unknown.prior.items()}}
+        table["range"] = [plain(unknown.low), plain(unknown.high)]
+    return table if unknown.prior is None else {**table, "prior": {k: plain(x) for k, x in unknown.prior.items()}}
 
 
 def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
@@ -201,8 +197,7 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
     for key, ending in _ENDINGS.items():
         content = getattr(pose, FIELDS.get(key, key))
         if content is not None:
-            path = {"scan": pose.scan, "guide_points": pose.guide_points_path}.get(key, getattr(content, "path", None))
-            table[key] = files.add(content, path, f"{slug}{ending}")
+            table[key] = files.add(content, pose.files[key], f"{slug}{ending}")
     return {key: table[key] for key in pose.KEYS if key in table}
 
 

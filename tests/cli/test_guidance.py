@@ -124,9 +124,9 @@ def test_every_warning_of_a_pose_says_what_to_do(tmp_path):
     off = Clamp(pose.start.position, columns_rolled(pose.start.quaternion))
     cut = replace(pose, start=off, curve=replace(pose.curve, points=pose.curve.points[5:]))
     said = " ".join(study_warnings(replace(study, poses=(cut, *study.poses[1:]), cable={**study.cable, "length": 1.05})))
-    assert "scan up to the clamp" in said
+    assert "scan up to the start clamp" in said
     written = float(re.search(r"write clamp_rotation = (\S+) under \[tolerance\]", said)[1])
-    angle = float(re.search(r"tangent is off by (\S+) deg", said)[1])
+    angle = float(re.search(r"meets the \w+ clamp (\S+) deg off the axis d3", said)[1])
     assert written == pytest.approx(np.radians(angle), rel=0.05)
     assert re.search(r"shorter than the cable's length: measure the length again \(the curves give 0.9\d+ to 0.9\d+ m\)", said)
 

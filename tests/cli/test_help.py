@@ -53,7 +53,7 @@ def test_what_cannot_be_written_is_refused_before_anything_is_read(name, tmp_pat
     for parameter in COMMANDS[name].params:
         if parameter.name not in ("json", "out", "save", "figure", "figures"):
             continue
-        needed = ["x"] * (name != "demo") + (["--to", "json"] if name == "export" else [])
+        needed = ["x"] * (name not in ("demo", "schema")) + (["--to", "json"] if name == "export" else [])
         needed += ["-o", "x"] if name == "export" and parameter.name != "out" else []
         found = CliRunner().invoke(app, [name, *needed, parameter.opts[0], str(tmp_path / "file" / "deep.png")])
         assert isinstance(found.exception, Scan2FlexError), (parameter.name, found.output)

@@ -1,17 +1,22 @@
-"""Whatever bytes are on the disk, a study loads or fails with one sentence; what loads saves and loads again."""
+"""Whatever bytes are on the disk, a study loads or fails with one sentence. What loads saves and loads again, and the JSON
+schema takes it.
+"""
 
 import re
 import tempfile
+import tomllib
 from pathlib import Path
 
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from jsonschema import Draft7Validator
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study import describe, load_study, save_study
+from scan2flex_jax.study import describe, load_study, save_study, study_schema
 
 from .samples import STUDY, csv, curve, write_sample
 
+EDITOR = Draft7Validator(study_schema())
 SAG = csv(curve(12)).encode()
 FRAGMENTS = [
     b"nan", b"-inf", b"true", b"1e308", b"5e-324", b"-1", b"0", b"[]", b"{}", b'""', b"'..'", b"[[", b"]", b"=", b"\n",
@@ -46,6 +51,7 @@ def holds(toml, sag):
             assert "\n" not in str(error) and str(error).isprintable()
             return
         assert describe(study)
+        EDITOR.validate(tomllib.loads((folder / "study.toml").read_text("utf-8-sig")))
         save_study(study, Path(name) / "copy")
         assert load_study(Path(name) / "copy") == study
 

@@ -140,14 +140,14 @@ def test_no_such_example():
 def test_warnings_in_words(tmp_path):
     study = load_study(write_sample(tmp_path))
     found = "\n".join(study_warnings(study))
-    assert "tangent" in found and "plane" in found and "no validate pose" not in found
+    assert "off the axis d3" in found and "plane" in found and "no validate pose" not in found
     lonely = replace(study, poses=study.poses[:1])
     assert "no validate pose" in "\n".join(study_warnings(lonely))
     pose = study.poses[0]
     backwards = replace(pose, curve=replace(pose.curve, points=pose.curve.points[::-1]))
     assert "end to start" in "\n".join(study_warnings(replace(study, poses=(backwards,))))
     short = replace(pose, curve=replace(pose.curve, points=pose.curve.points[4:]))
-    assert "starts" in "\n".join(study_warnings(replace(study, poses=(short,))))
+    assert "from the start clamp" in "\n".join(study_warnings(replace(study, poses=(short,))))
     longer = replace(study, cable={**study.cable, "length": 0.95})
     assert "% shorter" in "\n".join(study_warnings(longer))
 
