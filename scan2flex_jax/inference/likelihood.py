@@ -6,7 +6,8 @@ curvature and clamp seat of the pose (`fitting.discrepancy`), and
     C_p = white^2/count I + correlated^2 k(lag/length) + alike^2 1 1' + b^2 Z_p Z_p',
 
 ``k`` a mixture of Matern 3/2 and the squared exponential, since nobody knows how smooth errors of a scan are; ``alike`` the
-given error of scans that is the same along a pose. The sizes ``u = (log white, log correlated, log length, log b, logit of the
+given error of scans that is the same along a pose; rows across a plane in which all points lie have a noise of
+`Settings.largest_noise` of the length besides. The sizes ``u = (log white, log correlated, log length, log b, logit of the
 share of Matern)`` are those of the largest restricted likelihood times their prior (Patterson and Thompson 1971), for each
 hypothesis at its own ``x``, with exact gradients: 8 to 15 evaluations of 3 ms. The discrepancy has a spike and a slab
 (Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which costs `Settings.slab`.
@@ -123,7 +124,7 @@ class Likelihood:
         C = sc**2 * K + ZZ + self.alike**2 * p.same
         if np.any(self.apart):
             C += self.apart[:, None, None] * ZZ / b**2
-        C[:, i, i] += white + fore + p.pad
+        C[:, i, i] += white + fore + p.pad + p.across * (self.settings.largest_noise * self.length) ** 2
         return C, (2 * white, 2 * sc**2 * K, sc**2 * dK, 2 * ZZ, 4 * fore, sc**2 * dw)
 
     def within(self, u) -> tuple[float, np.ndarray]:

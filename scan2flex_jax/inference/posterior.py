@@ -136,7 +136,8 @@ class Fitted:
 
     def scattered(self) -> float:
         """RMS displacement (m) by the discrepancies of the poses."""
-        return float(np.sqrt(np.sum((np.exp(self.u[3]) * self.linear.Z) ** 2) / np.sum(1 - self.variant.rows.pad)))
+        measured = self.variant.rows.measured
+        return float(np.sqrt(np.sum((np.exp(self.u[3]) * self.linear.Z[measured]) ** 2) / np.sum(measured)))
 
     def structured(self) -> float:
         """RMS displacement (m) by correlated noise and discrepancies."""
@@ -282,21 +283,27 @@ class Variant:
 
     def _in_turn(self, components, x, shapes, u):
         """Sizes of the noise and parameters in turn, from solved shapes."""
-        converged, last, sensor, linear = True, -np.inf, self.sensor, None
-        starts = [self.likelihood.start(sensor, b) for b in (0.03, 1.0)]
+        last, sensor, law = -np.inf, self.sensor, self.likelihood
+        starts = [law.start(sensor, b) for b in (0.03, 1.0)]
         if u is not None:
             starts = [u, np.r_[np.log([sensor, sensor]), u[2], u[3] - 4.0, u[4]]]
-        for turn in range(_ROUNDS):
+        converged, height = self.minimum.converged or bool(components), -np.inf
+        likeliest: tuple = ()
+        for turn in range(_ROUNDS + 1):
             wider = self._sizes(components, x)
             linear = self.linear(shapes, x, components, Prior(self.program, components, wider))
-            u, value = self.likelihood.nearest(linear, u) if turn else self.likelihood.likeliest(linear, starts)
-            if value - last < _SETTLED or value < self.best - (_DOUBT if np.isfinite(last) else 2 * _DOUBT):
-                break  # the value has the gain of the next linear step in it
-            last = value
-            if self.held and not components:
-                converged = self.minimum.converged
+            u, value = law.nearest(linear, u) if turn else law.likeliest(linear, starts)
+            here = law(u, linear, gradient=False, shift=False) - self.settings.slab * law.discrepant(u)
+            if here < height - _SETTLED:  # the sizes before took the step for a gain
                 break
-            Li = self.likelihood.whitening(u, linear.Z)
+            likeliest, height = (x, shapes, u, converged, linear), here
+            held = self.held and not components
+            if held or turn == _ROUNDS or value - last < _SETTLED:
+                break  # the value has the gain of the next linear step in it
+            if value < self.best - (_DOUBT if np.isfinite(last) else 2 * _DOUBT):
+                break
+            last = value
+            Li = law.whitening(u, linear.Z)
             wr = (Li @ linear.r[:, :, None])[:, :, 0]
             A, g = linear.normal(wr, Li @ linear.X)
             lowest = float(np.sum(wr**2) + linear.quad - g @ inverted(A)[1] @ g)  # by a linear step, which ``value`` counts on
@@ -305,7 +312,7 @@ class Variant:
             if end is None:
                 break
             x, shapes, converged, _ = end
-            linear = None
+        x, shapes, u, converged, linear = likeliest
         found = self._finished(components, x, shapes, u, converged, linear)
         if not (converged or (self.held and not components)) and found.score > self.best - _DOUBT:
             Li = self.likelihood.whitening(found.u, found.linear.Z)

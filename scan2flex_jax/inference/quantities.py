@@ -127,7 +127,7 @@ def ratios(h: Fitted) -> dict[str, float]:
     local = np.isin(np.arange(X.shape[2]), n.shared + np.arange(n.local))
     J, own = X[:, :, ~local], X[:, :, local]
     variance = np.einsum("pnn->pn", C) + np.einsum("pni,ij,pnj->pn", J, V, J) + np.sum(own**2, axis=2)
-    real = rows.pad == 0
+    real = rows.measured
     ratio = np.sqrt(np.sum(r**2 * real, axis=1) / np.sum(variance * real, axis=1))
     return out | {poses[i].name: float(value) for i, value in zip(good, ratio, strict=True)}
 

@@ -1,9 +1,10 @@
 """Measured points of the poses as rows of arrays of one shape: averages over bins of neighbouring points.
 
 A pose has one row a bin along the first normal of the model curve, then along the second, then along the tangent for markers.
-Points that lie in a plane with gravity have one normal, that in the plane: their exact zeros across it are no measurement.
-Markers of which some coordinates were measured have rows of these alone. The scatter of points within their bins shows the
-white noise whatever the model.
+Points that lie in a plane with gravity have one normal, that in the plane: their exact zeros across it are no measurement, but
+the cable was near that plane. Some rows across it, of a wide noise (`Likelihood.covariance`), keep a model there. Markers of
+which some coordinates were measured have rows of these alone. The scatter of points within their bins shows the white noise
+whatever the model.
 """
 
 from itertools import pairwise
@@ -13,14 +14,16 @@ import numpy as np
 BINS = 30  # of a pose: enough to resolve the correlation of its noise
 _NEAR = 0.05  # of the largest arc length: `foreshortening` has no limit at the start
 _FLAT, _TINY = 1e-6, 1e-12  # of the largest extent: points in one plane
+_ACROSS = 6  # rows of a pose across a plane
 _SCATTERED = 4  # points of a bin from which on they show the noise within it
 
 
 class Rows:
     """The rows of P poses, N each, padded.
 
-    For each row (P, N): ``count`` of its points, ``pad`` 1 where it is none, ``tangent`` 1 along the tangent, ``near`` (m) its
-    arc length; for each pair (P, N, N): ``lag`` (m), the RMS distance of two of their points, and ``same`` 1 in one direction.
+    For each row (P, N): ``count`` of its points, ``pad`` 1 where it is none, ``tangent`` 1 along the tangent, ``across`` 1
+    across a plane of all points, ``near`` (m) its arc length; for each pair (P, N, N): ``lag`` (m), the RMS distance of two of
+    their points, and ``same`` 1 in one direction.
 
     ``dof`` and ``scatter`` (m^2): degrees of freedom and sum of squares of points within bins about their lines, as many as
     there are rows at most; ``inside`` (k,) m: their usual places in a bin.
@@ -42,23 +45,25 @@ class Rows:
             self.bins.append(groups)
             self.mean.append(np.stack([np.bincount(g, minlength=len(keep)) / len(g) for g in groups]))
             self.axes.append((shape.axes, u, some > 0))
-            self.kept.append((normals, along))
-        self.count_of = [n * len(g) + len(a) for g, (n, a) in zip(self.bins, self.kept, strict=True)]
+            off = [] if across is None else list(range(0, len(groups), -(-len(groups) // _ACROSS)))
+            self.kept.append((normals, off, along))
+        self.count_of = [n * len(g) + len(o) + len(a) for g, (n, o, a) in zip(self.bins, self.kept, strict=True)]
         P, N = len(shapes), max(self.count_of)
         self.poses, self.rows = P, N
         self.same, self.lag = np.zeros((P, N, N)), np.zeros((P, N, N))
-        self.count, self.pad, self.near, self.tangent = np.ones((P, N)), np.ones((P, N)), np.ones((P, N)), np.zeros((P, N))
+        self.count, self.pad, self.near = np.ones((P, N)), np.ones((P, N)), np.ones((P, N))
+        self.tangent, self.across = np.zeros((P, N)), np.zeros((P, N))
         self.dof, self.scatter, lags, gaps = 0.0, 0.0, [], []
-        for i, (shape, groups, (normals, along)) in enumerate(zip(shapes, self.bins, self.kept, strict=True)):
+        for i, (shape, groups, (normals, off, along)) in enumerate(zip(shapes, self.bins, self.kept, strict=True)):
             s, size = np.array([shape.s[g].mean() for g in groups]), np.array([len(g) for g in groups])
-            blocks = [*[np.arange(len(s))] * normals, np.array(along, int)]
+            blocks = [*[np.arange(len(s))] * normals, np.array(off, int), np.array(along, int)]
             where, ends = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
             n = len(where)
             self.count[i, :n], self.pad[i, :n] = size[where], 0.0
             width = float(np.median([np.ptp(shape.s[g]) for g in groups]))  # over which the noise is averaged
             self.lag[i, :n, :n] = np.sqrt((s[where][:, None] - s[where]) ** 2 + width**2 / 6.0)
             self.near[i, :n] = np.maximum(s[where], _NEAR * max(s.max(), 1e-12))
-            self.tangent[i, ends[-2] : n] = 1.0
+            self.across[i, ends[-3] : ends[-2]], self.tangent[i, ends[-2] : n] = 1.0, 1.0
             for a, b in pairwise(ends):
                 self.same[i, a:b, a:b] = 1.0
             gaps += [np.median(np.diff(np.sort(s)))] if len(s) > 1 else []
@@ -70,6 +75,11 @@ class Rows:
             share = min(1.0, float(np.sum(1 - self.pad)) / self.dof)  # neighbours tell the form of the noise at their lags only
             self.dof, self.scatter = share * self.dof, share * self.scatter
         self.gap = float(np.median(gaps)) if gaps else 0.0
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Mask (P, N) of the rows that are measurements."""
+        return (self.pad == 0) & (self.across == 0)
 
     def _within(self, i, shape, groups, normals):
         """Add the scatter of the points of each bin about their line; widths of these bins and numbers of their points."""
@@ -85,17 +95,17 @@ class Rows:
     def of(self, shapes, columns) -> np.ndarray:
         """Columns (m, 3, K) of each pose as rows (P, N, K)."""
         out = np.zeros((self.poses, self.rows, columns[0].shape[-1]))
-        for i, (shape, c, groups, (normals, along)) in enumerate(zip(shapes, columns, self.bins, self.kept, strict=True)):
+        for i, (shape, c, groups, (normals, off, along)) in enumerate(zip(shapes, columns, self.bins, self.kept, strict=True)):
             turned, n = self._directed(i, shape, np.nan_to_num(c)), len(groups)
             means = (self.mean[i] @ turned.reshape(len(turned), -1)).reshape(n, *turned.shape[1:])
             for k in range(normals):
                 out[i, k * n : (k + 1) * n] = means[:, k]
-            out[i, normals * n : self.count_of[i]] = means[along, 2]
+            out[i, normals * n : self.count_of[i]] = np.concatenate([means[off, 1], means[along, 2]])
         return out
 
     def _directed(self, i, shape, columns):
         """Columns of a pose in the fixed directions: those of markers, whose places are vectors, turned as such; the others
-        turned about the tangents, or projected onto the one normal in plane."""
+        turned about the tangents, or into the plane of all points and across it."""
         (onto, u, fixed), axes = self.axes[i], shape.axes
         if fixed:
             return columns
@@ -104,8 +114,9 @@ class Rows:
             columns = np.where(held, onto @ axes.transpose(0, 2, 1) @ columns, columns)
             axes = np.where(held, onto, axes)
         if u is not None:
-            one = np.einsum("mck,mc->mk", columns[:, :2], in_plane(axes, onto, u))
-            return np.stack([one, np.zeros_like(one), columns[:, 2]], axis=1)
+            a, b = np.moveaxis(in_plane(axes, onto, u), 1, 0)[:, :, None]
+            one, other = a * columns[:, 0] + b * columns[:, 1], a * columns[:, 1] - b * columns[:, 0]
+            return np.stack([one, other, columns[:, 2]], axis=1)
         if axes is onto:
             return columns
         c, s = _angle(axes, onto)

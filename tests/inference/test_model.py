@@ -184,7 +184,7 @@ def test_columns_of_the_catalogue_are_those_of_each_effect_in_its_hypothesis(var
 
 
 def test_points_of_one_plane_have_one_normal():
-    """Their exact zeros across it are no measurement."""
+    """Their exact zeros across it are no measurement; a model that leaves it is seen in a few rows."""
     rng, whole = np.random.default_rng(4), scenes.study(plane=True, tolerance=TOLERANCE)
     poses = [replace(p, curve=curve(p.name, c, rng, plane=True)) for p, c in zip(whole.poses[1:], COUNTS, strict=True)]
     plane = replace(whole, poses=tuple(poses))
@@ -192,6 +192,8 @@ def test_points_of_one_plane_have_one_normal():
     program = variant.program
     shapes = program.shapes((), variant.empty.x)
     rows = Rows(shapes, program)
-    assert rows.count_of == [BINS, BINS, 20]
+    assert (rows.count_of, rows.measured.sum(axis=1).tolist()) == ([BINS + 6, BINS + 6, 25], [BINS, BINS, 20])
     found = rows.of(shapes, [s.residual[:, :, None] for s in shapes])[2, :20, 0]
     np.testing.assert_allclose(np.abs(found), np.linalg.norm(shapes[2].residual[program.real[2]], axis=1), atol=1e-8)
+    along_y = [s.axes[:, :, 1:2] for s in shapes]  # a displacement of 1 m across the plane
+    np.testing.assert_allclose(np.abs(rows.of(shapes, along_y)[:, :, 0]), rows.across, atol=1e-8)
