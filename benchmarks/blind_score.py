@@ -3,7 +3,7 @@
     python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--jobs 2] [--record blind]
 
 Answers are read only after all cases are explained; results of an earlier run in the file are kept. ``accept`` in an answer
-lists the effect types with the same shapes as the truth; a case is found if the tie set contains an accepted type. An effect is
+lists the effect types with the same shapes as the truth; a case is right if its tie set contains an accepted type. An effect is
 *named* if the answer is "explained" or "partly explained".
 
 Cases of `benchmarks.blind.generate --background` have classes and lines of their own: with background alone nothing should be
@@ -15,92 +15,55 @@ effect's curves without background.
 import argparse
 import json
 import multiprocessing
-import os
-import signal
 import sys
 import time
 import tomllib
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 
 from benchmarks.record import record
-
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+from scan2flex_jax.cli.setup import prepare_jax
 
 NAMED = ("explained", "partly explained")
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 SIZE, VALIDATE = 0.15, 1.3  # targets: relative error of a size, and error of validate poses over the attained one
-WARM = 20  # cases, after which a process has compiled what most studies need
+PER_PROCESS = 50  # cases, after which a process is replaced
 IN_CATALOGUE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_taper"}  # counted as unknown by the generator
-
-
-def prepare(cores=None) -> None:
-    """A worker process: on one core of the queue ``cores``, since XLA's threads of several workers would share them."""
-    if cores is not None:
-        os.sched_setaffinity(0, {cores.get()})
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415 - in each process, after its core is known
-
-    prepare_jax()
-
-
-@contextmanager
-def workers(jobs: int):
-    """A pool of ``jobs`` processes, each on a core of its own where there are enough; an interrupt ends them."""
-    context = multiprocessing.get_context("spawn")
-    available = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-    cores = context.Queue() if 1 < jobs <= len(available) else None
-    for core in available[:jobs] if cores else ():
-        cores.put(core)
-    pool = ProcessPoolExecutor(jobs, context, prepare, (cores,))
-    try:
-        yield pool
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.kill()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def explained(folder: Path) -> dict:
     """The result of `explain`, with the cost of the call, or its failure."""
-    from scan2flex_jax.inference import explain  # noqa: PLC0415 - the environment must be set first
+    from scan2flex_jax.inference import explain  # noqa: PLC0415 - JAX must be set up first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
     began, used = time.perf_counter(), time.process_time()
     try:
         study = load_study(folder)
-        if any(pose.curve is None for pose in study.poses):
-            return {"skipped": "no centre curves"}
-        found = explain(study)
+        answer = explain(study)
     except Exception as fault:  # a benchmark counts failures
         return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
-    resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
-    out = found.to_json()
-    out |= {"processor_seconds": time.process_time() - used, "process": os.getpid(), "resident_mib": resident}
-    out |= {"poses_fitted": len(study.fit_poses), "ranking": out.get("ranking", [])[:6]}
-    out["plain_estimates"] = {} if found.fit is None else found.fit.to_json()["estimates"]
-    return out | {"floor": 2**0.5 * found.noise.total if found.noise else None}
+    out = answer.to_json()
+    out |= {"processor_seconds": time.process_time() - used, "poses_fitted": len(study.fit_poses)}
+    out["ranking"] = out.get("ranking", [])[:6]
+    return out | {"floor": 2**0.5 * answer.noise.total if answer.noise else None}
 
 
-def explain_all(folders: dict[str, Path], file: Path, jobs: int, per_process: int = 50) -> dict:
-    """Results by name, those in ``file`` first; written as they come. A process is replaced after ``per_process`` cases."""
+def explain_all(folders: dict[str, Path], file: Path, jobs: int) -> dict:
+    """Results by name, those in ``file`` first; written as they come."""
     results = json.loads(file.read_text())["results"] if file.exists() else {}
-    todo = [name for name in folders if name not in results]
-    for batch in (todo[i : i + per_process * jobs] for i in range(0, len(todo), per_process * jobs)):
-        with workers(jobs) as pool:
-            running = {pool.submit(explained, folders[name]): name for name in batch}
-            for finished in as_completed(running):
-                name = running[finished]
-                results[name] = r = finished.result()
-                brief = {k: r.get(k) for k in ("verdict", "seconds", "fault")}
-                sys.stderr.write(f"{name} {brief} {[c['kind'] for c in r.get('chosen', [])]}\n")
-                file.write_text(json.dumps({"results": results}))
-    return {name: results[name] for name in folders if "skipped" not in results[name]}
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, context, prepare_jax, max_tasks_per_child=PER_PROCESS) as pool:
+        running = {pool.submit(explained, folder): name for name, folder in folders.items() if name not in results}
+        for finished in as_completed(running):
+            name = running[finished]
+            results[name] = r = finished.result()
+            brief = {k: r.get(k) for k in ("verdict", "seconds", "fault")}
+            sys.stderr.write(f"{name} {brief} {[c['kind'] for c in r.get('chosen', [])]}\n")
+            file.write_text(json.dumps({"results": results}))
+    return {name: results[name] for name in folders}
 
 
 def share(values) -> dict:
@@ -133,25 +96,25 @@ SIZES = {
 """By type, the size of an effect in a cable of length L (m); a support plane has none."""
 
 
-def size_off_by(kind: str, found: dict, true: dict, length: float) -> float | None:
+def size_off_by(kind: str, estimate: dict, true: dict, length: float) -> float | None:
     """Relative error of a size; None for a type without one. An end that only one of the two states counts as zero."""
     if kind not in SIZES:
         return None
-    a, b = (np.ravel(np.asarray(SIZES[kind](p, length), float)) for p in (found, true))
+    a, b = (np.ravel(np.asarray(SIZES[kind](p, length), float)) for p in (estimate, true))
     a, b = (np.pad(x, (0, max(len(a), len(b)) - len(x))) for x in (a, b))
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
-def parameters_covered(found: dict, true: dict) -> tuple[int, int]:
+def parameters_covered(effect: dict, true: dict) -> tuple[int, int]:
     """Number of parameters with a standard error, and of those whose 95 % interval contains the truth. Axes of bending are
     the same after a quarter turn with the inverse ratio: the nearer of the two is the truth."""
     if true["kind"] == "anisotropic_bending":
         turned = {"ratio": 1 / true["ratio"], "angle": true["angle"] + np.pi / 2}
-        true = min(true, turned, key=lambda p: abs(np.log(p["ratio"] / found["parameters"]["ratio"])))
-        turns = round((found["parameters"]["angle"] - true["angle"]) / np.pi)
+        true = min(true, turned, key=lambda p: abs(np.log(p["ratio"] / effect["parameters"]["ratio"])))
+        turns = round((effect["parameters"]["angle"] - true["angle"]) / np.pi)
         true = {"ratio": true["ratio"], "angle": true["angle"] + turns * np.pi}
-    known = [k for k, std in found.get("std", {}).items() if np.size(true.get(k, ())) == np.size(std)]
-    three = (found["parameters"], true, found.get("std", {}))
+    known = [k for k, std in effect.get("std", {}).items() if np.size(true.get(k, ())) == np.size(std)]
+    three = (effect["parameters"], true, effect.get("std", {}))
     value, truth, std = (np.concatenate([np.ravel(p[k]) for k in known] or [[]]) for p in three)
     return len(std), int(np.sum(abs(value - truth) <= 1.96 * std))
 
@@ -159,8 +122,8 @@ def parameters_covered(found: dict, true: dict) -> tuple[int, int]:
 def about_the_same_axis(answer: dict, chosen: list[dict]) -> dict:
     """The answer with the bending stiffness about the axis that the result takes as the first."""
     true = next((e for e in answer.get("effect", []) if e["kind"] == "anisotropic_bending"), None)
-    found = next((c["parameters"] for c in chosen if c["kind"] == "anisotropic_bending"), None)
-    if true is None or found is None or np.log(true["ratio"]) * np.log(found["ratio"]) > 0:
+    ours = next((c["parameters"] for c in chosen if c["kind"] == "anisotropic_bending"), None)
+    if true is None or ours is None or np.log(true["ratio"]) * np.log(ours["ratio"]) > 0:
         return answer
     return answer | {"true_bending_stiffness": answer["true_bending_stiffness"] * true["ratio"]}
 
@@ -213,16 +176,16 @@ def errors(result: dict, answer: dict) -> dict:
 
 def above_background(result: dict, answer: dict, in_tie_set: bool) -> dict:
     """The score of a case with a background: scatter, prediction, size and parameters of the effect."""
-    out = {"background": answer["background"]} | covered("plain_covers", result.get("plain_estimates", {}), answer)
+    out = {"background": answer["background"]}
     after, rms = result.get("after", {}).get("rms_validate"), result.get("discrepancy", {}).get("rms")
     out |= {} if after is None else {"validate_over_attained": after / answer["attained_validate"]}
     out |= {} if rms is None else {"discrepancy_over_true": rms / answer["background"]}
     if answer["kinds"] and in_tie_set:
         true = next(e for e in answer["effect"] if e["kind"] == answer["kinds"][0])
         every = [*result.get("chosen", []), *result.get("ranking", [])]
-        found = next((e for e in every if e["kind"] == true["kind"]), None)
-        out["size_off_by"] = found and size_off_by(true["kind"], found["parameters"], true, answer["true_length"])
-        out["parameters"], out["parameters_covered"] = parameters_covered(found, true) if found else (0, 0)
+        effect = next((e for e in every if e["kind"] == true["kind"]), None)
+        out["size_off_by"] = effect and size_off_by(true["kind"], effect["parameters"], true, answer["true_length"])
+        out["parameters"], out["parameters_covered"] = parameters_covered(effect, true) if effect else (0, 0)
     return out
 
 
@@ -284,41 +247,27 @@ def background(rows: list[dict]) -> dict:
         "discrepancy_over_true_median": median(ratios) if ratios else None,
         "parameters_covered": {"share": inside / count if count else None, "of": count},
     }  # fmt: skip
-    for words, prefix in (("coverage_95", "covers_"), ("coverage_95_plain_fit", "plain_covers_")):
-        for name, some in (("alone", none), ("with_effect", one)):
-            out[f"{words}_{name}"] = share(v for r in some for k, v in r.items() if k.startswith(prefix))
+    held = [v for r in one for k, v in r.items() if k.startswith("covers_")]
+    out["coverage_95_with_effect"] = share(held)
     return {f"background_{k}": v for k, v in out.items()}
 
 
-def memory(results: dict) -> dict:
-    """Memory (MiB) of the process with most of these cases: after `WARM` of them, at most later, and at the end."""
-    known = [r for r in results.values() if "resident_mib" in r]
-    processes = [[r["resident_mib"] for r in known if r["process"] == p] for p in {r["process"] for r in known}]
-    longest = max(processes, key=len, default=[])
-    if len(longest) < 2 * WARM:
-        return {}
-    after = longest[WARM - 1 :]
-    return {"studies": len(longest), "after_20": after[0], "most": max(after), "last": after[-1]}
-
-
 def main() -> None:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped run ends its workers too
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path)
     parser.add_argument("answers", type=Path)
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--only", default="")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--per-process", type=int, default=50, help="cases after which a process is replaced")
     parser.add_argument("--record", help="name of the record in benchmarks/results")
     args = parser.parse_args()
     wanted = set(filter(None, args.only.split(",")))
     folders = {f.name: f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)}
-    results = explain_all(folders, args.json, args.jobs, args.per_process)
+    results = explain_all(folders, args.json, args.jobs)
     answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in results}
     loose = {n: "tolerance" in tomllib.loads((args.cases / n / "study.toml").read_text()) for n in results}
     rows = {n: score(results[n], answers[n], loose[n]) for n in results}
-    figures = table(list(rows.values())) | {"memory": memory(results)}
+    figures = table(list(rows.values()))
     args.json.write_text(json.dumps({"table": figures, "rows": rows, "results": results}, indent=1) + "\n")
     if args.record:
         record(args.record, {"table": figures, "rows": rows})

@@ -1,7 +1,7 @@
 """Extraction of centre curves from simulated scans: accuracy against the targets and the Cramer-Rao bound.
 
-`python -m benchmarks.extraction [--again]` writes `benchmarks/results/extraction.json` case by case, so that an interrupted run
-continues.
+`python -m benchmarks.extraction` writes `benchmarks/results/extraction.json` case by case: an interrupted run continues, and
+without that file it begins anew.
 
 Curves of four families independent of the rod model, two sensors, one to three viewpoints, with and without a gap and guide
 points. Failures stay in the results. Single-point noise is the sensor's standard deviation along the ray at the range of
@@ -19,9 +19,7 @@ noise. No unbiased estimator is below it; one that assumes more of the cable tha
 bound grows with the distance from the points.
 """
 
-import argparse
 import itertools
-import json
 import time
 from collections import Counter
 
@@ -33,7 +31,8 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from scipy.spatial import cKDTree  # noqa: E402
 
-from benchmarks.record import RESULTS, record  # noqa: E402
+from benchmarks.record import complete, record, recorded  # noqa: E402
+from benchmarks.virtual_experiments import on_the_seen_side, unit_tangents  # noqa: E402
 from scan2flex_jax.errors import Scan2FlexError  # noqa: E402
 from scan2flex_jax.scan import refine, scanner, shapes, spline  # noqa: E402
 from scan2flex_jax.scan.extraction import extract  # noqa: E402
@@ -48,19 +47,8 @@ CABLES = ((1.0, 0.004), (1.0, 0.012), (1.8, 0.045))  # length, radius (m)
 
 def ends(curve):
     """Both clamps of a true curve, with their directions."""
-    tangent = np.gradient(curve, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent = unit_tangents(curve)
     return End(curve[0], tangent[0]), End(curve[-1], tangent[-1])
-
-
-def guides(curve, radius, eye, count=10):
-    """Points that a user would mark: on the side that the first viewpoint sees."""
-    some = curve[np.linspace(8, len(curve) - 9, count).astype(int)]
-    look = eye - some
-    tangent = np.gradient(curve, axis=0)[np.linspace(8, len(curve) - 9, count).astype(int)]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
-    return some + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
 
 
 def fewest_knots(curve, noise):
@@ -78,8 +66,7 @@ def bound(curve, radius, scan, eyes, sensor, noise):
     """Cramer-Rao bound (m) on the RMS distance of a centre curve."""
     K = fewest_knots(curve, noise)
     fine = shapes.resample(curve, 4001)
-    tangent = np.gradient(fine, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent = unit_tangents(fine)
     normals = np.linalg.svd(tangent[:, None])[2][:, 1:]
     frame = normals[np.linspace(0, 4000, K).round().astype(int)]
     H = np.eye(2 * K) / (5.0 * radius) ** 2  # far from the cloud nothing is known but that the cable is near
@@ -98,19 +85,19 @@ def bound(curve, radius, scan, eyes, sensor, noise):
     return {"bound_mm": 1e3 * float(np.sqrt(np.mean(variance)))}
 
 
-def compare(found, curve, radius, noise, eyes):
+def compare(extracted, curve, radius, noise, eyes):
     """Errors of an extracted curve against the true one, between the true clamps."""
     fine = shapes.resample(curve, 8001)
-    away, which = cKDTree(fine).query(found.points)
+    away, which = cKDTree(fine).query(extracted.points)
     look = eyes.mean(axis=0) - fine[which]
     look /= np.linalg.norm(look, axis=1, keepdims=True)
     rms = float(np.sqrt(np.mean(away**2)))
     return {
-        "rms_mm": 1e3 * rms, "rms_over_noise": rms / noise, "std_mm": 1e3 * float(np.sqrt(np.mean(found.std**2))),
-        "bias_over_radius": float(np.mean(np.sum((found.points - fine[which]) * look, axis=1)) / radius),
-        "length_error": float(clamp_to_clamp(found, *ends(curve)) / shapes.arc_length(fine)[-1] - 1.0),
-        "sure": found.sure, "doubts": list(found.doubts), "gaps": [list(gap) for gap in found.gaps],
-        "found_by": found.found_by, "along_ray": found.along_ray,
+        "rms_mm": 1e3 * rms, "rms_over_noise": rms / noise, "std_mm": 1e3 * float(np.sqrt(np.mean(extracted.std**2))),
+        "bias_over_radius": float(np.mean(np.sum((extracted.points - fine[which]) * look, axis=1)) / radius),
+        "length_error": float(clamp_to_clamp(extracted, *ends(curve)) / shapes.arc_length(fine)[-1] - 1.0),
+        "sure": extracted.sure, "doubts": list(extracted.doubts), "gaps": [list(gap) for gap in extracted.gaps],
+        "found_by": extracted.found_by, "along_ray": extracted.along_ray,
     }  # fmt: skip
 
 
@@ -124,18 +111,19 @@ def one_case(family, length, radius, sensor, views, gap, guided, table, key):
     reach = np.mean(np.linalg.norm(curve[None] - eyes[:, None], axis=2))
     noise = SENSORS[sensor].noise * reach ** SENSORS[sensor].noise_growth
     start, end = ends(curve)
-    marks = guides(curve, radius, eyes[0]) if guided else None
+    at = np.linspace(8, len(curve) - 9, 10).astype(int)
+    marks = on_the_seen_side(curve, at, radius, eyes[0]) if guided else None
     case = {"family": family, "radius": radius, "length": length, "sensor": sensor, "views": views, "gap": gap}
     case |= {"guide_points": guided, "table": table, "key": key, "points": len(scan.points), "noise_mm": 1e3 * float(noise)}
     case |= bound(curve, radius, scan, eyes, SENSORS[sensor], noise)
     began = time.perf_counter()
     try:
         known = {"length": length, "start": start, "end": end, "guide_points": marks, "viewpoints": eyes}
-        found = extract(scan.points, radius, **known)
-        case |= compare(found, curve, radius, noise, eyes)
+        extracted = extract(scan.points, radius, **known)
+        case |= compare(extracted, curve, radius, noise, eyes)
         near = case["rms_over_noise"] <= TARGET[sensor] and case["bias_over_radius"] <= 0.2
         case["ok"] = bool(near and abs(case["length_error"]) <= 0.005)
-        case["class"] = "not sure" if not found.sure else "met" if case["ok"] else "missed"
+        case["class"] = "not sure" if not extracted.sure else "met" if case["ok"] else "missed"
     except Scan2FlexError as refusal:
         case |= {"ok": False, "class": "refused", "refused": str(refusal)}
     case["seconds"] = time.perf_counter() - began
@@ -150,16 +138,9 @@ def specifications():
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--again", action="store_true", help="repeat the cases that the record has")
-    path = RESULTS / "extraction.json"
-    old = [] if parser.parse_args().again or not path.exists() else json.loads(path.read_text())["results"]["cases"]
-    done = {case["key"]: case for case in old}
-    for key, specification in specifications().items():
-        if key not in done:
-            done[key] = one_case(*specification)
-            print({k: v for k, v in done[key].items() if k != "gaps"}, flush=True)
-            record("extraction", {"targets": TARGET, "cases": [done[k] for k in sorted(done)]})
+    done, todo = {case["key"]: case for case in recorded("extraction").get("cases", [])}, specifications()
+    keep = lambda: record("extraction", {"targets": TARGET, "cases": [done[k] for k in sorted(done)]})  # noqa: E731
+    complete(done, todo, lambda key: one_case(*todo[key]), keep)
     print(Counter(case["class"] for case in done.values()))
 
 

@@ -1,6 +1,6 @@
 """Three wires picked on Kinect depth images: fitted on three poses each, and predicted in the fourth.
 
-    SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires [--fits-only]      (the folder that holds `wires-kinect`)
+    SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires      (the folder that holds `wires-kinect`)
 
 The curves are the picks themselves, 11 to 16 a pose, moved by the radius away from the camera. The weight per length and the
 length of 0.40 m are known; a pose's clamps are at the ends of its picks, along the directions there. Quantities that the
@@ -11,18 +11,14 @@ as the image's downward direction, and above all the roll of the clamps, which a
   figures, but no shape is rotated, scaled or stretched to match, as those were.
 * "left out": the pose is not fitted. With the cable of the other three it is solved twice: with its clamps as read and without
   roll, and with its clamps, length and gravity within the tolerances of the study, fitted to it.
-* "explained": the same, with the effects that `explain` finds in the other three; it takes most of the time, and `--fits-only`
-  leaves it out.
 
 Published for these wires (Chen, Bretl, Pham, arXiv 2310.00911), mean node error over length, all poses known to the fit and
 measured curves rotated and stretched onto the simulated chord: adapted discrete elastic rod 1.33, 2.44, 3.05 %, MuJoCo's
 cable 1.62, 3.52, 4.28 % (white, black, red).
 """
 
-import argparse
 import os
 import sys
-import warnings
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -34,13 +30,11 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.record import record
 from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.convert.curves import read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.inference import explain, fit
+from scan2flex_jax.inference import fit
 from scan2flex_jax.scan.extraction import extract
 from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
-from scan2flex_jax.study.files import read_text
-from scan2flex_jax.study.limits import curve_limit
-from scan2flex_jax.study.values import Where
 
 LENGTH, RADIUS, NOISE = 0.40, 0.002, 0.0023  # m
 DENSITY = {"white": 0.01740, "black": 0.02718, "red": 0.02150}  # kg/m
@@ -52,16 +46,9 @@ HELD = 1e-3  # relative standard deviation of a bending stiffness that is known 
 
 def read_picks(path: str | Path) -> Float[np.ndarray, "n 3"]:
     """Rows of ``u, v, depth in mm`` without a header, in order along the cable."""
-    limit = curve_limit()
-    text = read_text(Path(path), limit.bytes, Where(str(path)), "the file is not there: name one.", limit)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of an empty table, which is refused below
-            picks = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
-    except ValueError as fault:
-        raise Scan2FlexError(f"{path} is no table of u, v, depth in mm: {' '.join(str(fault).split())[:100]}") from fault
-    if picks.shape[1] != 3 or not np.isfinite(picks).all() or not (picks[:, 2] > 0).all():
-        raise Scan2FlexError(f"{path} must hold three finite columns u, v, depth in mm with positive depth")
+    picks = 1e3 * read_foreign_points(Path(path), units="mm")
+    if not (picks[:, 2] > 0).all():
+        raise Scan2FlexError(f"{path} must hold columns u, v, depth in mm with positive depth")
     return picks
 
 
@@ -133,21 +120,10 @@ def fitted(study):
 
 def within_tolerances(study, unseen) -> dict:
     """The error of a pose with the cable of ``study``, known from others, while its clamps, length and gravity are fitted."""
-    EI = study.cable.get("bending_stiffness")
-    if EI is None:  # `explain` ends without an estimate where the input is likely mistaken
-        return {"failed": "no stiffness to predict with"}
+    EI = study.cable["bending_stiffness"]
     held = Unknown("bending_stiffness", guess=EI, prior={"mean": EI, "std": HELD * EI})
     f = fitted(replace(study, poses=(pose_of(unseen, "fit"),), unknowns=(held,)))
     return {"failed": f} if isinstance(f, str) else {"mean node error over length": node_error(f.poses[unseen.stem])}
-
-
-def explained(wire, paths, unseen) -> dict:
-    """The explanation of three poses, and the errors of its prediction of the fourth; None if that pose is not solved."""
-    e = explain(study_of(wire, paths, unseen))
-    one = e.poses.get(unseen.stem)
-    error = {"mean node error over length": node_error(one)} if one is not None and one.stable else {}
-    own = {"within tolerances": within_tolerances(e.study, unseen)}
-    return {"verdict": e.verdict, "added": [r.in_short() for r in e.chosen], "seconds": e.seconds} | error | own
 
 
 def node_error(pose) -> float:
@@ -155,19 +131,15 @@ def node_error(pose) -> float:
     return float(np.linalg.norm(along(pose.modelled) - along(pose.measured), axis=1).mean() / LENGTH)
 
 
-def left_out(wire, paths, unseen, fits_only=False) -> dict:
+def left_out(wire, paths, unseen) -> dict:
     """The wire fitted without one pose, and that pose predicted."""
     f = fitted(study_of(wire, paths, unseen))
     if isinstance(f, str):
         return {"left out": unseen.stem, "solved": False, "why": f}
     one, e = f.poses[unseen.stem], f.estimates["bending_stiffness"]
-    found = {} if fits_only else {"explained": explained(wire, paths, unseen)}
-    return found | {
+    return {
         "left out": unseen.stem, "solved": one.stable, "bending_stiffness": e.value, "low": e.low, "high": e.high,
-        "mean node error over length": node_error(one),
-        "mean distance over length": float(np.mean(np.linalg.norm(one.residual, axis=1)) / LENGTH),
-        "measured length": float(np.linalg.norm(np.diff(one.measured, axis=0), axis=1).sum()),
-        "within tolerances": within_tolerances(f.calibrated, unseen),
+        "mean node error over length": node_error(one), "within tolerances": within_tolerances(f.calibrated, unseen),
     }  # fmt: skip
 
 
@@ -178,16 +150,17 @@ def all_fitted(wire, paths) -> dict:
         return {"solved": False, "why": f}
     e, twist = f.estimates["bending_stiffness"], f.estimates["torsional_stiffness"]
     errors = {n: node_error(p) for n, p in f.poses.items()}
-    told = {"bending_stiffness": e.value, "low": e.low, "high": e.high, "mean node error over length": errors}
-    told |= {"torsional_stiffness": twist.value, "believable": f.believable, "sentences": f.sentences}
-    return told | {"mean over poses": float(np.mean(list(errors.values())))}
+    return {
+        "bending_stiffness": e.value, "low": e.low, "high": e.high, "mean node error over length": errors,
+        "torsional_stiffness": twist.value, "believable": f.believable, "sentences": f.sentences,
+        "mean over poses": float(np.mean(list(errors.values()))),
+    }  # fmt: skip
 
 
 def mean_errors(solved) -> dict:
     """Means over the poses left out, each with the number of poses that it is of."""
-    found, out = [r["explained"] for r in solved if "explained" in r], {}
-    kinds = {"as read": solved, "within tolerances": [r["within tolerances"] for r in solved], "explained, as read": found,
-             "explained, within tolerances": [r["within tolerances"] for r in found]}  # fmt: skip
+    out = {}
+    kinds = {"as read": solved, "within tolerances": [r["within tolerances"] for r in solved]}
     for kind, entries in kinds.items():
         errors = [e["mean node error over length"] for e in entries if "mean node error over length" in e]
         out[kind] = {"mean": float(np.mean(errors)) if errors else None, "worst": max(errors, default=None), "of": len(errors)}
@@ -203,17 +176,14 @@ def wires_folder() -> Path:
 
 def main() -> None:
     """All wires, all poses left out in turn."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--fits-only", action="store_true", help="leave `explain` out")
-    fits_only = parser.parse_args().fits_only
     folder, out = wires_folder(), {}
     prepare_jax()
     for wire in DENSITY:
         paths = sorted(folder.glob(f"{wire}*.csv"))
-        rows, whole = [left_out(wire, paths, p, fits_only) for p in paths], all_fitted(wire, paths)
+        rows, whole = [left_out(wire, paths, p) for p in paths], all_fitted(wire, paths)
         means = mean_errors([r for r in rows if r["solved"]])
         out[wire] = {"all fitted": whole, "poses": rows, **means, "published, percent": PUBLISHED[wire]}
-        sys.stdout.write(f"{wire}: all fitted {whole}; left out in turn {means}\n")
+        print(f"{wire}: all fitted {whole}; left out in turn {means}", flush=True)
     record("kinect_wires", out)
 
 

@@ -1,7 +1,6 @@
 """Laws of bending recovered from shapes: ``python -m benchmarks.laws [COUNT] [--seed N]``.
 
-40 cables by default, one of five laws each in turn. Every case is recorded when it is done; a run with the seed of the record
-goes on where that one stopped.
+40 cables by default, one of five laws each in turn. A run with the seed of the record goes on where that one stopped.
 
 An independent solver of the rod equations (`benchmarks.blind.rod`) makes the shapes: a cable drawn as for the blind studies in
 4 to 6 poses, with one of five laws of the bending moment, and white noise of a thousandth of the length. The study declares
@@ -15,8 +14,6 @@ or fitted is recorded as such. The grid and the mesh were chosen on the first te
 """
 
 import argparse
-import json
-import sys
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -31,7 +28,7 @@ from benchmarks.blind.design import FINE, GRAVITY
 from benchmarks.blind.noise import Noise
 from benchmarks.blind.scene import mesh, observation_matrix
 from benchmarks.blind.shapes import Tolerance
-from benchmarks.record import RESULTS, record
+from benchmarks.record import complete, record, recorded
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import fit
 from scan2flex_jax.study import EffectDeclaration, Unknown, load_study
@@ -173,14 +170,14 @@ def one(i, seed):
 
 def summary(rows) -> dict:
     """Means over the cases of the five laws that have figures; ``said linear`` of the linear ones and of the others."""
-    told = [r for r in rows if "failed" not in r]
-    linear = [r["linear"] for r in told if r["law"] == "linear"]
-    bent = [r["linear"] for r in told if r["law"] != "linear"]
+    fitted = [r for r in rows if "failed" not in r]
+    linear, others = ([r["linear"] for r in fitted if (r["law"] == "linear") == way] for way in (True, False))
     return {
-        "cases": len(rows), "failed": len(rows) - len(told),
-        "coverage": float(np.mean([r["coverage"] for r in told])) if told else None,
-        "error below 5 %": sum(r["error"] < 0.05 for r in told), "largest error": max((r["error"] for r in told), default=None),
-        "linear said of linear": [sum(linear), len(linear)], "linear said of others": [sum(bent), len(bent)],
+        "cases": len(rows), "failed": len(rows) - len(fitted),
+        "coverage": float(np.mean([r["coverage"] for r in fitted])) if fitted else None,
+        "error below 5 %": sum(r["error"] < 0.05 for r in fitted),
+        "largest error": max((r["error"] for r in fitted), default=None),
+        "linear said of linear": [sum(linear), len(linear)], "linear said of others": [sum(others), len(others)],
     }  # fmt: skip
 
 
@@ -189,15 +186,15 @@ def main():
     parser.add_argument("count", type=int, nargs="?", default=CASES, help="cables, one of five laws each in turn")
     parser.add_argument("--seed", type=int, default=SEED)
     args = parser.parse_args()
-    path = RESULTS / "laws.json"
-    before = json.loads(path.read_text("utf-8"))["results"] if path.exists() else {}
-    rows = before["cases"] if before.get("seed") == args.seed else []
-    for i in range(len(rows), args.count):
-        rows.append(one(i, args.seed))
-        sys.stdout.write(f"{rows[-1]}\n")
-        sys.stdout.flush()
-        record("laws", {"seed": args.seed, "summary": summary(rows), "cases": rows})
-    sys.stdout.write(f"{summary(rows)}\n")
+    known = recorded("laws")
+    rows = {r["case"]: r for r in known["cases"]} if known.get("seed") == args.seed else {}
+
+    def keep():
+        cases = [rows[k] for k in sorted(rows)]
+        record("laws", {"seed": args.seed, "summary": summary(cases), "cases": cases})
+
+    complete(rows, range(args.count), lambda i: one(i, args.seed), keep)
+    print(summary(list(rows.values())))
 
 
 if __name__ == "__main__":

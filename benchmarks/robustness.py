@@ -6,8 +6,6 @@ number that is not finite, a length that no force explains, or a confident fit o
 `benchmarks/results/robustness.json`.
 """
 
-import argparse
-import sys
 import traceback
 from dataclasses import dataclass
 from time import perf_counter
@@ -16,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.record import record
+from benchmarks.record import complete, record
 from scan2flex_jax import Boundary, Cable, CableModel, Scan2FlexError, Study, equilibrium, fit
 
 jax.config.update("jax_enable_x64", True)
@@ -147,13 +145,14 @@ def run(case: Case, fits: bool = True) -> dict:
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
-    found: dict[str, dict] = {}
-    for name, case in cases().items():
-        found[name] = run(case)
-        sys.stdout.write(f"{name}: { {way: r['outcome'] for way, r in found[name].items()} }\n")
-        every = [r["outcome"] for rows in found.values() for r in rows.values()]
-        record("robustness", {"cases": found, "outcomes": {o: every.count(o) for o in (SOLVED, REFUSED, FAILURE)}})
+    rows: dict[str, dict] = {}
+    every = cases()
+
+    def keep():
+        outcomes = [r["outcome"] for row in rows.values() for r in row.values()]
+        record("robustness", {"cases": rows, "outcomes": {o: outcomes.count(o) for o in (SOLVED, REFUSED, FAILURE)}})
+
+    complete(rows, every, lambda name: run(every[name]), keep)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ effect as curves of the same poses with white noise of that size. Results of an 
 
 import argparse
 import json
-import sys
 import tempfile
 from pathlib import Path
 from time import perf_counter
@@ -23,7 +22,7 @@ from benchmarks.blind.noise import Noise
 from benchmarks.blind.scene import observation_matrix
 from benchmarks.blind.shapes import Lens
 from benchmarks.blind_score import NAMED, covered, share
-from benchmarks.record import record
+from benchmarks.record import complete, record
 from benchmarks.virtual_experiments import guide_points
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.inference import explain
@@ -184,16 +183,12 @@ def main() -> None:
     args = parser.parse_args()
     prepare_jax()
     rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
-    for name, (index, kinds) in wanted(args).items():
-        if name in rows:
-            continue
-        rows[name] = one(args.seed, index, kinds)
-        args.json.write_text(json.dumps({"table": table(rows), "rows": rows}, indent=1) + "\n")
-        told = {d: (rows[name][d]["verdict"], sorted(named(rows[name], d))) for d in ("scan", "curve") if d in rows[name]}
-        sys.stderr.write(f"{name} {list(kinds)} {told}\n")
+    cases = wanted(args)
+    keep = lambda: args.json.write_text(json.dumps({"table": table(rows), "rows": rows}, indent=1) + "\n")  # noqa: E731
+    complete(rows, cases, lambda name: one(args.seed, *cases[name]), keep)
     if args.record:
         record(args.record, {"table": table(rows), "rows": rows})
-    sys.stdout.write(json.dumps(table(rows), indent=1) + "\n")
+    print(json.dumps(table(rows), indent=1))
 
 
 if __name__ == "__main__":

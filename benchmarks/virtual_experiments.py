@@ -13,7 +13,6 @@ Both cables are inextensible, and the clamps exact. Coverage is that of the 95 %
 """
 
 import argparse
-import sys
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cache
@@ -58,7 +57,7 @@ class Experiment:
 
     @property
     def truth(self) -> dict[str, float]:
-        """The numbers to be found."""
+        """The stiffnesses to be estimated."""
         known = {"bending_stiffness": self.bending, "torsional_stiffness": self.torsion}
         return {name: known[name] for name in self.unknowns}
 
@@ -88,8 +87,8 @@ def true_shape(x: Experiment, twist: float):
     frames = [rotations.about(level[:, 2], np.radians(a)) @ level for a in np.linspace(0.0, twist, 1 + int(abs(twist) // 15))]
     K = np.array([x.bending, x.bending, x.torsion])
     rods = [cosserat_bvp.Clamped(x.length, K, GRAVITY * x.density, np.array(x.end), frame, START) for frame in frames]
-    found = cosserat_bvp.solve(rods, cosserat_bvp.sag_curve(rods[0]))
-    return found.positions(np.linspace(0.0, x.length, SAMPLES)), frames[-1]
+    solution = cosserat_bvp.solve(rods, cosserat_bvp.sag_curve(rods[0]))
+    return solution.positions(np.linspace(0.0, x.length, SAMPLES)), frames[-1]
 
 
 def scanned(x: Experiment, twist: float, key: int) -> scanner.Scan:
@@ -100,14 +99,22 @@ def scanned(x: Experiment, twist: float, key: int) -> scanner.Scan:
     return scanner.scan(curve, x.radius, np.array(x.eyes), x.sensor, key, clutter=clutter)
 
 
+def unit_tangents(curve) -> np.ndarray:
+    """Unit tangents (n, 3) of a curve (n, 3)."""
+    tangent = np.gradient(curve, axis=0)
+    return tangent / np.linalg.norm(tangent, axis=1, keepdims=True)
+
+
+def on_the_seen_side(curve, at, radius: float, eye) -> np.ndarray:
+    """Points of the surface at the indices ``at`` of a centre curve, on the side that a viewpoint sees."""
+    tangent, look = unit_tangents(curve)[at], eye - curve[at]
+    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
+    return curve[at] + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
+
+
 def guide_points(rng, curve, radius: float, eye, count: int = 8) -> np.ndarray:
     """Guide points as a user marks them: on the side that the first viewpoint sees, off by a third of the radius."""
-    at = np.linspace(0.03 * len(curve), 0.97 * len(curve), count).astype(int)
-    tangent = np.gradient(curve, axis=0)[at]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    look = eye - curve[at]
-    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
-    on = curve[at] + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
+    on = on_the_seen_side(curve, np.linspace(0.03 * len(curve), 0.97 * len(curve), count).astype(int), radius, eye)
     return on + 0.3 * radius * rng.normal(size=on.shape)
 
 
@@ -169,11 +176,11 @@ def summary(runs, truth) -> dict:
     good = [r for r in runs if "failed" not in r]
     out = {"runs": len(runs), "failed": len(runs) - len(good)}
     for name in truth:
-        found = [r["estimates"][name] for r in good]
-        stds = [e["std"] for e in found if e["std"]]
+        estimates = [r["estimates"][name] for r in good]
+        stds = [e["std"] for e in estimates if e["std"]]
         out[name] = {
-            "covered": sum(e["covered"] for e in found),
-            "rms_error": float(np.sqrt(np.mean([e["error"] ** 2 for e in found]))) if found else None,
+            "covered": sum(e["covered"] for e in estimates),
+            "rms_error": float(np.sqrt(np.mean([e["error"] ** 2 for e in estimates]))) if good else None,
             "mean_relative_std": float(np.mean(stds)) / truth[name] if stds else None,
         }
     for role in ("fit", "validate"):
@@ -217,7 +224,7 @@ def main() -> None:
                 runs.append({"seed": seed} | one_run(x, study))
         results["summary"][name] = summary(runs, x.truth)
         record("virtual_experiments", results)  # after each, so that an interrupted run leaves what it has
-        sys.stderr.write(f"{name}: {results['summary'][name]}\n")
+        print(f"{name}: {results['summary'][name]}", flush=True)
     drawn(results)
 
 

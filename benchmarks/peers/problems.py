@@ -1,4 +1,4 @@
-"""What every peer is given: a cable, its clamps, and the generic curve that a solve may start from. numpy only.
+"""The problem of every program: a cable, its clamps, and the generic curve that a solve may start from.
 
 The cable is the simulated one of the paper: 1 m, EI 0.1, GJ 0.25 N m^2, 0.2 kg/m, shear and axial stiffness 1e5 N, straight
 when free of stress. `level` hangs between clamps 0.6 m apart; `twisted` has its end 0.2 m aside and turned by 90 degrees
@@ -9,6 +9,7 @@ Frames are matrices with columns d1, d2, d3, d3 the tangent of an unsheared cabl
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 GRAVITY = 9.81  # m/s^2, along -z
 START_FRAME = np.array([[0.0, 0, 1], [0.0, -1, 0], [1.0, 0, 0]]).T  # d1 = +z, d2 = -y, d3 = +x
@@ -45,11 +46,18 @@ class Problem(NamedTuple):
         return number**2 / self.length**2 * float(np.sqrt(self.bending / self.density))
 
 
+class Solution(NamedTuple):
+    """Points (n, 3) m at arc lengths ``s`` (n,) m; processor ``seconds`` up to here, if not those of the whole solve."""
+
+    s: np.ndarray
+    points: np.ndarray
+    facts: dict
+    seconds: float | None = None
+
+
 def about(axis, angle) -> np.ndarray:
     """Rotation (3, 3) by ``angle`` (rad) about a unit vector."""
-    x, y, z = axis
-    W = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+    return Rotation.from_rotvec(angle * np.asarray(axis, float)).as_matrix()
 
 
 PROBLEMS = {
