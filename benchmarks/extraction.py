@@ -31,8 +31,8 @@ import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from scipy.spatial import cKDTree  # noqa: E402
 
+from benchmarks.curves import on_the_seen_side, unit_tangents  # noqa: E402
 from benchmarks.record import complete, record, recorded  # noqa: E402
-from benchmarks.virtual_experiments import on_the_seen_side, unit_tangents  # noqa: E402
 from scan2flex_jax.errors import Scan2FlexError  # noqa: E402
 from scan2flex_jax.scan import refine, scanner, shapes, spline  # noqa: E402
 from scan2flex_jax.scan.extraction import extract  # noqa: E402

@@ -21,13 +21,13 @@ import os
 import sys
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from benchmarks.curves import arc_lengths, carried
 from benchmarks.record import record
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.convert.curves import read_foreign_points
@@ -67,8 +67,9 @@ def curve_of(path):
 
 def pose_of(path, role):
     """A pose of the study from its picks, with clamps where they end, without twist between them."""
-    points, frames = axis_points(path), transported(curve_of(path).tangents)
-    clamps = [Clamp(points[k], quaternion(frames[k])) for k in (0, -1)]
+    points, tangents = axis_points(path), curve_of(path).tangents
+    frames = carried(tangents, first_frame(tangents[0]))
+    clamps = [Clamp(points[k], Rotation.from_matrix(frames[k]).as_quat(scalar_first=True)) for k in (0, -1)]
     return StudyPose(path.stem, role, *clamps, curve=MeasuredCurve(points))
 
 
@@ -78,26 +79,16 @@ def axis_points(path):
     return points * (1.0 + RADIUS / np.linalg.norm(points, axis=1, keepdims=True))
 
 
-def transported(tangents):
-    """Frames (n, 3, 3) along a curve that do not turn about it."""
-    side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
-    frame = np.column_stack([side, np.cross(tangents[0], side), tangents[0]])
-    out = [frame / np.linalg.norm(frame, axis=0)]
-    for a, b in pairwise(tangents):
-        axis = np.cross(a, b)
-        sine = np.linalg.norm(axis)
-        out.append(Rotation.from_rotvec(axis / max(sine, 1e-300) * np.arctan2(sine, a @ b)).as_matrix() @ out[-1])
-    return np.array(out)
-
-
-def quaternion(frame):
-    """Scalar first."""
-    return Rotation.from_matrix(frame).as_quat(scalar_first=True)
+def first_frame(tangent):
+    """A frame with d3 along a tangent, of any roll."""
+    side = np.cross(tangent, np.eye(3)[np.argmin(np.abs(tangent))])
+    frame = np.column_stack([side, np.cross(tangent, side), tangent])
+    return frame / np.linalg.norm(frame, axis=0)
 
 
 def along(points, count=41):
     """``count`` points at equal fractions of a polygon's length."""
-    s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    s = arc_lengths(points)
     at = np.linspace(0.0, s[-1], count)
     return np.stack([np.interp(at, s, x) for x in points.T], axis=1)
 

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
+from benchmarks.curves import shortest_turn
 from benchmarks.record import complete, record, recorded
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.errors import Scan2FlexError
@@ -139,13 +140,6 @@ def exchanged_clamps(pose):
     return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
-def _shortest(a, b):
-    """The shortest rotation from one unit vector to another."""
-    axis = np.cross(a, b)
-    sine = np.linalg.norm(axis)
-    return Rotation.from_rotvec(axis / max(sine, 1e-12) * np.arctan2(sine, a @ b))
-
-
 def _opposite(pose, carried):
     """The end clamp with the opposite roll against a frame carried to it."""
     roll = (carried.inv() * rotation(pose.end)).as_rotvec()
@@ -158,7 +152,7 @@ def other_roll(study):
     if first is None:
         return None
     a = rotation(first.end)
-    along = lambda pose: _shortest(a.as_matrix()[:, 2], rotation(pose.end).as_matrix()[:, 2]) * a  # noqa: E731
+    along = lambda pose: shortest_turn(a.as_matrix()[:, 2], rotation(pose.end).as_matrix()[:, 2]) * a  # noqa: E731
     poses = (_opposite(p, along(p)) if both_held(p) and p is not first else p for p in study.poses)
     return replace(study, poses=tuple(poses))
 
@@ -169,7 +163,7 @@ def other_twist(pose):
     points = uniform_filter1d(pose.curve.points, max(1, len(pose.curve.points) // 16), axis=0)
     for onward in [*np.diff(points, axis=0), rotation(pose.end).as_matrix()[:, 2]]:
         n = onward / np.linalg.norm(onward)
-        R, t = _shortest(t, n) * R, n
+        R, t = shortest_turn(t, n) * R, n
     return _opposite(pose, R)
 
 

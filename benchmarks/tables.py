@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import blind_score, scan_alarms
 from benchmarks.record import load
 from scan2flex_jax.study.kinds import KEYS
 
@@ -56,12 +57,6 @@ def _made_on(entry) -> str:
     )
 
 
-def scored(figures: dict, lines: Iterable[tuple]) -> Iterable[tuple]:
-    """Rows by lines of key, words and, if any, target."""
-    for key, words, *target in lines:
-        yield words, measured(figures.get(key)), *(target or "-")
-
-
 def measured(value):
     """A share with its count, or a number."""
     if isinstance(value, dict):
@@ -90,18 +85,18 @@ def find() -> str:
 
 def works() -> str:
     """How well it works, in one small table."""
-    blind, wing = load("blind")["results"]["table"], load("wing")["results"]["rows"][0]
-    lines = [
-        ("truth_in_tie_set", "one missing effect, blind: named, or tied with few others"),
-        ("false_alarms", "something named where nothing is missing"),
-        ("named_and_wrong", "named alone, and wrong"),
-        ("coverage_95", "95 % intervals of EI and GJ that hold the truth"),
-    ]
-    rows = [row[:2] for row in scored(blind, lines)]
+    rows, wing = list(load("blind")["results"]["rows"].values()), load("wing")["results"]["rows"][0]
+    words = {
+        "truth_in_tie_set": "one missing effect, blind: named, or tied with few others",
+        "false_alarms": "something named where nothing is missing",
+        "named_and_wrong": "named alone, and wrong",
+        "coverage_95": "95 % intervals of EI and GJ that hold the truth",
+    }
+    lines = [(words[key], measured(blind_score.METRICS[key][2](blind_score.Classes(rows)))) for key in words]
     EI = f"{interval(*wing['EI'])}, {wing['EI_published']:.2f} N m^2"
-    rows.append(("a real wing: EI from light weights, and the published one", EI))
-    rows.append(("its displacement under heavier weights: RMS error of the prediction", f"{wing['rms_heavy_mm']:.1f} mm"))
-    return markdown(("", "measured"), rows)
+    lines.append(("a real wing: EI from light weights, and the published one", EI))
+    lines.append(("its displacement under heavier weights: RMS error of the prediction", f"{wing['rms_heavy_mm']:.1f} mm"))
+    return markdown(("", "measured"), lines)
 
 
 def answer() -> str:
@@ -116,49 +111,23 @@ PAGES[README] = {"find": find, "works": works, "answer": answer}
 
 @table("accuracy.md", "blind", MEASURED, "blind")
 def blind(results):
-    t = results["table"]
-    yield from scored(t, [
-        ("false_alarms", "nothing missing: alarms at the 5 % level", "3-8 %"),
-        ("detected_above_0.7", "one or two effects of strength above 0.7: detected", "95 %"),
-        ("truth_in_tie_set_6_poses", "one effect, six poses or more: in the tie set", "90 %"),
-        ("truth_in_tie_set", "one effect, all cases: in the tie set"),
-        ("mean_tie_set", "effect types in a tie set, mean", "2 at most"),
-        ("top_1", "one effect: ranked first", "85 %"),
-        ("top_1_above_1.5", "the same, strength above 1.5", "95 %"),
-        ("named_and_wrong", "named alone, and wrong", "2 % at most"),
-        ("both_of_a_pair", "two effects: both found", "80 %"),
-        ("both_tied", "two effects: both in the tied sets"),
-        ("one_of_a_pair", "two effects: at least one in the tie set"),
-        ("off_catalogue_flagged", 'an effect outside the catalogue: answered "unexplained"', "75 %"),
-        ("fit_within_5_percent", "ranked first and right: RMS after within 5 % of the noise", "all"),
-        ("validate_better", "poses never fitted: predicted better than before", "90 %"),
-        ("validate_within_1.15", "ranked first and right: those within 1.15 of the noise", "all"),
-        ("validate_within_1.15_no_tolerance", "the same in studies without tolerances (a new pose's clamps deviate too)",
-         "all"),
-        ("place_within_2_percent", "right effect type with a position along the cable: within 2 % of the length", "all"),
-        ("place_within_2_percent_if_seen", "the same, where its standard error is below 1 % of the length"),
-        ("place_covered", "95 % intervals of positions that hold the truth"),
-        ("coverage_95", "95 % intervals of EI and GJ that hold the truth, after", "92-97 %"),
-    ])  # fmt: skip
-    yield "seconds for a case: mean, most", f"{t['seconds_mean']:.0f}, {t['seconds_most']:.0f}", "60 at most"
-    processor = f"{t['processor_seconds_mean']:.0f}, {t['processor_seconds_most']:.0f}"
-    yield "the same in processor time, compilation included", processor, None
-    yield "cases, of them ended by a fault", f"{t['cases']}, {t['faults']}", None
+    rows = list(results["rows"].values())
+    yield from by_metric(rows)
+    targets = "60 at most", None
+    words = "seconds for a case: mean, most", "the same in processor time, compilation included"
+    for line, key, target in zip(words, ("seconds", "processor_seconds"), targets, strict=True):
+        seconds = [r[key] for r in rows if r.get(key)]
+        yield line, f"{np.mean(seconds):.0f}, {max(seconds):.0f}", target
+    yield "cases, of them ended by a fault", f"{len(rows)}, {sum(bool(r.get('fault')) for r in rows)}", None
 
 
 @table("accuracy.md", "background", MEASURED, "background")
 def background(results):
-    return scored(results["table"], [
-        ("background_alone_named", "background alone, and something named", "5 % at most"),
-        ("background_in_tie_set", "one effect above it: in the tie set", "85 %"),
-        ("background_missed_for_a_mistake", "not in it, since a likely mistake of the input was reported"),
-        ("background_named_and_wrong", "named, and wrong"),
-        ("background_size_within_15_percent", "one effect: in the tie set, and its size within 15 %", "80 %"),
-        ("background_validate_within_1.3", "one effect: poses never fitted within 1.3 of the error of the true model", "80 %"),
-        ("background_discrepancy_over_true_median", "reported over true scatter, median"),
-        ("background_coverage_95_with_effect", "95 % intervals of EI and GJ that hold the truth, with an effect", "92-97 %"),
-        ("background_parameters_covered", "95 % intervals of the effect's parameters that hold the truth", "92-97 %"),
-    ])  # fmt: skip
+    return by_metric(list(results["rows"].values()))
+
+
+def by_metric(rows):
+    return [(words, measured(value), target) for words, value, target in blind_score.scored(rows)]
 
 
 SBC_HEAD = ("noise", "parameter", "draws", "uniform ranks: p", "spread of the normal scores",
@@ -176,19 +145,9 @@ def sbc(results):
 
 @table("accuracy.md", "scans", MEASURED, "scan_none", "scan_alarms")
 def scans(none, strong):
-    yield from scored(none["table"], [
-        ("alarms_scan", "nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most"),
-        ("alarms_curve", "the same poses as curves"),
-        ("covered_scan", "nothing missing: 95 % intervals of EI and GJ from scans that hold the truth", "92-97 %"),
-        ("covered_curve", "the same from curves", "92-97 %"),
-    ])  # fmt: skip
-    yield from scored(strong["table"], [
-        ("named_curve", "a strong effect: named alone from curves"),
-        ("named_scan", "from scans"),
-        ("right_scan", "from scans, and rightly"),
-        ("named_as_from_curves", "from scans as from curves", "16 of 20"),
-        ("answered_as_from_curves", "the same answer as from curves, ties and unexplained cases included"),
-    ])  # fmt: skip
+    without = {name: r for name, r in none["rows"].items() if not r["kinds"]}
+    effects = {name: r for name, r in strong["rows"].items() if r["kinds"]}
+    return [(words, measured(value), target) for words, value, target in scan_alarms.scored(without | effects)]
 
 
 KINECT_HEAD = ("mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
@@ -378,7 +337,7 @@ def virtual(r):
         yield name, errors, stated, held, *(None if x is None else f"{x:.3f} mm" for x in far)
 
 
-# Many cables, extreme cables, hostile and mistaken input
+# Many cables, hostile and mistaken input
 
 
 @table("sweeps.md", "batches", ("256 cables", "processor time each", "steps each"), "batches")
@@ -387,15 +346,6 @@ def batches(b):
     steps = {"loop": mean, "loop in one call": mean, "vmap": most, "vmap, groups of 8": group, "compiled solver": mean}
     for way in (way for way in steps if way in b):
         yield way, f"{1e3 * b[way]['s per cable']:.2f} ms", f"{steps[way]:.1f}"
-
-
-@table("robustness.md", "extremes", ("cable", "equilibrium", "fit", "steps, or reason"), "robustness",
-       note="{outcomes[solved]} solved, {outcomes[refused]} refused, {outcomes[failure]} failed.")  # fmt: skip
-def extremes(r):
-    for name, case in r["cases"].items():
-        e = case["equilibrium"]
-        reason = f"{e['steps']} steps" if e["outcome"] == "solved" else e["says"]
-        yield name, e["outcome"], case.get("fit", {}).get("outcome"), reason
 
 
 @table("robustness.md", "attacks", ("reader", "inputs", "refused in one sentence", "slowest", "failures"), "attacks",

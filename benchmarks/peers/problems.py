@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.curves import arc_lengths, carried
+
 GRAVITY = 9.81  # m/s^2, along -z
 START_FRAME = np.array([[0.0, 0, 1], [0.0, -1, 0], [1.0, 0, 0]]).T  # d1 = +z, d2 = -y, d3 = +x
 _SAMPLES = 401  # of the start curve
@@ -55,16 +57,11 @@ class Solution(NamedTuple):
     seconds: float | None = None
 
 
-def about(axis, angle) -> np.ndarray:
-    """Rotation (3, 3) by ``angle`` (rad) about a unit vector."""
-    return Rotation.from_rotvec(angle * np.asarray(axis, float)).as_matrix()
-
-
 PROBLEMS = {
     p.name: p
     for p in (
         Problem("level", np.array([0.6, 0.0, 0.0]), START_FRAME),
-        Problem("twisted", np.array([0.6, 0.2, 0.0]), about((1.0, 0, 0), np.pi / 2) @ START_FRAME),
+        Problem("twisted", np.array([0.6, 0.2, 0.0]), Rotation.from_euler("x", 90, degrees=True).as_matrix() @ START_FRAME),
         Problem("cantilever"),
     )
 }
@@ -84,7 +81,7 @@ def start_curve(problem: Problem, length: float | None = None) -> np.ndarray:
     for _ in range(50):  # bisection: the length grows with the depth
         depth = 0.5 * (low + high)
         curve = base - depth * 16 * x**2 * (1 - x) ** 2 * np.array([0.0, 0, 1])
-        low, high = (depth, high) if _along(curve)[-1] < length else (low, depth)
+        low, high = (depth, high) if arc_lengths(curve)[-1] < length else (low, depth)
     return curve
 
 
@@ -94,7 +91,7 @@ def start_at(problem: Problem, s) -> tuple[np.ndarray, np.ndarray]:
     Frames are carried along without turning about the tangent; the twist that the end clamp then lacks is spread evenly.
     """
     curve = start_curve(problem)
-    along = _along(curve)
+    along = arc_lengths(curve)
     along *= problem.length / along[-1]
     tangent = np.gradient(curve, along, axis=0)
     tangent[0] = problem.start_frame[:, 2]
@@ -130,11 +127,11 @@ def _polygon(problem, links):
     length = problem.length
     for _ in range(30):
         curve = start_curve(problem, length)
-        along = _along(curve)
+        along = arc_lengths(curve)
         s = np.linspace(0.0, along[-1], links + 1)
         for _ in range(20):
             vertices = np.stack([np.interp(s, along, curve[:, k]) for k in range(3)], axis=1)
-            chord = _along(vertices)
+            chord = arc_lengths(vertices)
             s = np.interp(np.linspace(0.0, chord[-1], links + 1), chord, s)
         length *= 1 + 0.7 * (problem.length / chord[-1] - 1)
     return vertices
@@ -145,31 +142,15 @@ def end_twist(problem: Problem, tangents) -> float:
     if problem.free:
         return 0.0
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-    lack = _carried(np.vstack([tangents, problem.end_frame[:, 2]]), problem.start_frame)[-1].T @ problem.end_frame
+    lack = carried(np.vstack([tangents, problem.end_frame[:, 2]]), problem.start_frame)[-1].T @ problem.end_frame
     return float(np.arctan2(lack[1, 0], lack[0, 0]))
-
-
-def _along(curve):
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
 
 
 def _framed(problem, tangents):
     """Frames on equally spaced tangents, with the twist towards the end clamp."""
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-    frames = _carried(tangents, problem.start_frame)
+    frames = carried(tangents, problem.start_frame)
     if problem.free:
         return frames
     twist = np.linspace(0.0, end_twist(problem, tangents), len(frames))
-    return np.stack([R @ about((0.0, 0, 1), a) for R, a in zip(frames, twist, strict=True)])
-
-
-def _carried(tangents, frame):
-    """Frames with d3 along the tangents, each turned the shortest way from the one before; the first from ``frame``."""
-    frames = []
-    for tangent in tangents:
-        axis = np.cross(frame[:, 2], tangent)
-        sine = np.linalg.norm(axis)
-        turn = about(axis / sine, np.arctan2(sine, frame[:, 2] @ tangent)) if sine > 1e-14 else np.eye(3)
-        frame = turn @ frame
-        frames.append(frame)
-    return np.array(frames)
+    return frames @ Rotation.from_euler("z", twist[:, None]).as_matrix()
