@@ -1,22 +1,12 @@
 """Extraction of centre curves from simulated scans: accuracy against the targets and the Cramer-Rao bound.
 
 `python -m benchmarks.extraction` writes `benchmarks/results/extraction.json` case by case: an interrupted run continues, and
-without that file it begins anew.
+without that file it begins anew. docs/scanning.md defines scenes, targets and the classes of the results.
 
-Curves of four families independent of the rod model, two sensors, one to three viewpoints, with and without a gap and guide
-points. Failures stay in the results. Single-point noise is the sensor's standard deviation along the ray at the range of
-the scan; targets: RMS at most 0.3 (structured light) or 0.5 (time of flight) of it, bias toward the sensor at most 0.2 of
-the radius, length from clamp to clamp within 0.5 % (the curve and what is missing at its ends, as the package tells it to a
-user). A case is
-
-* *met*: within all targets, and without a doubt;
-* *not sure*: the curve comes with doubts, right or wrong; *refused*: there is no curve;
-* *missed*: a target is missed without a doubt. This class harms users.
-
-Every error comes with `bound_mm`, the Cramer-Rao bound on the RMS distance for a spline of the fewest points that represents
-the true curve to a twentieth of the noise, from the true points (no flying ones, no strays), their viewpoints and their
-noise. No unbiased estimator is below it; one that assumes more of the cable than a smooth tube may be. In unseen parts the
-bound grows with the distance from the points.
+The bound is on the RMS distance for a spline of the fewest points that represents the true curve to a twentieth of the noise,
+from the true points (no flying ones, no strays), their viewpoints and their noise (that of the sensor along the ray, at the
+range of the scan). In unseen parts it grows with the distance from the points. An estimator that assumes more of the cable
+than a smooth tube may be below it.
 """
 
 import itertools

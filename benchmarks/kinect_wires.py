@@ -1,20 +1,12 @@
-"""Three wires picked on Kinect depth images: fitted on three poses each, and predicted in the fourth.
+"""Three wires picked on Kinect depth images: all four poses fitted, and each predicted from the other three.
 
     SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires      (the folder that holds `wires-kinect`)
 
-The curves are the picks themselves, 11 to 16 a pose, moved by the radius away from the camera. The weight per length and the
-length of 0.40 m are known; a pose's clamps are at the ends of its picks, along the directions there. Quantities that the
-images do not determine have tolerances: directions, places, the length (the camera's focal length is nominal), gravity, taken
-as the image's downward direction, and above all the roll of the clamps, which a picture of a round wire does not show.
-
-* "all fitted": the error of the four poses fitted together, with their tolerances used. This is closest to the published
-  figures, but no shape is rotated, scaled or stretched to match, as those were.
-* "left out": the pose is not fitted. With the cable of the other three it is solved twice: with its clamps as read and without
-  roll, and with its clamps, length and gravity within the tolerances of the study, fitted to it.
-
-Published for these wires (Chen, Bretl, Pham, arXiv 2310.00911), mean node error over length, all poses known to the fit and
-measured curves rotated and stretched onto the simulated chord: adapted discrete elastic rod 1.33, 2.44, 3.05 %, MuJoCo's
-cable 1.62, 3.52, 4.28 % (white, black, red).
+The curves are the picks, 11 to 16 a pose, moved by the radius away from the camera; clamps are at their ends, along the
+directions there. What the images do not determine has tolerances: directions, places, the length (the camera's focal length is
+nominal), gravity (the image's downward direction), and the roll of the clamps. A pose left out is solved with its clamps as
+read and without roll, and with clamps, length and gravity fitted to it within the tolerances. docs/accuracy.md has the results
+beside the published ones (Chen, Bretl, Pham, arXiv 2310.00911).
 """
 
 import os

@@ -1,16 +1,11 @@
 """Laws of bending recovered from shapes: ``python -m benchmarks.laws [COUNT] [--seed N]``.
 
-40 cables by default, one of five laws each in turn. A run with the seed of the record goes on where that one stopped.
-
-An independent solver of the rod equations (`benchmarks.blind.rod`) makes the shapes: a cable drawn as for the blind studies in
-4 to 6 poses, with one of five laws of the bending moment, and white noise of a thousandth of the length. The study declares
-`bending_law` on a grid of 24 curvatures up to 1.2 times the largest, all factors unknown, EI and GJ too. The rod has 80
-elements, since cables that slip bend sharply near their clamps: with 8 curvatures and 40 elements the error stays below 5 %,
-and the band holds less than half of a law with a knee.
-
-Recorded for each case: the share of the curvatures reached at which the 95 % band holds the true moment, the largest error of
-the moment over its largest value, and whether the law is said to be linear. A cable that cannot be posed
-or fitted is recorded as such. The grid and the mesh were chosen on the first ten cases of seed 17.
+40 cables by default, one of five laws each in turn; a run with the seed of the record continues it. An independent solver
+(`benchmarks.blind.rod`) makes the shapes: a cable drawn as for the blind studies in 4 to 6 poses, with white noise of a
+thousandth of the length. The study declares `bending_law` on a grid of 24 curvatures up to 1.2 times the largest, all factors
+unknown, EI and GJ too. The rod has 80 elements, since cables that slip bend sharply near their clamps: with 8 curvatures and
+40 elements the error stays below 5 %, and the band holds less than half of a law with a knee. Grid and mesh were chosen on ten
+cases of seed 17.
 """
 
 import argparse

@@ -3,15 +3,10 @@
     SCAN2FLEX_DATA=... python -m benchmarks.mistakes      (the folder that holds `practice`, `textile-strip` and `black-wire`)
 
 Every mistake of `KINDS` is applied to three simulated studies (the first of the practice studies, by number, that have centre
-curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake is
-
-* *named* if the study is refused, or `check` or the first three lines of `fit` report it, with the right remedy, and the
-  corrected study fits as the one before the mistake (within a fifth);
-* *without trace* if the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
-* *warned of* if the first three lines doubt the values without naming it; else it is *missed*, and `explain` is run too.
-
-Then all other practice studies, most of them with an undeclared effect, are fitted as they are: any mistake named there is a
-false accusation. An interrupted run continues; without the record it begins anew.
+curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. docs/mistakes.md defines the
+outcomes; a mistake is *named* only if the corrected study fits as the one before the mistake (within a fifth). Then all
+practice studies, most of them with an undeclared effect, are fitted as they are: any mistake named there is a false
+accusation. An interrupted run continues; without the record it begins anew.
 """
 
 import os
@@ -42,7 +37,7 @@ TRACE = 0.1  # of that residual: modelled shapes that differ by less are the sam
 NAMED, WARNED, TRACELESS, MISSED = "named", "warned", "without trace", "missed"
 
 
-MILLIMETRES, CENTIMETRES, INCHES, BADLY, POUNDS = 1000.0, 100.0, 1 / 0.0254, 1.02, 2.2046
+UNITS = {"mm": ("millimetres", 1000.0), "cm": ("centimetres", 100.0), "inches": ("inches", 1 / 0.0254)}
 
 
 def rotation(clamp):
@@ -217,18 +212,12 @@ KINDS = {
     "gravity along another axis": (gravity(lambda g: np.roll(g, 1)), ("write gravity",)),
     "density in g/m": (scaled(density=1000.0), ("check the unit",)),
     "density in t/m": (scaled(density=0.001), ("check the unit",)),
-    "density in lb/m": (scaled(density=POUNDS), ("check the unit", "looks like lb/m")),
-    "curves in mm": (scaled(curves=MILLIMETRES), ("millimetres",)),
-    "curves in cm": (scaled(curves=CENTIMETRES), ("centimetres",)),
-    "curves in inches": (scaled(curves=INCHES), ("inches",)),
-    "curves 2 % too large": (scaled(curves=BADLY), ("curves look",)),
-    "clamps in mm": (scaled(clamps=MILLIMETRES), ("millimetres",)),
-    "clamps in inches": (scaled(clamps=INCHES), ("inches",)),
-    "clamps 2 % too large": (scaled(clamps=BADLY), ("positions look",)),
-    "length in mm": (scaled(length=MILLIMETRES), ("millimetres",)),
-    "length in cm": (scaled(length=CENTIMETRES), ("centimetres",)),
-    "length in inches": (scaled(length=INCHES), ("inches",)),
+    "density in lb/m": (scaled(density=2.2046), ("check the unit", "looks like lb/m")),
+    "curves 2 % too large": (scaled(curves=1.02), ("curves look",)),
+    "clamps 2 % too large": (scaled(clamps=1.02), ("positions look",)),
 }
+for part, units in {"curves": UNITS, "clamps": ("mm", "inches"), "length": UNITS}.items():
+    KINDS |= {f"{part} in {unit}": (scaled(**{part: UNITS[unit][1]}), UNITS[unit][:1]) for unit in units}
 """By mistake: its function, from study to study or to None where impossible, and words of the right remedy."""
 
 

@@ -1,15 +1,9 @@
-"""The paper's two physical experiments (Section 6.1) as virtual ones, scanned and fitted.
+"""The paper's two physical experiments (Section 6.1) as virtual ones, scanned and fitted: docs/scanning.md describes them.
 
 `python -m benchmarks.virtual_experiments [--seeds N]` writes `benchmarks/results/virtual_experiments.json`. The scans of the
 paper were never published, so its stiffnesses are the truth here: true shapes solve the continuous equations
-(`tests/reference/cosserat_bvp.py`), seen by the package's scanner with noise, outliers, hidden backs, a clamp block at each end
-and a table. Eight guide points per pose are marked roughly on the seen side.
-
-* *dress pack*: L 1.4 m, r 43 mm, 3 kg/m, EI 6.47, GJ 33.38 N m^2; twists of -90, 0 and 90 degrees are fitted, 45 is
-  validated; a time-of-flight camera 1.6 m away, from two sides or from one.
-* *PTFE cable*: L 0.90 m, r 4 mm, 0.336 kg/m, EI 0.0419 N m^2; structured light, one pose without torsion, EI only.
-
-Both cables are inextensible, and the clamps exact. Coverage is that of the 95 % intervals. Failures stay in the results.
+(`tests/reference/cosserat_bvp.py`), seen by the package's scanner with noise, outliers, hidden backs, a clamp block at each
+end and a table. Both cables are inextensible, and the clamps exact. Failures stay in the results.
 """
 
 import argparse

@@ -62,9 +62,10 @@ def ours(problem, elements, solver=None):
 
 def collocation(problem, tolerance):
     """scipy's `solve_bvp`: the size is its tolerance, the mesh its own."""
+    start = continuum.guess(problem)
 
     def solve():
-        curve = continuum.solve(problem, tolerance)
+        curve = continuum.solve(problem, tolerance, start)
         return [Solution(curve.nodes, curve.at(curve.nodes), {"nodes": len(curve.nodes)})]
 
     return solve

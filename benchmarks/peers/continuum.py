@@ -45,7 +45,7 @@ class Curve(NamedTuple):
 def reference(problem: Problem) -> tuple[Curve, dict]:
     """The curve at the tightest tolerance, and what is known of its error (parts of L)."""
     s = np.linspace(0.0, problem.length, 401)
-    first = solve(problem, TIGHT[0])
+    first = solve(problem, TIGHT[0], guess(problem))
     finer = Curve(problem, _collocate(problem, first.answer.x, first.answer.y, TIGHT[1])[2])
     return finer, {
         "moved by the last refinement": _apart(first.at(s), finer.at(s)),
@@ -53,9 +53,9 @@ def reference(problem: Problem) -> tuple[Curve, dict]:
     }
 
 
-def solve(problem: Problem, tolerance: float) -> Curve:
-    """From the generic curve to ``tolerance`` (relative residual of the collocation), by its own continuation."""
-    s, y = _guess(problem)
+def solve(problem: Problem, tolerance: float, start: tuple) -> Curve:
+    """From a mesh and its state (`guess`) to ``tolerance`` (relative residual of the collocation), by its own continuation."""
+    s, y = start
     steps = LOAD_STEPS if problem.free else (1.0,)
     for share in steps:
         s, y = _collocate(problem._replace(density=share * problem.density), s, y, max(tolerance, 1e-2))[:2]
@@ -116,7 +116,7 @@ def _collocate(problem, s, y, tolerance):
     return answer.x, answer.y, answer
 
 
-def _guess(problem):
+def guess(problem):
     """Mesh and state of the generic curve; moments of its curvature, forces from the balance as a least square."""
     s = np.linspace(0.0, 1.0, _GUESS)
     r, R = start_at(problem, s * problem.length)
