@@ -7,8 +7,7 @@ lists the effect types with the same shapes as the truth; a case is right if its
 *named* if the answer is "explained" or "partly explained".
 
 Cases of `benchmarks.blind.generate --background` have classes and lines of their own: with background alone nothing should be
-named. The *size* of an effect is its main parameter as a vector that vanishes with the effect, so that 15 % of it means the
-same for a factor of 1.1 as for one of 3. *Attained*, in the answer, is the RMS distance of validate poses from the true
+named. *Attained*, in the answer, is the RMS distance of validate poses from the true
 effect's curves without background.
 """
 
@@ -81,29 +80,6 @@ def covered(prefix: str, estimates: dict, answer: dict) -> dict:
     return out
 
 
-SIZES = {
-    "natural_curvature": lambda p, L: p["curvature"], "kink": lambda p, L: p["angle"],
-    "anisotropic_bending": lambda p, L: np.log(p["ratio"]) * np.array([np.cos(2 * p["angle"]), np.sin(2 * p["angle"])]),
-    "bend_twist_coupling": lambda p, L: p["coupling"], "nonlinear_bending": lambda p, L: 1 - p["ratio"],
-    "stiffness_profile": lambda p, L: np.log(p["factor"]), "extensibility": lambda p, L: 1 / p["axial_stiffness"],
-    "point_mass": lambda p, L: p["mass"], "density_profile": lambda p, L: p["factor"] - 1,
-    "uniform_load": lambda p, L: p["force"], "point_load": lambda p, L: p["force"], "tether": lambda p, L: p["stiffness"],
-    "elastic_clamp": lambda p, L: 1 / np.asarray(p["stiffness"], float), "clamp_rotation": lambda p, L: p["rotation"],
-    "clamp_offset": lambda p, L: p["offset"], "length_error": lambda p, L: p["length"] - L,
-    "scan_scale": lambda p, L: p["factor"] - 1, "scan_offset": lambda p, L: p["offset"],
-}  # fmt: skip
-"""By type, the size of an effect in a cable of length L (m); a support plane has none."""
-
-
-def size_off_by(kind: str, estimate: dict, true: dict, length: float) -> float | None:
-    """Relative error of a size; None for a type without one. An end that only one of the two states counts as zero."""
-    if kind not in SIZES:
-        return None
-    a, b = (np.ravel(np.asarray(SIZES[kind](p, length), float)) for p in (estimate, true))
-    a, b = (np.pad(x, (0, max(len(a), len(b)) - len(x))) for x in (a, b))
-    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
-
-
 def parameters_covered(effect: dict, true: dict) -> tuple[int, int]:
     """Number of parameters with a standard error, and of those whose 95 % interval contains the truth. Axes of bending are
     the same after a quarter turn with the inverse ratio: the nearer of the two is the truth."""
@@ -174,7 +150,7 @@ def errors(result: dict, answer: dict) -> dict:
 
 
 def above_background(result: dict, answer: dict, in_tie_set: bool) -> dict:
-    """The score of a case with a background: scatter, prediction, size and parameters of the effect."""
+    """The score of a case with a background: scatter, prediction, and parameters of the effect."""
     out = {"background": answer["background"]}
     after, rms = result.get("after", {}).get("rms_validate"), result.get("discrepancy", {}).get("rms")
     out |= {} if after is None else {"validate_over_attained": after / answer["attained_validate"]}
@@ -183,7 +159,6 @@ def above_background(result: dict, answer: dict, in_tie_set: bool) -> dict:
         true = next(e for e in answer["effect"] if e["kind"] == answer["kinds"][0])
         every = [*result.get("chosen", []), *result.get("ranking", [])]
         effect = next((e for e in every if e["kind"] == true["kind"]), None)
-        out["size_off_by"] = effect and size_off_by(true["kind"], effect["parameters"], true, answer["true_length"])
         out["parameters"], out["parameters_covered"] = parameters_covered(effect, true) if effect else (0, 0)
     return out
 
@@ -255,9 +230,6 @@ BACKGROUND: dict[str, Metric] = {
     "missed_for_a_mistake": ("not in it, since a likely mistake of the input was reported", None,
                              lambda c: share(r["mistaken"] for r in c.one if not r["in_tie_set"])),
     "named_and_wrong": ("named, and wrong", None, lambda c: known(c.none + c.one, "named_and_wrong")),
-    "size_within_15_percent": (
-        "one effect: in the tie set, and its size within 15 %", "80 %",
-        lambda c: share((r.get("size_off_by") or np.inf) < 0.15 for r in c.one if r["truth"][0] in SIZES)),
     "validate_within_1.3": ("one effect: poses never fitted within 1.3 of the error of the true model", "80 %",
                             lambda c: share(r.get("validate_over_attained", np.inf) < 1.3 for r in c.one)),
     "discrepancy_over_true_median": ("reported over true scatter, median", None,

@@ -15,16 +15,20 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from benchmarks.curves import arc_lengths, carried
 from benchmarks.record import record
+from scan2flex_jax import plot
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.convert.curves import read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import fit
+from scan2flex_jax.prediction import predict
 from scan2flex_jax.scan.extraction import extract
 from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
 
@@ -33,6 +37,12 @@ DENSITY = {"white": 0.01740, "black": 0.02718, "red": 0.02150}  # kg/m
 PUBLISHED = {"white": (1.33, 1.62), "black": (2.44, 3.52), "red": (3.05, 4.28)}  # %
 TOLERANCE = {"length": 0.02, "clamp_position": 0.004, "clamp_rotation": 0.15, "clamp_roll": 3.0, "gravity": 0.1}
 FOCAL, CENTRE = 504.0, (320.0, 288.0)  # pixels: the nominal Azure Kinect, 640 x 576 narrow view
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+PICTURE = Path(__file__).parents[1] / "docs" / "real-cable.png"
+GUESS = 1e-3  # N m^2: the order of magnitude that a guess from thickness and feel may give, ten times too stiff
+MEASURED = {"color": "#888888", "ls": "", "marker": "o", "ms": 3.5, "label": "measured", "zorder": 0}
+BEFORE = {"color": "#2a5ca8", "ls": "--", "lw": 1.6, "label": f"before: guessed EI = {GUESS:g} N m²"}
+AFTER = {"color": "#c1272d", "lw": 1.6, "label": "after: fit of the four poses"}
 HELD = 1e-3  # relative standard deviation of a bending stiffness that is known from other poses
 
 
@@ -89,8 +99,7 @@ def study_of(wire, paths, unseen=None):
     """A wire's poses, one of them perhaps for validation only."""
     poses = tuple(pose_of(p, "validate" if p == unseen else "fit") for p in paths)
     cable = {"length": LENGTH, "radius": RADIUS, "length_density": DENSITY[wire]}
-    unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
-    return Study(wire, [0.0, 9.81, 0.0], cable, poses, Tolerance(**TOLERANCE), unknowns)
+    return Study(wire, [0.0, 9.81, 0.0], cable, poses, Tolerance(**TOLERANCE), tuple(map(Unknown, STIFFNESSES)))
 
 
 def fitted(study):
@@ -126,9 +135,8 @@ def left_out(wire, paths, unseen) -> dict:
     }  # fmt: skip
 
 
-def all_fitted(wire, paths) -> dict:
-    """The wire fitted on all poses."""
-    f = fitted(study_of(wire, paths))
+def all_fitted(f) -> dict:
+    """The figures of the fit of a wire on all poses."""
     if isinstance(f, str):
         return {"solved": False, "why": f}
     e, twist = f.estimates["bending_stiffness"], f.estimates["torsional_stiffness"]
@@ -157,16 +165,38 @@ def wires_folder() -> Path:
     return folder
 
 
+def picture(f, rows) -> None:
+    """The poses of a fit: measured, with a guessed stiffness, and fitted; their titles have the errors of `left_out` too."""
+    unseen = {r["left out"]: r["mean node error over length"] for r in rows}
+    before = predict(replace(f.study, unknowns=(), cable={**f.study.cable, **dict.fromkeys(STIFFNESSES, GUESS)}))
+    figure, axes = plt.subplots(2, 2, figsize=(8.2, 5.4), layout="constrained")
+    for ax, (name, after) in zip(axes.flat, f.poses.items(), strict=True):
+        first = replace(after, modelled=before[name].points)
+        errors = {"before": node_error(first), "fitted": node_error(after), "left out": unseen[name]}
+        for points, style in ((first.modelled, BEFORE), (after.modelled, AFTER), (after.measured, MEASURED)):
+            ax.plot(100 * points[:, 0], -100 * points[:, 1], **style)
+        ax.set_title(f"{name}: off by {', '.join(f'{100 * e:.1f} % {n}' for n, e in errors.items())}", fontsize=9)
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.set(xlabel="across (cm)", ylabel="up (cm)")
+    figure.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    plot.save(figure, PICTURE, dpi=110)
+
+
 def main() -> None:
     """All wires, all poses left out in turn."""
-    folder, out = wires_folder(), {}
+    folder, out = Path(os.environ.get("SCAN2FLEX_DATA", "")) / "wires-kinect", {}
+    if not folder.is_dir():
+        sys.exit("the picked points are public in github.com/qj25/adapteddlo_muj: name the folder above them in SCAN2FLEX_DATA")
     prepare_jax()
+    mpl.use("Agg")
     for wire in DENSITY:
         paths = sorted(folder.glob(f"{wire}*.csv"))
-        rows, whole = [left_out(wire, paths, p) for p in paths], all_fitted(wire, paths)
+        rows, whole = [left_out(wire, paths, p) for p in paths], fitted(study_of(wire, paths))
         means = mean_errors([r for r in rows if r["solved"]])
-        out[wire] = {"all fitted": whole, "poses": rows, **means, "published, percent": PUBLISHED[wire]}
-        print(f"{wire}: all fitted {whole}; left out in turn {means}", flush=True)
+        out[wire] = {"all fitted": all_fitted(whole), "poses": rows, **means, "published, percent": PUBLISHED[wire]}
+        print(f"{wire}: all fitted {out[wire]['all fitted']}; left out in turn {means}", flush=True)
+        if wire == "white":
+            picture(whole, rows)
     record("kinect_wires", out)
 
 

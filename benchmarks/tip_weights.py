@@ -1,11 +1,6 @@
 """Real cables with and without a weight at the tip, for the notebook "Weights on a soft robot arm".
 
-    git clone https://github.com/sebtiburzio/PAC_model_matlab
-    git clone https://github.com/sebtiburzio/floating_PAC_model
-
-Each series has 23 static poses of a cable, with a fitting or a weight at its free end: the clamp turned in a vertical plane, a
-marker in the middle and one at the end (MSc thesis TU Delft, arXiv 2402.16114). The repositories have no licence, so nothing of
-them is kept here.
+The notebook says where the data are from; they have no licence, so nothing of them is kept here.
 
 How a row is read (x to the side, z up, metres, radians): the clamp is turned by `Gamma` about y from a cable that hangs down,
 `X, Z` are the markers in the turned frame, at L/2 and L. Poses are planar, so GJ is given and without influence on them. By
