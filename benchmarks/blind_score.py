@@ -1,34 +1,29 @@
 """`explain` over a folder of blind cases, scored against the sealed answers.
 
-    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--jobs 2] [--record blind]
+    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--record blind]
 
 Answers are read only after all cases are explained; results of an earlier run in the file are kept. ``accept`` in an answer
 lists the effect types with the same shapes as the truth; a case is right if its tie set contains an accepted type. An effect is
 *named* if the answer is "explained" or "partly explained".
 
 Cases of `benchmarks.blind.generate --background` have classes and lines of their own: with background alone nothing should be
-named. *Attained*, in the answer, is the RMS distance of validate poses from the true
-effect's curves without background.
+named. *Attained*, in the answer, is the RMS distance of validate poses from the true effect's curves without background.
 """
 
 import argparse
 import json
-import multiprocessing
-import sys
 import time
 import tomllib
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.record import record
+from benchmarks.record import complete, record
 from scan2flex_jax.cli.setup import prepare_jax
 
 NAMED = ("explained", "partly explained")
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
-PER_PROCESS = 50  # cases, after which a process is replaced
 IN_CATALOGUE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_taper"}  # counted as unknown by the generator
 
 
@@ -47,21 +42,6 @@ def explained(folder: Path) -> dict:
     out |= {"processor_seconds": time.process_time() - used, "poses_fitted": len(study.fit_poses)}
     out["ranking"] = out.get("ranking", [])[:6]
     return out | {"floor": 2**0.5 * answer.noise.total if answer.noise else None}
-
-
-def explain_all(folders: dict[str, Path], file: Path, jobs: int) -> dict:
-    """Results by name, those in ``file`` first; written as they come."""
-    results = json.loads(file.read_text())["results"] if file.exists() else {}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, context, prepare_jax, max_tasks_per_child=PER_PROCESS) as pool:
-        running = {pool.submit(explained, folder): name for name, folder in folders.items() if name not in results}
-        for finished in as_completed(running):
-            name = running[finished]
-            results[name] = r = finished.result()
-            brief = {k: r.get(k) for k in ("verdict", "seconds", "fault")}
-            sys.stderr.write(f"{name} {brief} {[c['kind'] for c in r.get('chosen', [])]}\n")
-            file.write_text(json.dumps({"results": results}))
-    return {name: results[name] for name in folders}
 
 
 def share(values) -> dict:
@@ -254,13 +234,12 @@ def main() -> None:
     parser.add_argument("cases", type=Path)
     parser.add_argument("answers", type=Path)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--record", help="name of the record in benchmarks/results")
     args = parser.parse_args()
-    wanted = set(filter(None, args.only.split(",")))
-    folders = {f.name: f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)}
-    results = explain_all(folders, args.json, args.jobs)
+    prepare_jax()
+    results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
+    keep = lambda: args.json.write_text(json.dumps({"results": results}))  # noqa: E731
+    complete(results, sorted(f.name for f in args.cases.iterdir()), lambda name: explained(args.cases / name), keep)
     answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in results}
     rows = {n: score(results[n], answers[n]) for n in results}
     args.json.write_text(json.dumps({"rows": rows, "results": results}, indent=1) + "\n")

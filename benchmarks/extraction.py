@@ -1,12 +1,8 @@
-"""Extraction of centre curves from simulated scans: accuracy against the targets and the Cramer-Rao bound.
+"""Extraction of centre curves from simulated scans: accuracy against the targets.
 
 `python -m benchmarks.extraction` writes `benchmarks/results/extraction.json` case by case: an interrupted run continues, and
-without that file it begins anew. docs/scanning.md defines scenes, targets and the classes of the results.
-
-The bound is on the RMS distance for a spline of the fewest points that represents the true curve to a twentieth of the noise,
-from the true points (no flying ones, no strays), their viewpoints and their noise (that of the sensor along the ray, at the
-range of the scan). In unseen parts it grows with the distance from the points. An estimator that assumes more of the cable
-than a smooth tube may be below it.
+without that file it begins anew. docs/scanning.md defines scenes, targets and the classes of the results. The noise is that of
+the sensor along the ray, at the range of the scan.
 """
 
 import itertools
@@ -16,14 +12,13 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
 from scipy.spatial import cKDTree  # noqa: E402
 
 from benchmarks.curves import on_the_seen_side, unit_tangents  # noqa: E402
 from benchmarks.record import complete, record, recorded  # noqa: E402
 from scan2flex_jax.errors import Scan2FlexError  # noqa: E402
-from scan2flex_jax.scan import refine, scanner, shapes, spline  # noqa: E402
+from scan2flex_jax.scan import scanner, shapes  # noqa: E402
 from scan2flex_jax.scan.extraction import extract  # noqa: E402
 from scan2flex_jax.scan.plausibility import clamp_to_clamp  # noqa: E402
 from scan2flex_jax.scan.strand_matching import End  # noqa: E402
@@ -38,40 +33,6 @@ def ends(curve):
     """Both clamps of a true curve, with their directions."""
     tangent = unit_tangents(curve)
     return End(curve[0], tangent[0]), End(curve[-1], tangent[-1])
-
-
-def fewest_knots(curve, noise):
-    """The smallest spline that represents the curve to a twentieth of the noise (RMS)."""
-    at = np.linspace(0.0, 1.0, len(curve))
-    for count in range(6, 80, 2):
-        W = np.asarray(spline.weights(count, jnp.asarray(at * (count - 1))))
-        left = curve - W @ np.linalg.lstsq(W, curve, rcond=None)[0]
-        if np.sqrt(np.mean(np.sum(left**2, axis=1))) < 0.05 * noise:
-            break
-    return count
-
-
-def bound(curve, radius, scan, eyes, sensor, noise):
-    """Cramer-Rao bound (m) on the RMS distance of a centre curve."""
-    K = fewest_knots(curve, noise)
-    fine = shapes.resample(curve, 4001)
-    tangent = unit_tangents(fine)
-    normals = np.linalg.svd(tangent[:, None])[2][:, 1:]
-    frame = normals[np.linspace(0, 4000, K).round().astype(int)]
-    H = np.eye(2 * K) / (5.0 * radius) ** 2  # far from the cloud nothing is known but that the cable is near
-    for v, eye in enumerate(eyes):
-        points = scan.points[scan.on_cable & (scan.view == v)]
-        which = cKDTree(fine).query(points)[1]
-        _, n, blur, _ = refine.along_ray(points, fine[which], tangent[which], eye[None], radius)
-        sigma = sensor.noise * np.linalg.norm(points - eye, axis=1) ** sensor.noise_growth * blur[0]
-        W = np.asarray(spline.weights(K, jnp.asarray(which / 4000 * (K - 1))))
-        J = (W[:, :, None] * np.einsum("kci,ni->nkc", frame, n[0])).reshape(len(W), 2 * K) / sigma[:, None]
-        H += J.T @ J
-    every = np.arange(0, 4001, 10)
-    W = np.asarray(spline.weights(K, jnp.asarray(every / 4000 * (K - 1))))
-    cov = np.linalg.inv(H).reshape(K, 2, K, 2)
-    variance = sum(np.einsum("nk,kl,nl->n", W, cov[:, c, :, c], W) for c in range(2))
-    return {"bound_mm": 1e3 * float(np.sqrt(np.mean(variance)))}
 
 
 def compare(extracted, curve, radius, noise, eyes):
@@ -103,7 +64,6 @@ def one_case(family, length, radius, sensor, views, gap, guided, table, key):
     marks = on_the_seen_side(curve, at, radius, eyes[0]) if guided else None
     case = {"family": family, "radius": radius, "length": length, "sensor": sensor, "views": views, "gap": gap}
     case |= {"guide_points": guided, "table": table, "key": key, "points": len(scan.points), "noise_mm": 1e3 * float(noise)}
-    case |= bound(curve, radius, scan, eyes, SENSORS[sensor], noise)
     try:
         known = {"length": length, "start": start, "end": end, "guide_points": marks, "viewpoints": eyes}
         extracted = extract(scan.points, radius, **known)

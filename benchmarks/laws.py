@@ -1,4 +1,4 @@
-"""Laws of bending recovered from shapes: ``python -m benchmarks.laws [COUNT] [--seed N]``.
+"""Laws of bending recovered from shapes: ``python -m benchmarks.laws [COUNT]``.
 
 40 cables by default, one of five laws each in turn; a run with the seed of the record continues it. An independent solver
 (`benchmarks.blind.rod`) makes the shapes: a cable drawn as for the blind studies in 4 to 6 poses, with white noise of a
@@ -8,7 +8,7 @@ unknown, EI and GJ too. The rod has 80 elements, since cables that slip bend sha
 cases of seed 17.
 """
 
-import argparse
+import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -134,11 +134,11 @@ def scored(study, EI, law):
     }  # fmt: skip
 
 
-def one(i, seed):
-    """Case ``i`` of a seed: its law and figures, or why there are none."""
+def one(i):
+    """Case ``i``: its law and figures, or why there are none."""
     name = tuple(drawn(np.random.default_rng(0), 1.0))[i % 5]
     for attempt in range(20):
-        found = posed((seed, i, attempt), name)
+        found = posed((SEED, i, attempt), name)
         if found is not None:
             break
     else:
@@ -146,22 +146,17 @@ def one(i, seed):
     scene, law, F, y = found
     facts = {"case": i, "law": name, "poses": len(y), "attempts": attempt + 1}
     try:
-        study = with_law(study_of(scene, F, y, np.random.default_rng((seed, i))), F, y)
+        study = with_law(study_of(scene, F, y, np.random.default_rng((SEED, i))), F, y)
         return facts | scored(study, scene.cable.bending, law)
     except Scan2FlexError as fault:
         return facts | {"failed": str(fault)}
 
 
 def main():
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.laws", description=__doc__.splitlines()[0])
-    parser.add_argument("count", type=int, nargs="?", default=CASES, help="cables, one of five laws each in turn")
-    parser.add_argument("--seed", type=int, default=SEED)
-    args = parser.parse_args()
-    known = recorded("laws")
-    rows = {r["case"]: r for r in known["cases"]} if known.get("seed") == args.seed else {}
-
-    keep = lambda: record("laws", {"seed": args.seed, "cases": [rows[k] for k in sorted(rows)]})  # noqa: E731
-    complete(rows, range(args.count), lambda i: one(i, args.seed), keep)
+    count, known = int(sys.argv[1]) if len(sys.argv) > 1 else CASES, recorded("laws")
+    rows = {r["case"]: r for r in known["cases"]} if known.get("seed") == SEED else {}
+    keep = lambda: record("laws", {"seed": SEED, "cases": [rows[k] for k in sorted(rows)]})  # noqa: E731
+    complete(rows, range(count), one, keep)
 
 
 if __name__ == "__main__":

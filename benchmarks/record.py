@@ -46,7 +46,7 @@ def complete(rows: dict, cases: Iterable[Hashable], one: Callable, keep: Callabl
     for case in cases:
         if case not in rows:
             rows[case] = one(case)
-            print(f"{case}: {rows[case]}", flush=True)
+            print(f"{case}: {str(rows[case])[:500]}", flush=True)
             keep()
 
 

@@ -147,7 +147,6 @@ def held(rows, data):
 
 
 def alarms(rows, data):
-    """Share of the studies with nothing missing whose answer is another one."""
     return share(r[data]["verdict"] != CLEAR for r in rows)
 
 

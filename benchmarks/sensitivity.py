@@ -182,17 +182,12 @@ CASES = {  # the study, its change by a sample, options of the fit, the largest 
 
 
 def clamps(store: Store) -> None:
-    figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.2), layout="constrained", sharex=True, sharey=True)
-    panels = iter(axes)
     for name, (make, change, options, largest, count) in CASES.items():
         study = make()
         turns = random_turns(DRAWS, len(study.poses), largest)[:count]
         samples = draws(tilt=(turns, "rad"), seed=np.arange(float(count)))
         found = store.sweep(f"clamps {name}", fits(study, change, **options), samples, chunk=10)
         store.keep("clamps", name, errors(found))
-        if count == DRAWS:
-            scattered(next(panels), found, name)
-    save(figure, "clamps")
 
 
 def errors(found) -> dict:
@@ -219,17 +214,6 @@ def linear_share(turns, log) -> dict:
         held = np.arange(len(log)) % 5 == fold
         left[held] = log[held] - X[held] @ np.linalg.lstsq(X[~held], log[~held], rcond=None)[0]
     return {"linear in the turns": float(1.0 - np.var(left) / np.var(log))}
-
-
-def scattered(ax, found, name) -> None:
-    """Both estimates of every draw with the truth marked."""
-    x, y = (found[k].values for k in STIFF)
-    ax.plot(x, y, ".", ms=3, color="#888888", alpha=0.6)
-    ax.plot(*TRUTH.values(), "s", color="#c1272d", ms=7, label="truth")
-    ax.plot(np.exp(np.nanmean(np.log(x))), np.exp(np.nanmean(np.log(y))), "+", color="k", ms=12, label="mean")
-    ax.set(xlabel="estimate of EI (N m$^2$)", ylabel="estimate of GJ (N m$^2$)")
-    ax.set_title(f"{name} ({np.isfinite(x).sum()} draws)", fontsize=10)
-    ax.legend(frameon=False, fontsize=8)
 
 
 def tip(log_EI):

@@ -280,8 +280,7 @@ def wing(results):
 
 # Scans
 
-EXTRACTED = ("scans", "cases", "met, sure", "not sure", "refused", "missed, sure", "by at most", "RMS over noise",
-             "RMS over bound")  # fmt: skip
+EXTRACTED = ("scans", "cases", "met, sure", "not sure", "refused", "missed, sure", "by at most", "RMS over noise")
 
 
 def extracted(results, groups):
@@ -292,11 +291,9 @@ def extracted(results, groups):
             of_class = {n: [c for c in cases if c["class"] == n] for n in ("met", "not sure", "refused", "missed")}
             over = [max(c["rms_over_noise"] / target, c["bias_over_radius"] / 0.2, abs(c["length_error"]) / 0.005)
                     for c in of_class["missed"]]  # fmt: skip
-            curves = [c for c in cases if "refused" not in c]
-            noise, bound = ([c[a] / c[b] for c in curves] for a, b in (("rms_mm", "noise_mm"), ("rms_mm", "bound_mm")))
-            medians = f"{np.median(noise):.2f}", f"{np.median(bound):.1f}"
+            noise = np.median([c["rms_over_noise"] for c in cases if "refused" not in c])
             most = f"{max(over):.1f} times" if over else None
-            yield f"{sensor}, {name}", len(cases), *map(len, of_class.values()), most, *medians
+            yield f"{sensor}, {name}", len(cases), *map(len, of_class.values()), most, f"{noise:.2f}"
 
 
 @table("scanning.md", "extraction", EXTRACTED, "extraction")
@@ -307,12 +304,7 @@ def extraction(results):
 def gaps(r) -> str:
     some = [c for c in r["cases"] if c["gap"] and "refused" not in c]
     marked = sum(any(low < 0.4 * c["length"] < high for low, high in c["gaps"]) for c in some)  # of 0.35 to 0.45 L
-    missed = [c for c in r["cases"] if c["class"] == "missed"]
-    beyond = sum(c["bound_mm"] > r["targets"][c["sensor"]] * c["noise_mm"] for c in missed)
-    return (
-        f"Of the gaps in curves that were found, {marked} of {len(some)} were marked as such. Of the {len(missed)} curves\n"
-        f"that missed a target without a warning, {beyond} have a Cramer-Rao bound above it."
-    )
+    return f"Of the gaps in curves that were found, {marked} of {len(some)} were marked as such."
 
 
 @table("scanning.md", "kinds", EXTRACTED, "extraction", note=gaps)

@@ -95,8 +95,6 @@ def picture(rows):
 def main():
     prepare_jax()
     rows = [one_series(series) for series in SERIES]
-    for row in rows:
-        print({k: v for k, v in row.items() if k != "predicted"})
     picture(rows)
     record("wing", {"light_kg": LIGHT, "noise_mm": 1e3 * NOISE, "rows": rows})
 

@@ -1,6 +1,6 @@
-"""`python -m benchmarks.peers [--only PROGRAM ...]`: every program on every problem; the record is kept after each of them.
+"""`python -m benchmarks.peers `: every program on every problem; the record is kept after each of them.
 
-With ``--only`` the rows of the other programs stay. Processor seconds of this process, on one processor and one thread, are
+Processor seconds of this process, on one processor and one thread, are
 compared: other jobs on the machine change them less than the wall clock. After each run of another program ours solves the same
 problem on all meshes (``beside``), so that a slow period of the machine affects both. Two ratios are formed of each program:
 
@@ -8,7 +8,6 @@ problem on all meshes (``beside``), so that a slow period of the machine affects
 * at equal mesh, its error over ours with as many elements.
 """
 
-import argparse
 import os
 from collections.abc import Callable
 from functools import partial
@@ -30,7 +29,7 @@ from matplotlib.ticker import NullFormatter
 
 from benchmarks.peers import continuum
 from benchmarks.peers.problems import PROBLEMS, Solution
-from benchmarks.record import one_processor, record, recorded
+from benchmarks.record import one_processor, record
 from scan2flex_jax import Boundary, Cable, CableModel, equilibrium
 
 PICTURE = Path(__file__).parents[2] / "docs" / "peers.png"
@@ -192,25 +191,22 @@ def _worth(row):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers", description=__doc__)
-    parser.add_argument("--only", nargs="*", choices=PROGRAMS, metavar="PROGRAM")
-    only = parser.parse_args().only
     jax.config.update("jax_enable_x64", True)
     mpl.use("Agg")
     one_processor()
-    results = (recorded("peers") if only else {}) or {"problems": {}, "peers": {}, "runs": []}
+    results = {"problems": {}, "peers": {}, "runs": []}
     curves = {}
     for name, problem in PROBLEMS.items():
         curves[name], results["problems"][name] = continuum.reference(problem)
     own = {(name, n): ours(problem, n) for name, problem in PROBLEMS.items() for n in MESHES}
-    for name in only or PROGRAMS:
-        program, rows = PROGRAMS[name], []
+    for name, program in PROGRAMS.items():
+        rows = []
         results["peers"][name] = {"what": program.what}
         if find_spec(program.library):
             rows = rows_of(name, curves, own)
         else:
             results["peers"][name]["missing"] = f"{program.library} is not installed: pip install -e '.[peers]'"
-        results["runs"] = [r for r in results["runs"] if r["peer"] != name] + rows
+        results["runs"] += rows
         results["ratios"] = ratios(results["runs"])
         record("peers", results)
         draw(results["runs"])
