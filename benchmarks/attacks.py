@@ -14,7 +14,6 @@ import json
 import resource
 import shutil
 import signal
-import sys
 import tempfile
 import time
 import traceback
@@ -27,7 +26,6 @@ import jax
 import numpy as np
 import trimesh
 
-from benchmarks.formats import FORMATS
 from benchmarks.kinect_wires import read_picks
 from benchmarks.record import record
 from scan2flex_jax.convert import quantity, read_foreign_curve, read_frames
@@ -39,6 +37,7 @@ from scan2flex_jax.sweep import Output, Task, grid, open_sweep, sweep
 from tests.convert.test_frames import PRINTED
 from tests.convert.test_motion_capture import c3d, motive, vicon
 from tests.convert.test_motion_capture import frames as marker_frames
+from tests.scan.test_files import BINARY, TABLES
 from tests.study.samples import STUDY, csv, curve, write_sample
 
 jax.config.update("jax_enable_x64", True)
@@ -150,14 +149,14 @@ def cloud_seeds() -> dict[str, list[bytes]]:
     out["ply"] += [points.export(file_type="ply", encoding="ascii"), mesh.export(file_type="ply", encoding="ascii")]
     out["stl"] += [mesh.export(file_type="stl_ascii").encode()]
     out["xyz"] += [b"\n".join(b"%g %g %g" % tuple(p) for p in curve(20))]
+    for name, text in TABLES.items():
+        out.setdefault(name.split(".")[-1], []).append(text.encode())
     with tempfile.TemporaryDirectory() as folder:
-        for name, write in FORMATS.values():
+        for name, write in BINARY.items():
             path = Path(folder) / name
-            write(path, curve(30))
+            write(path, curve(400))
             out.setdefault(path.suffix[1:], []).append(path.read_bytes())
-        np.savez_compressed(Path(folder) / "a.npz", points=curve(30), colours=np.zeros(30))
-        out["npz"] = [(Path(folder) / "a.npz").read_bytes()]
-    out["pcd"] += [(Path(__file__).parents[1] / "tests/data/pypcd4.pcd").read_bytes()]
+    out["pcd"] = [(Path(__file__).parents[1] / "tests/data/pypcd4.pcd").read_bytes()]
     out["xyz.gz"] = [gzip.compress(out["xyz"][-1])]
     return out
 
@@ -272,7 +271,7 @@ def run(inputs: int, seed: int, only: str = "") -> dict:
                 attempt(reader, mutated(rng, reader.seeds) if reader.mutate else reader.seeds[turn])
             if (i + 1) % 5000 == 0 or i + 1 == inputs:
                 found = summary(every, seed)
-                sys.stderr.write(f"{i + 1} inputs, {found['failures']} failures, {found['seconds']:.0f} s\n")
+                print(f"{i + 1} inputs, {found['failures']} failures, {found['seconds']:.0f} s", flush=True)
                 if not only:
                     record("attacks", found)
     return found
@@ -300,7 +299,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reader", default="", help="only readers whose name holds this; nothing is recorded then")
     args = parser.parse_args()
-    sys.stdout.write(json.dumps(run(args.inputs, args.seed, args.reader), indent=1) + "\n")
+    print(json.dumps(run(args.inputs, args.seed, args.reader), indent=1))
 
 
 if __name__ == "__main__":

@@ -8,18 +8,38 @@ its slowest cable, vectorised groups of cables with similar GJ/EI, and the compi
 
 from time import process_time
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.equilibrium import boundary, model, waited
-from benchmarks.record import conclude, one_processor, timed_in_turn
+from benchmarks.record import one_processor, record, timed
 from scan2flex_jax.compilation import compiled
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics import MixedNewton, equilibrium
 from scan2flex_jax.statics.kernel import library
 from scan2flex_jax.statics.kernel.solver import CompiledNewton
 
 BATCH, GROUP = 256, 8
+START = np.array([[0.0, 0, 1], [0.0, -1, 0], [1.0, 0, 0]]).T  # d3 = +x
+END = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) @ START  # turned by 90 degrees about the tangent
+
+
+def cable_model(EI, GJ) -> CableModel:
+    """A cable of 1 m and 0.2 kg/m, stiffnesses in N m^2."""
+    return CableModel(Cable(1.0, 0.2, EI, GJ), jnp.array([0.0, 0.0, -9.81]))
+
+
+def boundary(end=(0.6, 0.2, 0.0)) -> Boundary:
+    """Its clamps: at the origin, and at ``end`` (m)."""
+    return Boundary.of((jnp.zeros(3), jnp.array(START)), (jnp.asarray(end), jnp.array(END)))
+
+
+def waited(function, *args, **options):
+    """A call of no arguments that waits for the result."""
+    return lambda: jax.block_until_ready(eqx.filter(function(*args, **options), eqx.is_array))
 
 
 def stiffnesses(count: int) -> np.ndarray:
@@ -30,11 +50,11 @@ def stiffnesses(count: int) -> np.ndarray:
 def on_a_processor() -> dict:
     """Seconds of a cable in each way, by the solver in JAX unless stated."""
     EI, GJ = map(jnp.array, stiffnesses(BATCH))
-    b, alike = boundary(), jnp.argsort(GJ / EI)
-    models = [model(float(x), float(y)) for x, y in zip(EI, GJ, strict=True)]
+    b, by_ratio = boundary(), jnp.argsort(GJ / EI)
+    models = [cable_model(float(x), float(y)) for x, y in zip(EI, GJ, strict=True)]
 
     def one(x):
-        e = equilibrium(model(*x), b, solver=MixedNewton())
+        e = equilibrium(cable_model(*x), b, solver=MixedNewton())
         return e.configuration, e.verdict
 
     mapped = compiled(lambda *x: jax.lax.map(one, x))
@@ -43,26 +63,20 @@ def on_a_processor() -> dict:
         "loop in one call": waited(mapped, EI, GJ),
         "vmap": waited(compiled(lambda *x: jax.vmap(one)(x)), EI, GJ),
         f"vmap, groups of {GROUP}": waited(
-            compiled(lambda *x: jax.lax.map(one, x, batch_size=GROUP)), EI[alike], GJ[alike]
+            compiled(lambda *x: jax.lax.map(one, x, batch_size=GROUP)), EI[by_ratio], GJ[by_ratio]
         ),
     }  # fmt: skip
     if library.path().exists():
         fast = CompiledNewton(library.register(library.path()))
-        solved = compiled(lambda *x: jax.vmap(lambda y: equilibrium(model(*y), b, solver=fast).configuration)(x))
+        solved = compiled(lambda *x: jax.vmap(lambda y: equilibrium(cable_model(*y), b, solver=fast).configuration)(x))
         calls["compiled solver"] = waited(solved, EI, GJ)
-    times = {name: t | {"s per cable": t["min_s"] / BATCH} for name, t in timed_in_turn(calls, 5, process_time).items()}
-    verdict = mapped(EI[alike], GJ[alike])[1]
+    times = {name: t | {"s per cable": t["min_s"] / BATCH} for name, t in timed(calls, 5, process_time).items()}
+    verdict = mapped(EI[by_ratio], GJ[by_ratio])[1]
     steps = [float(f(verdict.steps)) for f in (jnp.mean, jnp.max)] + [float(verdict.steps.reshape(-1, GROUP).max(1).mean())]
     return {"cables": BATCH, "solved": int(jnp.sum(verdict.solved)), "steps: mean, most, of a group": steps} | times
 
 
-def main() -> None:
+if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
     one_processor()
-    results = on_a_processor()
-    conclude("batches", results, {f"{way} over loop": results[way]["min_s"] / results["loop"]["min_s"]
-                                  for way in ("loop in one call", f"vmap, groups of {GROUP}")})  # fmt: skip
-
-
-if __name__ == "__main__":
-    main()
+    record("batches", on_a_processor())

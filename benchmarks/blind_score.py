@@ -1,106 +1,47 @@
 """`explain` over a folder of blind cases, scored against the sealed answers.
 
-    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--only v001,v002] [--jobs 2] [--record blind]
+    python -m benchmarks.blind_score CASES ANSWERS --json FILE [--record blind]
 
 Answers are read only after all cases are explained; results of an earlier run in the file are kept. ``accept`` in an answer
-lists the effect types with the same shapes as the truth; a case is found if the tie set contains an accepted type. An effect is
+lists the effect types with the same shapes as the truth; a case is right if its tie set contains an accepted type. An effect is
 *named* if the answer is "explained" or "partly explained".
 
 Cases of `benchmarks.blind.generate --background` have classes and lines of their own: with background alone nothing should be
-named. The *size* of an effect is its main parameter as a vector that vanishes with the effect, so that 15 % of it means the
-same for a factor of 1.1 as for one of 3. *Attained*, in the answer, is the RMS distance of validate poses from the true
-effect's curves without background.
+named. *Attained*, in the answer, is the RMS distance of validate poses from the true effect's curves without background.
 """
 
 import argparse
 import json
-import multiprocessing
-import os
-import signal
-import sys
 import time
 import tomllib
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from statistics import median
 
 import numpy as np
 
-from benchmarks.record import record
-
-os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+from benchmarks.record import complete, record
+from scan2flex_jax.cli.setup import prepare_jax
 
 NAMED = ("explained", "partly explained")
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
-SIZE, VALIDATE = 0.15, 1.3  # targets: relative error of a size, and error of validate poses over the attained one
-WARM = 20  # cases, after which a process has compiled what most studies need
 IN_CATALOGUE = {"taper_stiffness": "stiffness_taper", "taper_mass": "density_taper"}  # counted as unknown by the generator
-
-
-def prepare(cores=None) -> None:
-    """A worker process: on one core of the queue ``cores``, since XLA's threads of several workers would share them."""
-    if cores is not None:
-        os.sched_setaffinity(0, {cores.get()})
-    from scan2flex_jax.cli.setup import prepare_jax  # noqa: PLC0415 - in each process, after its core is known
-
-    prepare_jax()
-
-
-@contextmanager
-def workers(jobs: int):
-    """A pool of ``jobs`` processes, each on a core of its own where there are enough; an interrupt ends them."""
-    context = multiprocessing.get_context("spawn")
-    available = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
-    cores = context.Queue() if 1 < jobs <= len(available) else None
-    for core in available[:jobs] if cores else ():
-        cores.put(core)
-    pool = ProcessPoolExecutor(jobs, context, prepare, (cores,))
-    try:
-        yield pool
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.kill()
-        raise
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def explained(folder: Path) -> dict:
     """The result of `explain`, with the cost of the call, or its failure."""
-    from scan2flex_jax.inference import explain  # noqa: PLC0415 - the environment must be set first
+    from scan2flex_jax.inference import explain  # noqa: PLC0415 - JAX must be set up first
     from scan2flex_jax.study import load_study  # noqa: PLC0415
 
     began, used = time.perf_counter(), time.process_time()
     try:
         study = load_study(folder)
-        if any(pose.curve is None for pose in study.poses):
-            return {"skipped": "no centre curves"}
-        found = explain(study)
+        answer = explain(study)
     except Exception as fault:  # a benchmark counts failures
         return {"fault": f"{type(fault).__name__}: {fault}"[:300], "seconds": time.perf_counter() - began}
-    resident = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
-    out = found.to_json()
-    out |= {"processor_seconds": time.process_time() - used, "process": os.getpid(), "resident_mib": resident}
-    out |= {"poses_fitted": len(study.fit_poses), "ranking": out.get("ranking", [])[:6]}
-    out["plain_estimates"] = {} if found.fit is None else found.fit.to_json()["estimates"]
-    return out | {"floor": 2**0.5 * found.noise.total if found.noise else None}
-
-
-def explain_all(folders: dict[str, Path], file: Path, jobs: int, per_process: int = 50) -> dict:
-    """Results by name, those in ``file`` first; written as they come. A process is replaced after ``per_process`` cases."""
-    results = json.loads(file.read_text())["results"] if file.exists() else {}
-    todo = [name for name in folders if name not in results]
-    for batch in (todo[i : i + per_process * jobs] for i in range(0, len(todo), per_process * jobs)):
-        with workers(jobs) as pool:
-            running = {pool.submit(explained, folders[name]): name for name in batch}
-            for finished in as_completed(running):
-                name = running[finished]
-                results[name] = r = finished.result()
-                brief = {k: r.get(k) for k in ("verdict", "seconds", "fault")}
-                sys.stderr.write(f"{name} {brief} {[c['kind'] for c in r.get('chosen', [])]}\n")
-                file.write_text(json.dumps({"results": results}))
-    return {name: results[name] for name in folders if "skipped" not in results[name]}
+    out = answer.to_json()
+    out |= {"processor_seconds": time.process_time() - used, "poses_fitted": len(study.fit_poses)}
+    out["ranking"] = out.get("ranking", [])[:6]
+    return out | {"floor": 2**0.5 * answer.noise.total if answer.noise else None}
 
 
 def share(values) -> dict:
@@ -119,39 +60,16 @@ def covered(prefix: str, estimates: dict, answer: dict) -> dict:
     return out
 
 
-SIZES = {
-    "natural_curvature": lambda p, L: p["curvature"], "kink": lambda p, L: p["angle"],
-    "anisotropic_bending": lambda p, L: np.log(p["ratio"]) * np.array([np.cos(2 * p["angle"]), np.sin(2 * p["angle"])]),
-    "bend_twist_coupling": lambda p, L: p["coupling"], "nonlinear_bending": lambda p, L: 1 - p["ratio"],
-    "stiffness_profile": lambda p, L: np.log(p["factor"]), "extensibility": lambda p, L: 1 / p["axial_stiffness"],
-    "point_mass": lambda p, L: p["mass"], "density_profile": lambda p, L: p["factor"] - 1,
-    "uniform_load": lambda p, L: p["force"], "point_load": lambda p, L: p["force"], "tether": lambda p, L: p["stiffness"],
-    "elastic_clamp": lambda p, L: 1 / np.asarray(p["stiffness"], float), "clamp_rotation": lambda p, L: p["rotation"],
-    "clamp_offset": lambda p, L: p["offset"], "length_error": lambda p, L: p["length"] - L,
-    "scan_scale": lambda p, L: p["factor"] - 1, "scan_offset": lambda p, L: p["offset"],
-}  # fmt: skip
-"""By type, the size of an effect in a cable of length L (m); a support plane has none."""
-
-
-def size_off_by(kind: str, found: dict, true: dict, length: float) -> float | None:
-    """Relative error of a size; None for a type without one. An end that only one of the two states counts as zero."""
-    if kind not in SIZES:
-        return None
-    a, b = (np.ravel(np.asarray(SIZES[kind](p, length), float)) for p in (found, true))
-    a, b = (np.pad(x, (0, max(len(a), len(b)) - len(x))) for x in (a, b))
-    return float(np.linalg.norm(a - b) / np.linalg.norm(b))
-
-
-def parameters_covered(found: dict, true: dict) -> tuple[int, int]:
+def parameters_covered(effect: dict, true: dict) -> tuple[int, int]:
     """Number of parameters with a standard error, and of those whose 95 % interval contains the truth. Axes of bending are
     the same after a quarter turn with the inverse ratio: the nearer of the two is the truth."""
     if true["kind"] == "anisotropic_bending":
         turned = {"ratio": 1 / true["ratio"], "angle": true["angle"] + np.pi / 2}
-        true = min(true, turned, key=lambda p: abs(np.log(p["ratio"] / found["parameters"]["ratio"])))
-        turns = round((found["parameters"]["angle"] - true["angle"]) / np.pi)
+        true = min(true, turned, key=lambda p: abs(np.log(p["ratio"] / effect["parameters"]["ratio"])))
+        turns = round((effect["parameters"]["angle"] - true["angle"]) / np.pi)
         true = {"ratio": true["ratio"], "angle": true["angle"] + turns * np.pi}
-    known = [k for k, std in found.get("std", {}).items() if np.size(true.get(k, ())) == np.size(std)]
-    three = (found["parameters"], true, found.get("std", {}))
+    known = [k for k, std in effect.get("std", {}).items() if np.size(true.get(k, ())) == np.size(std)]
+    three = (effect["parameters"], true, effect.get("std", {}))
     value, truth, std = (np.concatenate([np.ravel(p[k]) for k in known] or [[]]) for p in three)
     return len(std), int(np.sum(abs(value - truth) <= 1.96 * std))
 
@@ -159,14 +77,14 @@ def parameters_covered(found: dict, true: dict) -> tuple[int, int]:
 def about_the_same_axis(answer: dict, chosen: list[dict]) -> dict:
     """The answer with the bending stiffness about the axis that the result takes as the first."""
     true = next((e for e in answer.get("effect", []) if e["kind"] == "anisotropic_bending"), None)
-    found = next((c["parameters"] for c in chosen if c["kind"] == "anisotropic_bending"), None)
-    if true is None or found is None or np.log(true["ratio"]) * np.log(found["ratio"]) > 0:
+    ours = next((c["parameters"] for c in chosen if c["kind"] == "anisotropic_bending"), None)
+    if true is None or ours is None or np.log(true["ratio"]) * np.log(ours["ratio"]) > 0:
         return answer
     return answer | {"true_bending_stiffness": answer["true_bending_stiffness"] * true["ratio"]}
 
 
-def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
-    """The score of one case; ``tolerances``: its study states tolerances of clamps, length or gravity."""
+def score(result: dict, answer: dict) -> dict:
+    """The score of one case."""
     truth, off = set(answer.get("kinds", [])), answer.get("off_catalogue", "none")
     if off in IN_CATALOGUE:
         truth, off = {IN_CATALOGUE[off]}, "none"
@@ -180,7 +98,7 @@ def score(result: dict, answer: dict, tolerances: bool = False) -> dict:
     out |= {
         "truth": sorted(truth), "off": answer.get("off_catalogue", "none"), "strength": answer.get("plain_over_noise", 0.0),
         "poses": result.get("poses_fitted"), "p": test.get("p_value"), "chosen": kinds, "ties": sorted(ties),
-        "tolerances": tolerances, "class": f"background {of_class}" if "background" in answer else of_class,
+        "class": f"background {of_class}" if "background" in answer else of_class,
         "mistaken": bool(result.get("mistakes")), "detected": bool(test.get("significant")), "named": named and bool(kinds),
         "in_tie_set": bool(kinds and ties & accept), "top_1": bool(kinds) and kinds[0] in accept,
         "named_and_wrong": named and not set(kinds) <= accept,
@@ -207,122 +125,128 @@ def errors(result: dict, answer: dict) -> dict:
             off.append((abs(c["parameters"]["position"] - places[c["kind"]]) / length, std / length))
     if off:
         worst, std = max(off)
-        out |= {"place_off_by": worst, "place_std": std, "place_covered": worst <= 1.96 * std}
+        out |= {"place_off_by": worst, "place_covered": worst <= 1.96 * std}
     return out
 
 
 def above_background(result: dict, answer: dict, in_tie_set: bool) -> dict:
-    """The score of a case with a background: scatter, prediction, size and parameters of the effect."""
-    out = {"background": answer["background"]} | covered("plain_covers", result.get("plain_estimates", {}), answer)
+    """The score of a case with a background: scatter, prediction, and parameters of the effect."""
+    out = {"background": answer["background"]}
     after, rms = result.get("after", {}).get("rms_validate"), result.get("discrepancy", {}).get("rms")
     out |= {} if after is None else {"validate_over_attained": after / answer["attained_validate"]}
     out |= {} if rms is None else {"discrepancy_over_true": rms / answer["background"]}
     if answer["kinds"] and in_tie_set:
         true = next(e for e in answer["effect"] if e["kind"] == answer["kinds"][0])
         every = [*result.get("chosen", []), *result.get("ranking", [])]
-        found = next((e for e in every if e["kind"] == true["kind"]), None)
-        out["size_off_by"] = found and size_off_by(true["kind"], found["parameters"], true, answer["true_length"])
-        out["parameters"], out["parameters_covered"] = parameters_covered(found, true) if found else (0, 0)
+        effect = next((e for e in every if e["kind"] == true["kind"]), None)
+        out["parameters"], out["parameters_covered"] = parameters_covered(effect, true) if effect else (0, 0)
     return out
 
 
-def table(rows: list[dict]) -> dict:
-    """Shares over the cases of each class, with their counts."""
-
-    def known(rows, key):
-        return share(r[key] for r in rows if r.get(key) is not None)
-
-    def under(rows, key, most):
-        return share(r[key] < most for r in rows if key in r)
-
-    def mean(values):
-        some = [v for v in values if v]
-        return sum(some) / len(some) if some else None
-
-    none, one, two, off = ([r for r in rows if r["class"] == n and not r.get("fault")] for n in ("none", "one", "two", "off"))
-    right = [r for r in one if r["top_1"]]
-    placed = one + two
-    return {
-        "cases": len(rows), "faults": sum(bool(r.get("fault")) for r in rows),
-        "false_alarms": known(none, "detected"),
-        "detected_above_0.7": known([r for r in one + two if r["strength"] > 0.7], "detected"),
-        "truth_in_tie_set": known(one, "in_tie_set"),
-        "truth_in_tie_set_6_poses": known([r for r in one if (r["poses"] or 0) >= 6], "in_tie_set"),
-        "mean_tie_set": mean(len(r["ties"]) for r in one if r["chosen"]),
-        "top_1": known(one, "top_1"), "top_1_above_1.5": known([r for r in one if r["strength"] > 1.5], "top_1"),
-        "named_and_wrong": known(one + off + none, "named_and_wrong"),
-        "both_of_a_pair": known(two, "both"), "both_tied": known(two, "both_tied"), "one_of_a_pair": known(two, "in_tie_set"),
-        "off_catalogue_flagged": share(r["verdict"] == "unexplained" for r in off),
-        "fit_within_5_percent": under(right, "fit_over_floor", 1.05),
-        "validate_better": known([r for r in placed if r["chosen"]], "validate_better"),
-        "validate_within_1.15": under(right, "validate_over_floor", 1.15),
-        "validate_within_1.15_no_tolerance": under([r for r in right if not r["tolerances"]], "validate_over_floor", 1.15),
-        "coverage_95": share(r[k] for r in right for k in r if k.startswith("covers_")),
-        "place_within_2_percent": under(placed, "place_off_by", 0.02),
-        "place_within_2_percent_if_seen": under([r for r in placed if r.get("place_std", 1.0) < 0.01], "place_off_by", 0.02),
-        "place_covered": known(placed, "place_covered"),
-        **(background(rows) if any("background" in r for r in rows) else {}),
-        "seconds_mean": mean(r.get("seconds") for r in rows), "seconds_most": max((r["seconds"] or 0 for r in rows), default=0),
-        "processor_seconds_mean": mean(r.get("processor_seconds") for r in rows),
-        "processor_seconds_most": max((r["processor_seconds"] or 0 for r in rows), default=0),
-    }  # fmt: skip
+def known(rows: list[dict], key: str) -> dict:
+    """Share of a truth value over the rows that have it."""
+    return share(r[key] for r in rows if r.get(key) is not None)
 
 
-def background(rows: list[dict]) -> dict:
-    """Shares over the cases with a background; a case that ended by a fault counts as missed."""
-    rows = [r for r in rows if r["class"].startswith("background")]
-    one, none = ([r for r in rows if r["class"] == f"background {n}"] for n in ("one", "none"))
-    sized, ratios = [r for r in one if r["truth"][0] in SIZES], [v for r in rows if (v := r.get("discrepancy_over_true"))]
-    count, inside = (sum(r.get(k, 0) for r in one) for k in ("parameters", "parameters_covered"))
-    out = {
-        "cases": len(rows), "alone_named": share(r["named"] for r in none),
-        "in_tie_set": share(r["in_tie_set"] for r in one),
-        "missed_for_a_mistake": share(r["mistaken"] for r in one if not r["in_tie_set"]),
-        "named_and_wrong": share(r["named_and_wrong"] for r in rows),
-        "size_within_15_percent": share((r.get("size_off_by") or np.inf) < SIZE for r in sized),
-        "validate_within_1.3": share(r.get("validate_over_attained", np.inf) < VALIDATE for r in one),
-        "discrepancy_over_true_median": median(ratios) if ratios else None,
-        "parameters_covered": {"share": inside / count if count else None, "of": count},
-    }  # fmt: skip
-    for words, prefix in (("coverage_95", "covers_"), ("coverage_95_plain_fit", "plain_covers_")):
-        for name, some in (("alone", none), ("with_effect", one)):
-            out[f"{words}_{name}"] = share(v for r in some for k, v in r.items() if k.startswith(prefix))
-    return {f"background_{k}": v for k, v in out.items()}
+def under(rows: list[dict], key: str, most: float) -> dict:
+    """Share of the rows with a number in which it is below ``most``."""
+    return share(r[key] < most for r in rows if key in r)
 
 
-def memory(results: dict) -> dict:
-    """Memory (MiB) of the process with most of these cases: after `WARM` of them, at most later, and at the end."""
-    known = [r for r in results.values() if "resident_mib" in r]
-    processes = [[r["resident_mib"] for r in known if r["process"] == p] for p in {r["process"] for r in known}]
-    longest = max(processes, key=len, default=[])
-    if len(longest) < 2 * WARM:
-        return {}
-    after = longest[WARM - 1 :]
-    return {"studies": len(longest), "after_20": after[0], "most": max(after), "last": after[-1]}
+def mean(values) -> float | None:
+    some = [v for v in values if v]
+    return sum(some) / len(some) if some else None
+
+
+class Classes:
+    """The rows of the cases by class: ``none`` missing, ``one`` effect, ``two`` effects, and ``off`` the catalogue; ``right``:
+    one effect, ranked first."""
+
+    def __init__(self, rows: list[dict], prefix: str = ""):
+        rows = [r for r in rows if prefix or not r.get("fault")]  # with a background, a fault counts as missed
+        self.none, self.one, self.two, self.off = (
+            [r for r in rows if r["class"] == prefix + n] for n in ("none", "one", "two", "off")
+        )
+        self.every, self.placed = rows, self.one + self.two
+        self.right = [r for r in self.one if r["top_1"]]
+
+
+Metric = tuple[str, str | None, Callable[[Classes], object]]
+METRICS: dict[str, Metric] = {
+    "false_alarms": ("nothing missing: alarms at the 5 % level", "3-8 %", lambda c: known(c.none, "detected")),
+    "detected_above_0.7": ("one or two effects of strength above 0.7: detected", "95 %",
+                           lambda c: known([r for r in c.placed if r["strength"] > 0.7], "detected")),
+    "truth_in_tie_set_6_poses": ("one effect, six poses or more: in the tie set", "90 %",
+                                 lambda c: known([r for r in c.one if (r["poses"] or 0) >= 6], "in_tie_set")),
+    "truth_in_tie_set": ("one effect, all cases: in the tie set", None, lambda c: known(c.one, "in_tie_set")),
+    "mean_tie_set": ("effect types in a tie set, mean", "2 at most",
+                     lambda c: mean(len(r["ties"]) for r in c.one if r["chosen"])),
+    "top_1": ("one effect: ranked first", "85 %", lambda c: known(c.one, "top_1")),
+    "top_1_above_1.5": ("the same, strength above 1.5", "95 %",
+                        lambda c: known([r for r in c.one if r["strength"] > 1.5], "top_1")),
+    "named_and_wrong": ("named alone, and wrong", "2 % at most", lambda c: known(c.one + c.off + c.none, "named_and_wrong")),
+    "both_of_a_pair": ("two effects: both found", "80 %", lambda c: known(c.two, "both")),
+    "both_tied": ("two effects: both in the tied sets", None, lambda c: known(c.two, "both_tied")),
+    "one_of_a_pair": ("two effects: at least one in the tie set", None, lambda c: known(c.two, "in_tie_set")),
+    "off_catalogue_flagged": ('an effect outside the catalogue: answered "unexplained"', "75 %",
+                              lambda c: share(r["verdict"] == "unexplained" for r in c.off)),
+    "fit_within_5_percent": ("ranked first and right: RMS after within 5 % of the noise", "all",
+                             lambda c: under(c.right, "fit_over_floor", 1.05)),
+    "validate_better": ("poses never fitted: predicted better than before", "90 %",
+                        lambda c: known([r for r in c.placed if r["chosen"]], "validate_better")),
+    "validate_within_1.15": ("ranked first and right: those within 1.15 of the noise", "all",
+                             lambda c: under(c.right, "validate_over_floor", 1.15)),
+    "place_within_2_percent": ("right effect type with a position along the cable: within 2 % of the length", "all",
+                               lambda c: under(c.placed, "place_off_by", 0.02)),
+    "place_covered": ("95 % intervals of positions that hold the truth", None, lambda c: known(c.placed, "place_covered")),
+    "coverage_95": ("95 % intervals of EI and GJ that hold the truth, after", "92-97 %",
+                    lambda c: share(r[k] for r in c.right for k in r if k.startswith("covers_"))),
+}  # fmt: skip
+"""By name: words, target, and a share with its count or a number, from the classes of a run."""
+
+BACKGROUND: dict[str, Metric] = {
+    "alone_named": ("background alone, and something named", "5 % at most", lambda c: share(r["named"] for r in c.none)),
+    "in_tie_set": ("one effect above it: in the tie set", "85 %", lambda c: known(c.one, "in_tie_set")),
+    "missed_for_a_mistake": ("not in it, since a likely mistake of the input was reported", None,
+                             lambda c: share(r["mistaken"] for r in c.one if not r["in_tie_set"])),
+    "named_and_wrong": ("named, and wrong", None, lambda c: known(c.none + c.one, "named_and_wrong")),
+    "validate_within_1.3": ("one effect: poses never fitted within 1.3 of the error of the true model", "80 %",
+                            lambda c: share(r.get("validate_over_attained", np.inf) < 1.3 for r in c.one)),
+    "discrepancy_over_true_median": ("reported over true scatter, median", None,
+                                     lambda c: np.median([v for r in c.every if (v := r.get("discrepancy_over_true"))])),
+    "coverage_95": ("95 % intervals of EI and GJ that hold the truth, with an effect", "92-97 %",
+                    lambda c: share(r[k] for r in c.one for k in r if k.startswith("covers_"))),
+    "parameters_covered": ("95 % intervals of the effect's parameters that hold the truth", "92-97 %", lambda c: {
+        "share": sum(r.get("parameters_covered", 0) for r in c.one) / max(1, sum(r.get("parameters", 0) for r in c.one)),
+        "of": sum(r.get("parameters", 0) for r in c.one)}),
+}  # fmt: skip
+
+
+def scored(rows: list[dict]) -> list[tuple]:
+    """Words, value and target of each metric; of those with a background, if these are such cases."""
+    above = rows[0]["class"].startswith("background")
+    metrics, classes = (BACKGROUND, Classes(rows, "background ")) if above else (METRICS, Classes(rows))
+    return [(words, value(classes), target) for words, target, value in metrics.values()]
 
 
 def main() -> None:
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # a stopped run ends its workers too
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cases", type=Path)
     parser.add_argument("answers", type=Path)
     parser.add_argument("--json", type=Path, required=True)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--per-process", type=int, default=50, help="cases after which a process is replaced")
     parser.add_argument("--record", help="name of the record in benchmarks/results")
     args = parser.parse_args()
-    wanted = set(filter(None, args.only.split(",")))
-    folders = {f.name: f for f in sorted(args.cases.iterdir()) if f.is_dir() and (not wanted or f.name in wanted)}
-    results = explain_all(folders, args.json, args.jobs, args.per_process)
+    prepare_jax()
+    results = json.loads(args.json.read_text())["results"] if args.json.exists() else {}
+    keep = lambda: args.json.write_text(json.dumps({"results": results}))  # noqa: E731
+    complete(results, sorted(f.name for f in args.cases.iterdir()), lambda name: explained(args.cases / name), keep)
     answers = {n: tomllib.loads((args.answers / f"{n}.toml").read_text()) for n in results}
-    loose = {n: "tolerance" in tomllib.loads((args.cases / n / "study.toml").read_text()) for n in results}
-    rows = {n: score(results[n], answers[n], loose[n]) for n in results}
-    figures = table(list(rows.values())) | {"memory": memory(results)}
-    args.json.write_text(json.dumps({"table": figures, "rows": rows, "results": results}, indent=1) + "\n")
+    rows = {n: score(results[n], answers[n]) for n in results}
+    args.json.write_text(json.dumps({"rows": rows, "results": results}, indent=1) + "\n")
     if args.record:
-        record(args.record, {"table": figures, "rows": rows})
-    sys.stdout.write(json.dumps(figures, indent=1) + "\n")
+        record(args.record, {"rows": rows})
+    for words, value, _ in scored(list(rows.values())):
+        print(f"{words}: {value}")
 
 
 if __name__ == "__main__":

@@ -1,67 +1,56 @@
-"""Three wires picked on Kinect depth images: fitted on three poses each, and predicted in the fourth.
+"""Three wires picked on Kinect depth images: all four poses fitted, and each predicted from the other three.
 
-    SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires [--fits-only]      (the folder that holds `wires-kinect`)
+    SCAN2FLEX_DATA=... python -m benchmarks.kinect_wires      (the folder that holds `wires-kinect`)
 
-The curves are the picks themselves, 11 to 16 a pose, moved by the radius away from the camera. The weight per length and the
-length of 0.40 m are known; a pose's clamps are at the ends of its picks, along the directions there. Quantities that the
-images do not determine have tolerances: directions, places, the length (the camera's focal length is nominal), gravity, taken
-as the image's downward direction, and above all the roll of the clamps, which a picture of a round wire does not show.
-
-* "all fitted": the error of the four poses fitted together, with their tolerances used. This is closest to the published
-  figures, but no shape is rotated, scaled or stretched to match, as those were.
-* "left out": the pose is not fitted. With the cable of the other three it is solved twice: with its clamps as read and without
-  roll, and with its clamps, length and gravity within the tolerances of the study, fitted to it.
-* "explained": the same, with the effects that `explain` finds in the other three; it takes most of the time, and `--fits-only`
-  leaves it out.
-
-Published for these wires (Chen, Bretl, Pham, arXiv 2310.00911), mean node error over length, all poses known to the fit and
-measured curves rotated and stretched onto the simulated chord: adapted discrete elastic rod 1.33, 2.44, 3.05 %, MuJoCo's
-cable 1.62, 3.52, 4.28 % (white, black, red).
+The curves are the picks, 11 to 16 a pose, moved by the radius away from the camera; clamps are at their ends, along the
+directions there. What the images do not determine has tolerances: directions, places, the length (the camera's focal length is
+nominal), gravity (the image's downward direction), and the roll of the clamps. A pose left out is solved with its clamps as
+read and without roll, and with clamps, length and gravity fitted to it within the tolerances. docs/accuracy.md has the results
+beside the published ones (Chen, Bretl, Pham, arXiv 2310.00911).
 """
 
-import argparse
 import os
 import sys
-import warnings
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from benchmarks.curves import arc_lengths, carried
 from benchmarks.record import record
+from scan2flex_jax import plot
 from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.convert.curves import read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.inference import explain, fit
+from scan2flex_jax.inference import fit
+from scan2flex_jax.prediction import predict
 from scan2flex_jax.scan.extraction import extract
 from scan2flex_jax.study import Clamp, MeasuredCurve, Study, StudyPose, Tolerance, Unknown
-from scan2flex_jax.study.files import read_text
-from scan2flex_jax.study.limits import curve_limit
-from scan2flex_jax.study.values import Where
 
 LENGTH, RADIUS, NOISE = 0.40, 0.002, 0.0023  # m
 DENSITY = {"white": 0.01740, "black": 0.02718, "red": 0.02150}  # kg/m
 PUBLISHED = {"white": (1.33, 1.62), "black": (2.44, 3.52), "red": (3.05, 4.28)}  # %
 TOLERANCE = {"length": 0.02, "clamp_position": 0.004, "clamp_rotation": 0.15, "clamp_roll": 3.0, "gravity": 0.1}
 FOCAL, CENTRE = 504.0, (320.0, 288.0)  # pixels: the nominal Azure Kinect, 640 x 576 narrow view
+STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
+PICTURE = Path(__file__).parents[1] / "docs" / "real-cable.png"
+GUESS = 1e-3  # N m^2: the order of magnitude that a guess from thickness and feel may give, ten times too stiff
+MEASURED = {"color": "#888888", "ls": "", "marker": "o", "ms": 3.5, "label": "measured", "zorder": 0}
+BEFORE = {"color": "#2a5ca8", "ls": "--", "lw": 1.6, "label": f"before: guessed EI = {GUESS:g} N m²"}
+AFTER = {"color": "#c1272d", "lw": 1.6, "label": "after: fit of the four poses"}
 HELD = 1e-3  # relative standard deviation of a bending stiffness that is known from other poses
 
 
 def read_picks(path: str | Path) -> Float[np.ndarray, "n 3"]:
     """Rows of ``u, v, depth in mm`` without a header, in order along the cable."""
-    limit = curve_limit()
-    text = read_text(Path(path), limit.bytes, Where(str(path)), "the file is not there: name one.", limit)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of an empty table, which is refused below
-            picks = np.loadtxt(text.splitlines(), delimiter=",", ndmin=2)
-    except ValueError as fault:
-        raise Scan2FlexError(f"{path} is no table of u, v, depth in mm: {' '.join(str(fault).split())[:100]}") from fault
-    if picks.shape[1] != 3 or not np.isfinite(picks).all() or not (picks[:, 2] > 0).all():
-        raise Scan2FlexError(f"{path} must hold three finite columns u, v, depth in mm with positive depth")
+    picks = 1e3 * read_foreign_points(Path(path), units="mm")
+    if not (picks[:, 2] > 0).all():
+        raise Scan2FlexError(f"{path} must hold columns u, v, depth in mm with positive depth")
     return picks
 
 
@@ -80,8 +69,9 @@ def curve_of(path):
 
 def pose_of(path, role):
     """A pose of the study from its picks, with clamps where they end, without twist between them."""
-    points, frames = axis_points(path), transported(curve_of(path).tangents)
-    clamps = [Clamp(points[k], quaternion(frames[k])) for k in (0, -1)]
+    points, tangents = axis_points(path), curve_of(path).tangents
+    frames = carried(tangents, first_frame(tangents[0]))
+    clamps = [Clamp(points[k], Rotation.from_matrix(frames[k]).as_quat(scalar_first=True)) for k in (0, -1)]
     return StudyPose(path.stem, role, *clamps, curve=MeasuredCurve(points))
 
 
@@ -91,26 +81,16 @@ def axis_points(path):
     return points * (1.0 + RADIUS / np.linalg.norm(points, axis=1, keepdims=True))
 
 
-def transported(tangents):
-    """Frames (n, 3, 3) along a curve that do not turn about it."""
-    side = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
-    frame = np.column_stack([side, np.cross(tangents[0], side), tangents[0]])
-    out = [frame / np.linalg.norm(frame, axis=0)]
-    for a, b in pairwise(tangents):
-        axis = np.cross(a, b)
-        sine = np.linalg.norm(axis)
-        out.append(Rotation.from_rotvec(axis / max(sine, 1e-300) * np.arctan2(sine, a @ b)).as_matrix() @ out[-1])
-    return np.array(out)
-
-
-def quaternion(frame):
-    """Scalar first."""
-    return Rotation.from_matrix(frame).as_quat(scalar_first=True)
+def first_frame(tangent):
+    """A frame with d3 along a tangent, of any roll."""
+    side = np.cross(tangent, np.eye(3)[np.argmin(np.abs(tangent))])
+    frame = np.column_stack([side, np.cross(tangent, side), tangent])
+    return frame / np.linalg.norm(frame, axis=0)
 
 
 def along(points, count=41):
     """``count`` points at equal fractions of a polygon's length."""
-    s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
+    s = arc_lengths(points)
     at = np.linspace(0.0, s[-1], count)
     return np.stack([np.interp(at, s, x) for x in points.T], axis=1)
 
@@ -119,8 +99,7 @@ def study_of(wire, paths, unseen=None):
     """A wire's poses, one of them perhaps for validation only."""
     poses = tuple(pose_of(p, "validate" if p == unseen else "fit") for p in paths)
     cable = {"length": LENGTH, "radius": RADIUS, "length_density": DENSITY[wire]}
-    unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
-    return Study(wire, [0.0, 9.81, 0.0], cable, poses, Tolerance(**TOLERANCE), unknowns)
+    return Study(wire, [0.0, 9.81, 0.0], cable, poses, Tolerance(**TOLERANCE), tuple(map(Unknown, STIFFNESSES)))
 
 
 def fitted(study):
@@ -133,21 +112,10 @@ def fitted(study):
 
 def within_tolerances(study, unseen) -> dict:
     """The error of a pose with the cable of ``study``, known from others, while its clamps, length and gravity are fitted."""
-    EI = study.cable.get("bending_stiffness")
-    if EI is None:  # `explain` ends without an estimate where the input is likely mistaken
-        return {"failed": "no stiffness to predict with"}
+    EI = study.cable["bending_stiffness"]
     held = Unknown("bending_stiffness", guess=EI, prior={"mean": EI, "std": HELD * EI})
     f = fitted(replace(study, poses=(pose_of(unseen, "fit"),), unknowns=(held,)))
     return {"failed": f} if isinstance(f, str) else {"mean node error over length": node_error(f.poses[unseen.stem])}
-
-
-def explained(wire, paths, unseen) -> dict:
-    """The explanation of three poses, and the errors of its prediction of the fourth; None if that pose is not solved."""
-    e = explain(study_of(wire, paths, unseen))
-    one = e.poses.get(unseen.stem)
-    error = {"mean node error over length": node_error(one)} if one is not None and one.stable else {}
-    own = {"within tolerances": within_tolerances(e.study, unseen)}
-    return {"verdict": e.verdict, "added": [r.in_short() for r in e.chosen], "seconds": e.seconds} | error | own
 
 
 def node_error(pose) -> float:
@@ -155,39 +123,35 @@ def node_error(pose) -> float:
     return float(np.linalg.norm(along(pose.modelled) - along(pose.measured), axis=1).mean() / LENGTH)
 
 
-def left_out(wire, paths, unseen, fits_only=False) -> dict:
+def left_out(wire, paths, unseen) -> dict:
     """The wire fitted without one pose, and that pose predicted."""
     f = fitted(study_of(wire, paths, unseen))
     if isinstance(f, str):
         return {"left out": unseen.stem, "solved": False, "why": f}
     one, e = f.poses[unseen.stem], f.estimates["bending_stiffness"]
-    found = {} if fits_only else {"explained": explained(wire, paths, unseen)}
-    return found | {
+    return {
         "left out": unseen.stem, "solved": one.stable, "bending_stiffness": e.value, "low": e.low, "high": e.high,
-        "mean node error over length": node_error(one),
-        "mean distance over length": float(np.mean(np.linalg.norm(one.residual, axis=1)) / LENGTH),
-        "measured length": float(np.linalg.norm(np.diff(one.measured, axis=0), axis=1).sum()),
-        "within tolerances": within_tolerances(f.calibrated, unseen),
+        "mean node error over length": node_error(one), "within tolerances": within_tolerances(f.calibrated, unseen),
     }  # fmt: skip
 
 
-def all_fitted(wire, paths) -> dict:
-    """The wire fitted on all poses."""
-    f = fitted(study_of(wire, paths))
+def all_fitted(f) -> dict:
+    """The figures of the fit of a wire on all poses."""
     if isinstance(f, str):
         return {"solved": False, "why": f}
     e, twist = f.estimates["bending_stiffness"], f.estimates["torsional_stiffness"]
     errors = {n: node_error(p) for n, p in f.poses.items()}
-    told = {"bending_stiffness": e.value, "low": e.low, "high": e.high, "mean node error over length": errors}
-    told |= {"torsional_stiffness": twist.value, "believable": f.believable, "sentences": f.sentences}
-    return told | {"mean over poses": float(np.mean(list(errors.values())))}
+    return {
+        "bending_stiffness": e.value, "low": e.low, "high": e.high, "mean node error over length": errors,
+        "torsional_stiffness": twist.value, "believable": f.believable, "sentences": f.sentences,
+        "mean over poses": float(np.mean(list(errors.values()))),
+    }  # fmt: skip
 
 
 def mean_errors(solved) -> dict:
     """Means over the poses left out, each with the number of poses that it is of."""
-    found, out = [r["explained"] for r in solved if "explained" in r], {}
-    kinds = {"as read": solved, "within tolerances": [r["within tolerances"] for r in solved], "explained, as read": found,
-             "explained, within tolerances": [r["within tolerances"] for r in found]}  # fmt: skip
+    out = {}
+    kinds = {"as read": solved, "within tolerances": [r["within tolerances"] for r in solved]}
     for kind, entries in kinds.items():
         errors = [e["mean node error over length"] for e in entries if "mean node error over length" in e]
         out[kind] = {"mean": float(np.mean(errors)) if errors else None, "worst": max(errors, default=None), "of": len(errors)}
@@ -201,19 +165,38 @@ def wires_folder() -> Path:
     return folder
 
 
+def picture(f, rows) -> None:
+    """The poses of a fit: measured, with a guessed stiffness, and fitted; their titles have the errors of `left_out` too."""
+    unseen = {r["left out"]: r["mean node error over length"] for r in rows}
+    before = predict(replace(f.study, unknowns=(), cable={**f.study.cable, **dict.fromkeys(STIFFNESSES, GUESS)}))
+    figure, axes = plt.subplots(2, 2, figsize=(8.2, 5.4), layout="constrained")
+    for ax, (name, after) in zip(axes.flat, f.poses.items(), strict=True):
+        first = replace(after, modelled=before[name].points)
+        errors = {"before": node_error(first), "fitted": node_error(after), "left out": unseen[name]}
+        for points, style in ((first.modelled, BEFORE), (after.modelled, AFTER), (after.measured, MEASURED)):
+            ax.plot(100 * points[:, 0], -100 * points[:, 1], **style)
+        ax.set_title(f"{name}: off by {', '.join(f'{100 * e:.1f} % {n}' for n, e in errors.items())}", fontsize=9)
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.set(xlabel="across (cm)", ylabel="up (cm)")
+    figure.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    plot.save(figure, PICTURE, dpi=110)
+
+
 def main() -> None:
     """All wires, all poses left out in turn."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--fits-only", action="store_true", help="leave `explain` out")
-    fits_only = parser.parse_args().fits_only
-    folder, out = wires_folder(), {}
+    folder, out = Path(os.environ.get("SCAN2FLEX_DATA", "")) / "wires-kinect", {}
+    if not folder.is_dir():
+        sys.exit("the picked points are public in github.com/qj25/adapteddlo_muj: name the folder above them in SCAN2FLEX_DATA")
     prepare_jax()
+    mpl.use("Agg")
     for wire in DENSITY:
         paths = sorted(folder.glob(f"{wire}*.csv"))
-        rows, whole = [left_out(wire, paths, p, fits_only) for p in paths], all_fitted(wire, paths)
+        rows, whole = [left_out(wire, paths, p) for p in paths], fitted(study_of(wire, paths))
         means = mean_errors([r for r in rows if r["solved"]])
-        out[wire] = {"all fitted": whole, "poses": rows, **means, "published, percent": PUBLISHED[wire]}
-        sys.stdout.write(f"{wire}: all fitted {whole}; left out in turn {means}\n")
+        out[wire] = {"all fitted": all_fitted(whole), "poses": rows, **means, "published, percent": PUBLISHED[wire]}
+        print(f"{wire}: all fitted {out[wire]['all fitted']}; left out in turn {means}", flush=True)
+        if wire == "white":
+            picture(whole, rows)
     record("kinect_wires", out)
 
 

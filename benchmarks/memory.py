@@ -1,19 +1,13 @@
 """Cables that remember, recovered from ordered poses of an independent solver with another law of friction.
 
-    python -m benchmarks.memory 40      -> benchmarks/results/memory.json
-
-Every case is recorded when it is done; a run with the seed of the record goes on where that one stopped.
-Each case is a plane cable in six to ten poses between clamps that move to and fro (`benchmarks.blind.hysteresis`: the friction
-of Dahl and of Bouc and Wen in turn, neither of which is a Prandtl slider, in small steps from pose to pose), with white noise
-of half a thousandth of its length; every second case has no memory. Poses that would leave the plane are not drawn: the fit is
-one in space. The last pose is kept from the fits. Recorded are the result of `memory_test`, the area of the hysteresis loop
-against the true one, and the error of the pose to come with friction and without. The times of fits with 5, 10 and 20 poses
-stand beside them.
+`python -m benchmarks.memory 40` writes `benchmarks/results/memory.json`; a run with the seed of the record continues it. Each
+case is a plane cable in six to ten poses between clamps that move to and fro (`benchmarks.blind.hysteresis`: the friction of
+Dahl and of Bouc and Wen in turn, neither of which is a Prandtl slider), with white noise of half a thousandth of its length;
+every second case has no memory. Poses that would leave the plane are not drawn: the fit is one in space. The last pose is kept
+from the fits.
 """
 
-import json
 import sys
-import time
 from dataclasses import replace
 
 import jax
@@ -21,12 +15,12 @@ import numpy as np
 
 from benchmarks.blind import hysteresis
 from benchmarks.blind.hysteresis import BoucWen, Dahl, Grip
-from benchmarks.record import RESULTS, record
+from benchmarks.record import complete, record, recorded
 from scan2flex_jax.effects import Friction
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.problem import Problem
-from scan2flex_jax.inference import fit, memory_test
+from scan2flex_jax.inference import memory_test
 from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
 
 jax.config.update("jax_enable_x64", True)
@@ -35,7 +29,6 @@ LAWS = (Dahl, BoucWen)
 NOISE = 5e-4  # of the length
 CLEAR = 3.0  # times the noise: RMS that memory moves the poses by, above which it should be named
 FEWEST, MOST = 6, 10
-TIMED = (5, 10, 20)  # poses
 
 
 def clamp(grip: Grip) -> Clamp:
@@ -98,17 +91,14 @@ def one(i: int) -> dict:
     law, grips, chains, moved = drawn(rng, remembers, kind)
     facts = {"case": i, "remembers": remembers, "law": kind.__name__, "poses": len(chains)}
     facts["moved over noise"] = moved / (NOISE * LENGTH)
-    facts |= {"EI": law.EI, "share": law.share, "slip": law.slip}
     study = study_of_chains(chains, grips, NOISE * LENGTH, (SEED + 1) * 1000 + i, torsion=law.EI)
     last = replace(study.poses[-1], role="validate")
-    began = time.perf_counter()
     try:
-        found = memory_test(replace(study, poses=study.poses[:-1]), seed=i)
-        facts |= {"named": found.named, "p_value": found.p_value, "gain": found.gain, "best other": max(found.others)}
-        facts["seconds"] = round(time.perf_counter() - began, 1)
+        answer = memory_test(replace(study, poses=study.poses[:-1]), seed=i)
+        facts |= {"named": answer.named, "p_value": answer.p_value}
         seen = replace(study, poses=(*study.poses[:-1], last))
-        _, plain = to_come(seen)
-        e, friction = to_come(remembering(seen, found.parameters))
+        _, plain = next_pose(seen)
+        e, friction = next_pose(remembering(seen, answer.parameters))
     except Scan2FlexError as fault:
         return facts | {"failed": str(fault)}
     most = float(np.sqrt(np.mean([c.k**2 for c in chains])))
@@ -116,11 +106,11 @@ def one(i: int) -> dict:
     truth = law.loop_area(most) if remembers else 0.0
     return facts | {
         "loop": area, "true loop": truth, "loop error": abs(area / truth - 1) if truth else None,
-        "next, plain": plain, "next, friction": friction, "estimates": e,
+        "next, plain": plain, "next, friction": friction,
     }  # fmt: skip
 
 
-def to_come(study: Study) -> tuple[dict[str, float], float]:
+def next_pose(study: Study) -> tuple[dict[str, float], float]:
     """Estimates from the fitted poses, and the RMS distance (m) of the pose that was kept from them."""
     problem = Problem(study)
     minimum = problem.minimise("least-squares")
@@ -136,34 +126,19 @@ def remembering(study: Study, guess: dict | None = None) -> Study:
     return replace(study, effects=(EffectDeclaration("friction"),), unknowns=(*study.unknowns, *unknowns))
 
 
-def seconds_of_fits() -> dict[str, dict[str, float]]:
-    """Seconds of a compiled fit with friction, by the number of its poses: of the clock, and of the processor."""
-    law, out = Dahl(0.05, 0.5, 1.5), {}
-    way = [Grip(0.75, 0.0, 0.0), Grip(0.45, 0.05, 0.6), Grip(0.7, 0.0, -0.2), Grip(0.5, -0.1, -0.8)]
-    grips = [way[k % 4] for k in range(max(TIMED))]
-    chains = hysteresis.posed(LENGTH, 1.0, law, grips)
-    for count in (TIMED[0], *TIMED):  # the first one compiles
-        study = remembering(study_of_chains(chains[:count], grips[:count], NOISE, 0))
-        began, worked = time.perf_counter(), time.process_time()
-        fit(study)
-        spent = {"clock": time.perf_counter() - began, "processor": time.process_time() - worked}
-        out[str(count)] = {name: round(value, 2) for name, value in spent.items()}
-    return out
-
-
 def summary(rows: list[dict]) -> dict:
     """Named where memory is clear, not named where there is none; errors of loops and predictions."""
-    told = [r for r in rows if "failed" not in r]
-    clear = [r for r in told if r["remembers"] and r["moved over noise"] > CLEAR]
-    none = [r for r in told if not r["remembers"]]
+    answered = [r for r in rows if "failed" not in r]
+    clear = [r for r in answered if r["remembers"] and r["moved over noise"] > CLEAR]
+    none = [r for r in answered if not r["remembers"]]
 
     def count(values):
-        found = list(values)
-        return [sum(found), len(found)]
+        known = list(values)
+        return [sum(known), len(known)]
 
     by_law = {law.__name__: count(r["loop error"] < 0.15 for r in clear if r["law"] == law.__name__) for law in LAWS}
     return {
-        "cases": len(rows), "failed": len(rows) - len(told),
+        "cases": len(rows), "failed": len(rows) - len(answered),
         "named, memory clear": count(r["named"] for r in clear), "not named, no memory": count(not r["named"] for r in none),
         "loop area within 15 %": count(r["loop error"] < 0.15 for r in clear), "loop area within 15 %, by law": by_law,
         "loop area over the true one, median": float(np.median([r["loop"] / r["true loop"] for r in clear])) if clear else None,
@@ -172,18 +147,12 @@ def summary(rows: list[dict]) -> dict:
 
 
 def main() -> None:
-    """Run so many cases, telling each, and record them with the times of fits."""
-    path = RESULTS / "memory.json"
-    known = json.loads(path.read_text())["results"] if path.exists() else {}
-    if known.get("seed") != SEED:
-        known = {"seed": SEED, "seconds of fits": seconds_of_fits(), "cases": []}
-    rows = known["cases"]
-    for i in range(len(rows), int(sys.argv[1]) if len(sys.argv) > 1 else CASES):
-        rows.append(one(i))
-        sys.stdout.write(f"{rows[-1]}\n")
-        sys.stdout.flush()
-        record("memory", known | {"summary": summary(rows)})
-    sys.stdout.write(f"{summary(rows)}\n")
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else CASES
+    known = recorded("memory")
+    rows = {r["case"]: r for r in known["cases"]} if known.get("seed") == SEED else {}
+
+    keep = lambda: record("memory", {"seed": SEED, "cases": list(rows.values()), "summary": summary(rows.values())})  # noqa: E731
+    complete(rows, range(count), one, keep)
 
 
 if __name__ == "__main__":

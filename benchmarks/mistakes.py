@@ -3,31 +3,25 @@
     SCAN2FLEX_DATA=... python -m benchmarks.mistakes      (the folder that holds `practice`, `textile-strip` and `black-wire`)
 
 Every mistake of `KINDS` is applied to three simulated studies (the first of the practice studies, by number, that have centre
-curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. A mistake is
-
-* *named* if the study is refused, or `check` or the first three lines of `fit` report it, with the right remedy, and the
-  corrected study fits as the one before the mistake (within a fifth);
-* *without trace* if the mistaken study, at stiffnesses in proportion to its weight, has the same shapes and residual;
-* *warned of* if the first three lines doubt the values without naming it; else it is *missed*, and `explain` is run too.
-
-Then all other practice studies, most of them with an undeclared effect, are fitted as they are: any mistake named there is a
-false accusation. Recorded cases are kept, so that an interrupted run continues; `--again` repeats them.
+curves, clamps at both ends, four fitted poses and nothing missing) and to two real ones. docs/mistakes.md defines the
+outcomes; a mistake is *named* only if the corrected study fits as the one before the mistake (within a fifth). Then all
+practice studies, most of them with an undeclared effect, are fitted as they are: any mistake named there is a false
+accusation. An interrupted run continues; without the record it begins anew.
 """
 
-import argparse
-import json
 import os
 import sys
 import tomllib
 from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
-from time import perf_counter
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.spatial.transform import Rotation
 
-from benchmarks.record import RESULTS, record
+from benchmarks.curves import shortest_turn
+from benchmarks.record import complete, record, recorded
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import Problem
@@ -38,12 +32,12 @@ ELEMENTS = 20  # of all fits here: the mesh error stays below 1e-4 of the length
 SIMULATED, REAL = 3, ("textile-strip", "black-wire")
 FEWEST = 4  # fitted poses of a simulated study
 FIRST = 3  # lines that everybody reads
-ALIKE = 1.2  # times the residual of the study before the mistake
+FITS = 1.2  # times the residual of the study before the mistake
 TRACE = 0.1  # of that residual: modelled shapes that differ by less are the same
 NAMED, WARNED, TRACELESS, MISSED = "named", "warned", "without trace", "missed"
 
 
-MILLIMETRES, CENTIMETRES, INCHES, BADLY, POUNDS = 1000.0, 100.0, 1 / 0.0254, 1.02, 2.2046
+UNITS = {"mm": ("millimetres", 1000.0), "cm": ("centimetres", 100.0), "inches": ("inches", 1 / 0.0254)}
 
 
 def rotation(clamp):
@@ -141,13 +135,6 @@ def exchanged_clamps(pose):
     return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
-def _shortest(a, b):
-    """The shortest rotation from one unit vector to another."""
-    axis = np.cross(a, b)
-    sine = np.linalg.norm(axis)
-    return Rotation.from_rotvec(axis / max(sine, 1e-12) * np.arctan2(sine, a @ b))
-
-
 def _opposite(pose, carried):
     """The end clamp with the opposite roll against a frame carried to it."""
     roll = (carried.inv() * rotation(pose.end)).as_rotvec()
@@ -160,7 +147,7 @@ def other_roll(study):
     if first is None:
         return None
     a = rotation(first.end)
-    along = lambda pose: _shortest(a.as_matrix()[:, 2], rotation(pose.end).as_matrix()[:, 2]) * a  # noqa: E731
+    along = lambda pose: shortest_turn(a.as_matrix()[:, 2], rotation(pose.end).as_matrix()[:, 2]) * a  # noqa: E731
     poses = (_opposite(p, along(p)) if both_held(p) and p is not first else p for p in study.poses)
     return replace(study, poses=tuple(poses))
 
@@ -171,7 +158,7 @@ def other_twist(pose):
     points = uniform_filter1d(pose.curve.points, max(1, len(pose.curve.points) // 16), axis=0)
     for onward in [*np.diff(points, axis=0), rotation(pose.end).as_matrix()[:, 2]]:
         n = onward / np.linalg.norm(onward)
-        R, t = _shortest(t, n) * R, n
+        R, t = shortest_turn(t, n) * R, n
     return _opposite(pose, R)
 
 
@@ -194,6 +181,7 @@ def gravity(other):
     return lambda study: replace(study, gravity=other(np.asarray(study.gravity)))
 
 
+CONJUGATED = ("signs of their x, y and z", "by [0, 1, 0, 0]")  # the same for clamps along an axis
 KINDS = {
     "first two fitted poses exchanged": (exchanged(lambda s: s.fit_poses[:2]), ("exchange their centre_curve",)),
     "last two fitted poses exchanged": (exchanged(lambda s: s.fit_poses[::-1][:2]), ("exchange their centre_curve",)),
@@ -219,23 +207,17 @@ KINDS = {
     "clamps exchanged in one pose": (poses_changed(exchanged_clamps, fit_pose(1)), ("exchange",)),
     "clamps exchanged in all poses": (poses_changed(exchanged_clamps), ("exchange",)),
     "quaternions scalar-last": (all_clamps(lambda c: np.roll(c.quaternion, -1)), ("[w, x, y, z]",)),
-    "quaternions conjugated": (all_clamps(lambda c: c.quaternion * [1, -1, -1, -1]), ("signs of their x, y and z",)),
+    "quaternions conjugated": (all_clamps(lambda c: c.quaternion * [1, -1, -1, -1]), CONJUGATED),
     "gravity upward": (gravity(lambda g: -g), ("write gravity",)),
     "gravity along another axis": (gravity(lambda g: np.roll(g, 1)), ("write gravity",)),
     "density in g/m": (scaled(density=1000.0), ("check the unit",)),
     "density in t/m": (scaled(density=0.001), ("check the unit",)),
-    "density in lb/m": (scaled(density=POUNDS), ("check the unit", "looks like lb/m")),
-    "curves in mm": (scaled(curves=MILLIMETRES), ("millimetres",)),
-    "curves in cm": (scaled(curves=CENTIMETRES), ("centimetres",)),
-    "curves in inches": (scaled(curves=INCHES), ("inches",)),
-    "curves 2 % too large": (scaled(curves=BADLY), ("curves look",)),
-    "clamps in mm": (scaled(clamps=MILLIMETRES), ("millimetres",)),
-    "clamps in inches": (scaled(clamps=INCHES), ("inches",)),
-    "clamps 2 % too large": (scaled(clamps=BADLY), ("positions look",)),
-    "length in mm": (scaled(length=MILLIMETRES), ("millimetres",)),
-    "length in cm": (scaled(length=CENTIMETRES), ("centimetres",)),
-    "length in inches": (scaled(length=INCHES), ("inches",)),
+    "density in lb/m": (scaled(density=2.2046), ("check the unit", "looks like lb/m")),
+    "curves 2 % too large": (scaled(curves=1.02), ("curves look",)),
+    "clamps 2 % too large": (scaled(clamps=1.02), ("positions look",)),
 }
+for part, units in {"curves": UNITS, "clamps": ("mm", "inches"), "length": UNITS}.items():
+    KINDS |= {f"{part} in {unit}": (scaled(**{part: UNITS[unit][1]}), UNITS[unit][:1]) for unit in units}
 """By mistake: its function, from study to study or to None where impossible, and words of the right remedy."""
 
 
@@ -267,34 +249,30 @@ def fitted(study):
 
 def judged(study, clean, words, truth) -> dict:
     """The result for a mistaken study; ``clean`` is the fit before the mistake."""
-    begin = perf_counter()
-    found = fitted(study)
-    seconds = round(perf_counter() - begin, 1)
-    if isinstance(found, str):
-        outcome = NAMED if any(w in found for w in words) else WARNED
-        return {"outcome": outcome, "by": "refusal", "says": found[-300:], "seconds": seconds}
+    result = fitted(study)
+    if isinstance(result, str):
+        return {"outcome": NAMED if any(w in result for w in words) else WARNED, "by": "refusal", "says": result[-300:]}
     checked = study_warnings(study)[:FIRST]
-    lines = found.summary().splitlines()[1:FIRST]
-    right = not found.mistakes or found.mistakes[0].after is None or found.mistakes[0].after < ALIKE * clean.rms()
-    out = {"seconds": seconds, "says": [*checked[:1], *lines], "believable": found.believable, "valid": found.valid}
-    out |= {"excludes the truth": excluded(found, truth), "doubted": bool(found.doubts or not found.believable)}
+    lines = result.summary().splitlines()[1:FIRST]
+    right = not result.mistakes or result.mistakes[0].after is None or result.mistakes[0].after < FITS * clean.rms()
+    doubted = bool(result.doubts or not result.believable)
+    out = {"says": [*checked[:1], *lines], "excludes the truth": excluded(result, truth), "doubted": doubted}
     by = [who for who, said in (("fit", lines), ("check", checked)) if any(w in line for w in words for line in said)]
     if by and right:
         return out | {"outcome": NAMED, "by": by[0]}
-    if found.mistakes and same(found.mistakes[0].study, clean.study):
-        return out | {"outcome": NAMED, "by": "fit"}
-    if traceless(study, found, clean):
+    if traceless(study, result, clean):
         return out | {"outcome": TRACELESS}
-    if found.doubts or not found.believable:
+    if doubted:
         return out | {"outcome": WARNED}
-    return out | {"outcome": MISSED, "explain": said(explain(study, elements=ELEMENTS, mesh=False))}
+    e = explain(study, elements=ELEMENTS, mesh=False)
+    return out | {"outcome": MISSED, "explain": {"verdict": e.verdict, "chosen": [r.kind for r in e.chosen]}}
 
 
-def traceless(study, found, clean) -> bool:
+def traceless(study, result, clean) -> bool:
     """Whether the shapes do not reveal the mistake: they fit the mistaken study as well, at the values of its fit or at
     stiffnesses in proportion to its weight."""
-    off = [found.poses[p.name].modelled - clean.poses[p.name].modelled for p in clean.study.fit_poses]
-    if not found.turned and alike(off, found.rms(), clean.rms()):
+    off = [result.poses[p.name].modelled - clean.poses[p.name].modelled for p in clean.study.fit_poses]
+    if not result.turned and nearly_equal(off, result.rms(), clean.rms()):
         return True
     weights = [s.cable["length_density"] * float(np.linalg.norm(s.gravity)) for s in (clean.study, study)]
     before = evaluated(clean.study, clean.minimum.shared)
@@ -302,10 +280,10 @@ def traceless(study, found, clean) -> bool:
     shared[: clean.problem.layout.unknowns] += np.log(weights[1] / weights[0])  # the unknowns of these studies are stiffnesses
     after = evaluated(study, shared, before.configuration)
     off = after.configuration.r - before.configuration.r
-    return bool(after.solved and alike(off, *(float(np.sqrt(np.sum(e.residual**2))) for e in (after, before))))
+    return bool(after.solved and nearly_equal(off, *(float(np.sqrt(np.sum(e.residual**2))) for e in (after, before))))
 
 
-def alike(off, residual, clean) -> bool:
+def nearly_equal(off, residual, clean) -> bool:
     """Whether shapes and residuals differ by little, compared with the residual of the study without the mistake."""
     apart = float(np.sqrt(np.mean([np.sum(np.square(d), axis=-1) for d in off])))
     return apart < TRACE * clean and abs(residual / clean - 1.0) < TRACE
@@ -317,44 +295,11 @@ def evaluated(study, shared, start=None):
     return Problem(every, ELEMENTS).evaluator(shared, start=start)
 
 
-def same(mended, study) -> bool:
-    """Whether a corrected study equals the study before the mistake, up to a roll common to both clamps of a pose."""
-    pairs = list(zip(mended.poses, study.poses, strict=True))
-    if any(len(a.curve.points) != len(b.curve.points) for a, b in pairs):
-        return False
-    apart = [mended.gravity - study.gravity, mended.cable["length"] - study.cable["length"]]
-    for a, b in pairs:
-        apart.append(a.curve.points - b.curve.points)
-        for one, other in ((a.start, b.start), (a.end, b.end)):
-            apart += [] if one is None else [one.position - other.position, one.tangent - other.tangent]
-        if both_held(b):
-            p, q = (rotation(x.start).inv() * rotation(x.end) for x in (a, b))
-            apart.append(np.linalg.norm((_roll(a, b) * p * _roll(a, b).inv() * q.inv()).as_rotvec()))
-    return max(float(np.max(np.abs(x))) for x in apart) < 1e-3
-
-
-def _roll(a, b):
-    """The roll between the start clamps of a pose before and after."""
-    return rotation(b.start).inv() * rotation(a.start)
-
-
-def excluded(found, truth) -> bool | None:
+def excluded(result, truth) -> bool | None:
     """Whether an interval excludes the truth; None without a truth."""
-    known = {n: truth.get(f"true_{n}") for n in found.estimates}
-    bars = [(e.low, known[n], e.high) for n, e in found.estimates.items() if known[n] is not None and e.low is not None]
+    known = {n: truth.get(f"true_{n}") for n in result.estimates}
+    bars = [(e.low, known[n], e.high) for n, e in result.estimates.items() if known[n] is not None and e.low is not None]
     return any(not low <= true <= high for low, true, high in bars) if bars else None
-
-
-def said(e) -> dict:
-    return {"verdict": e.verdict, "chosen": [r.kind for r in e.chosen]}
-
-
-def accused(study) -> dict:
-    """The result for a study without a mistake."""
-    found = fitted(study)
-    if isinstance(found, str):
-        return {"says": found[-200:], "mistakes": []}
-    return {"mistakes": [str(m) for m in found.mistakes], "rms over L": found.rms() / found.problem.length}
 
 
 def summed(cases, silent) -> dict:
@@ -364,7 +309,6 @@ def summed(cases, silent) -> dict:
     wrong = [r for r in rows if r["outcome"] in (TRACELESS, MISSED) and r.get("excludes the truth") and not r.get("doubted")]
     return {
         "kinds": len(KINDS), "made": len(rows), **counts,
-        "named of those with a trace": counts[NAMED] / max(1, len(rows) - counts[TRACELESS]),
         "intervals without a warning that exclude the truth, with a trace": sum(r["outcome"] == MISSED for r in wrong),
         "the same without a trace": sum(r["outcome"] == TRACELESS for r in wrong),
         "physics named": sum(bool(r.get("explain", {}).get("chosen")) for r in rows),
@@ -374,34 +318,30 @@ def summed(cases, silent) -> dict:
 
 def main() -> None:
     """All mistakes of all studies, then the studies without one."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--again", action="store_true", help="make recorded cases anew")
-    again, data = parser.parse_args().again, Path(os.environ.get("SCAN2FLEX_DATA", ""))
+    data = Path(os.environ.get("SCAN2FLEX_DATA", ""))
     if not (data / "practice").is_dir():
         sys.exit("name the folder that holds practice, textile-strip and black-wire in SCAN2FLEX_DATA")
     prepare_jax()
-    path = RESULTS / "mistakes.json"
-    known = json.loads(path.read_text())["results"] if path.exists() and not again else {"cases": {}, "silent": {}}
+    known = recorded("mistakes") or {"cases": {}, "silent": {}}
     cases, silent = known["cases"], known["silent"]
+    keep = lambda: record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})  # noqa: E731
 
-    def keep(name, kind, found):
-        sys.stdout.write(f"{name} | {kind} | {found}\n")
-        sys.stdout.flush()
-        record("mistakes", {"cases": cases, "silent": silent, "table": summed(cases, silent)})
+    def with_mistake(study, clean, truth, kind):
+        change, words = KINDS[kind]
+        mistaken = change(study)
+        return None if mistaken is None else judged(mistaken, clean(), words, truth)
 
     for name, study in chosen(data).items():
-        clean, mine = None, cases.setdefault(name, {})
-        for kind, (change, words) in KINDS.items():
-            if kind not in mine:
-                mistaken = change(study)
-                clean = clean or (fitted(study) if mistaken is not None else None)
-                mine[kind] = None if mistaken is None else judged(mistaken, clean, words, answer(data, name))
-                keep(name, kind, mine[kind])
-    for folder in [*sorted((data / "practice" / "cases").iterdir()), *(data / n for n in (*REAL, "red-wire"))]:
-        study = load_study(folder)
-        if folder.name not in silent and all(p.curve is not None for p in study.poses):
-            silent[folder.name] = accused(study)
-            keep(folder.name, "no mistake", silent[folder.name])
+        one = partial(with_mistake, study, cache(partial(fitted, study)), answer(data, name))
+        complete(cases.setdefault(name, {}), KINDS, one, keep)
+    folders = {f.name: f for f in [*sorted((data / "practice" / "cases").iterdir()), *(data / n for n in (*REAL, "red-wire"))]}
+    whole = [name for name, f in folders.items() if all(p.curve is not None for p in load_study(f).poses)]
+
+    def without(name):
+        result = fitted(load_study(folders[name]))
+        return {"mistakes": [] if isinstance(result, str) else [str(m) for m in result.mistakes]}
+
+    complete(silent, whole, without, keep)
 
 
 if __name__ == "__main__":

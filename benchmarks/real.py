@@ -1,14 +1,12 @@
 """The loop on the real measurements of the package: residual of the baseline model, the effects named or not, and why.
 
-    python -m benchmarks.real [--pages docs/real]
+    python -m benchmarks.real
 
-Writes `results/real.json` and, with ``--pages``, a page with its picture for each study. The text of a page is that of
+Writes `results/real.json`, and to `docs/real` a page with its picture for each study. The text of a page is that of
 `explain`; an independent measurement (the twist at which a loop buckles) is compared with the prediction of the calibrated
 model. Sources and licences: `scan2flex_jax/examples/README.md`.
 """
 
-import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks.record import record
+from benchmarks.tables import markdown
 from scan2flex_jax import Boundary, Cable, CableModel, EffectDeclaration, Unknown, equilibrium, explain, fit, load_study, plot
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.examples import example_path
@@ -27,7 +26,8 @@ from scan2flex_jax.study import Tolerance
 # What a photograph with hand-made clamps leaves open: length and scale by some per cent, clamps by some degrees.
 LOOSE = {"length": 0.02, "clamp_position": 0.003, "clamp_rotation": 0.09, "gravity": 0.02}
 BUCKLED = {"black-wire": [470, 500, 480, 470, 490], "red-wire": [430, 470, 445, 445, 460]}  # degrees, five repeats each
-GRID, TOLD = np.geomspace(0.5, 40.0, 12), (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # 1/m: of the law of the strip, and in its table
+GRID, SHOWN = np.geomspace(0.5, 40.0, 12), (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # 1/m: of the law of the strip, and in its table
+PAGES = Path(__file__).parents[1] / "docs" / "real"
 AS_DECLARED = "as declared"  # the variant that the picture shows
 RATIOS = (0.5, 0.77, 1.0, 1.5)  # of GJ to EI; 0.77 is that of a solid round wire of Poisson's ratio 0.3
 MOST_TWIST = 1800  # degrees
@@ -52,42 +52,37 @@ def variants(name, study):
         yield "all poses fitted, tolerances declared", replace(every, tolerance=Tolerance(**LOOSE))
 
 
-def told(e) -> dict:
-    """The figures of an explanation."""
-    out = {"verdict": e.verdict, "sentences": list(e.sentences), "settle": list(e.settle), "seconds": e.seconds}
+def figures(e) -> dict:
+    """The figures of an explanation that its page has."""
+    out = {"verdict": e.verdict, "sentences": list(e.sentences), "settle": list(e.settle)}
     if e.fit is None:
         return out
-    ranking = [
-        {"kind": r.kind, "log_evidence": r.log_evidence, "verdict": e.in_words(r), "rms_fit": r.rms_fit,
-         "rms_validate": r.rms_validate,
-         "parameters": {k: np.asarray(v).tolist() for k, v in r.parameters.items()}} for r in e.ranking[:6]
-    ]  # fmt: skip
+    keys = "kind", "log_evidence", "rms_fit", "rms_validate"
+    ranking = [{key: getattr(r, key) for key in keys} | {"verdict": e.in_words(r)} for r in e.ranking[:6]]
     before = {n: np.asarray(x.value).tolist() for n, x in e.fit.estimates.items()}
     after = {n: {"value": np.asarray(x.value).tolist(), "identifiable": x.identifiable} for n, x in e.estimates.items()}
     poses = {n: p.to_json() for n, p in e.poses.items()}
-    noise = {"total": e.noise.total, "correlation_length": e.noise.correlation_length}
-    return out | {"p_value": e.p_value, "ranking": ranking, "before": before, "after": after, "poses": poses, "noise": noise}
+    return out | {"ranking": ranking, "before": before, "after": after, "poses": poses, "noise": e.noise.total}
 
 
-def measured_laws(study, picture: Path | None) -> dict:
+def measured_laws(study, picture: Path) -> dict:
     """The bending law of each photograph by itself: moments (N m) with their 95 % bands, and a picture of all."""
     figure, axes = plt.subplots(1, len(study.poses), figsize=(4.6 * len(study.poses), 3.6), layout="constrained", sharey=True)
     law, out = EffectDeclaration("bending_law", {"curvature": GRID}), {}
     unknowns = (*study.unknowns, Unknown("bending_law.factor"))
     for pose, ax in zip(study.poses, axes, strict=True):
         alone = (replace(pose, role="fit"),)
-        found = fit(replace(study, poses=alone, effects=(*study.effects, law), unknowns=unknowns))
-        (one,), rms = found.laws, found.poses[pose.name].rms
-        at = [int(np.argmin(np.abs(one.at - k))) for k in TOLD]
+        result = fit(replace(study, poses=alone, effects=(*study.effects, law), unknowns=unknowns))
+        (one,), rms = result.laws, result.poses[pose.name].rms
+        at = [int(np.argmin(np.abs(one.at - k))) for k in SHOWN]
         out[pose.name] = {
-            "rms": rms, "converged": found.converged, "sentences": list(one.sentences()),
+            "rms": rms, "converged": result.converged, "sentences": list(one.sentences()),
             "moments": [[float(x[i]) for x in (one.at, one.moment, one.low, one.high)] for i in at],
             "reached": [bool(one.reached[i]) for i in at],
         }  # fmt: skip
-        plot.law(found, ax=ax)
+        plot.law(result, ax=ax)
         ax.set_title(f"{pose.name}: {1e3 * rms:.2f} mm RMS", fontsize=10, pad=34)
-    if picture is not None:
-        plot.save(figure, picture)
+    plot.save(figure, picture)
     plt.close(figure)
     return out
 
@@ -113,16 +108,14 @@ def buckling(study, bending_stiffness: float, ratio: float) -> float | None:
     return None
 
 
-def page(name, entry, picture) -> str:
+def page(name, entry) -> str:
     """Markdown."""
-    made = "Made by `python -m benchmarks.real --pages docs/real`."
-    lines = [f"# {name}", "", f"{ABOUT[name]} {made}", ""]
+    lines = [f"# {name}", "", f"{ABOUT[name]} Made by `python -m benchmarks.real`.", ""]
     for words, r in entry["variants"].items():
         lines += [f"## {words[0].upper()}{words[1:]}", ""]
-        lines += [f"![{name}, {words}]({picture})", ""] if words == AS_DECLARED else []
+        lines += [f"![{name}, {words}]({name}.png)", ""] if words == AS_DECLARED else []
         lines += [f"Verdict: **{r['verdict']}**.", "", *(f"- {s}" for s in r["sentences"])]
-        if "ranking" in r:
-            lines += _figures(r)
+        lines += _figures(r) if "ranking" in r else []
     lines += _laws(name, entry["laws"]) if "laws" in entry else []
     if "buckling" in entry:
         b = entry["buckling"]
@@ -134,19 +127,14 @@ def page(name, entry, picture) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _table(head, rows) -> list[str]:
-    return ["", *(f"| {' | '.join(map(str, row))} |" for row in (head, ["---"] * len(head), *rows)), ""]
-
-
 def _figures(r) -> list[str]:
     """Errors of the poses, ranking, noise, estimates, and measurements that settle a tie."""
     poses = [[n, p["role"], *(_millimetres(p.get(k, np.inf)) for k in ("rms_before", "rms"))] for n, p in r["poses"].items()]
     ranking = [[k["kind"], f"{k['log_evidence']:.0f}", k["verdict"], *(_millimetres(k[x]) for x in ("rms_fit", "rms_validate"))]
                for k in r["ranking"]]  # fmt: skip
-    lines = _table(("pose", "role", "baseline, mm", "after, mm"), poses)
+    lines = ["", markdown(("pose", "role", "baseline, mm", "after, mm"), poses)]
     head = ("kind", "log evidence, nats", "verdict", "error on fitted poses, mm", "on validate poses, mm")
-    lines += _table(head, ranking)[1:]
-    lines += [f"Noise given all signatures: {1e3 * r['noise']['total']:.2f} mm per normal. Estimates:", ""]
+    lines += [markdown(head, ranking), f"Noise given all signatures: {1e3 * r['noise']:.2f} mm per normal. Estimates:", ""]
     for n, x in r["after"].items():
         not_determined = "" if x["identifiable"] else " (not determined)"
         lines.append(f"- {n}: {r['before'][n]:.3g} before, {x['value']:.3g} after{not_determined}")
@@ -155,13 +143,13 @@ def _figures(r) -> list[str]:
 
 def _laws(name, laws) -> list[str]:
     about = "A law of any form, fitted to each photograph by itself: moment over curvature, in mN m with its 95 % band."
-    lines = ["## The measured bending law", "", about, "", f"![bending law of each photograph]({name}-law.png)"]
-    rows = [[f"{at[0][0]:.1f}", *(_moment(*m[1:], found["reached"][i]) for m, found in zip(at, laws.values(), strict=True))]
-            for i, at in enumerate(zip(*(found["moments"] for found in laws.values()), strict=True))]  # fmt: skip
-    lines += _table(("curvature, 1/m", *laws), rows)
-    for pose, found in laws.items():
-        settled = "" if found["converged"] else ", not settled"
-        lines.append(f"- {pose}: {1e3 * found['rms']:.2f} mm RMS are left{settled}; {'; '.join(found['sentences'])}")
+    lines = ["## The measured bending law", "", about, "", f"![bending law of each photograph]({name}-law.png)", ""]
+    rows = [[f"{k:.1f}", *(_moment(*law["moments"][i][1:], law["reached"][i]) for law in laws.values())]
+            for i, k in enumerate(SHOWN)]  # fmt: skip
+    lines.append(markdown(("curvature, 1/m", *laws), rows))
+    for pose, law in laws.items():
+        settled = "" if law["converged"] else ", not settled"
+        lines.append(f"- {pose}: {1e3 * law['rms']:.2f} mm RMS are left{settled}; {'; '.join(law['sentences'])}")
     return [*lines, ""]
 
 
@@ -174,28 +162,25 @@ def _millimetres(value):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pages", type=Path)
-    pages, results = parser.parse_args().pages, {}
     prepare_jax()
     mpl.use("Agg")
+    results = {}
     for name in ABOUT:
         study, entry = load_study(example_path(name)), {"variants": {}}
         for words, variant in variants(name, study):
             e = explain(variant)
-            entry["variants"][words] = told(e)
-            sys.stderr.write(f"{name}, {words}: {e.verdict}, {e.seconds:.0f} s\n")
-            if pages and e.fit is not None and words == AS_DECLARED:
-                plot.save(plot.explained(e), pages / f"{name}.png")
+            entry["variants"][words] = figures(e)
+            print(f"{name}, {words}: {e.verdict}, {e.seconds:.0f} s", flush=True)
+            if e.fit is not None and words == AS_DECLARED:
+                plot.save(plot.explained(e), PAGES / f"{name}.png")
         if name == "textile-strip":
-            entry["laws"] = measured_laws(study, pages and pages / f"{name}-law.png")
+            entry["laws"] = measured_laws(study, PAGES / f"{name}-law.png")
         if name in BUCKLED:
             EI = entry["variants"][AS_DECLARED]["before"]["bending_stiffness"]
             predicted = {str(r): buckling(study, EI, r) for r in RATIOS}
             entry["buckling"] = {"measured": BUCKLED[name], "bending_stiffness": EI, "predicted": predicted}
         results[name] = entry
-        if pages:
-            (pages / f"{name}.md").write_text(page(name, entry, f"{name}.png"))
+        (PAGES / f"{name}.md").write_text(page(name, entry))
     record("real", results)
 
 

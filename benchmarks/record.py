@@ -1,16 +1,10 @@
-"""Records of benchmarks: `record` writes the figures with the versions and the machine that made them.
-
-Seconds differ from machine to machine and from hour to hour; ratios of two measurements in one run do not, so ratios are
-compared. A benchmark defines its own, such that *smaller is better* (ours over theirs, warm over generic), and `conclude`
-compares them with the committed record.
-"""
+"""Records of benchmarks: results with the versions and the machine that made them, written whole, and times."""
 
 import importlib.metadata
 import json
 import os
 import platform
-import subprocess
-import sys
+from collections.abc import Callable, Hashable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
@@ -19,17 +13,15 @@ import numpy as np
 
 RESULTS = Path(__file__).parent / "results"
 LIBRARIES = ("jax", "jaxlib", "equinox", "optimistix", "numpy")
-REGRESSION = 0.3  # by how much a ratio may grow: what repeats of one run on a shared machine differ by, and half again
 
 
-def record(name: str, results: dict, ratios: dict[str, float] | None = None) -> Path:
-    """Write ``results`` to ``benchmarks/results/<name>.json``, in one piece; ``ratios`` (smaller is better) beside them."""
+def record(name: str, results: dict) -> None:
+    """Write ``results`` to ``benchmarks/results/<name>.json``, in one piece."""
     entry = {
         "benchmark": name,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "machine": machine(),
+        "machine": {"cpu": _cpu_model(), "cores": os.cpu_count(), "load_average": round(os.getloadavg()[0], 2)},
         "versions": {"python": platform.python_version()} | {x: importlib.metadata.version(x) for x in LIBRARIES},
-        **({"ratios": ratios} if ratios is not None else {}),
         "results": results,
     }
     RESULTS.mkdir(exist_ok=True)
@@ -37,51 +29,25 @@ def record(name: str, results: dict, ratios: dict[str, float] | None = None) -> 
     part = path.with_suffix(".part")
     part.write_text(json.dumps(entry, indent=1) + "\n")
     part.replace(path)
-    return path
 
 
-def one_processor() -> None:
-    """Keep this process on one processor, where the system can: with more, small solves take more processor time."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+def load(name: str) -> dict:
+    """The record of one benchmark."""
+    return json.loads((RESULTS / f"{name}.json").read_text())
 
 
-def conclude(name: str, results: dict, ratios: dict[str, float]) -> None:
-    """`record` at the end of a run; prints ratios that are worse than the committed ones, and exits with code 1 if any is."""
-    before = committed(name).get("ratios", {})
-    record(name, results, ratios)
-    sentences = worse(before, ratios)
-    for sentence in sentences:
-        sys.stderr.write(f"REGRESSION: {name}: {sentence}\n")
-    if sentences:
-        raise SystemExit(1)
+def recorded(name: str) -> dict:
+    """The results of a record; empty where there is none."""
+    return load(name)["results"] if (RESULTS / f"{name}.json").exists() else {}
 
 
-def worse(before: dict[str, float], now: dict[str, float], by: float = REGRESSION) -> list[str]:
-    """A sentence for each ratio that grew by more than ``by``, or that a run no longer has; new ones have nothing to beat."""
-    told = []
-    for name, old in before.items():
-        new = now.get(name)
-        if new is None:
-            told.append(f"{name} was {old:.3g} and is not measured any more")
-        elif not new <= (1.0 + by) * old:  # so that NaN is worse too
-            told.append(f"{name} was {old:.3g} and is {new:.3g}")
-    return told
-
-
-def committed(name: str) -> dict:
-    """The record as last committed; without git, the file; empty if there is none."""
-    path = RESULTS / f"{name}.json"
-    command = ["git", "-C", str(path.parent), "show", f"HEAD:./{path.name}"]
-    try:
-        return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
-    except (OSError, subprocess.CalledProcessError):
-        return json.loads(path.read_text()) if path.exists() else {}
-
-
-def machine() -> dict:
-    """Model and number of the processors, and how busy they are at the moment."""
-    return {"cpu": _cpu_model(), "cores": os.cpu_count(), "load_average": round(os.getloadavg()[0], 2)}
+def complete(rows: dict, cases: Iterable[Hashable], one: Callable, keep: Callable[[], None]) -> None:
+    """Compute the rows of the cases that ``rows`` lacks, print each and ``keep()`` it: an interrupted run continues."""
+    for case in cases:
+        if case not in rows:
+            rows[case] = one(case)
+            print(f"{case}: {str(rows[case])[:500]}", flush=True)
+            keep()
 
 
 def _cpu_model():
@@ -90,17 +56,19 @@ def _cpu_model():
     return next((x.split(":", 1)[1].strip() for x in lines if x.startswith("model name")), platform.processor())
 
 
-def timed(call, repeats: int, clock=perf_counter) -> dict:
-    """Seconds of ``call()``, which must wait for its result: least and median of ``repeats``, after one to warm up."""
-    return timed_in_turn({"it": call}, repeats, clock)["it"]
+def one_processor() -> None:
+    """Keep this process on one processor, where the system can: with more, small solves take more processor time."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
-def timed_in_turn(calls: dict, repeats: int, clock=perf_counter) -> dict:
-    """Likewise for several calls, one after the other in each repeat, so that a slow period of the machine affects all of them.
+def timed(calls: dict[str, Callable], repeats: int, clock=perf_counter) -> dict[str, dict]:
+    """Least and median seconds of several calls, which wait for their results, after one call of each to warm up.
 
-    Calls that take long are timed by ``process_time``: no slice of a shared machine is long enough for them.
+    They take turns, so that a slow period of the machine affects all. Long calls are timed by ``process_time``: no slice of a
+    shared machine is long enough for them.
     """
-    seconds = {name: [] for name in calls}
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
     for call in calls.values():
         call()
     for _ in range(repeats):

@@ -1,6 +1,6 @@
 """Simulation-based calibration (Talts et al. 2018, arXiv 1804.06788) of `fit`: EI, GJ and a natural curvature.
 
-    python -m benchmarks.sbc [--draws 300] [--picture docs/sbc.png] [--record]
+    python -m benchmarks.sbc [--draws 300]
 
 Parameters are drawn from the priors that the study declares, sizes and correlation length of the noise from those of the model
 (`Settings`); shapes are simulated by the package's own rod, and fitted. The rank of the true value in its posterior, a normal
@@ -11,6 +11,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from scipy import stats
 from scipy.interpolate import CubicSpline
@@ -24,6 +25,7 @@ from scan2flex_jax.inference.settings import USUAL
 from scan2flex_jax.prediction import predict
 from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, StudyPose, Unknown
 
+PICTURE = Path(__file__).parents[1] / "docs" / "sbc.png"
 PRIORS = {"bending_stiffness": (0.1, 0.02), "torsional_stiffness": (0.15, 0.03)}  # N m^2
 CURVATURE = 0.5  # 1/m, standard deviation about each axis
 NOISE, POINTS, ELEMENTS, BINS = 1e-3, 40, 40, 15
@@ -93,10 +95,8 @@ def figures(scores):
     return {"draws": len(z), "p_value": float(stats.chisquare(counts).pvalue), "spread": float(z.std()), **rest}
 
 
-def picture(rows, path):
+def picture(rows):
     """The histograms of ranks, with the band of 95 % of a uniform one."""
-    import matplotlib.pyplot as plt  # noqa: PLC0415
-
     figure, axes = plt.subplots(1, len(rows), figsize=(2.6 * len(rows), 2.4), layout="constrained", sharey=True)
     for ax, row in zip(axes, rows, strict=True):
         low, high = stats.binom.ppf([0.025, 0.975], row["draws"], 1 / BINS)
@@ -105,32 +105,25 @@ def picture(rows, path):
         ax.set_title(f"{row['parameter'].replace('natural_curvature.', '')}\np = {row['p_value']:.2f}", fontsize=9)
         ax.set_xlabel("rank of the truth", fontsize=9)
     axes[0].set_ylabel("draws", fontsize=9)
-    figure.savefig(path, dpi=110)
+    figure.savefig(PICTURE, dpi=110)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=1804)
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--record", action="store_true")
     given = parser.parse_args()
     prepare_jax()
     rows = []
     for white_alone, draws in ((False, given.draws), (True, given.draws // 4)):
         scores = []
         for k in range(draws):
-            scores.append(one_draw(np.random.default_rng([given.seed, k]), white_alone))
+            scores.append(one_draw(np.random.default_rng([1804, k]), white_alone))
             if k % 20 == 19:
                 print(k + 1, flush=True)
         for name in scores[0]:
             rows.append({"white_alone": white_alone, "parameter": name, **figures([s[name] for s in scores])})
-    for row in rows:
-        print(row)
-    if given.picture:
-        picture([row for row in rows if not row["white_alone"]], given.picture)
-    if given.record:
-        record("sbc", {"draws": given.draws, "bins": BINS, "rows": rows})
+    picture([row for row in rows if not row["white_alone"]])
+    record("sbc", {"draws": given.draws, "bins": BINS, "rows": rows})
 
 
 if __name__ == "__main__":

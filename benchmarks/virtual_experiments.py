@@ -1,19 +1,12 @@
-"""The paper's two physical experiments (Section 6.1) as virtual ones, scanned and fitted.
+"""The paper's two physical experiments (Section 6.1) as virtual ones, scanned and fitted: docs/scanning.md describes them.
 
-`python -m benchmarks.virtual_experiments [--seeds N]` writes `benchmarks/results/virtual_experiments.json` and the picture of
-docs/scanning.md. The scans of the paper were never published, so its stiffnesses are the truth here: true shapes solve the
-continuous equations (`tests/reference/cosserat_bvp.py`), seen by the package's scanner with noise, outliers, hidden backs, a
-clamp block at each end and a table. Eight guide points per pose are marked roughly on the seen side.
-
-* *dress pack*: L 1.4 m, r 43 mm, 3 kg/m, EI 6.47, GJ 33.38 N m^2; twists of -90, 0 and 90 degrees are fitted, 45 is
-  validated; a time-of-flight camera 1.6 m away, from two sides or from one.
-* *PTFE cable*: L 0.90 m, r 4 mm, 0.336 kg/m, EI 0.0419 N m^2; structured light, one pose without torsion, EI only.
-
-Both cables are inextensible, and the clamps exact. Coverage is that of the 95 % intervals. Failures stay in the results.
+`python -m benchmarks.virtual_experiments [--seeds N]` writes `benchmarks/results/virtual_experiments.json`. The scans of the
+paper were never published, so its stiffnesses are the truth here: true shapes solve the continuous equations
+(`tests/reference/cosserat_bvp.py`), seen by the package's scanner with noise, outliers, hidden backs, a clamp block at each
+end and a table. Both cables are inextensible, and the clamps exact. Failures stay in the results.
 """
 
 import argparse
-import sys
 import tempfile
 from dataclasses import dataclass, replace
 from functools import cache
@@ -25,6 +18,7 @@ import trimesh
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
+from benchmarks.curves import on_the_seen_side
 from benchmarks.record import record
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import fit
@@ -32,7 +26,6 @@ from scan2flex_jax.scan import scanner
 from scan2flex_jax.study import Clamp, Study, StudyPose, Unknown
 from tests.reference import cosserat_bvp, rotations
 
-PICTURE = Path(__file__).parents[1] / "docs" / "scanning" / "virtual-experiments.png"
 GRAVITY = 9.81
 RIGID = 1.0e7  # N: an inextensible cable
 START = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]).T  # d3 = +x
@@ -58,7 +51,7 @@ class Experiment:
 
     @property
     def truth(self) -> dict[str, float]:
-        """The numbers to be found."""
+        """The stiffnesses to be estimated."""
         known = {"bending_stiffness": self.bending, "torsional_stiffness": self.torsion}
         return {name: known[name] for name in self.unknowns}
 
@@ -88,8 +81,8 @@ def true_shape(x: Experiment, twist: float):
     frames = [rotations.about(level[:, 2], np.radians(a)) @ level for a in np.linspace(0.0, twist, 1 + int(abs(twist) // 15))]
     K = np.array([x.bending, x.bending, x.torsion])
     rods = [cosserat_bvp.Clamped(x.length, K, GRAVITY * x.density, np.array(x.end), frame, START) for frame in frames]
-    found = cosserat_bvp.solve(rods, cosserat_bvp.sag_curve(rods[0]))
-    return found.positions(np.linspace(0.0, x.length, SAMPLES)), frames[-1]
+    solution = cosserat_bvp.solve(rods, cosserat_bvp.sag_curve(rods[0]))
+    return solution.positions(np.linspace(0.0, x.length, SAMPLES)), frames[-1]
 
 
 def scanned(x: Experiment, twist: float, key: int) -> scanner.Scan:
@@ -102,12 +95,7 @@ def scanned(x: Experiment, twist: float, key: int) -> scanner.Scan:
 
 def guide_points(rng, curve, radius: float, eye, count: int = 8) -> np.ndarray:
     """Guide points as a user marks them: on the side that the first viewpoint sees, off by a third of the radius."""
-    at = np.linspace(0.03 * len(curve), 0.97 * len(curve), count).astype(int)
-    tangent = np.gradient(curve, axis=0)[at]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    look = eye - curve[at]
-    look -= np.sum(look * tangent, axis=1, keepdims=True) * tangent
-    on = curve[at] + radius * look / np.linalg.norm(look, axis=1, keepdims=True)
+    on = on_the_seen_side(curve, np.linspace(0.03 * len(curve), 0.97 * len(curve), count).astype(int), radius, eye)
     return on + 0.3 * radius * rng.normal(size=on.shape)
 
 
@@ -129,19 +117,13 @@ def study_of(x: Experiment, folder: Path, seed: int) -> Study:
     return Study(x.title, np.array([0.0, 0.0, -GRAVITY]), cable, tuple(poses), unknowns=unknowns, folder=folder)
 
 
-def errors_along(x: Experiment, f, name: str, twist: float, count: int = 57) -> dict:
-    """Distances (mm) of a pose along s, as in the paper's Fig. 4: from model to truth, and from data to model."""
-    p, s = f.poses[name], np.linspace(0.0, x.length, count)
+def errors_along(x: Experiment, f, name: str, twist: float) -> dict:
+    """Distances (mm) of a pose: from model to truth, at 57 points along s, and from data to model."""
+    p, s = f.poses[name], np.linspace(0.0, x.length, 57)
     model = CubicSpline(np.linspace(0.0, x.length, len(p.modelled)), p.modelled)(s)
     from_truth = 1e3 * cKDTree(_fine(true_shape(x, twist)[0])).query(model)[0]
-    order = np.argsort(p.s)
-    keep = order[np.linspace(0, len(order) - 1, min(count, len(order))).round().astype(int)]
-    along = {"s": s, "model_from_truth_mm": from_truth, "s_data": p.s[keep]}
-    along["data_from_model_mm"] = 1e3 * np.linalg.norm(p.residual, axis=1)[keep]
-    return {
-        "role": p.role, "rms_data_mm": 1e3 * p.rms, "rms_truth_mm": float(np.sqrt(np.mean(from_truth**2))),
-        "max_truth_mm": float(from_truth.max()), "along": {k: np.round(v, 4).tolist() for k, v in along.items()},
-    }  # fmt: skip
+    rms = float(np.sqrt(np.mean(from_truth**2)))
+    return {"role": p.role, "rms_data_mm": 1e3 * p.rms, "rms_truth_mm": rms, "max_truth_mm": float(from_truth.max())}
 
 
 def _fine(points):
@@ -169,38 +151,17 @@ def summary(runs, truth) -> dict:
     good = [r for r in runs if "failed" not in r]
     out = {"runs": len(runs), "failed": len(runs) - len(good)}
     for name in truth:
-        found = [r["estimates"][name] for r in good]
-        stds = [e["std"] for e in found if e["std"]]
+        estimates = [r["estimates"][name] for r in good]
+        stds = [e["std"] for e in estimates if e["std"]]
         out[name] = {
-            "covered": sum(e["covered"] for e in found),
-            "rms_error": float(np.sqrt(np.mean([e["error"] ** 2 for e in found]))) if found else None,
+            "covered": sum(e["covered"] for e in estimates),
+            "rms_error": float(np.sqrt(np.mean([e["error"] ** 2 for e in estimates]))) if good else None,
             "mean_relative_std": float(np.mean(stds)) / truth[name] if stds else None,
         }
     for role in ("fit", "validate"):
         far = [p["rms_truth_mm"] ** 2 for r in good for p in r["poses"].values() if p["role"] == role]
         out[f"{role} rms_truth_mm"] = float(np.sqrt(np.mean(far))) if far else None
     return out
-
-
-def drawn(results) -> None:
-    """Distances along s of every pose, as in the paper's Fig. 4: of the first run of each cable."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    names = [name for name in EXPERIMENTS if name.endswith("two views") and results["runs"].get(name)]
-    figure = Figure(figsize=(5.0 * len(names), 6.0), layout="constrained")
-    rows = figure.subplots(2, len(names), squeeze=False, sharex="col")
-    for (above, below), name in zip(rows.T, names, strict=True):
-        run = next(r for r in results["runs"][name] if "failed" not in r)
-        for k, (pose, p) in enumerate(run["poses"].items()):
-            e, unseen = p["along"], p["role"] == "validate"
-            label, style = f"{pose}{', never fitted' if unseen else ''}", "--" if unseen else "-"
-            above.plot(e["s"], e["model_from_truth_mm"], style, lw=1.8, color=f"C{k}", label=label)
-            below.plot(e["s_data"], e["data_from_model_mm"], "s" if unseen else "o", ms=3, color=f"C{k}")  # no line over gaps
-        above.set(ylabel="modelled to true\ncentre line (mm)", ylim=(0.0, None))
-        below.set(xlabel="s (m)", ylabel="scan to modelled\ncentre line (mm)", ylim=(0.0, None))
-        above.set_title(name, pad=40)
-        above.legend(frameon=False, fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
-    figure.savefig(PICTURE, dpi=130)
 
 
 def main() -> None:
@@ -217,8 +178,7 @@ def main() -> None:
                 runs.append({"seed": seed} | one_run(x, study))
         results["summary"][name] = summary(runs, x.truth)
         record("virtual_experiments", results)  # after each, so that an interrupted run leaves what it has
-        sys.stderr.write(f"{name}: {results['summary'][name]}\n")
-    drawn(results)
+        print(f"{name}: {results['summary'][name]}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,16 +1,16 @@
 """A wing with known weights at its tip: EI from the light ones, prediction of the heavy ones, and the heavy ones undeclared.
 
-    python -m benchmarks.wing [--picture docs/real/wing.png] [--record]
+    python -m benchmarks.wing
 
 A cantilever of 0.55 m, clamped level, bare and with its skin; the displacement of the tip against the unloaded wing (Avin,
 Raveh, Drachinsky, Ben-Shmuel, Tur, AIAA Journal 60, 2022; public files of the Large Deflection Working Group, AePW3). A pose
 is one weight: one coordinate of one point. The height of the unloaded tip is an unknown offset of all of them.
 """
 
-import argparse
 import csv
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks.record import record
@@ -18,10 +18,10 @@ from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.inference import fit
 from scan2flex_jax.study import Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown
 
-DATA = Path(__file__).parent / "data"
+DATA, PICTURE = Path(__file__).parent / "data", Path(__file__).parents[1] / "docs" / "real" / "wing.png"
 LENGTH, ROD = 0.55, 0.026  # m; kg, the rod at the tip, on which weights hang
 SERIES = {"bare": (0.347, 4.46), "with skin": (0.357, 4.55)}  # kg, rod included; EI of the published equivalent beam, N m^2
-GJ, NOISE = 7.5, 2e-3  # N m^2 (plane poses do not feel it); m, the resolution
+GJ, NOISE = 7.5, 2e-3  # N m^2 (without influence on plane poses); m, the resolution
 LIGHT = 0.6  # kg
 LEVEL = Clamp(np.zeros(3), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))  # d3 along x, z up
 
@@ -54,8 +54,7 @@ def one_series(series):
     """The figures of a series."""
     loaded = fit(wing(series, "validate"))
     EI = loaded.estimates["bending_stiffness"]
-    heavy = {name: p for name, p in loaded.poses.items() if p.role == "validate"}
-    errors = {name: float(p.measured[0, 2] - p.modelled[-1, 2]) for name, p in heavy.items()}
+    heavy_rms = np.sqrt(np.mean([p.rms**2 for p in loaded.poses.values() if p.role == "validate"]))
     offset = loaded.estimates["scan_offset.offset"].value[2]
     predicted = {name: p.modelled[-1, 2] + offset for name, p in loaded.poses.items()}
     hung = [mass for mass, _ in weights(series) if mass > LIGHT]
@@ -65,20 +64,15 @@ def one_series(series):
         "series": series,
         "EI": [EI.value, EI.low, EI.high],
         "EI_published": SERIES[series][1],
-        "rms_heavy_mm": 1e3 * float(np.sqrt(np.mean([p.rms**2 for p in heavy.values()]))),
-        "worst_heavy_mm": 1e3 * max(p.worst for p in heavy.values()),
-        "ratio": loaded.poses[next(iter(heavy))].ratio,
+        "rms_heavy_mm": 1e3 * float(heavy_rms),
         "believed": loaded.valid,
         "predicted": {name: float(z) for name, z in predicted.items()},
-        "errors": errors,
         "weights": [{"hung": m, "found": e.value, "low": e.low, "high": e.high} for m, e in zip(hung, found, strict=True)],
     }
 
 
-def picture(rows, path):
-    """Displacements and predictions, and the weights found beside the weights hung."""
-    import matplotlib.pyplot as plt  # noqa: PLC0415
-
+def picture(rows):
+    """Displacements and predictions, and the weights estimated beside the weights hung."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
     for colour, row in zip(("C0", "C1"), rows, strict=True):
         mass, z = np.array(weights(row["series"])).T
@@ -95,22 +89,14 @@ def picture(rows, path):
     right.set(xlabel="weight hung (kg)", ylabel="weight found less weight hung (kg)")
     left.legend(fontsize=8)
     right.legend(fontsize=8)
-    figure.savefig(path, dpi=110)
+    figure.savefig(PICTURE, dpi=110)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--record", action="store_true")
-    given = parser.parse_args()
     prepare_jax()
     rows = [one_series(series) for series in SERIES]
-    for row in rows:
-        print({k: v for k, v in row.items() if k not in ("predicted", "errors")})
-    if given.picture:
-        picture(rows, given.picture)
-    if given.record:
-        record("wing", {"light_kg": LIGHT, "noise_mm": 1e3 * NOISE, "rows": rows})
+    picture(rows)
+    record("wing", {"light_kg": LIGHT, "noise_mm": 1e3 * NOISE, "rows": rows})
 
 
 if __name__ == "__main__":

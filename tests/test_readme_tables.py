@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks import tables
 
-PAGES = tables.pages()
+PAGES = tables.PAGES
 LONGEST_README = 150
 
 

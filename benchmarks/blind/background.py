@@ -16,8 +16,7 @@ import time
 import numpy as np
 from scipy.spatial import cKDTree
 
-from . import effects
-from .cases import compared, draw_points, facts, measure, observe, pose_cable, scaled, strength_on, visible, with_rivals
+from . import cases, effects
 from .noise import draw_noise
 from .scene import observation_matrix
 from .shapes import Lens, Model, Tolerance
@@ -32,7 +31,7 @@ LARGER = dict.fromkeys(("natural_curvature", "kink", "point_mass", "point_load",
 SHORT = 0.95  # a kind that cannot be as strong as drawn may fall short, down to this share of the least strength
 FEWEST_FIT = 4
 COSINES = 13  # the last has half a per cent of the variance of the first at the shortest correlation length
-ALIKE, TRIES = 0.03, 8  # the target distance is met to this, in so many steps
+CLOSE, TRIES = 0.03, 8  # the target distance is met to this, in so many steps
 REDRAWS = 8  # of a curvature that makes a pose jump before it has moved so far
 FINE = 4000  # samples of a curve to which distances are measured
 
@@ -41,32 +40,29 @@ def make_case(key, kinds, most_points):
     """One attempt: `key` seeds it, `kinds` is empty or holds one kind of the catalogue."""
     began = time.perf_counter()
     rng = np.random.default_rng(key)
-    posed = pose_cable(rng, kinds, FEWEST_FIT)
-    base = None if posed is None else compared(*posed[:2], kinds)
+    posed = cases.pose_cable(rng, kinds, FEWEST_FIT)
+    base = None if posed is None else cases.compared(*posed[:2], kinds)
     under = None if base is None else draw(rng, base)
     if under is None:
         return None
     (scene, y, fit), L = posed, base.scene.cable.length
-    noise, s = draw_noise(rng, L), draw_points(rng, L, fit + 2, most_points)
+    noise, s = draw_noise(rng, L), cases.draw_points(rng, L, fit + 2, most_points)
     lens = Lens(base.F.sigma, L, s[:fit], noise)
     drawn = draw_effect(rng, base, lens, under["moves"], kinds)
     if drawn is None:
         return None
     at = [x / L for x in s]
-    clean, seen = (observe(scene, y, [*drawn[0], *own], at) for own in ([], under["effects"]))
-    found = None if clean is None or seen is None else with_rivals(base, (lens, under["tolerance"]), drawn, (kinds, None))
-    if found is None or not visible(*found[:2]):
+    clean, seen = (cases.observe(scene, y, [*drawn[0], *own], at) for own in ([], under["effects"]))
+    found = None if clean is None or seen is None else cases.with_rivals(base, (lens, under["tolerance"]), drawn, (kinds, None))
+    if found is None or not cases.visible(*found[:2]):
         return None
     truth, answer, tables = found
     case = {"nominal": scene, "fit": fit, "tolerance": Tolerance(), "noise": noise, "s": s, "effects": truth, "tables": tables}
-    case |= measure(rng, case, seen)
-    case |= {"base": base, "background": under["tolerance"]}
-    answer |= facts(scene, scene, noise, s, seen)
+    case |= cases.measure(rng, case, seen)
+    answer |= cases.facts(scene, scene, noise, s, seen)
     answer |= _scatter(clean, seen["shapes"], fit) | _attained(clean, case["points"], fit)
     answer |= {"background_reach": under["reach"], "background_drawn": under["moves"]}
-    answer |= {"off_catalogue": "none", "arc_length_given": case["arc_length"]}
-    answer |= {"noise_stated": case["stated"], "seed": list(key), "seconds": round(time.perf_counter() - began, 2)}
-    return rng, case | {"answer": answer}
+    return cases.finished(rng, case, answer, (None, key, began))
 
 
 def draw(rng, base):
@@ -102,7 +98,7 @@ def _meet(base, poses, series, moves):
         own = {"kind": "pose_curvature", "harmonics": scale[:, None, None] * series}
         model = Model(scene, [own], base.F.sigma, y)
         moved = np.sqrt(((model.y[..., :3] - y[..., :3]) ** 2).sum(-1).mean(-1))
-        met = model.ok & (np.abs(moved / moves - 1) < ALIKE)
+        met = model.ok & (np.abs(moved / moves - 1) < CLOSE)
         if met.all():
             break
         scale = np.where(met, scale, scale * np.where(model.ok, np.clip(moves / moved, 0.3, 4), 0.5))
@@ -112,11 +108,11 @@ def _meet(base, poses, series, moves):
 def draw_effect(rng, base, lens, moves, kinds):
     """The truth (one effect or none) with its strengths given a background that moves curves by `moves` (m)."""
     unit = moves / (np.sqrt(2) * lens.noise.sigma)  # of a strength in `cases`, which is per coordinate and over the noise
-    strength, truth, strengths = strength_on(base, lens, MOST_MOVED), [], []
+    strength, truth, strengths = cases.strength_on(base, lens, MOST_MOVED), [], []
     for kind in kinds:
         goal = unit * np.exp(rng.uniform(*np.log(STRENGTH)))
         bounds = unit * SHORT * STRENGTH[0], goal
-        effect = scaled(rng, kind, base, strength, bounds, larger=LARGER.get(kind, 1.0))
+        effect = cases.scaled(rng, kind, base, strength, bounds, larger=LARGER.get(kind, 1.0))
         if effect is None:
             return None
         alone = strength([effect])

@@ -46,7 +46,12 @@ def make_case(key, kinds, off, most_points, strength=None):
         return None
     case = {"nominal": scene, "fit": fit, "tolerance": tolerance, "noise": noise, "s": s, "effects": truth, "tables": tables}
     case |= measure(rng, case, seen)
-    answer |= facts(true, scene, noise, s, seen)
+    return finished(rng, case, answer | facts(true, scene, noise, s, seen), (off, key, began))
+
+
+def finished(rng, case, answer, attempt):
+    """The generator and the case with its whole answer; `attempt`: the hidden kind or none, the key, and when it began."""
+    off, key, began = attempt
     answer |= {"off_catalogue": off or "none", "arc_length_given": case["arc_length"], "noise_stated": case["stated"]}
     answer |= {"seed": list(key), "seconds": round(time.perf_counter() - began, 2)}
     return rng, case | {"answer": answer}

@@ -1,11 +1,11 @@
 """Command line: `python -m benchmarks.blind.generate --cases OUT/cases --answers OUT/answers --count 200 --seed N`.
 
 A fifth of the cases miss nothing, half miss one catalogue effect (all kinds in turn), 15 % two, and 15 % an effect
-outside of the catalogue; their order is random. Cases whose answer exists are left alone, so that a run can be resumed;
-a design that fails its checks is drawn again. `--only b003 b007` makes these cases only; `--kinds none kink
-point_mass+tether off:wavy_mass` makes exactly these truths instead of the mix. `--background` makes the class of cases with
-a background (`background.py`) instead: a third with nothing else, and one catalogue effect in the others. The study of
-`scan2flex demo` is `--kinds stiffness_profile --strength 15 --points 60 --seed 55 --count 1`.
+outside of the catalogue; their order is random. Cases whose answer exists are left alone, so that a run can be
+resumed; a design that fails its checks is drawn again. `--kinds none kink point_mass+tether off:wavy_mass` makes
+exactly these truths instead of the mix. `--background` makes the class of cases with a background (`background.py`)
+instead: a third with nothing else, and one catalogue effect in the others. The study of `scan2flex demo` is `--kinds
+stiffness_profile --strength 15 --points 60 --seed 55 --count 1`.
 """
 
 import argparse
@@ -53,7 +53,7 @@ def run(arguments):
         sys.exit("with --background, each of --kinds is `none` or one kind of the catalogue")
     for index, (kinds, off) in enumerate(truths):
         name = f"{arguments.prefix}{index + 1:03d}"
-        if (arguments.only and name not in arguments.only) or (Path(arguments.answers) / f"{name}.toml").exists():
+        if (Path(arguments.answers) / f"{name}.toml").exists():
             continue
         for trial in range(ATTEMPTS):
             key, named = (arguments.seed, index, trial), tuple(map(str, kinds))
@@ -79,7 +79,6 @@ def main():
     parser.add_argument("--answers", required=True, help="folder of the answers")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--only", nargs="*", help="names of cases, such as b003")
     parser.add_argument("--kinds", nargs="*", help="truths, one per case, instead of the mix")
     parser.add_argument("--background", action="store_true", help="cases with a background")
     parser.add_argument("--points", type=int, default=MOST_POINTS, help="most points per pose")

@@ -11,8 +11,22 @@ import numpy as np
 ITERATIONS = 30  # Newton for k; it is monotone, and ends after 5 to 8
 
 
+class Law:
+    """`g` of the squared curvature `u`, and its derivative."""
+
+    def g(self, u):
+        raise NotImplementedError
+
+    def pick(self, poses):
+        """The law of some poses only."""
+        return self
+
+    def __call__(self, M, part, compliance):
+        return invert(self, M, 1 / compliance[part, 0, 0], compliance[part, 2, 2])
+
+
 @dataclass
-class Slip:
+class Slip(Law):
     """Stick and slip: `g = ratio + (1 - ratio) / sqrt(1 + u / k_s^2)`, `k_s` (1/m) the slip curvature."""
 
     slip: complex
@@ -22,15 +36,9 @@ class Slip:
         root = np.sqrt(1 + u / self.slip**2)
         return self.ratio + (1 - self.ratio) / root, -(1 - self.ratio) / (2 * self.slip**2 * root**3)
 
-    def pick(self, poses):
-        return self
-
-    def __call__(self, M, part, compliance):
-        return invert(self, M, 1 / compliance[part, 0, 0], compliance[part, 2, 2])
-
 
 @dataclass
-class Friction:
+class Friction(Law):
     """A moment `M_f` (N m) that opposes the approach: `g = 1 + sign M_f / (EI sqrt(u + k_s^2))`, one sign per pose."""
 
     excess: complex  # M_f / EI, 1/m
@@ -43,9 +51,6 @@ class Friction:
 
     def pick(self, poses):
         return replace(self, sign=self.sign[poses])
-
-    def __call__(self, M, part, compliance):
-        return invert(self, M, 1 / compliance[part, 0, 0], compliance[part, 2, 2])
 
 
 def invert(law, M, EI, twist):

@@ -21,7 +21,7 @@ BISECTIONS = 14
 
 
 def node_blocks(F, y):
-    """Diagonal and upper off-diagonal 6 x 6 blocks of the assembled stiffness, and their lack of symmetry."""
+    """Diagonal and upper off-diagonal 6 x 6 blocks of the assembled stiffness."""
     _, A, B = rod.intervals(F, y, True)
     T = -np.linalg.solve(B, A)
     E = np.zeros((*y.shape[:2], 13, 12))
@@ -37,12 +37,12 @@ def node_blocks(F, y):
     diagonal[:, :-1] += inverse @ a
     diagonal[:, 1:] += d @ inverse
     upper, lower = -inverse, c - d @ inverse @ a
-    return diagonal, 0.5 * (upper + np.swapaxes(lower, -1, -2)), np.abs(upper - np.swapaxes(lower, -1, -2)).max()
+    return diagonal, 0.5 * (upper + np.swapaxes(lower, -1, -2))
 
 
 def stiffness(F, y):
-    """Banded lower storage of the stiffness of each pose, boundary conditions applied, and its lack of symmetry."""
-    diagonal, upper, skewness = node_blocks(F, y)
+    """Banded lower storage of the stiffness of each pose, boundary conditions applied."""
+    diagonal, upper = node_blocks(F, y)
     diagonal = 0.5 * (diagonal + np.swapaxes(diagonal, -1, -2))
     if F.grip[0]:
         diagonal[:, 0, 3:, 3:] += np.eye(3) / F.grip[0]
@@ -58,7 +58,7 @@ def stiffness(F, y):
         band[:, (i - j)[low], (6 * k + j + 0 * i)[low]] = diagonal[:, k][:, low]
         if k + 1 < nodes:
             band[:, 6 + j - i, 6 * k + i + 0 * j] = upper[:, k]
-    return band, skewness
+    return band
 
 
 def _hold(diagonal, upper, node, kinds, grip):
@@ -79,7 +79,7 @@ def _hold(diagonal, upper, node, kinds, grip):
 
 def lowest_square_frequency(F, y, density):
     """The lowest `omega^2` of each pose, 1/s^2; minus one where the state is no minimum."""
-    band, _ = stiffness(F, y)
+    band = stiffness(F, y)
     h = np.real(F.length) * np.diff(F.sigma)
     mass = np.zeros((len(F.sigma), 6))
     mass[1:, :3] += 0.5 * density * h[:, None]

@@ -1,4 +1,4 @@
-"""What every peer is given: a cable, its clamps, and the generic curve that a solve may start from. numpy only.
+"""The problem of every program: a cable, its clamps, and the generic start of this package, from which all may start.
 
 The cable is the simulated one of the paper: 1 m, EI 0.1, GJ 0.25 N m^2, 0.2 kg/m, shear and axial stiffness 1e5 N, straight
 when free of stress. `level` hangs between clamps 0.6 m apart; `twisted` has its end 0.2 m aside and turned by 90 degrees
@@ -8,11 +8,19 @@ Frames are matrices with columns d1, d2, d3, d3 the tangent of an unsheared cabl
 
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.curves import arc_lengths, carried
+from scan2flex_jax.rod.boundary import Boundary
+from scan2flex_jax.rod.model import Configuration
+from scan2flex_jax.statics.starts import sagging_start
 
 GRAVITY = 9.81  # m/s^2, along -z
 START_FRAME = np.array([[0.0, 0, 1], [0.0, -1, 0], [1.0, 0, 0]]).T  # d1 = +z, d2 = -y, d3 = +x
-_SAMPLES = 401  # of the start curve
+_SAMPLES = 400  # elements of the start
 
 
 class Problem(NamedTuple):
@@ -45,60 +53,42 @@ class Problem(NamedTuple):
         return number**2 / self.length**2 * float(np.sqrt(self.bending / self.density))
 
 
-def about(axis, angle) -> np.ndarray:
-    """Rotation (3, 3) by ``angle`` (rad) about a unit vector."""
-    x, y, z = axis
-    W = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * W + (1 - np.cos(angle)) * W @ W
+class Solution(NamedTuple):
+    """Points (n, 3) m at arc lengths ``s`` (n,) m; processor ``seconds`` up to here, if not those of the whole solve."""
+
+    s: np.ndarray
+    points: np.ndarray
+    facts: dict
+    seconds: float | None = None
 
 
 PROBLEMS = {
     p.name: p
     for p in (
         Problem("level", np.array([0.6, 0.0, 0.0]), START_FRAME),
-        Problem("twisted", np.array([0.6, 0.2, 0.0]), about((1.0, 0, 0), np.pi / 2) @ START_FRAME),
+        Problem("twisted", np.array([0.6, 0.2, 0.0]), Rotation.from_euler("x", 90, degrees=True).as_matrix() @ START_FRAME),
         Problem("cantilever"),
     )
 }
 
 
-def start_curve(problem: Problem, length: float | None = None) -> np.ndarray:
-    """Points (m, 3): straight for a free end, else a cubic Hermite curve with a bump along gravity, ``length`` m long."""
-    length = problem.length if length is None else length
-    x = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
-    first = problem.start_frame[:, 2]
-    if problem.free:
-        return x * length * first
-    reach = 0.5 * length
-    base = (x**3 - 2 * x**2 + x) * reach * first + (3 * x**2 - 2 * x**3) * problem.end
-    base = base + (x**3 - x**2) * reach * problem.end_frame[:, 2]
-    low, high = 0.0, length
-    for _ in range(50):  # bisection: the length grows with the depth
-        depth = 0.5 * (low + high)
-        curve = base - depth * 16 * x**2 * (1 - x) ** 2 * np.array([0.0, 0, 1])
-        low, high = (depth, high) if _along(curve)[-1] < length else (low, depth)
-    return curve
+def generic_start(problem: Problem, length) -> Configuration:
+    """The generic start of this package for a cable ``length`` m long: it sags between the clamps, or is straight."""
+    end = None if problem.free else (problem.end, problem.end_frame)
+    boundary = Boundary.of((np.zeros(3), problem.start_frame), end)
+    return sagging_start(boundary, length, jnp.array([0.0, 0.0, -GRAVITY]), elements=_SAMPLES)
 
 
 def start_at(problem: Problem, s) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (n, 3) and frames (n, 3, 3) of the start curve at arc lengths ``s`` (m).
-
-    Frames are carried along without turning about the tangent; the twist that the end clamp then lacks is spread evenly.
-    """
-    curve = start_curve(problem)
-    along = _along(curve)
-    along *= problem.length / along[-1]
-    tangent = np.gradient(curve, along, axis=0)
-    tangent[0] = problem.start_frame[:, 2]
-    if not problem.free:
-        tangent[-1] = problem.end_frame[:, 2]
-    frames = _framed(problem, tangent)
-    points = np.stack([np.interp(s, along, curve[:, k]) for k in range(3)], axis=1)
-    return points, frames[[int(np.argmin(np.abs(along - x))) for x in s]]
+    """Positions (n, 3) and frames (n, 3, 3) of that start at arc lengths ``s`` (m)."""
+    start = generic_start(problem, problem.length)
+    at = np.asarray(s) / problem.length * _SAMPLES
+    points = np.stack([np.interp(at, np.arange(_SAMPLES + 1), x) for x in np.asarray(start.r).T], axis=1)
+    return points, np.asarray(start.R)[np.rint(at).astype(int)]
 
 
 def start_chain(problem: Problem, links: int) -> tuple[float, np.ndarray, np.ndarray]:
-    """Link length ds (m), vertices (n + 1, 3) and frames (n, 3, 3) of a chain on such a curve, all links equally long.
+    """Link length ds (m), vertices (n + 1, 3) and frames (n, 3, 3) of a chain on such a start, all links equally long.
 
     Codes with nearly rigid links would otherwise start from stretched ones and throw the cable about. The outer link is centred
     on the clamp, half of it outside: n = links + 1 between clamps; before a free end n = links, ds = L/(links - 1/2).
@@ -119,14 +109,14 @@ def start_chain(problem: Problem, links: int) -> tuple[float, np.ndarray, np.nda
 
 def _polygon(problem, links):
     """Vertices of equal links L/links, inscribed in a curve that is a little longer."""
-    length = problem.length
+    length, curve_of = problem.length, jax.jit(lambda length: generic_start(problem, length).r)
     for _ in range(30):
-        curve = start_curve(problem, length)
-        along = _along(curve)
+        curve = np.asarray(curve_of(length))
+        along = arc_lengths(curve)
         s = np.linspace(0.0, along[-1], links + 1)
         for _ in range(20):
             vertices = np.stack([np.interp(s, along, curve[:, k]) for k in range(3)], axis=1)
-            chord = _along(vertices)
+            chord = arc_lengths(vertices)
             s = np.interp(np.linspace(0.0, chord[-1], links + 1), chord, s)
         length *= 1 + 0.7 * (problem.length / chord[-1] - 1)
     return vertices
@@ -137,31 +127,15 @@ def end_twist(problem: Problem, tangents) -> float:
     if problem.free:
         return 0.0
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-    lack = _carried(np.vstack([tangents, problem.end_frame[:, 2]]), problem.start_frame)[-1].T @ problem.end_frame
+    lack = carried(np.vstack([tangents, problem.end_frame[:, 2]]), problem.start_frame)[-1].T @ problem.end_frame
     return float(np.arctan2(lack[1, 0], lack[0, 0]))
-
-
-def _along(curve):
-    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))])
 
 
 def _framed(problem, tangents):
     """Frames on equally spaced tangents, with the twist towards the end clamp."""
     tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
-    frames = _carried(tangents, problem.start_frame)
+    frames = carried(tangents, problem.start_frame)
     if problem.free:
         return frames
     twist = np.linspace(0.0, end_twist(problem, tangents), len(frames))
-    return np.stack([R @ about((0.0, 0, 1), a) for R, a in zip(frames, twist, strict=True)])
-
-
-def _carried(tangents, frame):
-    """Frames with d3 along the tangents, each turned the shortest way from the one before; the first from ``frame``."""
-    frames = []
-    for tangent in tangents:
-        axis = np.cross(frame[:, 2], tangent)
-        sine = np.linalg.norm(axis)
-        turn = about(axis / sine, np.arctan2(sine, frame[:, 2] @ tangent)) if sine > 1e-14 else np.eye(3)
-        frame = turn @ frame
-        frames.append(frame)
-    return np.array(frames)
+    return frames @ Rotation.from_euler("z", twist[:, None]).as_matrix()

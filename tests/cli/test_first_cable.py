@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from benchmarks.readme import opening
-from benchmarks.tables import load
+from benchmarks.record import load
 from scan2flex_jax import load_study
 from scan2flex_jax.cli.app import app
 from tests.documents import DOCS, commands, printed_files, section

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.peers.problems import end_twist, start_chain
-from benchmarks.peers.solvers.rest import relax
+from benchmarks.peers.rest import relax
 
 _STEP = 1e-3  # of the slowest period
 _CHECKS = 40  # a slowest period

@@ -12,11 +12,10 @@ longer at each clamp, and points are the elements' middles.
 import elastica as ea
 import numpy as np
 
-from benchmarks.peers.problems import start_chain
-from benchmarks.peers.solvers import Found
-from benchmarks.peers.solvers.rest import relax
+from benchmarks.peers.problems import Solution, start_chain
+from benchmarks.peers.rest import relax
 
-_STEP = 0.35  # of the time in which a stretching wave crosses an element: 0.5 is the limit of stability found for it
+_STEP = 0.35  # of the time in which a stretching wave crosses an element: 0.5 is its limit of stability
 _DAMPING = 1.5  # of the slowest angular frequency, 1/s of all velocities
 _CHECKS = 40  # a slowest period
 _RADIUS = 5e-3  # m; only PyElastica's own checks see it
@@ -32,7 +31,7 @@ def prepare(problem, elements):
     return lambda: _run(problem, elements)
 
 
-def _run(problem, elements, **limit) -> list[Found]:
+def _run(problem, elements, **limit) -> list[Solution]:
     ds, rod = _rod(problem, elements)
     scene, step = _scene(problem, rod, ds)
     stepper, time = ea.PositionVerlet(), np.float64(0.0)
