@@ -265,6 +265,63 @@ def memory(r):
 # Real cables
 
 
+TIP_QUESTIONS = {
+    "without": "without the weight", "carried over": "with it: what the answer above predicts, nothing fitted",
+    "with": "with it, undeclared; EI to 4 % and effects carried over",
+    "with, alone": "with it, undeclared, nothing carried over",
+    "both": "both series in one fit, with the effects found without the weight, mass unknown",
+}  # fmt: skip
+UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "slip_curvature": "1/m"}
+SIZES = ("mass", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling", "taper")
+
+
+@table("real/tip-weights.md", "weights", (
+    "cable", "series", "answer", "fitted, mm", "left out in turn, mm", "never seen, mm", "their median, mm"
+), "tip_weights")  # fmt: skip
+def weights(results):
+    for cable, answers in results.items():
+        for question, told in answers.items():
+            roles = (_before_after(told, f"rms_{role}") for role in ("fit", "left_out", "validate"))
+            yield cable.replace("_", ", "), TIP_QUESTIONS[question], _answer(told), *roles, _median_unseen(told)
+
+
+def _answer(told) -> str:
+    """Verdict, effects with their 95 % intervals, EI."""
+    if "failed" in told:
+        return told["failed"]
+    parts = [told["verdict"]] if "verdict" in told else []
+    parts += [", ".join(map(_effect, told["added"]))] if told.get("added") else []
+    for name, e in told.get("estimates", {}).items():
+        if np.ndim(e["value"]) == 0:
+            parts.append(f"{name} {e['value']:.3g}" + (f" ({e['low']:.3g} to {e['high']:.3g})" if "low" in e else ""))
+    return "; ".join(parts) or "-"
+
+
+def _effect(chosen) -> str:
+    """An effect with its sizes and places; a moment law by its first and last secant factor."""
+    given, parts = chosen["parameters"], []
+    if np.ndim(given.get("factor", 0.0)):
+        ends = (f"{given['factor'][k]:.2g} at {given['curvature'][k]:.2g} 1/m" for k in (0, -1))
+        return f"`{chosen['kind']}` (secant factor {' to '.join(ends)})"
+    for name in (n for n in given if n in SIZES):
+        size, std = float(np.linalg.norm(given[name])), chosen.get("std", {}).get(name)
+        along = None if std is None or not size else abs(float(np.dot(np.ravel(given[name]), np.ravel(std)))) / size
+        parts.append(f"{name} {size:.3g}{'' if along is None else f' ± {1.96 * along:.2g}'} {UNITS.get(name, '')}".strip())
+    return f"`{chosen['kind']}` ({', '.join(parts)})"
+
+
+def _before_after(told, role):
+    values = [told.get(when, {}).get(role) for when in ("before", "after")]
+    return " to ".join(f"{1e3 * v:.1f}" for v in values if v is not None and np.isfinite(v)) or None
+
+
+def _median_unseen(told):
+    if "median of poses never seen" not in told:
+        return None
+    fallen = len(told["fallen over"])
+    return f"{1e3 * told['median of poses never seen']:.1f}" + (f" ({fallen} on another branch)" if fallen else "")
+
+
 @table("real/wing.md", "wing", (
     "wing", "EI from the light weights, N m^2", "published", "heavier ones, RMS", "believed",
     "weights found within their 95 % interval", "heaviest"
