@@ -260,12 +260,31 @@ def judged(study, clean, words, truth) -> dict:
     by = [who for who, said in (("fit", lines), ("check", checked)) if any(w in line for w in words for line in said)]
     if by and right:
         return out | {"outcome": NAMED, "by": by[0]}
+    if result.mistakes and same(result.mistakes[0].study, clean.study):
+        return out | {"outcome": NAMED, "by": "fit"}
     if traceless(study, result, clean):
         return out | {"outcome": TRACELESS}
     if doubted:
         return out | {"outcome": WARNED}
     e = explain(study, elements=ELEMENTS, mesh=False)
     return out | {"outcome": MISSED, "explain": {"verdict": e.verdict, "chosen": [r.kind for r in e.chosen]}}
+
+
+def same(mended, study) -> bool:
+    """Whether a corrected study equals the study before the mistake, up to a roll common to both clamps of a pose."""
+    pairs = list(zip(mended.poses, study.poses, strict=True))
+    if any(len(a.curve.points) != len(b.curve.points) for a, b in pairs):
+        return False
+    apart = [mended.gravity - study.gravity, mended.cable["length"] - study.cable["length"]]
+    for a, b in pairs:
+        apart.append(a.curve.points - b.curve.points)
+        for one, other in ((a.start, b.start), (a.end, b.end)):
+            apart += [] if one is None else [one.position - other.position, one.tangent - other.tangent]
+        if both_held(b):
+            p, q = (rotation(x.start).inv() * rotation(x.end) for x in (a, b))
+            roll = rotation(b.start).inv() * rotation(a.start)
+            apart.append(np.linalg.norm((roll * p * roll.inv() * q.inv()).as_rotvec()))
+    return max(float(np.max(np.abs(x))) for x in apart) < 1e-3
 
 
 def traceless(study, result, clean) -> bool:

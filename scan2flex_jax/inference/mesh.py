@@ -83,7 +83,7 @@ def _through(stages, problem, refining, progress) -> tuple[Found | None, Problem
         except NotSettledError as fault:
             mesh = _mesh_of_starts(problem)
             if not refining or mesh.enough <= problem.elements:
-                raise (_too_limp(fault, mesh) or mistakes.instead_of(fault, problem, progress)) from fault
+                raise mistakes.instead_of(fault, problem, progress, _too_limp(fault, mesh)) from fault
             return None, problem, mesh
         problem, mesh = found.problem, mesh_at(found.problem, found.minimum.shared)
         if refining and mesh.enough > problem.elements and _worth(found, stage is stages[-1]):

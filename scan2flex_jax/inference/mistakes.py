@@ -81,10 +81,15 @@ def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress)
     return search.hidden() if search.doubtful() else ()
 
 
-def instead_of(fault: NotSettledError, problem: Problem, progress: Progress) -> NotSettledError:
-    """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found."""
+def instead_of(
+    fault: NotSettledError, problem: Problem, progress: Progress, known: NotSettledError | None = None
+) -> NotSettledError:
+    """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found; before a cause that is
+    ``known`` only one that is visible without a solve."""
     search = _Search(problem.study, problem, None, progress)
-    found = search.confirmed(visible_mistakes(problem.study)) or search.hidden()
+    found = search.confirmed(visible_mistakes(problem.study)) or (() if known else search.hidden())
+    if known and not found:
+        return known
     return NotSettledError(fault.sentence, str(found[0]), fault.reasons) if found else fault
 
 
