@@ -84,8 +84,10 @@ def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress)
 def instead_of(
     fault: NotSettledError, problem: Problem, progress: Progress, known: NotSettledError | None = None
 ) -> NotSettledError:
-    """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found; before a cause that is
-    ``known`` only one that is visible without a solve."""
+    """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found.
+
+    One that only a refit reveals is not looked for where a cause is ``known``.
+    """
     search = _Search(problem.study, problem, None, progress)
     found = search.confirmed(visible_mistakes(problem.study)) or (() if known else search.hidden())
     if known and not found:
