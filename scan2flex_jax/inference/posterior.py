@@ -174,6 +174,8 @@ class Variant:
         self.context, self.length = self.program.context, self.program.context.length
         x = np.r_[minimum.shared, np.asarray(minimum.local).ravel()]
         shapes = self.program.shapes((), x)
+        if not solved(shapes):  # rounding may keep a solve from where it was
+            shapes = self.program.shapes((), x, self.program.poses.start)
         self.rows = Rows(shapes, self.program)
         self.sensor = float(np.clip(sensor_noise(study), FINEST * self.length, _WORST_NOISE * self.length))
         real = self.program.real
@@ -296,7 +298,7 @@ class Variant:
             here = law(u, linear, gradient=False, shift=False) - self.settings.slab * law.discrepant(u)
             if here < height - _SETTLED:  # the sizes before took the step for a gain
                 break
-            likeliest, height = (x, shapes, u, converged, linear), here
+            likeliest, height = (x, shapes, u, converged, linear), here if solved(shapes) else -np.inf
             held = self.held and not components
             if held or turn == _ROUNDS or value - last < _SETTLED:
                 break  # the value has the gain of the next linear step in it
