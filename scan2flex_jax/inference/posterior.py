@@ -289,6 +289,7 @@ class Variant:
         starts = [law.start(sensor, b) for b in (0.03, 1.0)]
         if u is not None:
             starts = [u, np.r_[np.log([sensor, sensor]), u[2], u[3] - 4.0, u[4]]]
+        held = self.held and not components
         converged, height = self.minimum.converged or bool(components), -np.inf
         likeliest: tuple = ()
         for turn in range(_ROUNDS + 1):
@@ -299,7 +300,6 @@ class Variant:
             if here < height - _SETTLED:  # the sizes before took the step for a gain
                 break
             likeliest, height = (x, shapes, u, converged, linear), here if solved(shapes) else -np.inf
-            held = self.held and not components
             if held or turn == _ROUNDS or value - last < _SETTLED:
                 break  # the value has the gain of the next linear step in it
             if value < self.best - (_DOUBT if np.isfinite(last) else 2 * _DOUBT):
@@ -316,7 +316,7 @@ class Variant:
             x, shapes, converged, _ = end
         x, shapes, u, converged, linear = likeliest
         found = self._finished(components, x, shapes, u, converged, linear)
-        if not (converged or (self.held and not components)) and found.score > self.best - _DOUBT:
+        if not (converged or held) and found.score > self.best - _DOUBT:
             Li = self.likelihood.whitening(found.u, found.linear.Z)
             end = self._descend(components, x, shapes, Li, found.wider, most=_LAST)
             if end is not None:
