@@ -4,28 +4,32 @@ Forces are often the purpose of a calibration: a cable's pull on its connector, 
 """
 
 import io
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, start_along
+from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.rod.memory import straightened
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 from scan2flex_jax.statics.mesh import Mesh, shortest_bend
 from scan2flex_jax.statics.solve import Equilibrium, equilibrium
 from scan2flex_jax.statics.verdict import Verdict
-from scan2flex_jax.study.model import Study, StudyPose
+from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.names import file_stems
 from scan2flex_jax.study.outputs import write_file
+from scan2flex_jax.study.parts import Clamp, StudyPose
 from scan2flex_jax.study.sense import check_study
 
 _ENDINGS = (".csv", "-forces.csv")
+_NOTHING = 1e-6  # of the reactions: an end that exerts no more is free
 _FINEST = 4000  # points of a curve that is tested for self-penetration
 
 
@@ -33,8 +37,10 @@ _FINEST = 4000  # points of a curve that is tested for self-penetration
 class Prediction:
     """One pose: nodes (m), section force (N) and moment (N m) in the scan frame, and support reactions.
 
-    ``touches``: arc lengths (m) of two places where the cable penetrates itself, which contact would prevent but the model
-    ignores; None if there are none, or the study has no radius. ``mesh``: sentences on the number of elements.
+    ``tension`` (N): force along the cable at the sections, negative in compression. ``bend_radius`` (m): the smallest, at the
+    arc length ``bend_at``; infinite for a straight cable. ``touches``: arc lengths (m) of two places where the cable penetrates
+    itself, which contact would prevent but the model ignores; None if there are none, or the study has no radius. ``mesh``:
+    sentences on the number of elements.
     """
 
     s: np.ndarray
@@ -44,6 +50,9 @@ class Prediction:
     moment: np.ndarray
     reaction_force: np.ndarray
     reaction_moment: np.ndarray
+    tension: np.ndarray
+    bend_radius: float
+    bend_at: float
     verdict: Verdict
     touches: tuple[float, float] | None = None
     mesh: tuple[str, ...] = ()
@@ -56,13 +65,27 @@ class Prediction:
             said.append(f"it passes through itself at s = {a:.3g} m and {b:.3g} m (contact with itself is not modelled)")
         return "; ".join((*said, *self.mesh))
 
+    def lines(self) -> list[str]:
+        """What a layout needs, in words: smallest bend radius, tension, and what each support exerts on the cable."""
+        out = [
+            f"smallest bend radius {self.bend_radius:.3g} m at s = {self.bend_at:.3g} m",
+            f"tension {self.tension.min():.3g} to {self.tension.max():.3g} N (negative: compression)",
+        ]
+        for end, f, m in zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True):
+            size = max(np.linalg.norm(f), np.linalg.norm(m))
+            if size > _NOTHING * max(np.linalg.norm(self.reaction_force), np.linalg.norm(self.reaction_moment)):
+                out.append(f"the {end} exerts {_vector(f)} N and {_vector(m)} N m on the cable")
+        return out
+
     def to_json(self) -> dict:
-        """Reactions and status; shapes are written as CSV."""
+        """Smallest bend radius (m) and its arc length, tension (N), reactions and status; shapes are written as CSV."""
         out = {"stable": bool(self.verdict.solved), "verdict": self.verdict.sentence()}
         out |= {} if self.touches is None else {"touches": list(self.touches)}
         out |= {"messages": list(self.mesh)} if self.mesh else {}
         if not out["stable"]:
             return out
+        out |= {"bend_radius": self.bend_radius if np.isfinite(self.bend_radius) else None, "bend_at": self.bend_at}
+        out |= {"tension": [float(self.tension.min()), float(self.tension.max())]}
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
         return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
 
@@ -156,7 +179,39 @@ def _one_pose(model, e, radius, mesh):
     push, turn = map(np.asarray, e.reactions())
     points = np.asarray(observed(model, e.points))
     touches = None if radius is None or not bool(e.verdict.solved) else touching(np.asarray(e.points), radius)
-    return Prediction(np.asarray(e.s), points, section_s, force, moment, push, turn, e.verdict, touches, mesh.sentences())
+    tangents = np.diff(np.asarray(e.points), axis=0)
+    tension = np.sum(force * tangents, axis=1) / np.linalg.norm(tangents, axis=1)
+    sharpest, at = _sharpest(e)
+    solved = (section_s, force, moment, push, turn, tension, sharpest, at, e.verdict)
+    return Prediction(np.asarray(e.s), points, *solved, touches, mesh.sentences())
+
+
+def _sharpest(e):
+    """Smallest bend radius (m) and its arc length (m), over the elements and, extrapolated, both ends."""
+    bent, s = np.asarray(strains(e.rod, e.configuration))[:, 3:5], np.asarray(e.rod.section.s)
+    ends = 1.5 * bent[[0, -1]] - 0.5 * bent[[1, -2]]
+    curvature = np.linalg.norm(np.concatenate([ends[:1], bent, ends[1:]]), axis=1)
+    k = int(np.argmax(curvature))
+    at = np.r_[0.0, s, float(e.rod.length)]
+    return float(1.0 / curvature[k]) if curvature[k] > 0 else float("inf"), float(at[k])
+
+
+def posed(study: Study, clamps: Mapping[str, Clamp]) -> Study:
+    """The cable of a study in poses of given clamps, named ``"POSE start"`` and ``"POSE end"`` (without it the end is free).
+
+    Effects that act in some poses of the study only are left out. Raises `Scan2FlexError` for other names, and for a pose
+    without a start.
+    """
+    ends: dict[str, dict[str, Clamp]] = {}
+    for name, clamp in clamps.items():
+        pose, _, end = name.rpartition(" ")
+        if not pose or end not in ("start", "end"):
+            raise Scan2FlexError(f"{name[:60]!r} is not the clamp of a pose: name each 'POSE start' or 'POSE end'.")
+        ends.setdefault(pose, {})[end] = clamp
+    if without := [pose for pose, held in ends.items() if "start" not in held]:
+        raise Scan2FlexError(f"pose {without[0]!r} has no clamp at its start: add a row {without[0]!r} start.")
+    poses = tuple(StudyPose(pose, "fit", held["start"], held.get("end")) for pose, held in ends.items())
+    return replace(study, poses=poses, effects=tuple(e for e in study.effects if e.poses is None))
 
 
 def csv_files(names: Iterable[str], folder: Path) -> dict[str, tuple[Path, Path]]:
@@ -182,6 +237,13 @@ def write_csv(
         table = np.column_stack([p.section_s, p.force, p.moment])
         write(forces, _csv("s,force_x,force_y,force_z,moment_x,moment_y,moment_z", table))
     return files
+
+
+def _vector(values) -> str:
+    """Three components with a common number of decimals: ``(0.12, 0.00, -1.96)``."""
+    size = float(np.max(np.abs(values)))
+    decimals = int(np.clip(2 - np.floor(np.log10(size)), 0, 9)) if size > 0 else 0
+    return f"({', '.join(f'{v + 0.0:.{decimals}f}' for v in np.round(values, decimals) + 0.0)})"
 
 
 def _csv(header: str, table: np.ndarray) -> bytes:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from scan2flex_jax.cli.fleet import StudyFolders, Workers, each
+from scan2flex_jax.cli.frames import Convention, Radians, Tangent, Units
 from scan2flex_jax.cli.options import (
     NOT_TO_BELIEVE,
     Elements,
@@ -97,15 +98,24 @@ def _poses(study) -> str:
 def simulate(
     study: StudyFolder,
     out: Annotated[Path, typer.Option(help="Folder for the CSV files.", callback=folder_to_write)] = Path("simulated"),
+    clamps: Annotated[
+        Path | None, typer.Option(help="Poses to simulate instead of those of the study: a file of their clamps, as for new.")
+    ] = None,
+    units: Units = None,
+    convention: Convention = None,
+    radians: Radians = False,
+    tangent: Tangent = "z",
     json: JsonFile = None,
     elements: Elements = None,
     force: Force = False,
 ) -> None:
-    """Predict shapes, section forces and moments, and clamp reactions of all poses, as CSV.
+    """Predict shapes, bend radii, section forces and moments, and clamp reactions of all poses.
 
     Every parameter must have a value: under [cable], or as a guess. Poses need only clamps.
 
     Example: scan2flex simulate calibrated --out predicted
+
+    Example: scan2flex simulate calibrated --clamps layout.csv --units mm --convention kuka --out layout
     """
     from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
@@ -113,14 +123,21 @@ def simulate(
     loaded = load_study(study, purpose="predict")
     outputs = Outputs(loaded, source=study, force=force)
     prepare_jax()
-    from scan2flex_jax.prediction import csv_files, predict, write_csv  # noqa: PLC0415
+    from scan2flex_jax.prediction import csv_files, posed, predict, write_csv  # noqa: PLC0415
 
+    if clamps is not None:
+        from scan2flex_jax.convert import read_frames  # noqa: PLC0415
+
+        frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
+        loaded = posed(loaded, frames)
     outputs.claim(*chain(*csv_files((pose.name for pose in loaded.poses), out).values()), json)
     with progress(f"simulating {loaded.title}"):
         predictions = predict(loaded, elements=elements)
         files = write_csv(predictions, out, outputs.write)
     for name, p in predictions.items():
         say(f"{name}: {p.sentence()}, {int(p.verdict.steps)} steps -> {files[name][0]}")
+        for line in p.lines() if bool(p.verdict.solved) else ():
+            say(f"  {line}")
     if json:
         outputs.write_json(json, {n: p.to_json() for n, p in predictions.items()})
     if not all(bool(p.verdict.solved) for p in predictions.values()):

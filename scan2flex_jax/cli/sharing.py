@@ -9,7 +9,7 @@ from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile,
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import complain, say
 
-_TO = ("mujoco", "pyelastica", "usd", "json")
+_TO = ("mujoco", "pyelastica", "usd", "abaqus", "orcaflex", "moordyn", "moduli", "json")
 
 
 def report(
@@ -62,13 +62,14 @@ def report(
 
 def export(
     study: StudyFolder,
-    to: Annotated[str, typer.Option(help="mujoco, pyelastica, usd or json.", autocompletion=choices(*_TO))],
+    to: Annotated[str, typer.Option(help=f"{', '.join(_TO[:-1])} or {_TO[-1]}.", autocompletion=choices(*_TO))],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
     pose: Annotated[str | None, typer.Option(help="Pose in which the cable hangs; default: the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,
     force: Force = False,
 ) -> None:
-    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, OpenUSD for Newton, or plain JSON.
+    """Write the calibrated cable for a simulator: a MuJoCo model, a PyElastica script, OpenUSD for Newton, sections for Abaqus,
+    line types for OrcaFlex and MoorDyn, moduli for programs that take a diameter, or plain JSON.
 
     Every parameter must have a value: fit the study first, with --save.
 
@@ -77,7 +78,7 @@ def export(
     from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
-    loaded = load_study(study)
+    loaded = load_study(study, purpose="predict")
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(out)
     prepare_jax()
@@ -87,7 +88,7 @@ def export(
     with progress(f"solving {loaded.title}"):
         text = run(loaded, to, pose=pose, elements=elements)
     outputs.write(out, text.encode("utf-8"))
-    if to != "json" and "radius" not in loaded.cable:
+    if to != "json" and loaded.cable.get("radius") is None:
         said = f"the study has no radius: the {to} file has {100 * THIN:g} % of the length, which changes no equilibrium"
         complain(f"{said}; set radius under [cable] if pictures, contact or motion matter.")
     say(f"written: {out}")

@@ -10,6 +10,7 @@ Every property of a study is exported or refused by name: each target lists whic
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +23,7 @@ _SOFTEST = 1e-4  # of an assumed stiffness of stretch or shear that carries next
 THIN = 5e-3  # of the length: radius where the study has none
 
 STIFFNESS = "a stiffness that varies along the cable"
+CURVED = "a natural curvature"
 NATURAL = "a natural curvature that varies along the cable"
 DENSITY = "a mass per length that varies along the cable"
 BENDINGS = "two bending stiffnesses"
@@ -30,7 +32,9 @@ BEND_TWIST = "a coupling among bending and twist"
 COUPLED = "a coupling of stretch or shear with other strains"
 NATURAL_STRETCH = "natural stretch or shear"
 GIVES = "stretch or shear of more than 0.1 %"
-FEATURES = (STIFFNESS, NATURAL, DENSITY, BENDINGS, SHEARS, BEND_TWIST, COUPLED, NATURAL_STRETCH, GIVES)
+MASSES = "a point mass"
+LAWS = frozenset({"nonlinear_bending", "bending_law", "torsion_law"})  # effect types whose moments `HungCable.laws` tabulates
+FEATURES = (STIFFNESS, CURVED, NATURAL, DENSITY, BENDINGS, SHEARS, BEND_TWIST, COUPLED, NATURAL_STRETCH, GIVES, MASSES)
 
 
 @dataclass(frozen=True)
@@ -41,8 +45,9 @@ class HungCable:
 
     ``masses``: ``(arc length m, kg)`` of point masses on the cable. ``beyond``: effect types that none of these fields
     represents. ``seen``: those of the scanner, which no simulator needs. ``assumed``: stiffnesses that the study omits.
-    ``effects``: all acting effects, ``(effect type, parameters)``. ``strain``: bound of stretch and shear (-). ``sources``:
-    effect types by the feature that they cause.
+    ``effects``: all acting effects, ``(effect type, parameters)``. ``strain``: bound of stretch and shear (-), 0 without a
+    pose. ``sources``: effect types by the feature that they cause. ``laws``: "bending" and "twist" where they are not linear,
+    strains (k,) in 1/m and moments (n, k) in N m.
     """
 
     title: str
@@ -64,6 +69,7 @@ class HungCable:
     effects: tuple[tuple[str, dict], ...] = ()
     strain: float = 0.0
     sources: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    laws: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @property
     def elements(self) -> int:
@@ -83,7 +89,9 @@ class HungCable:
     @property
     def softened(self) -> np.ndarray:
         """``stiffness`` with assumed entries as soft as a strain of 0.1 % in this pose allows: a stiffer one costs a simulator
-        small steps, iterations or digits, and changes nothing that was measured."""
+        small steps, iterations or digits, and changes nothing that was measured. Without a pose: as they are."""
+        if not self.strain:
+            return self.stiffness
         soft = [("shear_stiffness" in self.assumed)] * 2 + ["axial_stiffness" in self.assumed] + [False] * 3
         scale = np.where(soft, np.sqrt(np.clip(self.strain / _STRETCH, _SOFTEST, 1.0)), 1.0)
         return self.stiffness * np.outer(scale, scale)
@@ -115,14 +123,24 @@ class HungCable:
             )
         if self.assumed:
             names = " and ".join(self.assumed)
-            out.append(f"The study has no {names}: a value is assumed with which it strains by 0.1 % in this pose.")
+            so = "with which it strains by 0.1 % in this pose" if self.strain else "that is next to rigid"
+            out.append(f"The study has no {names}: a value is assumed {so}.")
         if self.seen:
             out.append(f"Left out: {', '.join(self.seen)}, an effect of the scanner and not of the cable.")
         return out
 
+    @property
+    def runs(self) -> list[slice]:
+        """Neighbouring elements of equal sections, in order."""
+        rows = np.column_stack([self.stiffness.reshape(self.elements, 36), self.density])
+        same = np.all(np.abs(np.diff(rows, axis=0)) <= _SAME * np.max(np.abs(rows), axis=0), axis=1)
+        ends = [0, *(np.flatnonzero(~same) + 1).tolist(), self.elements]
+        return [slice(a, b) for a, b in pairwise(ends)]
+
     def require(self, simulator: str, holds: frozenset[str], *, ball_joints: bool = True) -> None:
         """Raises `Scan2FlexError` if the cable has an effect or a feature that the simulator does not support (``holds``)."""
-        if beyond := [kind for kind in self.beyond if kind != PointMass.kind]:  # that one is in `masses`
+        kept = {PointMass.kind, *(LAWS & holds)}  # in `masses` and `laws`
+        if beyond := [kind for kind in self.beyond if kind not in kept]:
             raise Scan2FlexError(
                 f"The export to {simulator} cannot represent {', '.join(beyond)}: leave it out of the study, or export to json."
             )
@@ -138,7 +156,13 @@ class HungCable:
     def features(self) -> tuple[str, ...]:
         """The `FEATURES` of the sections beyond a straight, uniform, isotropic rod."""
         found = features_of(self.stiffness, self.natural, self.density)
-        return (*found, GIVES) if self.strain > _STRETCH else found
+        beyond = {GIVES: self.strain > _STRETCH, MASSES: bool(self.masses)}
+        return (*found, *(feature for feature, present in beyond.items() if present))
+
+
+def printable(text: str) -> str:
+    """A text in one line, for a comment or a name in a file."""
+    return "".join(c if c.isprintable() else " " for c in text)[:2000]
 
 
 def features_of(stiffness: np.ndarray, natural: np.ndarray, density: np.ndarray) -> tuple[str, ...]:
@@ -148,6 +172,7 @@ def features_of(stiffness: np.ndarray, natural: np.ndarray, density: np.ndarray)
     diagonal = np.diagonal(stiffness, axis1=1, axis2=2)
     present = {
         STIFFNESS: _varies(stiffness),
+        CURVED: bool(np.any(natural[:, 3:])),
         NATURAL: _varies(natural[:, 3:]),
         DENSITY: _varies(density),
         BENDINGS: _differ(diagonal[:, 3], diagonal[:, 4]),

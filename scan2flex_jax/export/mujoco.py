@@ -16,9 +16,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.export.cable import BENDINGS, DENSITY, NATURAL, SHEARS, STIFFNESS, HungCable
+from scan2flex_jax.export.cable import BENDINGS, CURVED, DENSITY, MASSES, NATURAL, SHEARS, STIFFNESS, HungCable
 
-HOLDS = frozenset({BENDINGS, DENSITY, NATURAL, SHEARS, STIFFNESS})
+HOLDS = frozenset({BENDINGS, CURVED, DENSITY, MASSES, NATURAL, SHEARS, STIFFNESS})
 
 _STEP = 1e-3  # s
 _STABLE = 16.0  # armature over stiffness times step^2: the fastest mode of a chain of such joints then turns by 0.5 rad a step

@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.export.cable import GIVES
 from scan2flex_jax.export.hanging import hung
+from scan2flex_jax.export.moduli import moduli
 from scan2flex_jax.export.usd import HOLDS, closed, rest_points, unloaded
 from scan2flex_jax.study.model import Study
 
@@ -78,8 +78,8 @@ def _weigh(builder, body, mass: float) -> None:
 def isaac_lab_material(study: Study, *, pose: str | None = None, elements: int = 40) -> dict[str, float]:
     """The arguments of Isaac Lab's ``CableMaterialCfg`` for the calibrated cable.
 
-    Isaac Lab takes a modulus (Pa) where Newton has a stiffness: EA/A, GA/A, EI/I and GJ/J of a full circle of the cable's
-    radius r, with A = pi r^2, I = pi r^4/4, J = pi r^4/2, so that Newton has the calibrated stiffness whatever the radius.
+    Isaac Lab takes a modulus (Pa) where Newton has a stiffness: those of `export.moduli`, with which Newton has the calibrated
+    stiffness whatever the radius.
 
     Returns:
         ``thickness`` (m), ``density`` (kg/m^3), ``stretch_stiffness``, ``shear_stiffness``, ``bend_stiffness`` and
@@ -88,13 +88,7 @@ def isaac_lab_material(study: Study, *, pose: str | None = None, elements: int =
     Raises:
         Scan2FlexError: A parameter has no value, the pose is not solved, or the material cannot represent the cable.
     """
-    cable = hung(study, pose, elements)
-    cable.require("Isaac Lab", frozenset({GIVES}))
-    r, K = cable.drawn_radius, np.diag(cable.softened[0])
-    area = np.pi * r**2
-    values = {
-        "thickness": 2.0 * r, "density": cable.density[0] / area, "stretch_stiffness": K[2] / area,
-        "shear_stiffness": K[0] / area, "bend_stiffness": 4.0 * K[3] / (area * r**2),
-        "twist_stiffness": 2.0 * K[5] / (area * r**2),
-    }  # fmt: skip
-    return {name: float(value) for name, value in values.items()}
+    m = moduli(hung(study, pose, elements))
+    names = {"thickness": "diameter", "density": "density", "stretch_stiffness": "E_stretch", "shear_stiffness": "G_shear",
+             "bend_stiffness": "E_bend", "twist_stiffness": "G_twist"}  # fmt: skip
+    return {name: m[own] for name, own in names.items()}

@@ -9,7 +9,7 @@ import json
 
 import numpy as np
 
-from scan2flex_jax.export.cable import COUPLED, FEATURES, HungCable
+from scan2flex_jax.export.cable import COUPLED, FEATURES, HungCable, printable
 
 HOLDS = frozenset(FEATURES) - {COUPLED}
 
@@ -111,14 +111,10 @@ def to_pyelastica(cable: HungCable, file: str = "cable.py") -> str:
         "directors": np.swapaxes(cable.rotation, 1, 2).tolist(),
         "clamped_end": bool(cable.held[1, 0]),
     }
-    remarks = "\n# ".join(_printable(remark) for remark in cable.remarks) or "All numbers are those of the study."
+    remarks = "\n# ".join(printable(remark) for remark in cable.remarks) or "All numbers are those of the study."
     return _SCRIPT.format(file=file, remarks=remarks, data=json.dumps(data, allow_nan=False), seconds=_SECONDS)
 
 
 def _at_nodes(values):
     """Means of the values of neighbouring elements: PyElastica's elements are centred on our nodes."""
     return 0.5 * (np.concatenate([values[:1], values]) + np.concatenate([values, values[-1:]]))
-
-
-def _printable(text):
-    return "".join(c if c.isprintable() else " " for c in text)

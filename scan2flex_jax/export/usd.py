@@ -19,9 +19,9 @@ import json
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.export.cable import DENSITY, GIVES, NATURAL, HungCable
+from scan2flex_jax.export.cable import CURVED, DENSITY, GIVES, MASSES, NATURAL, HungCable, printable
 
-HOLDS = frozenset({DENSITY, GIVES, NATURAL})
+HOLDS = frozenset({CURVED, DENSITY, GIVES, MASSES, NATURAL})
 _TANGENT, _NORMAL = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 _UNITS = {"curvesStretchStiffness": "EA, N", "curvesShearStiffness": "GA, N", "curvesBendStiffness": "EI, N m^2",
           "curvesTwistStiffness": "GJ, N m^2"}  # fmt: skip
@@ -67,7 +67,7 @@ def _head(cable):
     axis = "Y" if abs(cable.gravity[1]) > np.max(np.abs(cable.gravity[[0, 2]])) else "Z"
     said = [f"{cable.title}: pose {cable.pose}, begun in equilibrium. Units are SI: m, kg, s, N, N m^2.", *cable.remarks]
     return [
-        "#usda 1.0", "(", '    defaultPrim = "World"', f"    doc = {json.dumps(_printable(' '.join(said)))}",
+        "#usda 1.0", "(", '    defaultPrim = "World"', f"    doc = {json.dumps(printable(' '.join(said)))}",
         "    kilogramsPerUnit = 1", "    metersPerUnit = 1", f'    upAxis = "{axis}"', ")", "",
         'def Xform "World"', "{",
     ]  # fmt: skip
@@ -178,7 +178,3 @@ def _tuple(row):
 def _number(value) -> str:
     """A number for a USD float: nine digits, limited to the largest float."""
     return f"{min(float(value), _SINGLE) + 0.0:.9g}"
-
-
-def _printable(text):
-    return "".join(c if c.isprintable() else " " for c in text)[:2000]
