@@ -75,7 +75,6 @@ def in_mujoco(study, pose, links) -> np.ndarray:
 
     model = mujoco.MjModel.from_xml_string(export(study, "mujoco", pose=pose, elements=links))
     data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
     while data.time < 4.0:
         mujoco.mj_step(model, data)
     half = 0.5 * study.cable["length"] / links

@@ -75,11 +75,12 @@ def find() -> str:
     """What `scan2flex demo` finds, as `benchmarks.readme` recorded it."""
     f = load("readme")["results"]["find"]
     (at, std, true), (before, after) = f["position"], f["GJ"]
+    low, high = at - 1.96 * std, at + 1.96 * std
     fitted, unseen = ("from {:.1f} to {:.1f} mm".format(*(1e3 * x for x in f[name])) for name in ("fitted", "unseen"))
     return (
         f"*A simulated cable of {f['length']:.2f} m has a stiff sleeve that its study does not mention. `explain` finds it at\n"
-        f"{at:.3f} +- {std:.3f} m (truth: {true:.3f} m). The error falls {fitted}, in poses that were never fitted\n"
-        f"{unseen}; that of GJ falls from {100 * before:+.1f} to {100 * after:+.1f} %. `scan2flex demo` shows it.*\n"
+        f"{at:.3f} m (95 %: {low:.3f} to {high:.3f}; truth: {true:.3f} m). The error falls {fitted}, in poses that were\n"
+        f"never fitted {unseen}; that of GJ from {100 * before:+.1f} to {100 * after:+.1f} %. `scan2flex demo` shows it.*\n"
     )
 
 

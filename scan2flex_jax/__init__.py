@@ -11,6 +11,7 @@ from scan2flex_jax.version import __version__ as __version__
 
 if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is imported at its first use
     from scan2flex_jax import plot as plot
+    from scan2flex_jax.cache import keep_compiled as keep_compiled
     from scan2flex_jax.errors import Scan2FlexError as Scan2FlexError
     from scan2flex_jax.errors import StudyError as StudyError
     from scan2flex_jax.fitting import ResidualFunction as ResidualFunction
@@ -72,6 +73,7 @@ _HOMES = {
     "expect": "inference",
     "explain": "inference",
     "fit": "inference",
+    "keep_compiled": "cache",
     "load_study": "study",
     "memory_test": "inference",
     "model_of": "fitting",

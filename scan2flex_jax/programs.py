@@ -34,7 +34,7 @@ _KNOWN = {_PACKAGE, *_LIBRARIES, "builtins", "collections", "copyreg", "functool
 
 @runtime_checkable
 class Entries(Protocol):
-    """Bytes by key, such as `cli.cache.Entries`."""
+    """Bytes by key, such as `cache.Entries`."""
 
     def get(self, key: str) -> bytes | None:
         """The value of a key; None without one."""

@@ -20,13 +20,14 @@ ALLOWED = {
     "programs": set(),
     "compilation": {"programs", "errors"},
     "geometry": {"errors"},
-    "study": {"errors"},
+    "study": {"errors", "version"},
     "scan": {"geometry", "study", "errors"},
     "rod": {"geometry", "compilation", "errors"},
     "effects": {"geometry", "rod", "study", "compilation", "errors"},
     "statics": {"geometry", "rod", "compilation", "errors"},
 }
 ALLOWED["fitting"] = set(ALLOWED)
+ALLOWED["cache"] = {"programs", "study", "errors"}
 ALLOWED["prediction"] = {*ALLOWED["fitting"], "fitting"}
 ALLOWED["inference"] = {*ALLOWED["prediction"], "prediction"}
 ALLOWED["sweep"] = {*ALLOWED["inference"], "inference"}
@@ -34,7 +35,8 @@ ALLOWED["plot"] = {*ALLOWED["inference"], "inference"}
 ALLOWED["convert"] = {"study", "errors"}
 ALLOWED["export"] = {*ALLOWED["prediction"], "prediction"}
 ALLOWED["reporting"] = {*ALLOWED["plot"], "plot"}
-ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "convert", "export", "reporting"}
+ALLOWED["cli"] = {*ALLOWED["plot"], "plot", "cache", "convert", "export", "reporting"}
+ALLOWED["__main__"] = {"cli"}
 NO_JAX = ("study", "convert", "errors")
 
 

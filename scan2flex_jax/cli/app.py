@@ -7,13 +7,16 @@ import io
 import os
 import sys
 import threading
+from typing import Annotated
 
 import typer
+from typer.core import TyperGroup
 
 from scan2flex_jax.cli import demo, explaining, extracting, fitting, making, measuring, sharing
 from scan2flex_jax.cli.options import BAD_INPUT, EXIT_CODES
-from scan2flex_jax.cli.terminal import close_output, complain
+from scan2flex_jax.cli.terminal import close_output, complain, say, text_to_errors
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.version import __version__
 
 _HELP = """Find the stiffness of a cable from its measured shapes.
 
@@ -21,7 +24,19 @@ Begin with a study: `scan2flex new DIR` makes one from scans or centre curves, `
 `scan2flex report` puts all results on one page.
 """
 
+
+class _Commands(TyperGroup):
+    """Ctrl-C (or the end of the input) at a prompt is an interrupt, as anywhere else."""
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except typer.Abort:
+            raise KeyboardInterrupt from None
+
+
 app = typer.Typer(
+    cls=_Commands,
     help=_HELP,
     epilog=EXIT_CODES,
     no_args_is_help=True,
@@ -35,6 +50,22 @@ for _command in (
     sharing.report, fitting.simulate, sharing.export, demo.demo,
 ):  # fmt: skip
     app.command(epilog=EXIT_CODES)(_command)
+
+
+def _said(version: bool) -> bool:
+    if version:
+        say(f"scan2flex_jax {__version__}")
+        raise typer.Exit
+    return version
+
+
+@app.callback()
+def _begin(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_said, is_eager=True)
+    ] = False,
+) -> None:
+    text_to_errors(False)
 
 
 def main() -> None:

@@ -54,7 +54,7 @@ def extract(
     said = "with these curves" if curves else "unchanged: every pose with a scan has its centre curve"
     say(f"written: {toml}, {said}")
     if json:
-        outputs.write_json(json, {n: _curve_to_json(c) for n, c in curves.items()})
+        outputs.write_json(json, {n: _curve_to_json(c) for n, c in curves.items()}, by_name=True)
     if not all(c.sure for c in curves.values()):
         raise typer.Exit(NOT_TO_BELIEVE)
 

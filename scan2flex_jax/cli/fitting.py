@@ -16,9 +16,9 @@ from scan2flex_jax.cli.options import (
     JsonFile,
     Quiet,
     StudyFolder,
-    choices,
     drawing,
     folder_to_write,
+    one_of,
     picture_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
@@ -30,11 +30,11 @@ _METHODS, _DISTANCES = ("least-squares", "bfgs", "nelder-mead"), ("normal", "int
 def fit(
     studies: StudyFolders,
     method: Annotated[
-        str, typer.Option(help="least-squares, bfgs or nelder-mead.", autocompletion=choices(*_METHODS))
+        str, typer.Option(help="least-squares, bfgs or nelder-mead.", **one_of(*_METHODS))
     ] = "least-squares",
     distance: Annotated[
         str,
-        typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.", autocompletion=choices(*_DISTANCES)),
+        typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.", **one_of(*_DISTANCES)),
     ] = "normal",
     json: JsonFile = None,
     save: Annotated[
@@ -139,6 +139,6 @@ def simulate(
         for line in p.lines() if bool(p.verdict.solved) else ():
             say(f"  {line}")
     if json:
-        outputs.write_json(json, {n: p.to_json() for n, p in predictions.items()})
+        outputs.write_json(json, {n: p.to_json() for n, p in predictions.items()}, by_name=True)
     if not all(bool(p.verdict.solved) for p in predictions.values()):
         raise typer.Exit(NOT_TO_BELIEVE)

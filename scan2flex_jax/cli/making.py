@@ -11,10 +11,17 @@ from scan2flex_jax.cli.measuring import scans_of
 from scan2flex_jax.cli.options import Force, asked_or_refused, file_to_write, folder_to_write, interactive
 from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.version import __version__
 
 
 def new(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of scans, centre curves or markers, one file a pose.")],
+    given: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR",
+            help="Folder of scans, centre curves or markers, one file a pose; or the files, in the order of the poses.",
+        ),
+    ],
     length: Annotated[str | None, typer.Option(help="Length between the clamps, as in 0.9, '900 mm' or '900 +- 1 mm'.")] = None,
     density: Annotated[str | None, typer.Option(help="Mass per length, as in 0.336 or '336 +- 2 g/m'.")] = None,
     mass: Annotated[str | None, typer.Option(help="Mass of that length, in place of --density, as in '302 +- 1 g'.")] = None,
@@ -41,24 +48,36 @@ def new(
     validate: Annotated[list[str] | None, typer.Option(help="Validate pose, which no fit uses; may be repeated.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the study.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the study; default: DIR itself.", callback=folder_to_write)
+        Path | None, typer.Option(help="Folder of the study; default: that of the files.", callback=folder_to_write)
     ] = None,
 ) -> None:
     """Make a study from a folder of scans, centre curves or markers; prompts for missing values.
 
     Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
     """
-    from scan2flex_jax.convert import frames_of_bodies, measured_files, new_study, read_arc_lengths, read_frames  # noqa: PLC0415
+    from scan2flex_jax.convert import (  # noqa: PLC0415
+        folder_of,
+        frames_of_bodies,
+        measured_files,
+        new_study,
+        read_arc_lengths,
+        read_frames,
+    )
     from scan2flex_jax.study import describe, load_study, save_study  # noqa: PLC0415
 
-    poses = measured_files(folder, tuple(path for path in (clamps, arc_lengths) if path is not None))
-    say(f"{len(poses)} poses: {', '.join(pose.name for pose in poses)}")
+    if clamps_from_curves and clamps is not None:
+        raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
+    if mass is not None and density is not None:
+        raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
+    down, source = _gravity(gravity), given[0] if len(given) == 1 and not given[0].is_file() else given
+    folder = folder_of(source)
+    poses = measured_files(source, tuple(path for path in (clamps, arc_lengths) if path is not None))
+    sorted_ = "sorted by name (where their order matters, as friction has it, list the files in place of the folder)"
+    say(f"{len(poses)} poses, {'in the order given' if source is given else sorted_}: {', '.join(pose.name for pose in poses)}")
     long, heavy, tolerance = _length_and_weight(length, density, mass)
     thick = None
     if radius is not None or any(pose.scan for pose in poses):
         thick = _quantity(radius, "length", "the radius of the cable", "--radius")[0]
-    if clamps_from_curves and clamps is not None:
-        raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
     frames = None
     if clamps is not None:
         frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
@@ -67,7 +86,7 @@ def new(
         frames = frames or _asked_clamps(poses, units or "m", convention, not radians, tangent)
     study, notes = new_study(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
-        gravity=_gravity(gravity), units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
+        gravity=down, units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
         markers=markers, frame=frame, arc_lengths=None if arc_lengths is None else read_arc_lengths(arc_lengths, units=units),
     )  # fmt: skip
     scans = scans_of(study)  # read before anything is written
@@ -94,11 +113,11 @@ def schema(
     Example: scan2flex schema -o my-cable/study.schema.json
     """
     from scan2flex_jax.study import study_schema  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs, json_bytes  # noqa: PLC0415
 
     outputs = Outputs(force=force)
     outputs.claim(out)
-    outputs.write_json(out, study_schema())
+    outputs.write(out, json_bytes(out, {**study_schema(), "$comment": f"scan2flex_jax {__version__}"}))
     say(f"written: {out}; name it in the first line of study.toml: #:schema ./{out.name}")
 
 
@@ -107,8 +126,6 @@ def _length_and_weight(length, density, mass):
     from scan2flex_jax.study import Tolerance  # noqa: PLC0415
 
     long, of_length = _quantity(length, "length", "the length of the cable between its clamps", "--length")
-    if mass is not None and density is not None:
-        raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
     if mass is not None:
         heavy, of_weight = (value / long for value in _quantity(mass, "mass", "", ""))
     else:

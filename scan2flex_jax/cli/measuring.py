@@ -56,7 +56,8 @@ def pose(
     for name, clamp in found.items():
         say(f"{name} = {clamp_toml(clamp)}" if name else clamp_toml(clamp))
     if json:
-        outputs.write_json(json, {name: {"position": c.position, "quaternion": c.quaternion} for name, c in found.items()})
+        clamps = {name: {"position": c.position, "quaternion": c.quaternion} for name, c in found.items()}
+        outputs.write_json(json, clamps, by_name=True)
 
 
 def curve(

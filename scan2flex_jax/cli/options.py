@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from scan2flex_jax.cli.setup import progress
-from scan2flex_jax.cli.terminal import printable, say
+from scan2flex_jax.cli.terminal import printable, say, text_to_errors
 from scan2flex_jax.errors import Scan2FlexError
 
 BAD_INPUT, NOT_TO_BELIEVE = 2, 3
@@ -20,8 +20,10 @@ EXIT_CODES = (
 
 
 def file_to_write(path: Path | None) -> Path | None:
-    """The file that an option names; one that cannot be written is refused before anything is computed."""
-    if path is not None:
+    """The file that an option names (``-``: standard output); one that cannot be written is refused at once."""
+    if path == Path("-"):
+        text_to_errors(True)
+    elif path is not None:
         if path.is_dir():
             raise Scan2FlexError(f"{path} is a folder: name a file in it.")
         folder_to_write(path.parent if not _stream(path) else None)
@@ -59,7 +61,14 @@ def picture_to_write(path: Path | None) -> Path | None:
 
 
 StudyFolder = Annotated[Path, typer.Argument(help="Folder of a study, with its study.toml.")]
-JsonFile = Annotated[Path | None, typer.Option("--json", help="Write the result here, as JSON.", callback=file_to_write)]
+JsonFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--json",
+        help="Write the result here, as JSON; - is standard output, with all text on standard error.",
+        callback=file_to_write,
+    ),
+]
 Force = Annotated[
     bool, typer.Option("--force", help="Replace files that scan2flex did not write; files of a study are never replaced.")
 ]
@@ -73,6 +82,17 @@ Elements = Annotated[
 def choices(*names: str):
     """Completion of an option's value by the shell."""
     return lambda incomplete: [name for name in names if name.startswith(incomplete)]
+
+
+def one_of(*names: str):
+    """Settings of an option with one of these values: completion, and refusal of any other before the command begins."""
+
+    def check(name: str | None) -> str | None:
+        if name is not None and name not in names:
+            raise Scan2FlexError(f"{name[:60]!r} is not known: use one of {', '.join(names)}.")
+        return name
+
+    return {"autocompletion": choices(*names), "callback": check}
 
 
 def interactive() -> bool:

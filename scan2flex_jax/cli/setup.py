@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 
 from rich.text import Text
 
-from scan2flex_jax.cli.cache import cache_folder, keep_compiled
-from scan2flex_jax.cli.terminal import ERRORS, printable, tell_line
+from scan2flex_jax.cache import keep_compiled
+from scan2flex_jax.cli.terminal import ERRORS, complain, printable, tell_line
 
 __all__ = ["ERRORS", "prepare_jax", "progress"]
 
@@ -19,9 +19,7 @@ def prepare_jax() -> None:
     import jax  # noqa: PLC0415 - the environment must be set first
 
     jax.config.update("jax_enable_x64", True)
-    folder = cache_folder()
-    if folder is not None:
-        keep_compiled(folder)
+    keep_compiled(tell=complain)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, Quiet, StudyFolder, choices, file_to_write
+from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, Quiet, StudyFolder, file_to_write, one_of
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import complain, say
 
@@ -62,7 +62,7 @@ def report(
 
 def export(
     study: StudyFolder,
-    to: Annotated[str, typer.Option(help=f"{', '.join(_TO[:-1])} or {_TO[-1]}.", autocompletion=choices(*_TO))],
+    to: Annotated[str, typer.Option(help=f"{', '.join(_TO[:-1])} or {_TO[-1]}.", **one_of(*_TO))],
     out: Annotated[Path, typer.Option("--out", "-o", help="File to write.", callback=file_to_write)],
     pose: Annotated[str | None, typer.Option(help="Pose in which the cable hangs; default: the first.")] = None,
     elements: Annotated[int, typer.Option(min=8, max=1000, help="Elements of the cable in the simulator.")] = 40,

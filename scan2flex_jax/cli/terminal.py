@@ -8,6 +8,7 @@ import typer
 from rich.console import Console
 
 ERRORS = Console(stderr=True, highlight=False)
+_TEXT = {"err": False}  # where `say` prints: a result on standard output is alone there
 
 
 def printable(text: str) -> str:
@@ -17,11 +18,16 @@ def printable(text: str) -> str:
     return escaped(text)
 
 
+def text_to_errors(on: bool) -> None:
+    """Print texts to standard error from now on, since a result goes to standard output; or back to standard output."""
+    _TEXT["err"] = on
+
+
 def say(text: str = "", *, err: bool = False) -> None:
-    """Print to standard output (or error). If the reader has closed it (``| head``), the command continues silently, since it
-    may still have files to write."""
+    """Print to standard output, or error (`text_to_errors`). If the reader has closed it (``| head``), the command continues
+    silently, since it may still have files to write."""
     try:
-        typer.echo(printable(text), err=err)
+        typer.echo(printable(text), err=err or _TEXT["err"])
     except BrokenPipeError:
         close_output()
 

@@ -15,7 +15,7 @@ from scan2flex_jax.convert.frames import (
     read_frames,
     sequence_of,
 )
-from scan2flex_jax.convert.start import MeasuredFile, frames_of_bodies, measured_files, new_study
+from scan2flex_jax.convert.start import MeasuredFile, folder_of, frames_of_bodies, measured_files, new_study
 from scan2flex_jax.convert.units import length_unit, measured, quantity
 from scan2flex_jax.study.tables import LENGTHS
 
@@ -29,6 +29,7 @@ __all__ = [
     "clamp_of_angles",
     "clamp_of_matrix",
     "clamp_toml",
+    "folder_of",
     "frames_of_bodies",
     "length_unit",
     "measured",

@@ -4,7 +4,9 @@
 write. Curves of other tools are converted (`curves`), scans in another unit are scaled. The caller asks the questions.
 """
 
+import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -44,21 +46,23 @@ class MeasuredFile:
     guides: Path | None = None
 
 
-def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[MeasuredFile]:
-    """The poses in a folder, in natural order of their names (pose-2 before pose-10); raises `Scan2FlexError`."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise Scan2FlexError(f"{folder} is not a folder: name the one that holds the scans or centre curves.")
-    if (folder / STUDY_FILE).exists():
-        raise StudyError(folder / STUDY_FILE, None, "there is a study already: edit it, or name another folder.")
-    skip = {path.resolve() for path in leave_out}
+def folder_of(given: Path | Sequence[Path]) -> Path:
+    """The folder of a new study: the one that is given, or else the deepest that holds all given files."""
+    if isinstance(given, Path):
+        return given
+    return Path(os.path.commonpath([path.resolve().parent for path in given]))
+
+
+def measured_files(given: Path | Sequence[Path], leave_out: tuple[Path, ...] = ()) -> list[MeasuredFile]:
+    """The poses of a folder, in natural order of their names (pose-2 before pose-10), or those of files, in the order given.
+
+    Raises `Scan2FlexError`.
+    """
+    if (toml := folder_of(given) / STUDY_FILE).exists():
+        raise StudyError(toml, None, "there is a study already: edit it, or name another folder.")
     found: dict[str, MeasuredFile] = {}
-    for path in sorted(
-        folder.iterdir(), key=lambda p: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", p.name.lower())]
-    ):
+    for path in _in_folder(given, leave_out) if isinstance(given, Path) else _each_file(given):
         kind, guides = path.suffix.lower(), path.stem.endswith("-guides")
-        if not path.is_file() or path.name.startswith(".") or path.resolve() in skip or kind not in CURVES + SCANS:
-            continue
         if kind in CURVES and holds_frames(path):
             raise Scan2FlexError(f"{path} holds frames, not a curve: name it with --clamps, or put it in another folder.")
         name = path.stem.removesuffix("-guides") if guides else path.stem
@@ -70,9 +74,29 @@ def measured_files(folder: Path, leave_out: tuple[Path, ...] = ()) -> list[Measu
         found[name] = replace(pose, **change)
     poses = [pose for pose in found.values() if pose.curve or pose.scan]
     if not poses:
-        kinds = ", ".join(CURVES + SCANS)
-        raise Scan2FlexError(f"{folder} holds no scans or centre curves ({kinds}): put them there, one file a pose.")
+        said = f"{folder_of(given)} holds no scans or centre curves ({', '.join(CURVES + SCANS)})"
+        raise Scan2FlexError(f"{said}: put them there, one file a pose.")
     return poses
+
+
+def _in_folder(folder: Path, leave_out) -> list[Path]:
+    """The measurements in a folder, in natural order."""
+    if not folder.is_dir():
+        raise Scan2FlexError(f"{folder} is not a folder: name the one that holds the scans or centre curves.")
+    skip = {path.resolve() for path in leave_out}
+    files = [p for p in folder.iterdir() if p.is_file() and not p.name.startswith(".") and p.resolve() not in skip]
+    measured = [p for p in files if p.suffix.lower() in CURVES + SCANS]
+    return sorted(measured, key=lambda p: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", p.name.lower())])
+
+
+def _each_file(paths: Sequence[Path]) -> Sequence[Path]:
+    """The files, each of a kind that can be read."""
+    for path in paths:
+        if not path.is_file():
+            raise Scan2FlexError(f"{path} is no file: name the files of the poses, or their folder alone.")
+        if path.suffix.lower() not in CURVES + SCANS:
+            raise Scan2FlexError(f"{path} is no scan or centre curve: its name ends in none of {', '.join(CURVES + SCANS)}.")
+    return paths
 
 
 def _is_scan(path: Path) -> bool:

@@ -5,10 +5,13 @@ the stiffness EI1/ds, EI2/ds, GJ/ds; their spring references give the natural cu
 from the rotation vector by half their products: alternating the orders x, y, z and z, y, x from joint to joint cancels that
 difference, and shapes stay of second order. Hinges are read by every version of MuJoCo (the cable plugin was removed in 4.0).
 
-The reference of the model is the straight cable; the keyframe ``hanging`` has the joint angles of our equilibrium. Stretch and
-shear are rigid; a cable that stretches is refused. The end is a weld to the world, which is soft, as all constraints of MuJoCo
-are; ``solimp`` makes it nearly as stiff as possible. Armature keeps the joints stable at the model's timestep, and damping lets
-the cable settle; neither changes the equilibrium, and dynamics are not calibrated. Contact is disabled: it is not modelled.
+The model as loaded hangs in our equilibrium: bodies are placed there, and ``ref`` counts the angles of their hinges from the
+straight cable. The axis of a hinge is given in the axes of the placed body, which the later hinges of the joint have turned.
+
+Stretch and shear are rigid; a cable that stretches is refused. The end is a weld to the world, soft as all constraints
+of MuJoCo are; ``solimp`` makes it nearly as stiff as possible. Armature keeps the joints stable at the model's timestep, and
+damping lets the cable settle; neither changes the equilibrium, and dynamics are not calibrated. Contact is disabled: it is not
+modelled.
 """
 
 import xml.etree.ElementTree as ET
@@ -31,7 +34,7 @@ def to_mujoco(cable: HungCable) -> str:
     cable.require("MuJoCo", HOLDS, ball_joints=False)
     ds = cable.element_length
     root = ET.Element("mujoco", model=_printable(cable.title or "cable"))
-    for remark in (f"pose {cable.pose}: begin at keyframe 'hanging'; armature and damping are not calibrated", *cable.remarks):
+    for remark in (f"loaded in pose {cable.pose}; armature and damping are not calibrated", *cable.remarks):
         root.append(ET.Comment(_printable(f" {remark} ")))
     ET.SubElement(root, "compiler", angle="radian", autolimits="true")
     ET.SubElement(
@@ -40,36 +43,38 @@ def to_mujoco(cable: HungCable) -> str:
     world = ET.SubElement(root, "worldbody")
     links = list(Rotation.from_matrix(cable.rotation))
     start = cable.position[0] - 0.5 * ds * cable.rotation[0, :, 2]
-    body, angles = ET.SubElement(world, "body", name="link0", pos=_text(start), quat=_quaternion(links[0])), []
+    body = ET.SubElement(world, "body", name="link0", pos=_text(start), quat=_quaternion(links[0]))
     _link(body, 0, cable)
     for k in range(1, cable.elements + 1):
-        body = ET.SubElement(body, "body", name=f"link{k}", pos=_text([0, 0, ds]))
-        angles += _joints(body, k, cable, links[k - 1].inv() * links[k])
+        turn = links[k - 1].inv() * links[k]
+        body = ET.SubElement(body, "body", name=f"link{k}", pos=_text([0, 0, ds]), quat=_quaternion(turn))
+        _joints(body, k, cable, turn)
         _link(body, k, cable)
     if cable.held[1, 0]:
         ET.SubElement(body, "site", name="end", pos=_text([0, 0, 0.5 * ds]))
         ET.SubElement(world, "site", name="clamp", pos=_text(cable.position[-1]), quat=_quaternion(links[-1]))
         hard = {"solref": f"{2 * _STEP:g} 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
         ET.SubElement(ET.SubElement(root, "equality"), "weld", {"site1": "end", "site2": "clamp", **hard})
-    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="hanging", qpos=_text(angles))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _joints(body, k, cable, turn):
-    """Add the three hinges before link k, with the stiffness of their element; returns their angles in the pose."""
+    """Add the three hinges before link k, with the stiffness of their element, at their angles in the pose."""
     order, ds = _ORDERS[k % 2], cable.element_length
     stiffness = dict(zip("XYZ", np.diag(cable.stiffness[k - 1])[3:] / ds, strict=True))
     armature = _STABLE * float(np.max(cable.stiffness[:, [3, 4, 5], [3, 4, 5]])) / ds * _STEP**2
     relaxed = Rotation.from_rotvec(ds * cable.natural[k - 1, 3:]).as_euler(order)
-    for axis, spring in zip(order, relaxed, strict=True):
+    angles = turn.as_euler(order)
+    for i, (axis, angle, spring) in enumerate(zip(order, angles, relaxed, strict=True)):
         numbers = {
-            "stiffness": stiffness[axis], "damping": _SETTLE * stiffness[axis], "springref": spring, "armature": armature,
+            "stiffness": stiffness[axis], "damping": _SETTLE * stiffness[axis], "springref": spring, "ref": angle,
+            "armature": armature,
         }  # fmt: skip
-        unit = _text([float(axis == name) for name in "XYZ"])
+        behind = Rotation.from_euler(order[i + 1 :], angles[i + 1 :]) if order[i + 1 :] else Rotation.identity()
+        unit = _text(behind.inv().apply([float(axis == name) for name in "XYZ"]))
         written = {key: repr(float(value)) for key, value in numbers.items()}
         ET.SubElement(body, "joint", {"type": "hinge", "name": f"joint{k}{axis.lower()}", "axis": unit, **written})
-    return list(turn.as_euler(order))
 
 
 def _link(body, k, cable):

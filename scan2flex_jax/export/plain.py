@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.export.cable import HungCable
+from scan2flex_jax.version import __version__
 
 FORMAT = "scan2flex-cable/1"
 _MEANING = {
@@ -25,6 +26,7 @@ def to_json(cable: HungCable) -> str:
     quaternion = Rotation.from_matrix(cable.rotation).as_quat(scalar_first=True)
     found = {
         "format": FORMAT,
+        "scan2flex_jax": __version__,
         "title": cable.title,
         "meaning": _MEANING,
         "length": cable.length,

@@ -1,7 +1,7 @@
 """The opening lines of a result: rounded estimates and relative intervals, sensitivities, error on unseen poses, and belief.
 
 A `Fit` and an `Explanation` have one `Answer` each; the summary and the report open with it. The sensitivities to length and
-mass are those of `fitting.influence`. A value has as many digits as its interval resolves (`digits_of`).
+mass are those of `inference.influence`. A value has as many digits as its interval resolves (`digits_of`).
 """
 
 import textwrap
@@ -26,6 +26,7 @@ _MOST = 6  # largest number of entries of an estimate in the answer: a field alo
 _EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _LINEAR = 10.0  # factor beyond which a formula of first order says nothing
+_LEAST = 1e-3  # that is printed of a share, in per cent, or of a sensitivity
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
 
 
@@ -77,7 +78,7 @@ def _wrapped(said) -> list[str]:
 
 
 def rows_of(study: Study, estimates: Mapping) -> tuple[Row, ...]:
-    """One row for each number of the estimates (`fitting.result.Estimate` by name), stiffnesses first."""
+    """One row for each number of the estimates (`inference.estimate.Estimate` by name), stiffnesses first."""
     order = sorted(estimates, key=lambda name: list(SYMBOLS).index(name) if name in SYMBOLS else len(SYMBOLS))
     return tuple(row for name in order for row in _rows(study, name, estimates[name]))
 
@@ -141,7 +142,9 @@ def percent(share: float) -> str:
 
 
 def two_digits(value: float, sign: bool = False) -> str:
-    """``value`` with two significant digits, never with an exponent, and optionally its sign."""
+    """``value`` with two significant digits, never with an exponent, and optionally its sign; ``<0.001`` for less."""
+    if 0.0 < abs(value) < _LEAST:
+        return f"{'-' if value < 0.0 else '+' * sign}<{_LEAST:g}"
     return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-", sign=sign)
 
 
@@ -151,8 +154,8 @@ def in_mm(metres: float) -> str:
 
 
 def noise_in_words(noise: Noise, length: float) -> str:
-    """The noise of one normal component in millimetres; ``length`` (m) is that of the cable."""
-    over = f"{1e3 * noise.correlation_length:.0f} mm, per normal"
+    """The noise of one coordinate, as a study states it, in millimetres; ``length`` (m) is that of the cable."""
+    over = f"{1e3 * noise.correlation_length:.0f} mm, in each coordinate"
     said = f"white {in_mm(noise.white)} mm, correlated {in_mm(noise.correlated)} mm over {over}"
     return f"{said}; the least that is assumed: the shapes show less" if noise.assumed(length) else said
 

@@ -1,8 +1,8 @@
 """The estimate of one unknown, and whether the poses determine it: the rules of `fit` and of `explain`.
 
 A positive unknown is estimated by its logarithm, so its 95 % interval is log-normal. It is *vague* where the standard error of
-the logarithm exceeds `VAGUE`: such a value is not determined, and the numbers of an open direction (`statistics`)
-are not determined either. `answer` and `result` round estimates and intervals for print.
+the logarithm exceeds `VAGUE`: such a value is not determined, and the numbers of an open direction (`quantities.known`)
+are not determined either. `answer` and `fit_result` round estimates and intervals for print.
 """
 
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from scan2flex_jax.fitting.parameters import Slot
 from scan2flex_jax.study.kinds import CABLE, kind_format, split_name
 
 VAGUE = 1.0  # standard deviation of a logarithm (a factor of 2.7) beyond which a value is not worth the name
-_NORMAL_95 = 1.959964
+NORMAL_95 = 1.959964
 _TOUCHING = 1e-9  # in ``x``: nearer to a bound than this is at it
 _LARGEST = 700.0  # logarithm of the largest number
 
@@ -65,7 +65,7 @@ def estimate_of(
     """
     own = centre if own is None else own
     bound = (own <= np.array(slot.low) + _TOUCHING) | (own >= np.array(slot.high) - _TOUCHING)
-    half = spread * (_NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975)))
+    half = spread * (NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975)))
     value, low, high, std = centre, centre - half, centre + half, spread
     if slot.log:
         value = np.exp(centre)

@@ -16,8 +16,7 @@ from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.answer import in_mm
-from scan2flex_jax.inference.estimate import Estimate
+from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
 from scan2flex_jax.inference.explanation import parameter_in_words
 from scan2flex_jax.inference.likelihood import NONE, inverted
 from scan2flex_jax.inference.planning import POINTS, Plan, ranked_poses
@@ -44,8 +43,8 @@ class Visible:
 
 @dataclass(frozen=True)
 class Expectation:
-    """What poses will tell, with a ``noise`` (m, RMS distance): estimates at the guesses with their intervals, the smallest
-    effects that would be found, the most visible first, and the `Plan` of the pose to add."""
+    """What poses will tell, with a ``noise`` (m) of each coordinate: estimates at the guesses with their intervals, the
+    smallest effects that would be found, the most visible first, and the `Plan` of the pose to add."""
 
     study: Study = field(repr=False)
     noise: float
@@ -59,14 +58,15 @@ class Expectation:
 
     def _lines(self) -> Iterator[str]:
         poses = len(self.study.fit_poses)
-        yield f"{self.study.title}: what {poses} pose{'s' * (poses > 1)} will tell, with an error of {in_mm(self.noise)} mm"
+        noise = f"with a noise of {1e3 * self.noise:.3g} mm in each coordinate"
+        yield f"{self.study.title}: what {poses} pose{'s' * (poses > 1)} will tell, {noise}"
         yield ""
         for name, e in self.estimates.items():
             told = "not determined: these poses do not show it"
             if e.std is not None and np.all(np.isfinite(e.std)):
-                value, error = np.asarray(e.value), 1.96 * np.asarray(e.std)
+                value, error = np.asarray(e.value), NORMAL_95 * np.asarray(e.std)
                 relative = f"{100 * np.max(np.abs(error / value)):.2g} %" if np.all(value) else f"{np.max(error):.2g} {e.unit}"
-                told = f"to +- {relative}"
+                told = f"to within {relative} (95 %)"
             yield f"  {name:<24} {told}"
         yield ""
         yield "  missing effects, the smallest that would be found (alone, and in any direction):"
@@ -95,8 +95,8 @@ def expect(
 
     Args:
         study: Its unknowns need guesses; poses need only clamps (curves, if any, choose the branch).
-        noise: RMS distance (m) of the points to be measured from the centre line; None: the noise that the study states, or
-            1/1000 of the length along each of two normals.
+        noise: Standard deviation (m) of one coordinate of the points to be measured; None: the noise that the study states, or
+            1/1000 of the length.
         elements: Elements of the rod; None: 40.
         settings: Priors of the model, and thresholds of what counts as found.
 
@@ -118,7 +118,7 @@ def expect(
         raise Scan2FlexError(f"The noise is {noise}; it must be a positive number of metres.")
     h = _foreseen(study, noise, elements or FIT_ELEMENTS, settings)
     plan = ranked_poses(h, [])
-    sigma = np.sqrt(2) * h.variant.likelihood.noise(h.u).total
+    sigma = h.variant.likelihood.noise(h.u).total
     return Expectation(study, float(sigma), of.estimates(h, (h,)), tuple(_visible(h)), plan)
 
 
@@ -139,7 +139,7 @@ def _foreseen(study: Study, noise, elements: int, settings) -> Fitted:
     minimum = Minimum(x, local, problem.evaluator(x, local, start=start), 0.0, 0, converged=True)
     v = Variant("expected", problem, minimum, settings, held=True)
     law = v.likelihood
-    sigma = np.sqrt(0.5) * (noise or np.sqrt(2) * (law.stated or settings.usual_noise * v.length))  # of each of two normals
+    sigma = noise or law.stated or settings.usual_noise * v.length
     u = np.clip(law.start(np.sqrt(0.5) * sigma, NONE), *np.transpose(law.bounds))
     _, covariance = inverted(v.empty.linear.normal(*law.white(u, v.empty.linear))[0])
     return replace(v.empty, u=u, covariance=covariance)

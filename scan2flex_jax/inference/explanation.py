@@ -9,9 +9,20 @@ import numpy as np
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import belief
-from scan2flex_jax.inference.answer import BAD, Answer, change_in_words, in_mm, moved_in_words, noise_in_words, percent
+from scan2flex_jax.inference.answer import (
+    BAD,
+    Answer,
+    change_in_words,
+    digits_of,
+    in_mm,
+    moved_in_words,
+    noise_in_words,
+    number,
+    percent,
+    two_digits,
+)
 from scan2flex_jax.inference.decision import NAMED, PARTLY, TIED, TOO_LITTLE, UNEXPLAINED, UNSOLVED, Decision
-from scan2flex_jax.inference.estimate import Estimate
+from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
 from scan2flex_jax.inference.fit_result import Fit, PoseFit, in_words, rms_over
 from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
@@ -24,7 +35,7 @@ from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
 _ROWS = 8  # hypotheses in the summary
-_TELLING = 10.0  # times the parameter: a larger standard error is not printed
+_TELLING = 10.0  # times the parameter: an interval of a larger standard error is not printed
 
 
 @dataclass(frozen=True)
@@ -149,7 +160,7 @@ class Explanation:
 
     @property
     def misfits(self) -> tuple[str, ...]:
-        """Fitted poses that the final model leaves too far from their curves for noise (`fitting.belief.misfits`), in words;
+        """Fitted poses that the final model leaves too far from their curves for noise (`inference.belief.misfits`), in words;
         none where the effects explain most of the error, and more than noise remains by the verdict itself."""
         if self.fit is None or self.verdict == PARTLY:
             return ()
@@ -259,12 +270,11 @@ class Explanation:
         lines += [""] * bool(self.chosen) + [f"  {_effect_line(r, self.fit.study)}" for r in self.chosen]
         lines += ["", *self._table_lines()] if self.concluded else []
         lines += ["", *self._estimate_lines(), "", *self._pose_lines()]
-        size = in_mm(np.sqrt(2) * self.noise.total)
-        lines += ["", f"  noise {size} mm RMS ({noise_in_words(self.noise, self.fit.problem.length)})"]
+        lines += ["", f"  noise: {noise_in_words(self.noise, self.fit.problem.length)}"]
         return "\n".join([*lines, *(f"  to settle it: {s}" for s in self.settle)])
 
     def _table_lines(self):
-        yield f"  {'hypothesis':<44}{'elpd':>9}{'+-':>7}{'log evidence':>15}   (nats over no effect)"
+        yield f"  {'hypothesis':<44}{'elpd':>9}{'s.e.':>7}{'log evidence':>15}   (nats over no effect)"
         for h in self.hypotheses[:_ROWS]:
             name = h.name if h.variant == "as stated" else f"{h.name} ({h.variant})"
             elpd = f"{h.elpd:9.1f}{h.elpd_std:7.1f}" if np.isfinite(h.elpd) else f"{'':16}"
@@ -273,7 +283,8 @@ class Explanation:
     def _estimate_lines(self):
         shifts, before = self.shifts(), {} if self.fit is None else self.fit.estimates
         for name, e in self.estimates.items():
-            shift = f"   (moved by {_shown(shifts[name])} standard errors)" if name in shifts else ""
+            moved = ", ".join(map(two_digits, np.ravel(shifts.get(name, ()))))
+            shift = f"   (moved by {moved} standard errors)" if moved else ""
             yield f"  {name:<24} before  {in_words(before[name])}"
             yield f"  {'':<24} after   {in_words(e)}{shift}"
 
@@ -285,22 +296,38 @@ class Explanation:
 
 
 def parameter_in_words(study: Study, kind: str, name: str, value, std=None) -> str:
-    """A parameter with its standard error and unit. A length is given by its change from that stated in the ``study``, a factor
-    by its change from 1."""
+    """A parameter with its unit and, from its standard error, its 95 % interval. A length is given by its change from that
+    stated in the ``study``, a factor by its change from 1."""
     if isinstance(value, str):
         return value
     known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))
-    stated, unit = study.known("length"), kind_format(kind).parameter(name).unit if kind in kind_names() else "-"
+    form, stated = kind_format(kind).parameter(name) if kind in kind_names() else None, study.known("length")
+    ends = _interval(value, std, form is not None and form.domain == "positive") if known else ()
     if name == "length" and stated is not None:
-        error = f" (+- {1e3 * float(std):.2g} mm)" if known else ""
-        return change_in_words(float(value), float(np.max(stated))) + error
-    if (name, unit) == ("factor", "-") and np.ndim(value) == 0:
-        return percent(float(value) - 1.0) + (f" +- {100 * float(std):.2g} %" if known else "")
-    return f"{_shown(value)}{f' +- {_shown(std)}' if known else ''}{'' if unit == '-' else ' ' + unit}"
+        moved = [number(1e3 * (float(end) - float(np.max(stated))), 2, sign=True) for end in ends]
+        return change_in_words(float(value), float(np.max(stated))) + _between(moved)
+    if form is not None and (name, form.unit) == ("factor", "-") and np.ndim(value) == 0:
+        return percent(float(value) - 1.0) + _between([percent(float(end) - 1.0) for end in ends])
+    digits = digits_of(float(value), float(ends[0]), float(ends[1])) if ends and np.ndim(value) == 0 else 4
+    unit = "" if form is None or form.unit == "-" else f" {form.unit}"
+    return _shown(value, digits) + _between([_shown(end, digits) for end in ends]) + unit
+
+
+def _between(ends) -> str:
+    """The ends of an interval; empty without one."""
+    return f" [{', '.join(ends)}]" if ends else ""
+
+
+def _interval(value, std, positive):
+    """The 95 % interval of a parameter, log-normal for a positive one."""
+    value, half = np.asarray(value, float), NORMAL_95 * np.asarray(std, float)
+    if positive and np.all(value > 0.0):
+        return value * np.exp(-half / value), value * np.exp(half / value)
+    return value - half, value + half
 
 
 def _effect_line(r, study):
-    """``point_mass: position 0.42 +- 0.01 m, mass 0.05 +- 0.002 kg``."""
+    """``point_mass: position 0.42 [0.40, 0.44] m, mass 0.05 [0.046, 0.054] kg``."""
     said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in r.parameters.items()]
     return f"{r.kind}: {', '.join(said)}"
 
@@ -310,9 +337,9 @@ def _pose_line(name, p):
     return line if p.left_out is None else f"{line}{in_mm(p.left_out_before):>19}{in_mm(p.left_out):>11}"
 
 
-def _shown(value):
+def _shown(value, digits=4):
     if np.ndim(value) == 0:
-        return f"{float(value):.4g}"
+        return f"{float(value):.{digits}g}"
     zero = 1e-9 * np.max(np.abs(value))  # rounding errors
     return f"({', '.join(f'{0.0 if abs(v) < zero else v:.3g}' for v in np.ravel(value))})"
 

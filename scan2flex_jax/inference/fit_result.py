@@ -162,7 +162,7 @@ class Fit:
 
     @property
     def answer(self) -> Answer:
-        """The opening lines of the summary (`fitting.answer`)."""
+        """The opening lines of the summary (`inference.answer`)."""
         return answer_of(self)
 
     @property

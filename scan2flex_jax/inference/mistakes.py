@@ -10,7 +10,7 @@ by their scores where a correction leaves more than noise. In turn:
 2. each pose is left out; if the others then fit, its own likely mistakes are solved once each at their stiffnesses, and the
    best one is refitted with all poses. If none corrects it, the pose is reported as the one that does not fit.
 
-A fit that had to change several poses by full turns (`fitting.branches`) may have adapted to a wrong roll: a corrected study
+A fit that had to change several poses by full turns (`inference.branches`) may have adapted to a wrong roll: a corrected study
 is then accepted if it comes as close with the stated turns. A study that does not settle is searched too.
 """
 

@@ -28,6 +28,7 @@ from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
 
 _RIVALS = 4  # largest number of rivals that are compared
+_ALIKE = "no pose below tells {} from {}: look at the cable itself, or try poses of your own (`scan2flex_jax.plan`)"
 POINTS = 48  # of the simulated curve of a candidate
 
 
@@ -56,17 +57,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Plan:
-    """Candidates, the most informative first, and the rivals to distinguish."""
+    """Candidates, the most informative first, the rivals to distinguish, and the pairs that none of the candidates would tell
+    apart."""
 
     candidates: tuple[Candidate, ...]
     rivals: tuple[str, ...]
+    alike: tuple[tuple[str, str], ...] = ()
 
     def summary(self) -> str:
         """In plain text."""
         pairs = list(self.candidates[0].lead_now) if self.candidates else []
         lines = ["next poses to scan, the most informative first", ""]
         if pairs:
-            lines += [f"  rivals to distinguish: {', '.join(self.rivals)}", ""]
+            lines += [f"  rivals to distinguish: {', '.join(self.rivals)}", *(f"  {_ALIKE.format(*p)}" for p in self.alike), ""]
         head = "".join(f"{f'{a} / {b}'[:34]:>36}" for a, b in pairs)
         lines += [f"  {'pose':<52}{'parameters':>12}{head}   (nats)"]
         if pairs:
@@ -81,6 +84,7 @@ class Plan:
         """Lists and numbers."""
         return {
             "rivals": list(self.rivals),
+            "alike": [list(pair) for pair in self.alike],
             "candidates": [
                 {"name": c.name, "words": c.words, "parameters": c.parameters, "note": c.note,
                  "settles": [{"pair": list(p), "lead": v, "lead_now": c.lead_now[p]} for p, v in c.settles.items()]}
@@ -124,7 +128,8 @@ def ranked_poses(base: Fitted, rivals: list[tuple[Component, np.ndarray]], given
     leads, now = _leads(rivals, old), _log_volume(old, base)
     out = [_judge(base, words, pose, rivals, old, leads, now) for words, pose in given]
     out.sort(key=lambda c: (bool(c.note), -round(c.worth, 1), -c.parameters))
-    return Plan(tuple(out), tuple(c.kind for c, _ in rivals))
+    alike = tuple(p for p in leads if all(c.settles.get(p, 0.0) < base.variant.settings.tied for c in out))
+    return Plan(tuple(out), tuple(c.kind for c, _ in rivals), alike)
 
 
 def variations(study: Study) -> list[tuple[str, StudyPose]]:

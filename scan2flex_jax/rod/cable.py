@@ -8,11 +8,13 @@ A cable without ``GA`` and ``EA`` is practically unshearable and inextensible (p
 which scales with the load: one fixed value (N) would stretch a heavy cable by more than a scanner's noise.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
@@ -76,6 +78,11 @@ class Cable(eqx.Module):
     def __check_init__(self):
         require_float64()
 
+    def __repr__(self) -> str:
+        """The values; of a traced or batched cable the types and shapes."""
+        said = (f"{f.name}={_value(getattr(self, f.name))}" for f in dataclasses.fields(self))
+        return f"Cable({', '.join(said)})"
+
 
 def rigid_stiffness(length: Array, bending_stiffness: Array, force: Array) -> Float[Array, ""]:
     """Shear and axial stiffness (N) of a practically unshearable, inextensible cable: ``2e6 (force + 50 EI / L^2)``.
@@ -86,6 +93,12 @@ def rigid_stiffness(length: Array, bending_stiffness: Array, force: Array) -> Fl
     """
     bending = _BENDING_FORCES * jnp.max(bending_stiffness) / length**2
     return jax.lax.stop_gradient(jnp.asarray(_RIGID * (force + bending)))
+
+
+def _value(leaf: object) -> str:
+    """A leaf as a number or a list of them, where it is one."""
+    small = isinstance(leaf, jax.Array | np.ndarray) and not isinstance(leaf, jax.core.Tracer) and leaf.size <= 3
+    return str(np.asarray(leaf).tolist()) if small else eqx.tree_pformat(leaf)
 
 
 def _array(value: Quantity, name: str, shape: tuple[int, ...]) -> Array:

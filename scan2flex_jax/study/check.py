@@ -39,6 +39,7 @@ NO_VALIDATE = (
 )
 """The warning of a study without validation pose."""
 
+_VAGUE = 45.0  # deg: a tangent known to no better than this points anywhere
 _CLAMPED = ("clamp_position", "clamp_rotation")
 _MEASURED = ("length", "length_density")  # cable inputs that may have a tolerance and that influence every stiffness
 _UNIT = {"millimetres": "mm", "centimetres": "cm"}
@@ -171,7 +172,13 @@ def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) ->
 def _end(end: EndFacts) -> str:
     """Position and direction of a curve's end at its clamp, in words."""
     gap = f"{mm(end.gap)} from the clamp"
-    return gap if end.angle is None else f"{gap}; tangent {end.angle:.1f} +- {end.angle_sd:.1f} deg from the clamp's axis d3"
+    if end.angle is None or end.angle_sd is None:
+        return gap
+    half = 1.96 * end.angle_sd
+    if half > _VAGUE:
+        return f"{gap}; its points do not show the direction there"
+    low, high = max(end.angle - half, 0.0), end.angle + half
+    return f"{gap}; tangent {end.angle:.1f} deg [{low:.1f}, {high:.1f}] from the clamp's axis d3"
 
 
 def study_warnings(study: Study) -> list[str]:

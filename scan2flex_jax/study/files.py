@@ -26,6 +26,8 @@ TOML_LIMIT = 10_000_000
 """Bytes of a study.toml; a thousand poses take well below one million."""
 CSV_LIMIT = 200_000_000
 """Bytes of a CSV; a curve of a million points takes about 50 million."""
+STANDARD_OUTPUT = Path("-")
+"""The path that stands for standard output."""
 PATIENCE = 10.0
 """Seconds to wait for the reader of a pipe."""
 UTF_16 = (b"\xff\xfe", b"\xfe\xff")
@@ -155,6 +157,8 @@ def write_atomic(path: Path, data: bytes | Path) -> None:
 
 def is_stream(path: Path) -> bool:
     """Whether a path leads to a device, a pipe, or a stream of this process, which must not be replaced by a new file."""
+    if path == STANDARD_OUTPUT:
+        return True
     try:
         status = path.stat()
     except FileNotFoundError:
@@ -172,11 +176,14 @@ def _own_stream(status: os.stat_result) -> int | None:
 
 
 def _write_through(path: Path, data: bytes) -> None:
-    """Write to a device or a pipe; the wait for a pipe's reader is limited."""
-    own = _own_stream(path.stat())
-    if own is not None:
-        sys.stdout.flush()
-    with open(_opened(path) if own is None else os.dup(own), "wb") as stream:
+    """Write to a device, a pipe (its reader is waited for a while) or a stream of this process (its reader may leave)."""
+    own = 1 if path == STANDARD_OUTPUT else _own_stream(path.stat())
+    if own is None:
+        with open(_opened(path), "wb") as stream:
+            stream.write(data)
+        return
+    sys.stdout.flush()
+    with contextlib.suppress(BrokenPipeError), open(os.dup(own), "wb") as stream:
         stream.write(data)
 
 

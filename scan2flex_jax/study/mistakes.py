@@ -1,8 +1,8 @@
 """Likely mistakes of the input as hypotheses: each with its description, its correction, and the corrected study.
 
 Every hypothesis is a pure change of a study; nothing is solved here. `study.visible` tests those that are visible in ends and
-tangents of the curves, `fitting.mistakes` the others by a refit. Rotations ``R`` of clamps turn material vectors into the scan
-frame, d3 = R e3; a change of convention multiplies them from the right.
+tangents of the curves, `inference.mistakes` the others by a refit. Rotations ``R`` of clamps turn material vectors into the
+scan frame, d3 = R e3; a change of convention multiplies them from the right.
 """
 
 import functools

@@ -23,6 +23,7 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, is_stream, write_atomic, writing_error
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
+from scan2flex_jax.version import __version__
 
 LIST = ".scan2flex-written"
 _LONGEST_LINE = 20_000  # of a TOML that is searched
@@ -69,9 +70,10 @@ class Outputs:
         except _FAULTS as error:
             raise writing_error(path, error) from error
 
-    def write_json(self, path: Path, obj: Any) -> None:
-        """Write `obj` as JSON, like `write_json_atomic`."""
-        self.write(path, json_bytes(path, obj))
+    def write_json(self, path: Path, obj: dict[str, Any], by_name: bool = False) -> None:
+        """Write an object as JSON, with the version of the program, which objects `by_name` have each."""
+        version = {"scan2flex_jax": __version__}
+        self.write(path, json_bytes(path, {n: version | one for n, one in obj.items()} if by_name else version | obj))
 
 
 def write_file(path: Path, data: bytes, measured: Iterable[Path] = ()) -> None:

@@ -30,7 +30,7 @@ QUANTITIES: dict[str, Quantity] = {
 
 def equilibria(
     scene: Callable[[dict], tuple],
-    quantities: Sequence[str] | dict[str, Quantity] = ("points",),
+    quantities: Sequence[str] | dict[str, Quantity | Callable[[Equilibrium], object]] = ("points",),
     *,
     elements: int = DEFAULT_ELEMENTS,
     max_steps: int | None = None,
@@ -40,14 +40,18 @@ def equilibria(
     Args:
         scene: ``scene(sample)`` gives ``(model, boundary)``, then ``start`` and ``turns`` as for `equilibrium`, if needed. It
             is traced: its arguments are arrays.
-        quantities: Names of `QUANTITIES`, or a dictionary of your own: ``{"sag": (lambda e: e.points[20, 2], Output("m"))}``.
+        quantities: Names of `QUANTITIES`, or a dictionary of your own: ``{"sag": (lambda e: e.points[20, 2], Output("m"))}``. A
+            function alone gives one number without a unit.
         elements: Elements of the rod.
         max_steps: As in `equilibrium`.
 
     Raises:
         Scan2FlexError: A name is none of `QUANTITIES`.
     """
-    chosen = quantities if isinstance(quantities, dict) else {name: _standard(name) for name in quantities}
+    if isinstance(quantities, dict):
+        chosen = {name: one if isinstance(one, tuple) else (one, Output()) for name, one in quantities.items()}
+    else:
+        chosen = {name: _standard(name) for name in ([quantities] if isinstance(quantities, str) else quantities)}
     own = dict(chosen) if isinstance(quantities, dict) else list(chosen)
     return Task(
         partial(_solved, scene, chosen, elements, max_steps),

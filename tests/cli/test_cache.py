@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from scan2flex_jax.cli import cache
+from scan2flex_jax import Scan2FlexError, cache, keep_compiled
+from scan2flex_jax.cli.terminal import complain
 
 SCRIPT = """
 import sys
@@ -118,7 +119,7 @@ def test_without_a_home_it_lies_in_a_temporary_folder(temporary, monkeypatch, ca
         raise RuntimeError("Could not determine home directory.")
 
     monkeypatch.setattr(Path, "home", nobody)
-    assert cache.cache_folder() == temporary
+    assert cache.cache_folder(complain) == temporary
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and str(temporary) in said and "home" in said
     assert temporary.stat().st_mode & 0o077 == 0
@@ -126,7 +127,7 @@ def test_without_a_home_it_lies_in_a_temporary_folder(temporary, monkeypatch, ca
 
 def test_a_home_that_takes_nothing(temporary, monkeypatch, capsys):
     monkeypatch.setenv("HOME", "/proc/none")
-    assert cache.cache_folder() == temporary
+    assert cache.cache_folder(complain) == temporary
     assert capsys.readouterr().err.count("\n") == 1
 
 
@@ -141,7 +142,7 @@ def test_a_folder_that_others_fill_is_not_used(temporary, tmp_path, monkeypatch,
         os.chown(folder, 54321, 54321)
     else:
         pytest.skip("only the administrator can give a folder to another user")
-    assert cache.cache_folder() == temporary
+    assert cache.cache_folder(complain) == temporary
     assert whose in capsys.readouterr().err
 
 
@@ -149,8 +150,42 @@ def test_no_folder_at_all(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").touch()
     monkeypatch.setenv("SCAN2FLEX_CACHE", str(tmp_path / "file" / "cache"))
     monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path / "file"))
-    assert cache.cache_folder() is None
+    assert cache.cache_folder(complain) is None
     assert "not kept" in capsys.readouterr().err
     monkeypatch.setenv("SCAN2FLEX_CACHE", "off")
-    assert cache.cache_folder() is None
+    assert cache.cache_folder(complain) is None
     assert capsys.readouterr().err == ""
+
+
+NOTEBOOK = """
+import pathlib, sys, warnings
+warnings.simplefilter("error")
+import jax
+jax.config.update("jax_enable_x64", True)
+import scan2flex_jax
+folder = pathlib.Path(sys.argv[1])
+assert scan2flex_jax.keep_compiled(folder) == folder
+from scan2flex_jax import Boundary, Cable, CableModel, equilibrium
+cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
+e = equilibrium(CableModel(cable, gravity=[0.0, 0.0, -9.81]), Boundary.of(([0, 0, 0], [1, 0, 0, 0])), elements=8)
+print(float(e.points[-1, 2]), len(list(folder.glob("program-*"))))
+"""
+
+
+def test_a_script_keeps_what_it_compiles_for_the_next_by_one_call(tmp_path):
+    def run():
+        command = [sys.executable, "-c", NOTEBOOK, str(tmp_path / "kept")]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.split(), sorted(p.name for p in (tmp_path / "kept").iterdir())
+
+    (first, programs), kept = run()
+    assert int(programs) > 0
+    assert run() == ([first, programs], kept)  # nothing more to compile, and the same answer
+
+
+def test_a_folder_that_cannot_keep_them_is_one_sentence(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(Scan2FlexError, match="compiled functions cannot be kept there") as error:
+        keep_compiled(tmp_path / "file")
+    assert "\n" not in str(error.value)

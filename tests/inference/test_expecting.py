@@ -30,7 +30,7 @@ def test_the_interval_of_a_stiff_cantilever_is_that_of_the_beam():
     poses = [StudyPose("level", "fit", Clamp(np.zeros(3), np.array(LEVEL)), None)]
     study = Study.from_arrays({"length": L, "length_density": density, "torsional_stiffness": 10.0}, [], [])
     study = replace(study, poses=tuple(poses), unknowns=(Unknown("bending_stiffness", guess=EI),))
-    found = expect(study, noise=np.sqrt(2) * SIGMA)
+    found = expect(study, noise=SIGMA)
     s = np.arange(1, 40) / 40 * L
     w = density * 9.81 * s**2 * (6 * L**2 - 4 * L * s + s**2) / (24 * EI)
     d = np.abs(s[:, None] - s) / (0.07 * L)  # half of the variance white, half correlated over 7 % of the length
@@ -38,7 +38,7 @@ def test_the_interval_of_a_stiff_cantilever_is_that_of_the_beam():
     C = 0.5 * SIGMA**2 * (np.eye(len(s)) + smooth)
     expected = 1 / np.sqrt(w @ np.linalg.solve(C, w))
     assert found.estimates["bending_stiffness"].std / EI == pytest.approx(expected, rel=0.05)
-    assert found.noise == pytest.approx(np.sqrt(2) * SIGMA)
+    assert found.noise == pytest.approx(SIGMA)
 
 
 @pytest.fixture(scope="module")

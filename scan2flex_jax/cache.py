@@ -1,4 +1,4 @@
-"""The cache of compiled functions: its folder, and entries with a checksum.
+"""The cache of compiled functions, which no later process compiles again: its folder, and entries with a checksum.
 
 The folder is ``$SCAN2FLEX_CACHE``, by default ``scan2flex`` under the user's cache folder; ``SCAN2FLEX_CACHE=off`` disables
 the cache. It holds only compiled functions and may be deleted at any time. They are machine code, so a folder that belongs to
@@ -13,9 +13,11 @@ import hashlib
 import os
 import stat
 import tempfile
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 
-from scan2flex_jax.cli.terminal import complain
+from scan2flex_jax.errors import Scan2FlexError
 
 _DIGEST = hashlib.sha256().digest_size
 
@@ -54,8 +56,8 @@ def _digest(key: str, value: bytes) -> bytes:
     return hashlib.sha256(key.encode() + b"\0" + value).digest()
 
 
-def cache_folder() -> Path | None:
-    """The folder of the cache, created if missing; None without a cache. A fallback is reported on standard error."""
+def cache_folder(tell: Callable[[str], object] = warnings.warn) -> Path | None:
+    """The folder of the cache, created if missing; None without a cache. ``tell`` is called with a sentence on a fallback."""
     given = os.environ.get("SCAN2FLEX_CACHE")
     if given == "off":
         return None
@@ -67,9 +69,9 @@ def cache_folder() -> Path | None:
     try:
         folder = _own(Path(tempfile.gettempdir()) / f"scan2flex-cache-{_user()}")
     except (OSError, ValueError):
-        complain(f"compiled functions are not kept ({why}): name a folder in SCAN2FLEX_CACHE.")
+        tell(f"compiled functions are not kept ({why}): name a folder in SCAN2FLEX_CACHE.")
         return None
-    complain(f"compiled functions are kept in {folder} ({why}): name another folder in SCAN2FLEX_CACHE.")
+    tell(f"compiled functions are kept in {folder} ({why}): name another folder in SCAN2FLEX_CACHE.")
     return folder
 
 
@@ -94,8 +96,39 @@ def _entries(path: str) -> tuple[Entries, str]:
     return Entries(Path(path)), path
 
 
-def keep_compiled(folder: Path) -> None:
-    """Make JAX store compiled functions in a folder, through `Entries` where its version has a hook for another storage."""
+def keep_compiled(folder: str | Path | None = None, *, tell: Callable[[str], object] = warnings.warn) -> Path | None:
+    """Keep compiled functions between processes, as the command line does: a later process loads them in place of compiling.
+
+    For notebooks and scripts; call it before the first fit. JAX keeps its own there too, through `Entries` where its
+    version has a hook for another storage. A function of the package that is replaced at run time is not noticed.
+
+    Args:
+        folder: Where they are kept; None: the folder of the command line, ``$SCAN2FLEX_CACHE`` or ``scan2flex`` under the
+            user's cache folder.
+        tell: Called with one sentence where the folder of the command line cannot be used.
+
+    Returns:
+        The folder in use; None if ``SCAN2FLEX_CACHE`` is ``off`` or no folder can be used.
+
+    Raises:
+        Scan2FlexError: The given ``folder`` cannot be used.
+
+    Examples:
+        >>> keep_compiled()  # doctest: +SKIP
+    """
+    try:
+        used = cache_folder(tell) if folder is None else _own(Path(folder))
+    except (OSError, ValueError) as error:
+        said = getattr(error, "strerror", None) or error
+        raise Scan2FlexError(f"{folder}: compiled functions cannot be kept there ({said}): name another folder.") from error
+    if used is not None:
+        _store_in(used)
+    return used
+
+
+def _store_in(folder: Path) -> None:
+    """Make JAX, and `programs`, store compiled functions in a folder."""
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs unknown tuning hints of cached code as errors
     import jax  # noqa: PLC0415
 
     from scan2flex_jax import programs  # noqa: PLC0415
