@@ -99,8 +99,9 @@ def _entries(path: str) -> tuple[Entries, str]:
 def keep_compiled(folder: str | Path | None = None, *, tell: Callable[[str], object] = warnings.warn) -> Path | None:
     """Keep compiled functions between processes, as the command line does: a later process loads them in place of compiling.
 
-    For notebooks and scripts; call it before the first fit. JAX keeps its own there too, through `Entries` where its
-    version has a hook for another storage. A function of the package that is replaced at run time is not noticed.
+    For notebooks and scripts; call it before JAX is imported, or XLA logs errors on its tuning hints. JAX keeps there what it
+    compiles, through `Entries` where its version has a hook for another storage. A function of the package that is replaced at
+    run time is not noticed.
 
     Args:
         folder: Where they are kept; None: the folder of the command line, ``$SCAN2FLEX_CACHE`` or ``scan2flex`` under the

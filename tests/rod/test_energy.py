@@ -100,3 +100,12 @@ def test_single_precision_is_refused_in_words():
             Cable(1.0, 0.2, 0.1, 0.25)
     finally:
         jax.config.update("jax_enable_x64", True)
+
+
+def test_a_cable_prints_its_values():
+    cable = Cable(length=1.0, length_density=0.2, bending_stiffness=[0.1, 0.2], torsional_stiffness=0.25, natural_curvature=1.0)
+    assert "length=1.0" in repr(cable) and "bending_stiffness=[0.1, 0.2]" in repr(cable)
+    assert "natural_curvature=[1.0, 1.0, 1.0]" in repr(cable)
+    seen = []
+    jax.jit(lambda c: seen.append(repr(c)) or c.length)(cable)
+    assert "f64[2]" in seen[0]

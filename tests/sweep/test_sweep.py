@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -165,6 +166,15 @@ def test_turned_clamps_and_noise():
     assert abs(np.std(moved) / 1e-3 - 1) < 0.1 and all(p.noise == 1e-3 for p in rough.poses)
     angles = np.linalg.norm(random_turns(2000, 3, 0.05), axis=-1)
     assert angles.max() <= 0.05 and abs(random_turns(2000, 3, 0.05).std() / (0.05 / 3) - 1) < 0.02
+
+
+def test_a_plain_function_of_an_equilibrium_is_a_number_without_a_unit():
+    task = equilibria(scenes.hanging, {"lowest": lambda e: jnp.min(e.points[:, 2])}, elements=scenes.ELEMENTS, max_steps=60)
+    found = sweep(task, grid(span=([0.6], "m"), bending_stiffness=([0.2], "N m^2")))
+    standard = sweep(scenes.hanging_cables(), grid(span=([0.6], "m"), bending_stiffness=([0.2], "N m^2")))
+    assert float(found["lowest"].squeeze()) == pytest.approx(float(standard["points"].isel(axis=2).min()))
+    assert found["lowest"].attrs.get("units", "-") == "-"
+    assert equilibria(scenes.hanging, "points").outputs.keys() == {"points"}
 
 
 @pytest.mark.parametrize(
