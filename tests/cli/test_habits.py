@@ -65,7 +65,7 @@ def test_one_file_cannot_take_the_results_of_several_studies():
     [
         (("fit", "nowhere", "--method", "newton"), "least-squares, bfgs, nelder-mead"),
         (("fit", "nowhere", "--distance", "near"), "normal, integrated, hausdorff"),
-        (("export", "nowhere", "--to", "abaqus", "-o", "x"), "mujoco, pyelastica, usd, json"),
+        (("export", "nowhere", "--to", "catia", "-o", "x"), "mujoco, pyelastica, usd"),
         (("new", "nowhere", "--gravity", "down"), "is not 3 numbers"),
         (("new", "nowhere", "--mass", "1 g", "--density", "1"), "leave one of --mass and --density out"),
     ],

@@ -19,6 +19,7 @@ from scan2flex_jax.fitting import residual_function
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.inference import explain, fit, plan
 from scan2flex_jax.inference.decision import compared, decide, leads
+from scan2flex_jax.inference.planning import ranked_poses
 from scan2flex_jax.inference.program import Component
 from scan2flex_jax.inference.search import Search, scored
 from scan2flex_jax.study import Clamp, MeasuredCurve, load_study, save_study
@@ -189,6 +190,17 @@ def test_a_plan_ranks_poses_that_were_not_scanned(clip):
     worth = [round(c.worth, 1) for c in solved]
     assert worth == sorted(worth, reverse=True)
     assert solved[0].words in ranked.summary()
+    least = {pair: max(c.settles[pair] for c in solved) for pair in solved[0].settles}
+    assert set(ranked.alike) == {pair for pair, lead in least.items() if lead < clip.settings.tied}
+
+
+def test_a_plan_says_which_rivals_no_pose_tells_apart(clip):
+    """An effect beside itself: whatever the pose, neither leads."""
+    [best, *_] = clip.singles
+    twins = 2 * [(best.components[0], best.amplitudes(0))]
+    ranked = ranked_poses(clip.decision.empty, twins, [(p.name, p) for p in clip.study.fit_poses[:2]])
+    assert ranked.alike == ((best.kinds[0], best.kinds[0]),)
+    assert f"no pose below tells {best.kinds[0]} from {best.kinds[0]}" in ranked.summary()
 
 
 def nobody(h):
