@@ -91,7 +91,7 @@ def _pickled(value: Any) -> bytes:
     return out.getvalue()
 
 
-def _version() -> bytes | None:
+def version() -> bytes | None:
     """Digest of the package's source, the versions of its libraries and of Python; None for a package that is not loaded from
     source as it stands (by an import hook that instruments it, from an archive)."""
     spec = sys.modules[_PACKAGE].__spec__
@@ -213,8 +213,8 @@ _programs: Programs | None = None
 def keep(entries: Entries) -> None:
     """Keep the programs of `compilation.compiled` functions in ``entries`` from now on, in this process."""
     global _programs  # noqa: PLW0603 - one storage for a process
-    version = _version()
-    _programs = None if version is None else Programs(entries, version)
+    own = version()
+    _programs = None if own is None else Programs(entries, own)
 
 
 def forget() -> None:

@@ -59,8 +59,7 @@ def _explain(elements, force, quiet, study, *, say, json, figures, save) -> bool
     loaded = load_study(study)
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, *(explanation_pictures(figures) if figures else ()))
-    prepare_jax()
-    result = explained(loaded, elements, quiet, say)
+    result = explained(loaded, elements, prepare_jax(), quiet, say, again=True)
     if json:
         outputs.write_json(json, result.to_json())
     if figures and result.fit is not None:
@@ -95,7 +94,7 @@ def plan(
     loaded = load_study(study, purpose="predict")
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, figure)
-    prepare_jax()
+    folder = prepare_jax()
     from scan2flex_jax.inference import expect  # noqa: PLC0415
     from scan2flex_jax.inference import plan as rank  # noqa: PLC0415
 
@@ -112,7 +111,7 @@ def plan(
     check_study(loaded)
     if figure:
         raise Scan2FlexError("--figure is for planned poses, and these are measured: use `scan2flex explain --figures`.")
-    result = explained(loaded, elements, quiet=quiet)
+    result = explained(loaded, elements, folder, quiet)
     with progress("solving candidate poses", quiet):
         ranked = rank(result)
     say("\n" + ranked.summary())

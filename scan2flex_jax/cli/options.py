@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from scan2flex_jax.cli import searches
 from scan2flex_jax.cli.setup import progress
 from scan2flex_jax.cli.terminal import printable, say, text_to_errors
 from scan2flex_jax.errors import Scan2FlexError
@@ -100,12 +101,10 @@ def interactive() -> bool:
     return sys.stdin.isatty()
 
 
-def explained(study, elements: int | None, quiet: bool = False, say=say):
-    """Explain a study and print the summary."""
-    from scan2flex_jax.inference import explain as run  # noqa: PLC0415
-
+def explained(study, elements: int | None, folder: Path | None, quiet: bool = False, say=say, *, again: bool = False):
+    """Explain a study, from a search that is kept in the ``folder`` unless ``again``, and print the summary."""
     with progress(f"explaining {study.title}", quiet) as tell:
-        result = run(study, elements=elements, progress=tell)
+        result = searches.explained(study, elements, tell, folder, again=again)
     say(result.summary())
     return result
 

@@ -3,6 +3,7 @@
 import contextlib
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 from rich.text import Text
 
@@ -12,14 +13,14 @@ from scan2flex_jax.cli.terminal import ERRORS, complain, printable, tell_line
 __all__ = ["ERRORS", "prepare_jax", "progress"]
 
 
-def prepare_jax() -> None:
-    """Enable float64, and the compilation cache where its folder can be used."""
+def prepare_jax() -> Path | None:
+    """Enable float64, and the compilation cache, whose folder is returned where one can be used."""
     os.environ.setdefault("JAX_ENABLE_X64", "1")
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")  # XLA logs unknown tuning hints of cached code as errors
     import jax  # noqa: PLC0415 - the environment must be set first
 
     jax.config.update("jax_enable_x64", True)
-    keep_compiled(tell=complain)
+    return keep_compiled(tell=complain)
 
 
 @contextlib.contextmanager

@@ -38,8 +38,9 @@ def report(
     loaded = load_study(study)
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(out, json)
-    prepare_jax()
-    from scan2flex_jax.inference import Explanation, Fit, explain, fit  # noqa: PLC0415  # noqa: PLC0415
+    folder = prepare_jax()
+    from scan2flex_jax.cli.searches import explained  # noqa: PLC0415
+    from scan2flex_jax.inference import Explanation, Fit, fit  # noqa: PLC0415
     from scan2flex_jax.reporting import report as page  # noqa: PLC0415
     from scan2flex_jax.reporting import require_libraries  # noqa: PLC0415
 
@@ -50,7 +51,7 @@ def report(
         if no_explain:
             result = fit(loaded, elements=elements, progress=tell)
         else:
-            result = explain(loaded, elements=elements, progress=tell)
+            result = explained(loaded, elements, tell, folder, again=False)
         outputs.write(out, page(result, interactive=interactive, progress=tell).encode("utf-8"))
     say("\n".join(result.answer.lines()))
     say(f"\nwritten: {out}")

@@ -37,6 +37,7 @@ from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseCha
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, rms_over
 from scan2flex_jax.inference.fitting import with_curves
 from scan2flex_jax.inference.posterior import Fitted, Variant
+from scan2flex_jax.inference.recorded import Record, recorded, replayed
 from scan2flex_jax.inference.search import Search
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.inference.words import FIELDS, Finding, listed
@@ -55,6 +56,7 @@ def explain(
     progress: Callable[[str], None] | None = None,
     mesh: bool = True,
     settings: Settings = USUAL,
+    record: Record | None = None,
 ) -> Explanation:
     """Search for physics that the baseline model lacks, in the ``fit`` poses of ``study``.
 
@@ -69,6 +71,8 @@ def explain(
         progress: Called with a line of text at each step.
         mesh: False keeps the mesh, whatever its error.
         settings: Priors of the model, and thresholds of the decisions.
+        record: The ``record`` of an earlier explanation of the same study, mesh and settings: its hypotheses are taken in place
+            of a second search. One that does not fit is not used.
 
     Returns:
         Verdict, table of hypotheses, estimates before and after, and the study with the effects declared. Poses that are not
@@ -97,7 +101,10 @@ def explain(
     if beyond := tuple(m for m, h in mistaken if not h.discrepant and leads(h, first.empty, settings.found)):
         # nothing is left for an effect to explain
         return _mistaken(first.fit.study, beyond, began, settings)
-    search = Search([first], say).run()
+    search = replayed(record, first, say) if record else None
+    say("hypotheses of an earlier search" if search else "search")
+    search = search or Search([first], say).run()
+    kept = recorded(search)
     if search.causes[0].discrepant and (stated := variants.stated_turns(study, first, say)) is not None:
         search.extend(stated)
     for variant in variants.remembering(search, say):
@@ -106,7 +113,7 @@ def explain(
     if decision.mistakes:
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
-    answer = _explanation(first, search, decision, began, gates, coarse, scanned, told)
+    answer = replace(_explanation(first, search, decision, began, gates, coarse, scanned, told), record=kept)
     return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
 
 

@@ -127,7 +127,7 @@ class Explanation:
     ``study`` has the effects declared; ``decision`` is what the verdict rests on, from which
     `plan` continues, and ``scored`` every hypothesis at its mode. ``mistakes``:
     likely mistakes of the input that stand. ``surprised``: by the name of each validate pose that contradicts the answer, its
-    distance over the expected one.
+    distance over the expected one. ``record``: the hypotheses as numbers, from which `explain` of the same study continues.
 
     ``fit``, ``noise`` and dependent fields are None or empty if poses are not solved (verdict "not in equilibrium").
     """
@@ -157,6 +157,7 @@ class Explanation:
     mistakes: tuple[Mistake, ...] = ()
     surprised: dict[str, float] = field(default_factory=dict)
     settings: Settings = USUAL
+    record: dict[str, Any] = field(repr=False, default_factory=dict)
 
     @property
     def misfits(self) -> tuple[str, ...]:

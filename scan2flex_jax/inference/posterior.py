@@ -260,6 +260,13 @@ class Variant:
         self.best = max(self.best, found.score)
         return max([found, *self._other_starts(found)], key=lambda h: h.score) if others and components else found
 
+    def at(self, components: tuple[Component, ...], x, u, converged: bool) -> Fitted | None:
+        """A hypothesis at a mode that is known; None where it is not solved."""
+        if len(x) != Index(self.program, components).count or len(u) != len(self.empty.u):
+            raise ValueError("a mode of another program")
+        shapes = self.program.shapes(components, x, self.empty.configuration)
+        return self._finished(components, x, shapes, u, converged) if solved(shapes) else None
+
     def _begin(self, n, components, amplitudes, base):
         x = np.zeros(n.count)
         x[: n.base] = base[: n.base]

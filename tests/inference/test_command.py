@@ -1,6 +1,9 @@
 """`scan2flex explain` writes what it says: JSON in the study's format, pictures, and a study that goes round again."""
 
 import json
+import os
+import subprocess
+import sys
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -39,3 +42,25 @@ def test_explain_writes_result_pictures_and_study(tmp_path):
         assert plt.imread(tmp_path / "pictures" / picture).std() > 0.02
     again = load_study(tmp_path / "again")
     assert [e.kind for e in again.effects] == [c["kind"] for c in result["chosen"]]
+
+
+def test_plan_continues_from_the_search_of_explain(tmp_path):
+    """In processes of their own, through the folder of compiled functions; a changed study is searched again."""
+    save_study(scenes.case("t004", unseen=("p7",)), tmp_path / "case")
+
+    def run(command):
+        words = [sys.executable, "-m", "scan2flex_jax", command, str(tmp_path / "case"), "--elements", "40"]
+        env = {**os.environ, "SCAN2FLEX_CACHE": str(tmp_path / "cache")}
+        done = subprocess.run(words, capture_output=True, text=True, env=env, timeout=900, check=False)
+        assert done.returncode == 0, done.stderr
+        return done
+
+    explained, planned = run("explain"), run("plan")
+    assert "hypotheses of an earlier search" not in explained.stderr
+    assert "hypotheses of an earlier search" in planned.stderr
+    assert explained.stdout.splitlines()[0] in planned.stdout
+    searches = set((tmp_path / "cache").glob("search-*"))
+    toml = tmp_path / "case" / "study.toml"
+    toml.write_text(toml.read_text() + "\n# looked through\n")
+    assert "hypotheses of an earlier search" not in run("plan").stderr
+    assert len(set((tmp_path / "cache").glob("search-*")) - searches) == 1

@@ -21,6 +21,7 @@ from scan2flex_jax.inference import explain, fit, plan
 from scan2flex_jax.inference.decision import compared, decide, leads
 from scan2flex_jax.inference.planning import ranked_poses
 from scan2flex_jax.inference.program import Component
+from scan2flex_jax.inference.recorded import replayed
 from scan2flex_jax.inference.search import Search, scored
 from scan2flex_jax.study import Clamp, MeasuredCurve, load_study, save_study
 from scan2flex_jax.study.mistakes import Mistake
@@ -201,6 +202,29 @@ def test_a_plan_says_which_rivals_no_pose_tells_apart(clip):
     ranked = ranked_poses(clip.decision.empty, twins, [(p.name, p) for p in clip.study.fit_poses[:2]])
     assert ranked.alike == ((best.kinds[0], best.kinds[0]),)
     assert f"no pose below tells {best.kinds[0]} from {best.kinds[0]}" in ranked.summary()
+
+
+def test_an_explanation_continues_from_the_search_of_an_earlier_one(clip):
+    """As another process does, from numbers alone: the same table, verdict and values."""
+    said, record = [], json.loads(json.dumps(clip.record))
+    study = scenes.case("t004", unseen=("p7",))
+    again = explain(study, elements=ELEMENTS, mesh=False, record=record, progress=said.append)
+    assert "hypotheses of an earlier search" in said and "search" not in said
+    assert again.verdict == clip.verdict
+    assert [h.kinds for h in again.hypotheses[:4]] == [h.kinds for h in clip.hypotheses[:4]]
+    for h, old in zip(again.hypotheses[:4], clip.hypotheses[:4], strict=True):
+        assert h.log_evidence == pytest.approx(old.log_evidence, abs=0.1)
+    for name, e in again.estimates.items():
+        assert e.value == pytest.approx(clip.estimates[name].value, rel=1e-4)
+        assert e.std == pytest.approx(clip.estimates[name].std, rel=1e-2)
+    assert plan(again).candidates[0].words == plan(clip).candidates[0].words
+
+
+def test_a_record_of_another_study_is_not_used(clip, nothing):
+    other = nothing.decision.empty.variant
+    assert replayed(clip.record, other, silent) is None
+    assert replayed({**clip.record, "elements": 41}, clip.decision.empty.variant, silent) is None
+    assert replayed({"elements": ELEMENTS, "hypotheses": [{}], "scores": {}}, other, silent) is None
 
 
 def nobody(h):
