@@ -303,7 +303,7 @@ def parameter_in_words(study: Study, kind: str, name: str, value, std=None) -> s
         return value
     known = std is not None and np.all(np.isfinite(std)) and np.max(std) < _TELLING * max(np.max(np.abs(value)), np.min(std))
     form, stated = kind_format(kind).parameter(name) if kind in kind_names() else None, study.known("length")
-    ends = _interval(value, std, form is not None and form.domain == "positive") if known else ()
+    ends = _interval(value, std, "any" if form is None else form.domain) if known else ()
     if name == "length" and stated is not None:
         moved = [number(1e3 * (float(end) - float(np.max(stated))), 2, sign=True) for end in ends]
         return change_in_words(float(value), float(np.max(stated))) + _between(moved)
@@ -319,12 +319,12 @@ def _between(ends) -> str:
     return f" [{', '.join(ends)}]" if ends else ""
 
 
-def _interval(value, std, positive):
-    """The 95 % interval of a parameter, log-normal for a positive one."""
+def _interval(value, std, domain):
+    """The 95 % interval of a parameter, log-normal for a positive one; none that is wider than such a logarithm tells."""
     value, half = np.asarray(value, float), NORMAL_95 * np.asarray(std, float)
-    if positive and np.all(value > 0.0):
-        return value * np.exp(-half / value), value * np.exp(half / value)
-    return value - half, value + half
+    if domain == "positive" and np.all(value > 0.0):
+        return (value * np.exp(-half / value), value * np.exp(half / value)) if np.max(half / value) < _TELLING else ()
+    return (np.maximum(value - half, 0.0) if domain in ("nonnegative", "along_cable") else value - half), value + half
 
 
 def _effect_line(r, study):

@@ -176,7 +176,7 @@ def _end(end: EndFacts) -> str:
         return gap
     half = 1.96 * end.angle_sd
     if half > _VAGUE:
-        return f"{gap}; its points do not show the direction there"
+        return f"{gap}; its points do not show its direction there"
     low, high = max(end.angle - half, 0.0), end.angle + half
     return f"{gap}; tangent {end.angle:.1f} deg [{low:.1f}, {high:.1f}] from the clamp's axis d3"
 
