@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study import kind_names, load_study, study_schema
+from scan2flex_jax.version import __version__
 from tests.documents import ROOT
 
 from .samples import STUDY, write_sample
@@ -155,4 +156,6 @@ def test_descriptions_have_units_and_no_links():
 def test_the_command_writes_it(tmp_path):
     done = CliRunner().invoke(app, ["schema", "-o", str(tmp_path / "study.schema.json")])
     assert done.exit_code == 0 and "#:schema ./study.schema.json" in done.output
-    assert json.loads((tmp_path / "study.schema.json").read_text("utf-8")) == study_schema()
+    written = json.loads((tmp_path / "study.schema.json").read_text("utf-8"))
+    assert written.pop("$comment") == f"scan2flex_jax {__version__}"
+    assert written == study_schema()
