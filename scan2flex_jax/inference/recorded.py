@@ -36,7 +36,11 @@ def _of(h: Fitted) -> Record:
 
 
 def _plain(component: Component) -> Record:
-    site = {name: np.asarray(value).tolist() for name, value in component.site.items()}
+    """A component with the entries of its site as JSON has them; a list is a tuple, an array is marked as one."""
+    site: Record = {}
+    for name, value in component.site.items():
+        plain = np.asarray(value).tolist()
+        site[name] = {"array": plain} if isinstance(plain, list) and not isinstance(value, tuple) else plain
     return {"kind": component.kind, "site": site}
 
 
@@ -63,5 +67,7 @@ def _component(plain: Record) -> Component:
     known = {e.kind for e in (*catalogue(), *fields(), *laws())}
     if plain["kind"] not in known:
         raise ValueError(plain["kind"])
-    site = {name: tuple(value) if isinstance(value, list) else value for name, value in plain["site"].items()}
+    site: Record = {}
+    for name, value in plain["site"].items():
+        site[name] = np.array(value["array"]) if isinstance(value, dict) else tuple(value) if isinstance(value, list) else value
     return Component(plain["kind"], site)
