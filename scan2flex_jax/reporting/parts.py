@@ -143,10 +143,10 @@ def _ranking(e: Explanation) -> Html:
 
     rows = [
         (r.kind, f"{r.log_evidence:.1f}", f"{r.p_value:.3f}", words(r),
-         "; ".join(f"{name} {parameter_in_words(study, r.kind, name, value)}" for name, value in r.parameters.items()))
+         "; ".join(f"{n} {parameter_in_words(study, r.kind, n, value, r.std.get(n))}" for n, value in r.parameters.items()))
         for r in e.ranking[:_RANKED]
     ]  # fmt: skip
-    return table(("effect", "log evidence (nats)", "p", "verdict", "parameters"), rows, (1, 2))
+    return table(("effect", "log evidence (nats)", "p", "verdict", "parameters (95 % intervals)"), rows, (1, 2))
 
 
 def laws(c: Contents) -> Iterator[Html]:
