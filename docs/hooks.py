@@ -42,6 +42,7 @@ API = {
     "sweep": ("Sweep", ("sweep",)),
     "convert": ("Convert", ("convert",)),
     "scan": ("Scan", ("scan",)),
+    "cache": ("Compiled functions", ("cache",)),
 }
 """Page, its title, and the modules whose public names it documents."""
 
