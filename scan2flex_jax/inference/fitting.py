@@ -118,7 +118,8 @@ def fitted(
     estimates = of.estimates(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
-    verdict = (*belief.of_discrepancy(discrepancy), judgement)
+    reservation = belief.reservation(posterior, discrepancy)
+    verdict = (*filter(None, [reservation]), judgement)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
     said = (*said, *mesh.sentences(), *turned, *in_doubt)
@@ -138,6 +139,7 @@ def fitted(
         sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
         valid=valid,
         judgement=judgement,
+        reservation=reservation,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,
