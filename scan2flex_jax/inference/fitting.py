@@ -19,7 +19,7 @@ from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import belief, branches
+from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
@@ -104,7 +104,8 @@ def fitted(
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
-    in_doubt, stated = (doubt,) if doubt else (), stated_noise(whole)
+    several, open_ = shapes.in_words(problem, minimum, shapes.others(problem, minimum, progress))
+    in_doubt, stated = tuple(filter(None, (doubt, several))), stated_noise(whole)
     own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
     if problem.evaluator.distance != "normal":
         minimum = problem.seen_by_normals(minimum)
@@ -115,7 +116,7 @@ def fitted(
     minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
-    estimates = of.estimates(posterior, (posterior,))
+    estimates = shapes.without(of.estimates(posterior, (posterior,)), open_)
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
     reservation = belief.reservation(posterior, discrepancy)
@@ -146,6 +147,7 @@ def fitted(
         cost=minimum.cost,
         turned=turned,
         in_doubt=in_doubt,
+        open=open_,
         mesh=mesh.sentences(),
         misfits=misfits,
         mistakes=likely,

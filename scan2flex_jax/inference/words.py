@@ -105,7 +105,7 @@ def belief_of(explanation) -> tuple[str, str]:
     fault = _fault(e, found)
     if fault:
         return BAD, f"no: {fault}"
-    reservation = belief.reservation(e.decision.best, e.discrepancy)
+    reservation = next(iter(e.fit.in_doubt), "") or belief.reservation(e.decision.best, e.discrepancy)
     if e.verdict in (NONE, EXPLAINED) and reservation:
         first = f"{found} explains much, but" if found else "no missing effect shows, but"
         return FAIR, f"with care: {first} {reservation}"
