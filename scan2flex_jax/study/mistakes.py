@@ -116,7 +116,7 @@ def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
             other = _with_exchanged(pose, i, j)
             around = _polygon(other)
             if not len(far_neighbours(study, other)) and (best is None or around < best[0]):
-                best = around, min(i, j), max(i, j)
+                best = around, int(min(i, j)), int(max(i, j))
     if best is not None:
         yield exchanged_markers(study, pose, *best[1:])
 
