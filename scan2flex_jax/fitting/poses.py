@@ -163,6 +163,13 @@ def start_along(study: Study, pose: StudyPose, length: float, elements: int) -> 
     return _start_of(study, pose, _one(pose, length)[4:], length, elements)
 
 
+def bowed(study: Study, pose: StudyPose, bow: np.ndarray, length: float, elements: int) -> Configuration:
+    """The generic start of a pose with its nodes displaced by ``bow`` (elements + 1, 3) in m, for another branch."""
+    boundary, turns = boundary_of(pose), np.array(int(pose.turns))
+    sag = _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
+    return _start(_dense(np.asarray(sag.r) + bow), boundary, turns, elements)
+
+
 def check_no_memory(study: Study, instead: str) -> None:
     """Raise `Scan2FlexError` if poses depend on those before them, for what solves each pose by itself."""
     kind = next((e.kind for e in study.effects if kind_format(e.kind).memory != "none"), None)

@@ -57,13 +57,13 @@ class Answer:
     doubts: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
-        """In plain text; where the answer is not to be believed, that comes before any value."""
+        """In plain text; a doubt comes before any value."""
         wide = max((len(row.symbol) for row in self.rows), default=0)
         values = max((len(row.value) for row in self.rows), default=0)
         spans = max((len(row.interval) for row in self.rows), default=0)
         rows = [f"  {r.symbol:<{wide}}  {r.value:<{values}}  {r.interval:<{spans}}  {r.note}".rstrip() for r in self.rows]
         belief = [("believe it?", self.belief), *(("", doubt) for doubt in self.doubts)]
-        first, last = (belief, []) if self.tone == BAD else ([], belief)
+        first, last = ([], belief) if self.tone == GOOD else (belief, [])
         said = [("rests on", self.rest), ("unseen poses", self.unseen), *last]
         said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]
         return [*_wrapped(first), *rows, *_wrapped(said)]
@@ -290,6 +290,6 @@ def _belief(fit) -> tuple[str, str]:
         return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
     if fit.valid is False:
         return BAD, f"no: {fit.judgement}{_EXPLAIN}"
-    if fit.doubts:
-        return FAIR, f"with care: {fit.doubts[0]}"
-    return (FAIR, f"with care: {fit.judgement}") if fit.valid is None else (GOOD, f"yes: {fit.judgement}")
+    careful = [*fit.doubts, *([fit.reservation + _EXPLAIN] if fit.reservation else [])]
+    careful += [fit.judgement] if fit.valid is None else []
+    return (FAIR, f"with care: {careful[0]}") if careful else (GOOD, f"yes: {fit.judgement}")

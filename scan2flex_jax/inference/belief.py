@@ -1,10 +1,16 @@
 """Validation of a fit: are residuals of fitted poses noise, and are validate poses predicted to within it?"""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.distance import NORMALS
-from scan2flex_jax.fitting.noise import Noise, white_noise
+from scan2flex_jax.fitting.noise import Noise, sensor_noise, white_noise
+from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.states import Shape
 from scan2flex_jax.inference.answer import two_digits
+from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.settings import USUAL, Settings
 
 
@@ -24,12 +30,32 @@ def misfits(study, poses, length, settings: Settings = USUAL) -> tuple[str, ...]
 _NO_NOISE = "something is missing or misread, and the values are not to be believed"
 
 
-def of_discrepancy(discrepancy) -> tuple[str, ...]:
-    """The discrepancy of poses, in words."""
+def reservation(h: Fitted, discrepancy: Discrepancy) -> str:
+    """Why an answer is believed with care at most, in words, by `fit` and `explain` alike; empty without a reason.
+
+    Residuals are large against what the values move, or poses deviate by more than the noise of their points: a random
+    deviation of each pose then stands in for whatever the model lacks, and need not be random.
+    """
+    v, shown = h.variant, np.sqrt(NORMALS) * sensor_noise(h.variant.study)
+    known, points = np.isfinite(shown), sum(int(np.sum(real)) for real in v.program.real)
+    own, move = float(np.sqrt(h.squares / points)), moved(v.problem, h.shapes, v.program.real)
+    if own > v.settings.moved * move and not (known and own <= v.settings.beyond_noise * shown):
+        share = f"{100 * own / move:.0f} % of what a factor of e in the values moves"
+        return f"residuals of {two_digits(1e3 * own)} mm are {share}: a reading is mistaken, or something is missing"
     if not discrepancy.curvature:
-        return ()
-    said = f"{1e3 * discrepancy.rms:.2f} mm, {100 * discrepancy.relative:.2f} % of the length"
-    return (f"beyond the noise, each pose deviates from the model in its own way ({said})",)
+        return ""
+    of = "that is stated" if v.likelihood.stated else "that their points show" if known else "of the fit"
+    size = shown if known else np.sqrt(NORMALS) * v.likelihood.noise(h.u).total
+    deviate = f"poses deviate from the model by {two_digits(1e3 * discrepancy.rms)} mm"
+    return f"{deviate}, beside the noise of {two_digits(1e3 * size)} mm {of}"
+
+
+def moved(problem: Problem, shapes: Sequence[Shape], real: Sequence[np.ndarray]) -> float:
+    """RMS displacement (m) of the measured points by a factor of e in each unknown that is positive, to first order; infinite
+    without such."""
+    logs, points = np.flatnonzero(problem.logs()), sum(int(np.sum(keep)) for keep in real)
+    squares = sum(float(np.sum(np.asarray(s.columns)[keep][..., logs] ** 2)) for s, keep in zip(shapes, real, strict=True))
+    return float(np.sqrt(squares / points)) if len(logs) else np.inf
 
 
 def conspicuous(noise: Noise, length: float, settings: Settings = USUAL) -> bool:

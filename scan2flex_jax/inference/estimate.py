@@ -37,6 +37,10 @@ class Estimate:
         """Without standard error and interval, which hold for a model that is believed only."""
         return replace(self, std=None, low=None, high=None)
 
+    def lost(self) -> "Estimate":
+        """Not determined: its value is one of several."""
+        return replace(self.withheld(), identifiable=False)
+
     def to_json(self) -> dict:
         """As in the study format; what is not known is left out."""
         out = {"value": _plain(self.value), "identifiable": self.identifiable, "at_bound": self.at_bound}

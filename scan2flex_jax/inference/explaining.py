@@ -12,7 +12,7 @@ from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference import variants
+from scan2flex_jax.inference import shapes, variants
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
@@ -151,7 +151,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         hypotheses=_table(search, d),
         ranking=ranking,
         chosen=chosen,
-        estimates={name: every[name] for name in fitted.estimates},
+        estimates=shapes.without({name: every[name] for name in fitted.estimates}, fitted.open),
         poses=poses,
         settle=_settle(d) if d.verdict == TIE else (),
         sentences=(*map(str, findings), *(s for law in laws for s in law.sentences()), *told),

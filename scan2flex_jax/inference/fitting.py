@@ -19,7 +19,7 @@ from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
-from scan2flex_jax.inference import belief, branches
+from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
@@ -104,7 +104,8 @@ def fitted(
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
-    in_doubt, stated = (doubt,) if doubt else (), stated_noise(whole)
+    several, open_ = shapes.in_words(problem, minimum, shapes.others(problem, minimum, progress))
+    in_doubt, stated = tuple(filter(None, (doubt, several))), stated_noise(whole)
     own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
     if problem.evaluator.distance != "normal":
         minimum = problem.seen_by_normals(minimum)
@@ -115,10 +116,11 @@ def fitted(
     minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
-    estimates = of.estimates(posterior, (posterior,))
+    estimates = shapes.without(of.estimates(posterior, (posterior,)), open_)
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
-    verdict = (*belief.of_discrepancy(discrepancy), judgement)
+    reservation = belief.reservation(posterior, discrepancy)
+    verdict = (*filter(None, [reservation]), judgement)
     warned = study_warnings(whole) if misfits or likely else unit_warnings(whole)
     said = (*warned, *said, *repeat_sentences(whole), *study.assumptions, *([] if minimum.converged else [unsettled(minimum)]))
     said = (*said, *mesh.sentences(), *turned, *in_doubt)
@@ -138,12 +140,14 @@ def fitted(
         sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
         valid=valid,
         judgement=judgement,
+        reservation=reservation,
         converged=minimum.converged,
         equilibria=solved,
         seconds=time.perf_counter() - began,
         cost=minimum.cost,
         turned=turned,
         in_doubt=in_doubt,
+        open=open_,
         mesh=mesh.sentences(),
         misfits=misfits,
         mistakes=likely,

@@ -3,7 +3,7 @@
 If `study.visible` finds a doubt, or the residual of the fit exceeds a few thousandths of the length, the study is refitted with
 each likely mistake corrected (`study.mistakes`). A corrected study has no additional parameter: a residual three times smaller
 is no accident. A strong missing effect is sometimes imitated by a correction, though only in part: `explain` compares the two
-by their scores where a correction leaves more than noise. In turn:
+by their scores where a correction leaves more than noise. Single readings of markers come first (`readings`); then, in turn:
 
 1. mistakes of all poses and exchanged curves are solved at the stiffnesses that balance the corrected curves and at those of
    the fit; the nearest ones are refitted;
@@ -28,6 +28,7 @@ from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import branches
+from scan2flex_jax.inference.readings import misread
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
@@ -78,7 +79,8 @@ def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress)
     ``problem`` and ``minimum`` are its fit on the measured branches. Empty for a fit with a small residual.
     """
     search = _Search(study, problem, minimum, progress)
-    return search.hidden() if search.doubtful() else ()
+    doubtful = search.doubtful()
+    return misread(problem, minimum, doubtful, search.refitted) or (search.hidden() if doubtful else ())
 
 
 def instead_of(

@@ -21,10 +21,11 @@ class Settings:
     ``slab`` to have one at all: prior odds of e^-2, and the width of its size's posterior over that of its prior.
 
     Validation: a residual is no noise above ``beyond_noise`` times the noise that is stated or shown by the points, and above
-    ``largest_noise`` of the length if none is stated; unstated noise is conspicuously smooth where its correlated part exceeds
-    ``smooth`` times the white one, and its length or size as many times the usual one. A validate pose contradicts the model
-    from ``surprise`` times the distance that noise, discrepancy, tolerances and errors of the estimates let expect. An interval
-    is withheld above a standard deviation ``vaguest_interval`` of the logarithm.
+    ``largest_noise`` of the length if none is stated; above ``moved`` of what a factor of e in the values moves the points, it
+    is large whatever the length (right studies with noise: 0.05 at most). Unstated noise is conspicuously smooth where its
+    correlated part exceeds ``smooth`` times the white one, and its length or size as many times the usual one. A validate pose
+    contradicts the model from ``surprise`` times the distance that noise, discrepancy, tolerances and errors of the estimates
+    let expect. An interval is withheld above a standard deviation ``vaguest_interval`` of the logarithm.
 
     Hypotheses: ``effect`` is the prior cost of each effect beyond the choice of its kind and place, ``turn`` that of a full
     turn in a pose (5 % of poses are a turn off, one way or the other), ``mistake`` that of a mistake of the input. Sets have at
@@ -50,6 +51,7 @@ class Settings:
     slab: float = 8.0
     beyond_noise: float = 3.0
     largest_noise: float = 0.01
+    moved: float = 0.2
     smooth: float = 3.0
     surprise: float = 2.0
     vaguest_interval: float = 5.0

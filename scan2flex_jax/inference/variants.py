@@ -37,11 +37,12 @@ _TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can 
 
 def given(study: Study, elements: int | None, mesh: bool, scanned: bool, settings: Settings, say: Progress):
     """``(variant, figures, coarse)``: the study as stated on a fine enough mesh, or its fit alone where a mistake of the input
-    shows without a solve; elements and mesh error, and the poses whose mesh remains too coarse. Raises `NotSettledError`."""
+    shows without a solve, or in single readings; elements and mesh error, and the poses whose mesh remains too coarse. Raises
+    `NotSettledError`."""
     while True:
         say("baseline fit")
         first = fitted(study, elements=elements, slots=slots_of(study), settings=settings, scanned=scanned)
-        if first.mistakes and visible_mistakes(first.problem.study):
+        if first.mistakes and (first.mistakes[0].reading or visible_mistakes(first.problem.study)):
             return first, {}, []
         elements, study = first.problem.elements, first.problem.study  # with the turns that the shapes show
         variant = variant_of("as stated", first)

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from scan2flex_jax.inference import belief
 from scan2flex_jax.inference.answer import (
     BAD,
     FAIR,
@@ -82,11 +83,11 @@ def found_in_words(explanation) -> str:
 
 def answer_of(explanation) -> Answer:
     """The answer of an `Explanation`."""
-    tone, belief = belief_of(explanation)
+    tone, said = belief_of(explanation)
     if explanation.fit is None:
-        return Answer((), "", "", belief, tone, warnings_of(explanation.study))
+        return Answer((), "", "", said, tone, warnings_of(explanation.study))
     study = explanation.fit.study
-    return compose(study, explanation.estimates, explanation.influence, _unseen(explanation), tone, belief)
+    return compose(study, explanation.estimates, explanation.influence, _unseen(explanation), tone, said)
 
 
 def _unseen(explanation):
@@ -104,9 +105,12 @@ def belief_of(explanation) -> tuple[str, str]:
     fault = _fault(e, found)
     if fault:
         return BAD, f"no: {fault}"
-    if e.verdict == NONE:
-        return _of_nothing(e)
+    reservation = next(iter(e.fit.in_doubt), "") or belief.reservation(e.decision.best, e.discrepancy)
+    if e.verdict in (NONE, EXPLAINED) and reservation:
+        first = f"{found} explains much, but" if found else "no missing effect shows, but"
+        return FAIR, f"with care: {first} {reservation}"
     return {
+        NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"),
         EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),
         PARTLY: (FAIR, f"with care: {found} removes most of the error, but more than noise remains"),
         TIE: (FAIR, f"with care: {found} explain the shapes alike; the intervals hold for all of them"),
@@ -126,9 +130,3 @@ def _fault(e, found) -> str:
         said.append(f"{found + ' removes much of the error, but ' if found else ''}pose {pose}, which was not fitted, {off}")
     return next(iter((*said, *([] if said else e.misfits))), "")
 
-
-def _of_nothing(e):
-    if e.discrepancy is not None and e.discrepancy.curvature:
-        size = f"{1e3 * e.discrepancy.rms:.2g} mm beyond the noise"
-        return FAIR, f"with care: no missing effect shows, but poses differ by {size}; the intervals allow for it"
-    return GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"

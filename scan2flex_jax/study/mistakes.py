@@ -15,6 +15,7 @@ import numpy as np
 
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
+from scan2flex_jax.study.parts import Markers
 from scan2flex_jax.study.rotations import product, rolled, twist_along
 from scan2flex_jax.study.sense import knows_a_force
 from scan2flex_jax.study.values import one_line
@@ -40,6 +41,7 @@ _MAPS = (  # of measured shapes from other axes: the rows are x, y and z as they
 )
 _WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # units of weight, and how many of them make a kg/m
 _ROLLS = (180, 90, -90)  # degrees
+_FLIPPED = 0.2  # of a reading: it is nearer to its expected value with the other sign than this
 _APART, _NOISY = 1.3, 0.01  # neighbouring markers are no farther apart than this many times their arc length, and so much of s
 
 Quaternion = Annotated[np.ndarray, "4"]
@@ -51,6 +53,8 @@ class Mistake:
 
     ``axis``: the axis of every clamp's frame along which the cable leaves it, if that is the mistake ("x", "-y"; else "").
     ``before`` and ``after``: RMS distance (m) of the fitted poses, as given and corrected; None without a refit.
+    ``reading``: whether it concerns single readings of markers, which no physics moves; ``place``: name of the pose and number
+    of the marker that is left out.
     """
 
     sentence: str
@@ -59,6 +63,8 @@ class Mistake:
     before: float | None = None
     after: float | None = None
     axis: str = ""
+    reading: bool = False
+    place: tuple[str, int] | None = None
 
     def __str__(self) -> str:
         """``description: advice (improvement)``."""
@@ -104,20 +110,71 @@ def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     far, marks = far_neighbours(study, pose), pose.markers
     if marks is None or not len(far):
         return
-    best: tuple[float, int, int, StudyPose] | None = None
+    best: tuple[float, int, int] | None = None
     for i in sorted({*far, *(far + 1)}):
         for j in range(len(marks.points)):
-            order = np.arange(len(marks.points))
-            order[[i, j]] = order[[j, i]]
-            other = replace(pose, markers=replace(marks, points=marks.points[order]))
+            other = _with_exchanged(pose, i, j)
             around = _polygon(other)
             if not len(far_neighbours(study, other)) and (best is None or around < best[0]):
-                best = around, min(i, j), max(i, j), other
+                best = around, int(min(i, j)), int(max(i, j))
     if best is not None:
-        _, i, j, other = best
-        at = " and ".join(f"{marks.arc_length[k]:.4g} m" for k in (i, j))
-        said = f"markers {i + 1} and {j + 1} of pose {one_line(pose.name)} are exchanged (s = {at})"
-        yield Mistake(said, "exchange their coordinates", with_pose(study, other))
+        yield exchanged_markers(study, pose, *best[1:])
+
+
+def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake:
+    """Markers ``i`` and ``j`` of a pose are exchanged."""
+    at = " and ".join(f"{_markers(pose).arc_length[k]:.4g} m" for k in (i, j))
+    said = f"markers {i + 1} and {j + 1} of pose {one_line(pose.name)} are exchanged (s = {at})"
+    mended = with_pose(study, _with_exchanged(pose, i, j))
+    return Mistake(said, "exchange their coordinates", mended, reading=True)
+
+
+def exchanged_tables(study: Study, a: StudyPose, b: StudyPose) -> Mistake:
+    """The markers of two poses are exchanged."""
+    said = f"the markers of poses {one_line(a.name)} and {one_line(b.name)} are exchanged"
+    mended = with_pose(with_pose(study, replace(a, markers=b.markers)), replace(b, markers=a.markers))
+    return Mistake(said, "exchange their tables", mended, reading=True)
+
+
+def without_marker(study: Study, pose: StudyPose, k: int) -> Mistake | None:
+    """Marker ``k`` of a pose is misread, so that the fit does without it; None if no fit remains."""
+    said, mend = f"marker {k + 1} of pose {one_line(pose.name)} is misread", "read it again, or leave its row out"
+    marks, place = _markers(pose), (pose.name, k)
+    if len(marks.points) > 1:
+        rest = replace(marks, points=np.delete(marks.points, k, axis=0), arc_length=np.delete(marks.arc_length, k))
+        return Mistake(said, mend, with_pose(study, replace(pose, markers=rest)), reading=True, place=place)
+    if pose.curve is None and len(study.fit_poses) == 1:
+        return None
+    other = replace(pose, role="validate") if pose.curve is None else replace(pose, markers=None)
+    mend = 'read it again, or give its pose role = "validate"' if pose.curve is None else mend
+    return Mistake(said, mend, with_pose(study, other), reading=True, place=place)
+
+
+def of_reading(mistake: Mistake, pose: StudyPose, k: int, off: Annotated[np.ndarray, "3"]) -> Mistake:
+    """The mistake of marker ``k`` with the coordinate that is misread: ``off`` (m), measured minus expected, is zero along
+    coordinates that were not measured."""
+    axis = int(np.argmax(np.abs(off)))
+    value, s = float(_markers(pose).points[k, axis]), _markers(pose).arc_length[k]
+    expected = value - float(off[axis])
+    what = "has the wrong sign" if abs(value + expected) < _FLIPPED * abs(value) else "is misread"
+    said = f"{'xyz'[axis]} of marker {k + 1} of pose {one_line(pose.name)} {what} (s = {s:.4g} m): "
+    said += f"{1e3 * value:.4g} mm, where the other readings let expect {1e3 * expected:.4g} mm"
+    return replace(mistake, sentence=said)
+
+
+def _with_exchanged(pose, i, j):
+    """The pose with two markers exchanged."""
+    marks = _markers(pose)
+    order = np.arange(len(marks.points))
+    order[[i, j]] = order[[j, i]]
+    return replace(pose, markers=replace(marks, points=marks.points[order]))
+
+
+def _markers(pose: StudyPose) -> Markers:
+    """Those of a pose that has some."""
+    if pose.markers is None:
+        raise ValueError("the pose has no markers")
+    return pose.markers
 
 
 def far_neighbours(study: Study, pose: StudyPose) -> Annotated[np.ndarray, " k"]:

@@ -1,14 +1,15 @@
 """Poses that were never fitted: off by no more than noise, their own tolerances and the estimates' errors, or not."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from scan2flex_jax.inference import Settings, fit
-from scan2flex_jax.inference.answer import two_digits
+from scan2flex_jax.inference.answer import FAIR, two_digits
 from scan2flex_jax.inference.belief import validity
-from scan2flex_jax.study import Tolerance
+from scan2flex_jax.study import EffectDeclaration, Tolerance
 
 from . import scenes
 
@@ -48,6 +49,25 @@ def test_without_the_tolerance_each_pose_deviates_by_itself(turned, known):
         e, before = f.estimates[name], known.estimates[name]
         assert e.low < true < e.high
         assert e.high - e.low > 1.5 * (before.high - before.low)
+
+
+def test_an_undeclared_mass_leaves_no_yes():
+    """30 g that nobody declared, and no stated noise: a random deviation of each pose fits them, and predicts the pose never
+    fitted to within itself; the interval of EI excludes the truth."""
+    made = scenes.study_of(
+        poses=("plane", "twist-90", "aside-45", "unseen"),
+        effects=(EffectDeclaration("point_mass", {"position": 0.4, "mass": 0.03}),),
+    )
+    made = replace(made, poses=tuple(replace(p, role="fit") for p in made.poses))
+    study = replace(scenes.measured(made, scenes.exact_curves(made, TRUE), 5e-4), effects=())
+    f = fit(replace(study, poses=(*study.poses[:3], replace(study.poses[3], role="validate"))), elements=scenes.ELEMENTS)
+    assert f.valid and f.estimates["bending_stiffness"].high < scenes.EI
+    assert f.answer.tone == FAIR
+    first = " ".join(line.strip() for line in f.answer.lines()[:2])
+    shown = np.sqrt(2) * 5e-4
+    mm = [float(x) for x in re.findall(r"([\d.]+) mm", first)]
+    np.testing.assert_allclose(mm, [1e3 * f.discrepancy.rms, 1e3 * shown], rtol=0.1)
+    assert "with care: poses deviate" in first and "their points show" in first and "`scan2flex explain`" in first
 
 
 def test_a_validate_pose_that_was_not_solved_has_no_error(known):
