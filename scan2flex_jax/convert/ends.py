@@ -1,7 +1,8 @@
 """The ends of a measured curve as clamps: place and direction with their errors, and whether an end hangs free.
 
-Place and direction are those of a cubic in arc length s through the points near the end. Its window is the widest one whose
-slope agrees with those of all shorter ones (Lepski's rule), so that the bias by bending is no larger than the error by noise.
+Place and direction are those of a cubic in arc length s through the points near the end. Its window is two steps shorter than
+the widest one whose slope agrees with those of all shorter ones (Lepski's rule): the bias by bending is a small part of the error
+by noise.
 
 The moment ``M`` turns the tangent of an isotropic rod by ``EI t' = M x t``, whatever its torsion. With ``M(s)`` from the weight
 ``w`` of the part beyond s and from a moment and a force at the end, ``r(s) = r0 + s t0 + int int M x dr ds / EI`` is linear in
@@ -21,8 +22,8 @@ from scan2flex_jax.study.facts import point_noise
 from scan2flex_jax.study.model import Clamp, Tolerance
 
 Points = Annotated[np.ndarray, "n 3"]
-_CUBIC, _LEAST, _WIDEN = 4, 8, 4 / 3  # coefficients; points of the shortest window; factor from one window to the next
-_AGREE = 2.0  # standard errors between slopes of windows that agree
+_CUBIC, _LEAST, _WIDEN = 4, 5, 4 / 3  # coefficients; points of the shortest window; factor from one window to the next
+_AGREE, _BACK = 2.0, 2  # standard errors between slopes that agree; windows back from there, where bias is a small part
 _SLOW = 0.1  # of the slope of a curve: its points turn back
 _MOST_SHIFT, _MOST_TURN = 0.01, 0.3  # of the length, rad: errors of an end that shows nothing
 _AGAIN = 3.0  # times those errors: a fit counts the same points again, and they shall decide there
@@ -55,8 +56,7 @@ def curve_end(points: Points, noise: float | None = None) -> CurveEnd:
     kept: list[tuple[np.ndarray, np.ndarray]] = []
     count = min(len(points), _LEAST)
     while True:
-        basis = np.vander(s[:count] / s[-1], max(min(_CUBIC, count - 1), 2), increasing=True)
-        found, weight = np.linalg.lstsq(basis, points[:count], rcond=None)[0], np.linalg.norm(np.linalg.pinv(basis), axis=1)
+        found, weight = _polynomial(points[:count], s[:count] / s[-1], _CUBIC)
         slack = _AGREE * np.sqrt(2.0) * sigma  # of two directions
         if any(np.linalg.norm(found[1] - other[1]) > slack * own[1] for other, own in kept):
             break
@@ -64,12 +64,21 @@ def curve_end(points: Points, noise: float | None = None) -> CurveEnd:
         if count == len(points):
             break
         count = min(len(points), int(np.ceil(_WIDEN * count)))
-    found, weight = kept[-1]
-    size = float(np.linalg.norm(found[1]))
+    found, weight = kept[max(len(kept) - 1 - _BACK, 0)]
+    size, bias = float(np.linalg.norm(found[1])), 0.0
     if not size > _SLOW * s[-1]:
         raise Scan2FlexError("a curve turns back on itself: its clamps cannot be taken from it, give them.")
-    place, turn = sigma * max(1.0, weight[0]), sigma * weight[1] / size
-    return CurveEnd(found[0], found[1] / size, float(min(place, _MOST_SHIFT * s[-1])), float(min(turn, _MOST_TURN)))
+    if len(kept) <= _BACK:  # bends within the shortest window may exceed the noise
+        bias = float(np.linalg.norm(found[1] - _polynomial(points[:_LEAST], s[:_LEAST] / s[-1], _CUBIC + 1)[0][1]))
+    place, turn = sigma * max(1.0, weight[0]), float(np.hypot(sigma * weight[1], bias)) / size
+    return CurveEnd(found[0], found[1] / size, float(min(place, _MOST_SHIFT * s[-1])), min(turn, _MOST_TURN))
+
+
+def _polynomial(points, u, most):
+    """Coefficients of a polynomial in ``u`` through points, ``most`` of them, and their standard errors over the noise."""
+    basis = np.vander(u, min(most, max(len(u) - 1, 2)) if most <= _CUBIC else min(most, len(u)), increasing=True)
+    inverse = np.linalg.pinv(basis)
+    return inverse @ points, np.linalg.norm(inverse, axis=1)
 
 
 def clamps_of_curve(points: Points, noise: float | None = None, *, free: bool = False) -> tuple[Clamp, Clamp | None, Tolerance]:
