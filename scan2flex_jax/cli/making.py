@@ -29,7 +29,7 @@ def new(
     ] = None,
     clamps_from_curves: Annotated[
         bool,
-        typer.Option("--clamps-from-curves", help="Take the clamps from the ends of the curves, as well as they show them."),
+        typer.Option("--clamps-from-curves", help="Take the clamps from the ends of the curves, without twist, and fit them."),
     ] = False,
     ends: Annotated[
         str | None,

@@ -1,8 +1,8 @@
 """The ends of a measured curve as clamps: place and direction with their errors, and whether an end hangs free.
 
 Place and direction are those of a cubic in arc length s through the points near the end. Its window is two steps shorter than
-the widest one whose slope agrees with those of all shorter ones (Lepski's rule): the bias by bending is a small part of the error
-by noise.
+the widest one whose slope agrees with those of all shorter ones (Lepski's rule), so that the bias by bending is a small part of
+the error by noise.
 
 The moment ``M`` turns the tangent of an isotropic rod by ``EI t' = M x t``, whatever its torsion. With ``M(s)`` from the weight
 ``w`` of the part beyond s and from a moment and a force at the end, ``r(s) = r0 + s t0 + int int M x dr ds / EI`` is linear in
@@ -27,7 +27,6 @@ _AGREE, _BACK = 2.0, 2  # standard errors between slopes that agree; windows bac
 _SLOW = 0.1  # of the slope of a curve: its points turn back
 _MOST_SHIFT, _MOST_TURN = 0.01, 0.3  # of the length, rad: errors of an end that shows nothing
 _AGAIN = 3.0  # times those errors: a fit counts the same points again, and they shall decide there
-_ROLL = 3.0  # rad: a curve does not show the roll of its clamps
 _FEWEST = 12  # points that tell a free end
 _CHANCE, _SHOWN = 1e-3, 5.0  # p of end loads that noise explains; standard errors by which the weight of a free end shows
 _NEARLY = 0.01  # of the squared bends, not explained: an end that may be free
@@ -128,9 +127,7 @@ def hanging(points: Points, gravity: Annotated[np.ndarray, "3"]) -> Hanging:
 
 def wider(one: Tolerance, other: Tolerance) -> Tolerance:
     """A tolerance that covers the clamps of two."""
-    rolls = [t.clamp_roll for t in (one, other) if t.clamp_roll is not None]
-    most = {name: max(getattr(one, name), getattr(other, name)) for name in ("clamp_position", "clamp_rotation")}
-    return replace(one, **most, clamp_roll=max(rolls, default=None))
+    return replace(one, **{n: max(getattr(one, n), getattr(other, n)) for n in ("clamp_position", "clamp_rotation")})
 
 
 def _tolerance(*ends: CurveEnd) -> Tolerance:
@@ -138,7 +135,7 @@ def _tolerance(*ends: CurveEnd) -> Tolerance:
     place, turn = (
         float(f"{_AGAIN * max(sds):.2g}") for sds in zip(*((e.position_sd, e.direction_sd) for e in ends), strict=True)
     )
-    return Tolerance(clamp_position=place, clamp_rotation=turn, clamp_roll=_ROLL)
+    return Tolerance(clamp_position=place, clamp_rotation=turn)
 
 
 def _regression(points, gravity, *, held):

@@ -248,11 +248,9 @@ def _own_clamps(name, curve, gravity, noise, free):
 
 def _of_curves(nearly):
     """A note on clamps that were taken from curves."""
-    known = (
-        f"directions known to {np.degrees(nearly.clamp_rotation):.2g} degrees, places to {1e3 * nearly.clamp_position:.2g} mm"
-    )
-    said = f"the clamps were taken from the ends of the curves: {known}, the roll not at all ([tolerance])"
-    return f"{said}; the fit finds them with the stiffness. Measured clamps narrow its interval, and GJ needs them"
+    known = f"directions to {np.degrees(nearly.clamp_rotation):.2g} degrees, places to {1e3 * nearly.clamp_position:.2g} mm"
+    said = f"the clamps were taken from the ends of the curves, without twist ([tolerance]: {known}), and are fitted with the"
+    return f"{said} stiffness: measure their frames for a narrower interval, and for GJ where an end is twisted"
 
 
 def _reversed(curve):
