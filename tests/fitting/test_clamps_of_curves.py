@@ -1,15 +1,17 @@
 """Studies that take their clamps from noisy curves: the intervals hold the stiffness of independent solutions."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.convert import measured_files, new_study
 from scan2flex_jax.inference import fit
-from scan2flex_jax.study import load_study
+from scan2flex_jax.study import Clamp, Tolerance, load_study
 from tests.reference import cantilever, write_values
 from tests.reference.clamped_cases import POSE_WEIGHT
 
@@ -53,3 +55,19 @@ def test_intervals_hold_the_truth(noise, flat, tmp_path):
         e = fit(study).estimates["bending_stiffness"]
         assert e.low < true < e.high, name
         assert e.high / e.low < {"droop": 1.1, "stiff": 1.5, "P1": 20.0, "P3": 1.5}[name]
+
+
+def test_exact_clamps_would_leave_a_part_of_the_interval(tmp_path):
+    """That part is the one that a fit with the true clamps has."""
+    recorded, rng = write_values.load("P3"), np.random.default_rng(5)
+    points = np.array(recorded["positions"])
+    np.savetxt(tmp_path / "p.csv", points + 3e-4 * rng.normal(size=points.shape), delimiter=",", header="x,y,z", comments="")
+    taken, _ = new_study(tmp_path, measured_files(tmp_path), clamps=None, length=1.0, length_density=WEIGHT, noise=3e-4)
+    frames = (Rotation.from_matrix(recorded["frames"][i]).as_quat(scalar_first=True) for i in (0, -1))
+    start, end = (Clamp(points[i], q) for i, q in zip((0, -1), frames, strict=True))
+    true = replace(taken, tolerance=Tolerance(), poses=(replace(taken.poses[0], start=start, end=end),))
+    wide, narrow = fit(taken), fit(true)
+    widths = [np.log(e.high / e.low) for e in (f.estimates["bending_stiffness"] for f in (wide, narrow))]
+    assert narrow.influence.exact_clamps is None and "exact ones" not in narrow.summary()
+    assert wide.influence.exact_clamps[0] == pytest.approx(widths[1] / widths[0], rel=0.3)
+    assert "clamps are fitted within their tolerance" in wide.summary()
