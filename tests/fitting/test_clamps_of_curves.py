@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.convert import measured_files, new_study
-from scan2flex_jax.inference import fit
+from scan2flex_jax.inference import Settings, fit
 from scan2flex_jax.study import Clamp, Tolerance, load_study
 from tests.reference import cantilever, write_values
 from tests.reference.clamped_cases import POSE_WEIGHT
@@ -55,6 +55,20 @@ def test_intervals_hold_the_truth(noise, flat, tmp_path):
         e = fit(study).estimates["bending_stiffness"]
         assert e.low < true < e.high, name
         assert e.high / e.low < {"droop": 1.1, "stiff": 1.5, "P1": 20.0, "P3": 1.5}[name]
+
+
+def test_validate_poses_are_judged_by_what_clamps_from_curves_let_expect(tmp_path):
+    """GJ moves no plane cantilever and says nothing of the expected error; a pose that may be far off tests little."""
+    s, rng = np.linspace(0, 0.5, 60), np.random.default_rng(8)
+    for name, angle in {"level": 0.0, "raised": 0.5, "steep": 0.8}.items():
+        points = cantilever.positions(0.5, 0.02, 1.2, angle, s) + 5e-4 * rng.normal(size=(60, 3))
+        np.savetxt(tmp_path / f"{name}.csv", points, delimiter=",", header="x,y,z", comments="")
+    known = {"length": 0.5, "length_density": 1.2 / 9.81}
+    study, _ = new_study(tmp_path, measured_files(tmp_path), clamps=None, validate=("steep",), **known)
+    found = fit(study)
+    assert 0.05 < found.poses["steep"].ratio < 2.0
+    assert found.valid is None and found.believable and "they test little" in found.judgement
+    assert fit(study, settings=Settings(untested=2 * found.poses["steep"].rms / 0.5)).valid
 
 
 def test_exact_clamps_would_leave_a_part_of_the_interval(tmp_path):
