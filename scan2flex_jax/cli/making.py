@@ -8,10 +8,15 @@ import typer
 
 from scan2flex_jax.cli.frames import Columns, Convention, Radians, Tangent, Units, numbers
 from scan2flex_jax.cli.measuring import scans_of
-from scan2flex_jax.cli.options import Force, asked_or_refused, file_to_write, folder_to_write, interactive
+from scan2flex_jax.cli.options import Force, asked_or_refused, choices, file_to_write, folder_to_write, interactive
 from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.version import __version__
+
+_USUAL_NOISE = (
+    "Usual noise of a coordinate, roughly: structured light and laser lines 0.05 to 0.5 mm, depth cameras 2 to 5 mm,\n"
+    "motion capture 0.2 to 1 mm, traced photographs half a pixel (0.1 to 0.5 mm). Two scans of one still pose show it."
+)
 
 
 def new(
@@ -30,8 +35,17 @@ def new(
         Path | None, typer.Option(help="File of the clamps, by the names 'POSE start' and 'POSE end': see scan2flex pose.")
     ] = None,
     clamps_from_curves: Annotated[
-        bool, typer.Option("--clamps-from-curves", help="Take the clamps from the ends of the curves, without twist.")
+        bool,
+        typer.Option("--clamps-from-curves", help="Take the clamps from the ends of the curves, without twist, and fit them."),
     ] = False,
+    ends: Annotated[
+        str | None,
+        typer.Option(
+            help="With clamps from curves: their ends are held, or hang free; default: as the shapes tell.",
+            autocompletion=choices("held", "free"),
+        ),
+    ] = None,
+    noise: Annotated[str | None, typer.Option(help="Standard deviation of a coordinate of a point, as in '0.5 mm'.")] = None,
     units: Units = None,
     columns: Columns = None,
     markers: Annotated[
@@ -69,6 +83,8 @@ def new(
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
     if mass is not None and density is not None:
         raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
+    if ends not in (None, "held", "free"):
+        raise Scan2FlexError(f"--ends {ends[:20]!r} is not known: use held or free.")
     down, source = _gravity(gravity), given[0] if len(given) == 1 and not given[0].is_file() else given
     folder = folder_of(source)
     poses = measured_files(source, tuple(path for path in (clamps, arc_lengths) if path is not None))
@@ -88,6 +104,7 @@ def new(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
         gravity=down, units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
         markers=markers, frame=frame, arc_lengths=None if arc_lengths is None else read_arc_lengths(arc_lengths, units=units),
+        noise=_noise(noise), free=None if ends is None else ends == "free",
     )  # fmt: skip
     scans = scans_of(study)  # read before anything is written
     toml = save_study(study, out or folder)
@@ -178,6 +195,18 @@ def _quantity(given, what, question, option):
     if given is not None:
         return measured(given, what)
     return asked_or_refused(question, option, lambda answer: measured(answer, what))
+
+
+def _noise(given):
+    """The noise of a point (m), from the option or a prompt; None if it is not known."""
+
+    def taken(answer):
+        return _quantity(answer, "length", "", "")[0] if answer.strip() else None
+
+    if given is None and interactive():
+        say(_USUAL_NOISE)
+        return asked_or_refused("the noise of the points, empty if it is not known", "--noise", taken, default="")
+    return None if given is None else taken(given)
 
 
 def _gravity(given):

@@ -9,12 +9,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.convert.curves import captured, read_foreign_curve, read_foreign_points
+from scan2flex_jax.convert.ends import clamps_of_curve, hanging, wider
 from scan2flex_jax.convert.frames import clamp_of_matrix, holds_frames
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
@@ -30,10 +30,10 @@ CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk
 SCANS = tuple(kind for name in KINDS if (kind := f".{name}") not in CURVES)
 GRAVITY = (0.0, 0.0, -9.81)
 _SPARSE = 0.05  # of L: points of a curve with arc lengths are nearer to each other than this
-_END = 0.05  # part of a curve for the parabola that gives the direction at its end
 _SCAN = 100_000  # bytes of a table from which it may be a scan
 _TANGLED = 10.0  # times the extent of the points: the path through them in the order of the file, where it is a scan
-_UNTWISTED = "the clamps were taken from the ends of the curves, without twist: measure them, above all where an end is twisted"
+_FREE = "its end hangs free: neither a moment nor a force acts there; if it is held, start again with --ends held"
+_UNCLEAR = "its end may hang free: taken as held, which is right for both; if it does, start again with --ends free"
 
 
 @dataclass(frozen=True)
@@ -126,14 +126,18 @@ def new_study(
     markers: bool = False,
     frame: int | None = None,
     arc_lengths: dict[str, float] | None = None,
+    noise: float | None = None,
+    free: bool | None = None,
 ) -> tuple[Study, tuple[str, ...]]:
     """``(study, notes)``: a study with both stiffnesses unknown, ready for `save_study`.
 
     ``length`` m, ``length_density`` kg/m, ``radius`` m (needed for scans), ``gravity`` m/s^2. ``clamps`` by "POSE start" and
-    "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist. ``units`` and ``columns``
-    are those of the files; ``tolerance`` the standard deviations of inexact inputs. ``markers``: the points of the text files
-    are markers at known arc lengths (a column s, or ``arc_lengths`` by name), not curves. ``frame``: of motion captures; None:
-    the mean of all. Raises `Scan2FlexError` for a name of no pose or a missing input.
+    "POSE end" (a missing end is free); None takes them from the ends of the curves, without twist, with tolerances from the
+    scatter of their points; ``free``: their ends hang free, or are held; None: as their shapes tell. ``units`` and ``columns``
+    are those of the files; ``tolerance`` the standard deviations of inexact inputs, ``noise`` (m) that of a coordinate of a
+    point. ``markers``: the points of the text files are markers at known arc lengths (a column s, or ``arc_lengths`` by name),
+    not curves. ``frame``: of motion captures; None: the mean of all. Raises `Scan2FlexError` for a name of no pose or a missing
+    input.
     """
     folder, notes = Path(folder).resolve(), []
     if markers and clamps is None:
@@ -146,24 +150,27 @@ def new_study(
     for name in clamps or ():
         if name not in known:
             raise Scan2FlexError(f"the frame {name[:60]!r} belongs to no pose: {suggestion(name, known)}")
-    made = []
+    made, known_nearly = [], Tolerance() if tolerance is None else tolerance
+    of_curves = {"gravity": np.asarray(gravity, float), "noise": noise, "free": free} if clamps is None else None
     for pose in poses:
         role = "validate" if pose.name in validate else "fit"
         reading = {"units": units, "columns": columns, "frame": frame, "arc_lengths": arc_lengths}
-        one, said = _pose(folder, pose, clamps, reading, role, markers)
+        one, nearly, said = _pose(folder, pose, clamps, of_curves, reading, role, markers)
         _same_unit(pose, one, length)
-        made.append(one)
+        made.append(one if noise is None else replace(one, noise=noise))
+        known_nearly = wider(known_nearly, nearly)
         notes += [f"{pose.name}: {text}" for text in said]
     if clamps is None:
-        notes.append(_UNTWISTED)
+        notes.append(_of_curves(known_nearly))
     notes += _sparse(made, length)
-    notes += [f"{pose.name}: its end is free, as there is no frame '{pose.name} end'" for pose in made if pose.end is None]
+    notes += [
+        f"{pose.name}: its end is free, as there is no frame '{pose.name} end'" for pose in made if clamps and pose.end is None
+    ]
     if all(pose.role == "validate" for pose in made):
         raise Scan2FlexError("every pose is kept for validation: leave at least one to fit.")
     cable: dict[str, Value] = {"length": length, "length_density": length_density}
     cable |= {} if radius is None else {"radius": radius}
     unknowns = (Unknown("bending_stiffness"), Unknown("torsional_stiffness"))
-    known_nearly = Tolerance() if tolerance is None else tolerance
     down = np.asarray(gravity, float)
     study = Study(title or folder.name, down, cable, tuple(made), tolerance=known_nearly, unknowns=unknowns, folder=folder)
     return study, tuple(notes)
@@ -185,13 +192,17 @@ def frames_of_bodies(
     return found
 
 
-def _pose(folder, files, clamps, reading, role, markers):
-    """One pose, and notes on its files; with ``markers``, the points of its text file are markers."""
-    curve, marked, scan, notes = None, None, None, []
+def _pose(folder, files, clamps, of_curves, reading, role, markers):
+    """One pose, the tolerance of its clamps, and notes; with ``markers``, the points of its text file are markers."""
+    curve, marked, scan, nearly, notes = None, None, None, Tolerance(), []
     if files.curve:
         found = read_foreign_curve(files.curve, **reading)
         curve, notes = found.curve, list(found.notes)
-    start, end = _clamps(files.name, clamps, curve)
+    if of_curves is None:
+        start, end = _clamps(files.name, clamps)
+    else:
+        curve, start, end, nearly, said = _own_clamps(files.name, curve, **of_curves)
+        notes += said
     if curve is not None and markers:
         curve, marked = None, _markers(folder, files, curve)
     elif curve is not None:
@@ -203,7 +214,8 @@ def _pose(folder, files, clamps, reading, role, markers):
         scan, said = _scan(folder, files.scan, reading["units"])
         notes += said
     guides = None if files.guides is None else read_foreign_points(files.guides, units=reading["units"])
-    return StudyPose(files.name, role, start, end, curve=curve, scan=scan, markers=marked, guide_points=guides), notes
+    pose = StudyPose(files.name, role, start, end, curve=curve, scan=scan, markers=marked, guide_points=guides)
+    return pose, nearly, notes
 
 
 def _markers(folder, files, curve):
@@ -237,15 +249,32 @@ def _same_unit(files, pose, length):
         raise StudyError(files.curve, None, f"{said}: name the unit of the files{hint}, or correct the length.")
 
 
-def _clamps(name, clamps, curve):
-    if clamps is None:
-        if curve is None:
-            raise Scan2FlexError(f"pose {name!r} has only a scan: its clamps cannot be taken from a curve, give them.")
-        return clamps_of_curve(curve.points)
+def _clamps(name, clamps):
     if f"{name} start" not in clamps:
         given = ", ".join(repr(known) for known in list(clamps)[:6]) or "none"
         raise Scan2FlexError(f"there is no frame {name + ' start'!r}: give the start clamp of every pose (there are {given}).")
     return clamps[f"{name} start"], clamps.get(f"{name} end")
+
+
+def _own_clamps(name, curve, gravity, noise, free):
+    """``(curve, start, end, tolerance, notes)`` of a curve by itself, turned round if its first point hangs free; ``free``:
+    whether its end hangs free, None: as its shape tells."""
+    if curve is None:
+        raise Scan2FlexError(f"pose {name!r} has only a scan: its clamps cannot be taken from a curve, give them.")
+    notes = []
+    if free is not False and hanging(curve.points[::-1], gravity) == "free" != hanging(curve.points, gravity):
+        curve, notes = _reversed(curve), ["turned round: its first point hangs free"]
+    hangs = hanging(curve.points, gravity) if free is None else "free" if free else "held"
+    start, end, tolerance = clamps_of_curve(curve.points, noise, free=hangs == "free")
+    notes += {"free": [_FREE], "unclear": [_UNCLEAR], "held": []}[hangs] if free is None else []
+    return curve, start, end, tolerance, notes
+
+
+def _of_curves(nearly):
+    """A note on clamps that were taken from curves."""
+    known = f"directions to {np.degrees(nearly.clamp_rotation):.2g} degrees, places to {1e3 * nearly.clamp_position:.2g} mm"
+    said = f"the clamps were taken from the ends of the curves, without twist ([tolerance]: {known}), and are fitted with the"
+    return f"{said} stiffness: measure their frames for a narrower interval, and for GJ where an end is twisted"
 
 
 def _reversed(curve):
@@ -276,41 +305,3 @@ def _scan(folder, path, units):
         backup(target)
         write_atomic(target, data)
     return target, [f"a copy in metres is {target.parent.name}/{target.name}"]
-
-
-def clamps_of_curve(points: Annotated[np.ndarray, "n 3"]) -> tuple[Clamp, Clamp]:
-    """Clamps at the ends of a curve (m), along it; the end's frame is the start's, transported without twist.
-
-    Raises `Scan2FlexError` for a curve that turns back on itself.
-    """
-    tangents = np.gradient(points, axis=0)
-    tangents[0], tangents[-1] = _direction(points), -_direction(points[::-1])
-    size = np.linalg.norm(tangents, axis=1, keepdims=True)
-    if not np.all(size > 1e-9 * np.max(size)):
-        raise Scan2FlexError("a curve turns back on itself: its clamps cannot be taken from it, give them.")
-    tangents /= size
-    axis = np.cross(tangents[:-1], tangents[1:])
-    sine, cosine = np.linalg.norm(axis, axis=1), np.sum(tangents[:-1] * tangents[1:], axis=1)
-    turns = axis / np.maximum(sine, 1e-300)[:, None] * np.arctan2(sine, cosine)[:, None]
-    first = _frame_on(tangents[0])
-    last = first
-    for turn in Rotation.from_rotvec(turns):
-        last = turn * last
-    start, end = (R.as_quat(canonical=True, scalar_first=True) for R in (first, last))
-    return Clamp(points[0], start), Clamp(points[-1], end)
-
-
-def _direction(points):
-    """Direction at the first point: the slope of a parabola through the beginning of the curve."""
-    s = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    count = min(len(points), max(5, int(np.searchsorted(s, _END * s[-1]))))
-    basis = np.vander(s[:count] / s[-1], 3, increasing=True)
-    return np.linalg.lstsq(basis, points[:count], rcond=None)[0][1]
-
-
-def _frame_on(d3):
-    """A frame with the given direction as d3: d1 in the plane of d3 and the vertical, if that is defined."""
-    up = np.array([0.0, 0.0, 1.0]) if abs(d3[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
-    d1 = up - (up @ d3) * d3
-    d1 /= np.linalg.norm(d1)
-    return Rotation.from_matrix(np.column_stack([d1, np.cross(d3, d1), d3]))

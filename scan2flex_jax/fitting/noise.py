@@ -9,12 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2flex_jax.fitting.distance import NORMALS
+from scan2flex_jax.study.facts import point_noise
 
 FINEST = 1e-5  # of the length: least noise of a sensor
 _ALONE = 1.1  # times that: no other part counts
-_NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
-_TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -63,28 +61,8 @@ def sensor_noise(study) -> float:
 
 
 def white_noise(pose) -> float:
-    """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from its points.
-
-    Each point is compared with the cubic through two neighbours on either side over the chords between them, across the curve
-    only: along it, uneven distances between points would count as noise. Bends between the points raise it, so that a curve of
-    few points casts no doubt; noise above the distance of points is found up to 20 % too small. Infinite if unknown.
-    """
+    """Standard deviation (m) of the white noise of a coordinate of a measured curve: stated, or from its points; infinite if
+    unknown."""
     if pose.noise is not None:
         return pose.noise
-    if pose.curve is None:
-        return np.inf
-    points = np.asarray(pose.curve.points)
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    points = points[np.r_[True, apart > 0]]  # repeated points say nothing of the noise
-    if len(points) < len(_NEIGHBOURS) + 1:
-        return np.inf
-    s = np.r_[0.0, np.cumsum(apart[apart > 0])]
-    middle = np.arange(2, len(points) - 2)
-    near = middle[:, None] + _NEIGHBOURS
-    d = s[near] - s[middle, None]
-    others = [np.delete(np.arange(len(_NEIGHBOURS)), k) for k in range(len(_NEIGHBOURS))]
-    weight = np.stack([np.prod(d[:, o] / (d[:, o] - d[:, [k]]), axis=1) for k, o in enumerate(others)], axis=1)  # Lagrange's
-    off = points[middle] - np.einsum("nk,nkc->nc", weight, points[near])
-    along = points[near[:, -1]] - points[near[:, 0]]
-    across = np.linalg.norm(off, axis=1) ** 2 - np.sum(off * along, axis=1) ** 2 / np.maximum(np.sum(along**2, axis=1), _TINY)
-    return float(np.sqrt(np.mean(np.maximum(across, 0.0) / (NORMALS * (1.0 + np.sum(weight**2, axis=1))))))
+    return np.inf if pose.curve is None else point_noise(pose.curve.points)

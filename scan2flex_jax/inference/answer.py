@@ -27,6 +27,7 @@ _EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _LINEAR = 10.0  # factor beyond which a formula of first order says nothing
 _LEAST = 1e-3  # that is printed of a share, in per cent, or of a sensitivity
+_MOSTLY = 0.5  # of an interval: exact clamps would leave less
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
 
 
@@ -166,7 +167,17 @@ def rests_on(study: Study, influence: Influence | None, lost: Collection[str] = 
     parts = [part for part in (_stated(study, name) for name in STATED) if part]
     moved = [_sensitivity(study, name, influence, lost) for name in (STATED[1], STATED[0])] if influence is not None else []
     said = " and ".join(parts) or "neither a stated length nor a stated mass"
-    return ": ".join([said, *filter(None, ["; ".join(filter(None, moved))])])
+    return ": ".join([said, *filter(None, ["; ".join(filter(None, moved))])]) + _on_clamps(study, influence, lost)
+
+
+def _on_clamps(study, influence, lost):
+    """By how much exact clamps would narrow the intervals, where their tolerance makes most of them."""
+    if influence is None or influence.exact_clamps is None:
+        return ""
+    shares = dict(zip(map(_label, influence.labels), influence.exact_clamps, strict=True))
+    less = [f"{two_digits(100 * x)} % of the interval of {n}" for n, x in shares.items() if x < _MOSTLY and n not in lost]
+    stated = f"{two_digits(np.degrees(study.tolerance.clamp_rotation))} degrees, {1e3 * study.tolerance.clamp_position:.2g} mm"
+    return f"; clamps are fitted within their tolerance ({stated}): exact ones would leave {' and '.join(less)}" if less else ""
 
 
 def _stated(study, name):
@@ -246,7 +257,12 @@ def answer_of(fit) -> Answer:
 
 
 def compose(
-    study: Study, estimates: Mapping, influence: Influence | None, unseen: str, tone: str, belief: str,
+    study: Study,
+    estimates: Mapping,
+    influence: Influence | None,
+    unseen: str,
+    tone: str,
+    belief: str,
     doubts: tuple[str, ...] = (),
 ) -> Answer:
     """An answer; the belief names undetermined estimates, and neither doubts nor warnings repeat a sentence before them."""

@@ -86,6 +86,10 @@ def validity(poses, noise, differ, stated, length, misfit, settings: Settings = 
     error = f"error {two_digits(1e3 * worst.rms)} mm, {two_digits(worst.ratio)} times the expected one"
     sizes = error if np.isfinite(worst.rms) else "no equilibrium was found"
     within = "the noise and the deviations of poses" if differ else "the noise"
+    if not bad and worst.rms > settings.untested * length:
+        share = f"{two_digits(100 * worst.rms / length)} % of the length"
+        off = f"validate poses are off by up to {two_digits(1e3 * worst.rms)} mm, {share}"
+        return None, f"{off}, which tolerances and errors of the estimates let expect: they test little"
     if not bad:
         return True, f"validate poses are predicted to within {within} ({sizes})"
     said = f"the model does not predict {', '.join(bad)} to within {within} ({sizes})"

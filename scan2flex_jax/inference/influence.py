@@ -32,7 +32,8 @@ class Influence:
 
     ``moved`` (poses, numbers): change when a pose is left out; NaN if the other poses do not determine the number.
     ``left_out`` (poses,): RMS distance (m) of a pose from its prediction by the others; NaN likewise. ``stated``: change per
-    relative change of a stated value of the cable, by its name.
+    relative change of a stated value of the cable, by its name. ``exact_clamps``: standard deviations of the numbers if the
+    clamps were known exactly, over those that they have; None if they are.
     """
 
     labels: tuple[str, ...]
@@ -41,6 +42,7 @@ class Influence:
     moved: np.ndarray = field(repr=False)
     left_out: np.ndarray = field(repr=False)
     stated: dict[str, np.ndarray] = field(repr=False, default_factory=dict)
+    exact_clamps: np.ndarray | None = field(repr=False, default=None)
 
     def of_pose(self, pose: str) -> dict[str, float]:
         """Relative change of each positive number, and change of any other in its unit, without this pose; NaN if it is then
@@ -90,5 +92,10 @@ def influence_of(h: Fitted) -> Influence:
             for i, at in enumerate(h.linear.at):
                 along[at] += X[i].T @ Li[i] @ change[i] / _STEP
             stated[name] = np.where(unseen, np.nan, -inverse @ along)[:count]
-    names = tuple(p.name for p in problem.study.fit_poses)
-    return Influence(tuple(problem.layout.labels), logs, names, np.array(moved).reshape(-1, count), left, stated)
+    names, exact = tuple(p.name for p in problem.study.fit_poses), None
+    if h.index.local:
+        others = np.r_[np.arange(h.index.shared), np.arange(h.index.base, h.index.count)]
+        alone, _ = closed_inverse(A[np.ix_(others, others)])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            exact = np.sqrt(np.diag(alone)[:count] / np.where(unseen, np.nan, np.diag(inverse))[:count])
+    return Influence(tuple(problem.layout.labels), logs, names, np.array(moved).reshape(-1, count), left, stated, exact)

@@ -43,6 +43,7 @@ _SHARE = 0.3  # of the baseline residual: noise of unweighted distances
 _TRUSTED = 4.0  # nats that a further Gauss-Newton step may promise
 _WORST_NOISE = 5e-3  # of the length: noise of the sensor to begin from
 _DAMPING = 1e-4
+_INFORMED = 1e-3  # of the weak prior's precision: least information on a parameter that goes without that prior
 _WAY = (0.0, 0.25, 0.5, 0.75, 1.0)  # continuation from a model without effects to one with them
 
 
@@ -389,7 +390,8 @@ class Variant:
         score -= self.settings.slab * self.likelihood.discrepant(u) + np.log(2.0) * np.sum(~inside & (prior.width > 0))
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         score += np.log(2.0) * sum(o and f for o, f in zip(one, free[n.base :], strict=True))
-        _, covariance = inverted(A - np.diag(np.where(prior.frozen, 0.0, prior.weak)))
+        told = np.diag(A) > (1.0 + _INFORMED) * prior.weak  # rounding is all that is left of the precision of the others
+        _, covariance = inverted(A - np.diag(np.where(prior.frozen | ~told, 0.0, prior.weak)))
         placed = tuple(
             Component(c.kind, c.site | dict(zip(c.moving, map(float, x[n.site(k)]), strict=True)))
             for k, c in enumerate(components)

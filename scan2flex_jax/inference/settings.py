@@ -31,6 +31,8 @@ class Settings:
     turn in a pose (5 % of poses are a turn off, one way or the other), ``mistake`` that of a mistake of the input. Sets have at
     most ``most_effects``.
 
+    Validate poses that are off by more than ``untested`` of the length are no evidence, even where tolerances allow as much.
+
     Decisions (`inference.decision`): ``found``, the least difference (nats) in log predictive density by which a hypothesis
     leads; ``tied``, that over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in
     chi-squared up to which effects with the same shapes are tied; ``averaged``, the difference in evidence up to which models
@@ -58,6 +60,7 @@ class Settings:
     effect: float = 1.0
     turn: float = 3.7
     mistake: float = 5.0
+    untested: float = 0.02
     most_effects: int = 3
     found: float = 4.0
     named: float = 5.0

@@ -26,6 +26,10 @@ from scan2flex_jax.study.sense import Purpose
 from scan2flex_jax.study.values import Where, one_line, plain
 
 Content = MeasuredCurve | Markers | Path | Annotated[np.ndarray, "k 3"]
+_NO_NOISE = (
+    "noise left out: it is estimated from the residuals, so that an error of the model may pass for noise; "
+    "state it in each pose, in m, as in noise = 0.0005"
+)
 _ENDINGS = {"centre_curve": ".csv", "scan": ".ply", "markers": "-markers.csv", "guide_points": "-guides.csv"}
 
 
@@ -75,7 +79,7 @@ def save_study(study: Study, folder: str | Path) -> Path:
     folder = Path(folder)
     toml, files = folder / STUDY_FILE, NamedFiles(study.folder)
     tree = study_tables(study, files)
-    text = render(tree, study.assumptions)
+    text = render(tree, study.assumptions, () if all(pose.noise is not None for pose in study.poses) else (_NO_NOISE,))
     try:
         _check_written(study, tree, text, files, Where(one_line(str(toml), 300)))
         folder.mkdir(parents=True, exist_ok=True)
@@ -201,15 +205,17 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
     return {key: table[key] for key in pose.KEYS if key in table}
 
 
-def render(tree: dict[str, Any], assumptions: tuple[str, ...] = ()) -> str:
-    """The TOML text of a study's tree, in the layout of the format: clamps on one line each, and assumptions about the cable in
-    a comment of its table."""
+def render(tree: dict[str, Any], assumptions: tuple[str, ...] = (), of_poses: tuple[str, ...] = ()) -> str:
+    """The TOML text of a study's tree, in the layout of the format: clamps on one line each, assumptions about the cable in
+    comments of its table, and those about poses in that of the first pose."""
     document = tomlkit.document()
     for key, value in tree.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
             array = tomlkit.aot()
             for entry in value:
                 array.append(_table(entry))
+            for sentence in of_poses if key == "pose" else ():
+                array[0].add(tomlkit.comment(sentence))
             document[key] = array
         elif key == "unknown":
             nested = tomlkit.table(is_super_table=True)

@@ -50,7 +50,7 @@ def test_new_asks_until_it_has_an_answer(folder, monkeypatch):
     for module in (options, making):
         monkeypatch.setattr(module, "interactive", lambda: True)
     answers = ["long", "1000 mm", "-3", "200 g/m", "n"]
-    answers += ["0 0 0 0 90 0", "600 0 0", "0 0", "0 0 0", "free", "sag-2"]
+    answers += ["0 0 0 0 90 0", "600 0 0", "0 0", "0 0 0", "free", "sag-2", "0.3 kg", "0.3 mm"]
     found = run("new", folder, "--units", "mm", "--convention", "rpy", answers="\n".join(answers) + "\n")
     assert found.exit_code == 0, (found.exception, found.output)
     study = load_study(folder)
@@ -59,7 +59,9 @@ def test_new_asks_until_it_has_an_answer(folder, monkeypatch):
     assert first.end.quaternion is None  # a position alone is a ball joint
     assert second.end is None
     assert second.role == "validate"
-    assert "'long' is no length" in found.output
+    assert "'long' is no length" in found.output and "'0.3 kg' is no length" in found.output
+    assert first.noise == second.noise == pytest.approx(3e-4)
+    assert "depth cameras 2 to 5 mm" in found.output
 
 
 @pytest.mark.parametrize(
@@ -86,7 +88,19 @@ def test_clamps_from_curves_are_said_to_be_a_guess(folder):
     assert found.exit_code == 0, found.exception
     assert "without twist" in found.output
     study = load_study(folder)
-    np.testing.assert_allclose(study.poses[0].start.position, [0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(study.poses[0].start.position, [0, 0, 0], atol=study.tolerance.clamp_position)
+    assert 0 < study.tolerance.clamp_rotation < 0.3 and 0 < study.tolerance.clamp_position < 1e-3
+    assert "# noise left out: " in (folder / "study.toml").read_text()
+
+
+def test_noise_is_written(folder):
+    known = "new", folder, "--units", "mm", "--length", "1", "--density", "0.2", "--clamps-from-curves"
+    assert "no length" in str(run(*known, "--noise", "0.4 g").exception)
+    assert "held or free" in str(run(*known, "--ends", "loose").exception)
+    found = run(*known, "--noise", "0.4 mm", "--ends", "held")
+    assert found.exit_code == 0, found.exception
+    assert [pose.noise for pose in load_study(folder).poses] == [4e-4, 4e-4]
+    assert "noise left out" not in (folder / "study.toml").read_text()
 
 
 def test_pose_converts_matrices_and_angles(tmp_path):

@@ -1,0 +1,87 @@
+"""Studies that take their clamps from noisy curves: the intervals hold the stiffness of independent solutions."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from scan2flex_jax.cli.app import app
+from scan2flex_jax.convert import measured_files, new_study
+from scan2flex_jax.inference import Settings, fit
+from scan2flex_jax.study import Clamp, Tolerance, load_study
+from tests.reference import cantilever, write_values
+from tests.reference.clamped_cases import POSE_WEIGHT
+
+CASES = Path(__file__).parents[1] / "data" / "clamps_from_curves"
+WEIGHT = POSE_WEIGHT / 9.81  # kg/m
+
+
+@pytest.mark.parametrize(
+    ("curve", "options", "true", "widest"),
+    [
+        ("droop.csv", ("--units", "mm", "--length", "0.4 m", "--density", "0.15"), 0.02, 0.05),
+        ("sag.csv", ("--units", "m", "--length", "1 m", "--density", "0.2"), 0.1, 0.6),
+    ],
+)
+def test_curves_with_half_a_millimetre_of_noise(curve, options, true, widest, tmp_path):
+    """A droop whose end hangs free, and a sag that is held at both ends."""
+    (tmp_path / curve).write_bytes((CASES / curve).read_bytes())
+    found = CliRunner().invoke(app, ["new", str(tmp_path), *options, "--clamps-from-curves"])
+    assert found.exit_code == 0, found.exception
+    study = load_study(tmp_path)
+    assert (study.poses[0].end is None) == (curve == "droop.csv")
+    e = fit(study).estimates["bending_stiffness"]
+    assert e.low < true < e.high < (1 + widest) * e.value
+
+
+@pytest.mark.parametrize("noise", [1e-4, 5e-4])
+@pytest.mark.parametrize("flat", [True, False])
+def test_intervals_hold_the_truth(noise, flat, tmp_path):
+    """Free and clamped ends, in space and in a plane. With clamps that are fitted, a level sag tells less than a steep one."""
+    s, rng = np.linspace(0, 0.5, 60), np.random.default_rng(11)
+    curves = {"droop": cantilever.positions(0.5, 0.02, 1.2, 0.5, s), "stiff": cantilever.positions(0.5, 0.3, 1.2, 0.0, s)}
+    curves |= {name: np.array(write_values.load(name)["positions"]) for name in ("P1", "P3")}
+    for name, true in {"droop": 0.02, "stiff": 0.3, "P1": 0.1, "P3": 0.1}.items():
+        folder = tmp_path / name
+        folder.mkdir()
+        points = curves[name] + noise * rng.normal(size=curves[name].shape) * ([1, 0, 1] if flat and name != "P3" else 1)
+        np.savetxt(folder / "pose.csv", points, delimiter=",", header="x,y,z", comments="")
+        known = (0.5, 1.2 / 9.81) if name in ("droop", "stiff") else (1.0, WEIGHT)
+        study, _ = new_study(folder, measured_files(folder), clamps=None, length=known[0], length_density=known[1])
+        assert (study.poses[0].end is None) == (name in ("droop", "stiff"))
+        e = fit(study).estimates["bending_stiffness"]
+        assert e.low < true < e.high, name
+        assert e.high / e.low < {"droop": 1.1, "stiff": 1.5, "P1": 20.0, "P3": 1.5}[name]
+
+
+def test_validate_poses_are_judged_by_what_clamps_from_curves_let_expect(tmp_path):
+    """GJ moves no plane cantilever and says nothing of the expected error; a pose that may be far off tests little."""
+    s, rng = np.linspace(0, 0.5, 60), np.random.default_rng(8)
+    for name, angle in {"level": 0.0, "raised": 0.5, "steep": 0.8}.items():
+        points = cantilever.positions(0.5, 0.02, 1.2, angle, s) + 5e-4 * rng.normal(size=(60, 3))
+        np.savetxt(tmp_path / f"{name}.csv", points, delimiter=",", header="x,y,z", comments="")
+    known = {"length": 0.5, "length_density": 1.2 / 9.81}
+    study, _ = new_study(tmp_path, measured_files(tmp_path), clamps=None, validate=("steep",), **known)
+    found = fit(study)
+    assert 0.05 < found.poses["steep"].ratio < 2.0
+    assert found.valid is None and found.believable and "they test little" in found.judgement
+    assert fit(study, settings=Settings(untested=2 * found.poses["steep"].rms / 0.5)).valid
+
+
+def test_exact_clamps_would_leave_a_part_of_the_interval(tmp_path):
+    """That part is the one that a fit with the true clamps has."""
+    recorded, rng = write_values.load("P3"), np.random.default_rng(5)
+    points = np.array(recorded["positions"])
+    np.savetxt(tmp_path / "p.csv", points + 3e-4 * rng.normal(size=points.shape), delimiter=",", header="x,y,z", comments="")
+    taken, _ = new_study(tmp_path, measured_files(tmp_path), clamps=None, length=1.0, length_density=WEIGHT, noise=3e-4)
+    frames = (Rotation.from_matrix(recorded["frames"][i]).as_quat(scalar_first=True) for i in (0, -1))
+    start, end = (Clamp(points[i], q) for i, q in zip((0, -1), frames, strict=True))
+    true = replace(taken, tolerance=Tolerance(), poses=(replace(taken.poses[0], start=start, end=end),))
+    wide, narrow = fit(taken), fit(true)
+    widths = [np.log(e.high / e.low) for e in (f.estimates["bending_stiffness"] for f in (wide, narrow))]
+    assert narrow.influence.exact_clamps is None and "exact ones" not in narrow.summary()
+    assert wide.influence.exact_clamps[0] == pytest.approx(widths[1] / widths[0], rel=0.3)
+    assert "clamps are fitted within their tolerance" in wide.summary()
