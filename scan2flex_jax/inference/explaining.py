@@ -31,6 +31,7 @@ from scan2flex_jax.inference.decision import (
     decide,
     errors_of_input,
     leads,
+    of_the_axis,
     smooth,
 )
 from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked
@@ -43,8 +44,6 @@ from scan2flex_jax.inference.words import FIELDS, Finding, listed
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
-
-_FINE = 0.1  # of the radius: a smaller residual of scans may be an error of their axis
 
 
 @threaded
@@ -86,9 +85,8 @@ def explain(
     began, say = time.perf_counter(), progress or silent
     make_room()
     try:
-        whole, told = with_curves(study, say)
-        scanned, study = whole is not study, whole
-        first, gates, coarse = variants.given(study, elements, mesh, scanned, settings, say)
+        study, told = with_curves(study, say)
+        first, gates, coarse = variants.given(study, elements, mesh, settings, say)
     except NotSettledError as fault:
         return Explanation(study=study, verdict=UNSOLVED, sentences=(str(fault),), seconds=_since(began), settings=settings)
     if isinstance(first, Fit):
@@ -106,7 +104,7 @@ def explain(
     if decision.mistakes:
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
-    answer = _explanation(first, search, decision, began, gates, coarse, scanned, told)
+    answer = _explanation(first, search, decision, began, gates, coarse, told)
     return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
 
 
@@ -121,7 +119,7 @@ def _mistaken(study, mistakes, began, settings) -> Explanation:
     return Explanation(study=study, verdict=UNEXPLAINED, sentences=said, **rest)
 
 
-def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, scanned, told) -> Explanation:
+def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, told) -> Explanation:
     best, fitted = d.best, first.fit
     study = best.variant.study
     ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
@@ -132,7 +130,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
     noise = best.variant.likelihood.noise(best.u)
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
-    findings = _findings(d, chosen, poses, discrepancy, coarse, scanned)
+    findings = _findings(d, chosen, poses, discrepancy, coarse)
     return Explanation(
         study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),
         fit=fitted,
@@ -240,9 +238,8 @@ def _ranked(h: Fitted, k: int, gain: float, verdict: str, tied=(), full: bool = 
         std = {name: e.std for name, e in own.items() if e.std is not None}
         values = {name: e.value for name, e in own.items()}
         return Ranked(h.names[k], values, gain, _p(gain), verdict, tied, std=std)
-    rms = np.sqrt(h.squares / sum(int(np.sum(real)) for real in h.variant.program.real))
     std = of.spreads_of(h, k) if full else {}
-    return Ranked(h.kinds[k], of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=float(rms), std=std)
+    return Ranked(h.kinds[k], of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=h.rms, std=std)
 
 
 def _chosen(d: Decision, ranking) -> tuple[Ranked, ...]:
@@ -278,7 +275,7 @@ def _poses(d: Decision) -> dict[str, PoseChange]:
     return changed
 
 
-def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[Finding]:
+def _findings(d: Decision, chosen, poses, discrepancy, coarse) -> list[Finding]:
     """What is to be said, in its order."""
     v, kinds = d.best.variant, [r.kind for r in chosen]
     if d.verdict == UNSOLVED:
@@ -292,17 +289,17 @@ def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[
         size = {"mm": 1e3 * discrepancy.rms, "percent": 100 * discrepancy.relative}
         out.append(Finding("discrepancy", "doubt", size))
     out += [Finding("less", "doubt", {"mistake": str(m)}) for m in v.fit.mistakes if kinds]
-    rms, radius = rms_over([p for p in poses.values() if p.role == "fit"], "rms_before"), v.context.radius_or_guess
-    if scanned and kinds and rms <= _FINE * radius:
-        out.append(Finding("fine", "doubt", {"mm": 1e3 * rms, "percent": 100 * rms / radius}))
     return out
 
 
 def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
     v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
-    if d.verdict == NONE:
+    if d.verdict == NONE and not of_the_axis(d.empty):
         yield Finding("nothing", values={"p": d.p_value})
+    elif d.verdict == NONE:
+        mm, radius = 1e3 * d.empty.rms, 1e3 * d.empty.variant.context.radius_or_guess
+        yield Finding("axis", values={"mm": mm, "percent": 100 * mm / radius})
     elif d.verdict == UNEXPLAINED:
         yield Finding("unexplained", "fault")
         cause, field = d.cause, d.description

@@ -68,6 +68,15 @@ class CentreCurve:
         return not self.doubts
 
     @property
+    def seen(self) -> np.ndarray:
+        """Mask of the points outside the gaps (n,)."""
+        return ~self.in_gaps(self.arc_length)
+
+    def in_gaps(self, s: np.ndarray) -> np.ndarray:
+        """Whether arc lengths (m) lie in a gap."""
+        return np.any([(s > a) & (s < b) for a, b in [(0.0, 0.0), *self.gaps]], axis=0)
+
+    @property
     def length(self) -> float:
         """Arc length of the observed part (m); it may end short of the clamps."""
         return float(self.arc_length[-1])
@@ -129,7 +138,18 @@ def _span_and_gaps(t, c, radius, clamps):
     high = high if at[1] is None or at[1] < 0.5 * (low + high) else min(high, at[1])
     breaks = np.flatnonzero(np.diff(t) > wide)
     gaps = [(t[b], t[b + 1]) for b in breaks if t[b] > low and t[b + 1] < high]
-    return (low, high), gaps
+    return (low, high), _joined(gaps)
+
+
+def _joined(gaps):
+    """Gaps, of which two with a shorter island of points between them are one: what stands there need not be the cable, and a
+    curve that is led by it strays."""
+    out: list[tuple[float, float]] = []
+    for a, b in gaps:
+        if out and a - out[-1][1] < max(b - a, out[-1][1] - out[-1][0]):
+            a = out.pop()[0]  # noqa: PLW2901
+        out.append((a, b))
+    return out
 
 
 def _std_across(fit: Refined, t, tangents):
