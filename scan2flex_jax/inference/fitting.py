@@ -73,20 +73,21 @@ def fit(
 
 
 def with_curves(study: Study, progress: Progress) -> tuple[Study, tuple[str, ...]]:
-    """The study with a centre curve extracted for each pose that has a scan alone, and sentences on doubtful ones, which
-    are left out if others remain to be fitted."""
+    """The study with a centre curve extracted for each pose that has a scan alone, and sentences on doubtful ones; those that
+    went astray are left out if others remain to be fitted."""
     if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
         return study, ()
     from scan2flex_jax.scan import extract_study  # noqa: PLC0415  (only scans need it, and it loads slowly)
 
     whole, found = extract_study(study, lambda name, i, n: progress(f"extracting {name} ({i} of {n})"))
-    left = {n for n, c in found.items() if not c.sure}
+    left = {n for n, c in found.items() if c.astray}
     sure = [pose for pose in whole.poses if pose.name not in left]
     out = ", and left out" if any(pose.role == "fit" for pose in sure) else ""
     if out:
         poses = (replace(pose, repeat_of=None if pose.repeat_of in left else pose.repeat_of) for pose in sure)
         whole = replace(whole, poses=tuple(poses))
-    doubts = [f"the centre curve of pose {n!r} is doubtful{out}: {'; '.join(found[n].doubts)}" for n in sorted(left)]
+    doubtful = {n: f"is doubtful{out if n in left else ''}: {'; '.join(c.doubts)}" for n, c in found.items() if not c.sure}
+    doubts = [f"the centre curve of pose {n!r} {why}" for n, why in doubtful.items()]
     return whole, ("centre curves were extracted from the scans and fitted", *doubts)
 
 

@@ -45,7 +45,7 @@ class CentreCurve:
     inside gaps. It excludes errors common to all points (a range bias).
     ``noise``: standard deviation of a point from the surface (m); ``gaps``: intervals of s (m) without points;
     ``stages``: intermediate clouds and curves, for plotting; ``warnings``: one sentence each, and ``doubts`` those of them
-    that question the curve as a whole.
+    that question the curve as a whole; ``astray``: whether one of them questions the part that was seen.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -61,6 +61,7 @@ class CentreCurve:
     stages: dict[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    astray: bool = False
 
     @property
     def sure(self) -> bool:
@@ -69,12 +70,12 @@ class CentreCurve:
 
     @property
     def seen(self) -> np.ndarray:
-        """Mask of the points outside the gaps (n,)."""
-        return ~self.in_gaps(self.arc_length)
+        """Mask of the points outside the gaps and their edges (n,), where what hid the cable stands near."""
+        return ~self.in_gaps(self.arc_length, _CURVED_GAP * self.radius.mean)
 
-    def in_gaps(self, s: np.ndarray) -> np.ndarray:
-        """Whether arc lengths (m) lie in a gap."""
-        return np.any([(s > a) & (s < b) for a, b in [(0.0, 0.0), *self.gaps]], axis=0)
+    def in_gaps(self, s: np.ndarray, edge: float = 0.0) -> np.ndarray:
+        """Whether arc lengths (m) lie in a gap, or within an ``edge`` (m) of it."""
+        return np.any([(s > a - edge) & (s < b + edge) for a, b in [(-1.0, -1.0), *self.gaps]], axis=0)
 
     @property
     def length(self) -> float:

@@ -24,7 +24,7 @@ from scan2flex_jax.scan import cloud as clouds
 from scan2flex_jax.scan import coarse_curve, refine, snakes, snakes_minimisers, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
 from scan2flex_jax.scan.guide_points import checked_guides, guide_tube, guided_curve
-from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts, foreign
+from scan2flex_jax.scan.plausibility import astray, clamp_to_clamp, doubts, foreign
 from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import check_study
@@ -99,7 +99,8 @@ def extract(
     said = [] if few else _remarks(curve, radius, fit, eyes is not None)
     if strange.any():
         said.append("where most points lie on no tube of this radius, or few between gaps, they were left out: see the gaps")
-    return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against))
+    wrong = not few and bool(astray(curve, fit, radius, **known))
+    return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against), astray=wrong)
 
 
 def _strange(curve, fit, points, radius):

@@ -25,6 +25,7 @@ _LONG_GAP = 0.16  # of L: longest gap that may be interpolated
 _VAGUE = 3.0  # of the noise of a point: a curve with a larger std, also above a thousandth of L, is a guess
 _BESIDE = 2.5  # of the noise: largest offset of an end from its clamp; also for the radius
 _MOST_BENT = 0.6  # rad: largest bend between the last seen point and the clamp
+_REACHED = 2.0  # radii before its clamp: an end that comes this near was seen
 _KINK = 0.7  # kappa r out of reach of a cable
 _TOLD = 20  # points near the curve at a station, from which their share on it counts
 _UNEXPLAINED = 0.4  # smallest share of the points within a radius of the surface that must lie on it
@@ -60,12 +61,23 @@ def doubts(curve, fit, radius, length, start, end, few: bool = False) -> list[st
     """Doubts about an extracted `CentreCurve`, in sentences; for ``few`` hand-set points only length and ends are tested."""
     if few:
         return _of_length(curve, length, start, end) + _of_clamps(curve, start, end, radius)
-    said = []
-    if not fit.settled:
-        said.append("the last stage did not converge: look at the picture")
-    said += _of_pulls(curve, fit, radius)
-    said += _of_length(curve, length, start, end) + _of_gaps(curve) + _of_shape(curve, radius)
+    said = _of_fit(curve, fit, radius) + _of_length(curve, length, start, end) + _of_gaps(curve) + _of_shape(curve, radius)
     return said + _of_clamps(curve, start, end, radius)
+
+
+def astray(curve, fit, radius, length, start, end) -> list[str]:
+    """Those of the doubts that question what was seen, and not only what is missing at an end or in a gap."""
+    longer = bool(length) and start is not None and clamp_to_clamp(curve, start, end) > length
+    said = _of_fit(curve, fit, radius) + _of_shape(curve, radius)
+    said += _of_length(curve, length, start, end) if longer else []
+    reached = [None if one is None or abs((curve.points[k] - one.position) @ curve.tangents[k]) > _REACHED * radius else one
+               for one, k in ((start, 0), (end, -1))]  # fmt: skip
+    return said + _of_clamps(curve, *reached, radius)
+
+
+def _of_fit(curve, fit, radius):
+    """Doubts about the last stage."""
+    return ([] if fit.settled else ["the last stage did not converge: look at the picture"]) + _of_pulls(curve, fit, radius)
 
 
 def _of_pulls(curve, fit, radius):
