@@ -1,6 +1,6 @@
 """`explain` on scans compared with curves: false alarms, and effects that are named from both.
 
-    python -m benchmarks.scan_alarms --json FILE [--none 40] [--strong 20] [--seed 1] [--record NAME]
+    python -m benchmarks.scan_alarms --json FILE [--none 40] [--strong 20] [--seed 1] [--data scan] [--record NAME]
 
 Cables, poses and true shapes come from the independent rod of `benchmarks.blind`. Each study has one of four sensors,
 structured light or time of flight, of the package's scanner or of `benchmarks.cameras`, which sees it from one to three sides,
@@ -41,7 +41,7 @@ THICKEST, OF_LENGTH, BENT = 0.025, 1 / 30, 0.3  # m, radius over the length, ove
 UNSEEN, MOST_UNSEEN = (0.03, 0.1), 2  # of the length, stretches of a pose
 MOST_POSES = 5  # that are fitted: each takes seconds to extract
 ATTEMPTS = 60
-CLEAR = "no missing effect"
+CLEAR, REFUSED = "no missing effect", "fault"
 
 
 def make(key, kinds):
@@ -144,25 +144,25 @@ def answered(study) -> dict:
     try:
         answer = explain(study).to_json()
     except Exception as fault:  # a benchmark counts failures
-        return {"verdict": "fault", "fault": f"{type(fault).__name__}: {fault}"[:300]}
+        return {"verdict": REFUSED, "fault": f"{type(fault).__name__}: {fault}"[:300]}
     return {k: answer[k] for k in ("verdict", "chosen", "estimates") if k in answer}
 
 
-def one(seed, index, kinds) -> dict:
-    """One case: its truth and both answers; a draw that fails a check is drawn again."""
+def one(seed, index, kinds, data) -> dict:
+    """One case: its truth and the answers to the ``data`` asked for; a draw that fails a check is drawn again."""
     for attempt in range(ATTEMPTS):
         key = [seed, index, attempt]
         made = make(key, kinds)
         if made is not None:
             break
     else:
-        return {"kinds": list(kinds), "scan": {"verdict": "fault", "fault": f"no design in {ATTEMPTS} attempts"}}
+        return {"kinds": list(kinds), "scan": {"verdict": REFUSED, "fault": f"no design in {ATTEMPTS} attempts"}}
     cable = made[0].cable
     true = {"bending_stiffness": cable.bending, "torsional_stiffness": cable.torsion}
     out = {"kinds": list(kinds), "truth": made[2], "true": true, "radius": made[4], "sensor": made[5]}
     with tempfile.TemporaryDirectory() as folder:
-        for data, study in studies(key, made, Path(folder)).items():
-            out[data] = answered(study)
+        both = studies(key, made, Path(folder))
+        out |= {name: answered(both[name]) for name in data}
     return out
 
 
@@ -186,11 +186,16 @@ def held(rows, data):
 
 
 def alarms(rows, data):
-    return share(r[data]["verdict"] != CLEAR for r in rows)
+    return share(r[data]["verdict"] != CLEAR for r in rows if r[data]["verdict"] != REFUSED)
+
+
+def refused(rows):
+    return share(r["scan"]["verdict"] == REFUSED for r in rows)
 
 
 NOTHING_MISSING = [
     ("nothing missing: scans that raise an alarm at the 5 % level", "3 of 40 at most", lambda rows: alarms(rows, "scan")),
+    ("nothing missing: scans that are refused, in one sentence", None, refused),
     ("the same poses as curves", None, lambda rows: alarms(rows, "curve")),
     ("nothing missing: 95 % intervals of EI and GJ from scans that hold the truth", "92-97 %", lambda rows: held(rows, "scan")),
     ("the same from curves", "92-97 %", lambda rows: held(rows, "curve")),
@@ -209,8 +214,9 @@ STRONG = [
 
 def scored(rows: dict) -> list[tuple]:
     """Words, value and target of each line."""
-    of_class = {way: [r for r in rows.values() if bool(r["kinds"]) == way and "curve" in r] for way in (False, True)}
+    of_class = {way: [r for r in rows.values() if bool(r["kinds"]) == way and "true" in r] for way in (False, True)}
     lines = [(some, *line) for way, some in of_class.items() if some for line in (STRONG if way else NOTHING_MISSING)]
+    lines = [line for line in lines if "curve" not in line[1] or all("curve" in r for r in line[0])]
     return [(words, value(some), target) for some, words, target, value in lines]
 
 
@@ -228,12 +234,13 @@ def main() -> None:
     parser.add_argument("--strong", type=int, default=20, help="studies with a strong effect")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--record", help="name of the record in benchmarks/results: scan_alarms, or scan_none without --strong")
+    parser.add_argument("--data", nargs="+", default=["scan", "curve"], choices=["scan", "curve"])
     args = parser.parse_args()
     prepare_jax()
     rows = json.loads(args.json.read_text())["rows"] if args.json.exists() else {}
     cases = wanted(args)
     keep = lambda: args.json.write_text(json.dumps({"rows": rows}, indent=1) + "\n")  # noqa: E731
-    complete(rows, cases, lambda name: one(args.seed, *cases[name]), keep)
+    complete(rows, cases, lambda name: one(args.seed, *cases[name], args.data), keep)
     if args.record:
         record(args.record, {"rows": rows})
     for words, value, _ in scored(rows):

@@ -108,6 +108,7 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     if stands:
         return Decision(UNEXPLAINED, empty, empty, averaged=(empty,), mistakes=tuple(stands), **rest)
     if of_the_axis(empty):
+        rest["p_value"] = 1.0
         return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
     likely = [h for h in search.ranked if h.score > search.ranked[0].score - s.averaged]
     field = description is not None and leads(description, cause or empty, s.found) and leads(description, empty, s.found)
