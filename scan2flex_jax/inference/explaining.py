@@ -296,10 +296,11 @@ def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
     v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
     if d.verdict == NONE:
-        yield Finding("nothing", values={"p": d.p_value})
         if d.cause is not None and of_the_axis(d.empty) and leads(d.cause, d.empty, v.settings.found):
             size = {"mm": 1e3 * d.empty.rms, "percent": 100 * d.empty.rms / v.context.radius_or_guess}
             yield Finding("axis", values=size | {"effects": listed(d.cause.names)})
+        else:
+            yield Finding("nothing", values={"p": d.p_value})
     elif d.verdict == UNEXPLAINED:
         yield Finding("unexplained", "fault")
         cause, field = d.cause, d.description
