@@ -11,6 +11,8 @@ leaves nearby points unexplained. Each indicator is compared with the noise of t
 Symbols: r radius, L length, u, s: m; kappa curvature, 1/m.
 """
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -66,12 +68,14 @@ def doubts(curve, fit, radius, length, start, end, few: bool = False) -> list[st
 
 
 def astray(curve, fit, radius, length, start, end) -> list[str]:
-    """Those of the doubts that question what was seen, and not only what is missing at an end or in a gap."""
+    """Those of the doubts that question what was seen: not what is missing at an end or in a gap, nor a direction at a clamp,
+    which its block may bend over a radius or two."""
     longer = bool(length) and start is not None and clamp_to_clamp(curve, start, end) > length
     said = _of_fit(curve, fit, radius) + _of_shape(curve, radius)
     said += _of_length(curve, length, start, end) if longer else []
-    reached = [None if one is None or abs((curve.points[k] - one.position) @ curve.tangents[k]) > _REACHED * radius else one
-               for one, k in ((start, 0), (end, -1))]  # fmt: skip
+    clamps = [None if one is None else replace(one, tangent=None) for one in (start, end)]
+    reached = [one if one and abs((curve.points[k] - one.position) @ curve.tangents[k]) < _REACHED * radius else None
+               for one, k in zip(clamps, (0, -1), strict=True)]  # fmt: skip
     return said + _of_clamps(curve, *reached, radius)
 
 
