@@ -5,7 +5,7 @@ and by two standard errors of the paired difference over the poses (of Student's
 
 1. Poses that are not solved, or a mesh whose error reaches the noise: not in equilibrium.
 2. Something is missing where a hypothesis with effects leads over the one without. A set of effects is needed where it leads
-   over each smaller set.
+   over each smaller set. A residual of scans that the error of their axis accounts for is nothing missing, whatever its nats.
 3. Tied: hypotheses of as many effects, each found by itself, over which the best does not lead, or which have the same shapes
    by the catalogue.
 4. Explained: no discrepancy is needed beside the noise, which is like a scanner's or stated (`smooth`), and no field leads;
@@ -25,6 +25,7 @@ from scipy import special
 
 from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.effects.entry import SameShapes
+from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.inference import belief
 from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.search import Search, describes, same_shapes
@@ -106,6 +107,9 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     stands = [m for m, h in mistaken if leads(h, empty, s.found) and not (ahead and cause and leads(cause, h, s.found))]
     if stands:
         return Decision(UNEXPLAINED, empty, empty, averaged=(empty,), mistakes=tuple(stands), **rest)
+    if of_the_axis(empty):
+        rest["p_value"] = 1.0
+        return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
     likely = [h for h in search.ranked if h.score > search.ranked[0].score - s.averaged]
     field = description is not None and leads(description, cause or empty, s.found) and leads(description, empty, s.found)
     gain = cause.gain() if cause is not None else alone
@@ -134,6 +138,13 @@ def smooth(h: Fitted) -> bool:
     v = h.variant
     taken = v.likelihood.stated is None and not h.discrepant
     return taken and belief.conspicuous(v.likelihood.noise(h.u), v.length, v.settings)
+
+
+def of_the_axis(h: Fitted) -> bool:
+    """Whether the residual of scans may be the error of their axis. Such errors are alike in poses seen alike: nats add up over
+    the poses, and prove nothing."""
+    likelihood = h.variant.likelihood
+    return h.rms <= likelihood.settings.beyond_noise * np.sqrt(NORMALS) * likelihood.axis
 
 
 def _p_value(h: Fitted, empty: Fitted) -> float:

@@ -31,6 +31,7 @@ from scan2flex_jax.inference.decision import (
     decide,
     errors_of_input,
     leads,
+    of_the_axis,
     smooth,
 )
 from scan2flex_jax.inference.explanation import Explanation, Hypothesis, PoseChange, Ranked
@@ -44,8 +45,6 @@ from scan2flex_jax.inference.words import FIELDS, Finding, listed
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.repeats import repeat_sentences
 from scan2flex_jax.study.sense import check_study
-
-_FINE = 0.1  # of the radius: a smaller residual of scans may be an error of their axis
 
 
 @threaded
@@ -90,9 +89,8 @@ def explain(
     began, say = time.perf_counter(), progress or silent
     make_room()
     try:
-        whole, told = with_curves(study, say)
-        scanned, study = whole is not study, whole
-        first, gates, coarse = variants.given(study, elements, mesh, scanned, settings, say)
+        study, told = with_curves(study, say)
+        first, gates, coarse = variants.given(study, elements, mesh, settings, say)
     except NotSettledError as fault:
         return Explanation(study=study, verdict=UNSOLVED, sentences=(str(fault),), seconds=_since(began), settings=settings)
     if isinstance(first, Fit):
@@ -113,7 +111,7 @@ def explain(
     if decision.mistakes:
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
-    answer = replace(_explanation(first, search, decision, began, gates, coarse, scanned, told), record=kept)
+    answer = replace(_explanation(first, search, decision, began, gates, coarse, told), record=kept)
     return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
 
 
@@ -128,7 +126,7 @@ def _mistaken(study, mistakes, began, settings) -> Explanation:
     return Explanation(study=study, verdict=UNEXPLAINED, sentences=said, **rest)
 
 
-def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, scanned, told) -> Explanation:
+def _explanation(first: Variant, search: Search, d: Decision, began, gates, coarse, told) -> Explanation:
     best, fitted = d.best, first.fit
     study = best.variant.study
     ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
@@ -139,7 +137,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
     noise = best.variant.likelihood.noise(best.u)
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
-    findings = _findings(d, chosen, poses, discrepancy, coarse, scanned)
+    findings = _findings(d, chosen, poses, discrepancy, coarse)
     return Explanation(
         study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),
         fit=fitted,
@@ -247,9 +245,8 @@ def _ranked(h: Fitted, k: int, gain: float, verdict: str, tied=(), full: bool = 
         std = {name: e.std for name, e in own.items() if e.std is not None}
         values = {name: e.value for name, e in own.items()}
         return Ranked(h.names[k], values, gain, _p(gain), verdict, tied, std=std)
-    rms = np.sqrt(h.squares / sum(int(np.sum(real)) for real in h.variant.program.real))
     std = of.spreads_of(h, k) if full else {}
-    return Ranked(h.kinds[k], of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=float(rms), std=std)
+    return Ranked(h.kinds[k], of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=h.rms, std=std)
 
 
 def _chosen(d: Decision, ranking) -> tuple[Ranked, ...]:
@@ -285,7 +282,7 @@ def _poses(d: Decision) -> dict[str, PoseChange]:
     return changed
 
 
-def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[Finding]:
+def _findings(d: Decision, chosen, poses, discrepancy, coarse) -> list[Finding]:
     """What is to be said, in its order."""
     v, kinds = d.best.variant, [r.kind for r in chosen]
     if d.verdict == UNSOLVED:
@@ -299,9 +296,6 @@ def _findings(d: Decision, chosen, poses, discrepancy, coarse, scanned) -> list[
         size = {"mm": 1e3 * discrepancy.rms, "percent": 100 * discrepancy.relative}
         out.append(Finding("discrepancy", "doubt", size))
     out += [Finding("less", "doubt", {"mistake": str(m)}) for m in v.fit.mistakes if kinds]
-    rms, radius = rms_over([p for p in poses.values() if p.role == "fit"], "rms_before"), v.context.radius_or_guess
-    if scanned and kinds and rms <= _FINE * radius:
-        out.append(Finding("fine", "doubt", {"mm": 1e3 * rms, "percent": 100 * rms / radius}))
     return out
 
 
@@ -309,7 +303,11 @@ def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
     v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
     if d.verdict == NONE:
-        yield Finding("nothing", values={"p": d.p_value})
+        if d.cause is not None and of_the_axis(d.empty) and leads(d.cause, d.empty, v.settings.found):
+            size = {"mm": 1e3 * d.empty.rms, "percent": 100 * d.empty.rms / v.context.radius_or_guess}
+            yield Finding("axis", values=size | {"effects": listed(d.cause.names)})
+        else:
+            yield Finding("nothing", values={"p": d.p_value})
     elif d.verdict == UNEXPLAINED:
         yield Finding("unexplained", "fault")
         cause, field = d.cause, d.description

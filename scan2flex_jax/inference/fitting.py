@@ -73,13 +73,21 @@ def fit(
 
 
 def with_curves(study: Study, progress: Progress) -> tuple[Study, tuple[str, ...]]:
-    """The study with a centre curve extracted for each pose that has a scan alone, and sentences on doubtful ones."""
+    """The study with a centre curve extracted for each pose that has a scan alone, and sentences on doubtful ones; those that
+    went astray are left out if others remain to be fitted."""
     if not any(pose.curve is None and pose.scan is not None for pose in study.poses):
         return study, ()
     from scan2flex_jax.scan import extract_study  # noqa: PLC0415  (only scans need it, and it loads slowly)
 
     whole, found = extract_study(study, lambda name, i, n: progress(f"extracting {name} ({i} of {n})"))
-    doubts = [f"the centre curve of pose {n!r} is doubtful: {'; '.join(c.doubts)}" for n, c in found.items() if not c.sure]
+    left = {n for n, c in found.items() if c.astray}
+    sure = [pose for pose in whole.poses if pose.name not in left]
+    out = ", and left out" if any(pose.role == "fit" for pose in sure) else ""
+    if out:
+        poses = (replace(pose, repeat_of=None if pose.repeat_of in left else pose.repeat_of) for pose in sure)
+        whole = replace(whole, poses=tuple(poses))
+    doubtful = {n: f"is doubtful{out if n in left else ''}: {'; '.join(c.doubts)}" for n, c in found.items() if not c.sure}
+    doubts = [f"the centre curve of pose {n!r} {why}" for n, why in doubtful.items()]
     return whole, ("centre curves were extracted from the scans and fitted", *doubts)
 
 
@@ -87,18 +95,16 @@ def with_curves(study: Study, progress: Progress) -> tuple[Study, tuple[str, ...
 def fitted(
     study: Study, method: str = "least-squares", *, distance: str = "normal", elements: int | None = None,
     progress: Progress | None = None, settings: Settings = USUAL, slots: tuple[AbstractEffect, ...] = (),
-    turns: bool = True, mistakes: bool = True, scanned: bool = False,
+    turns: bool = True, mistakes: bool = True,
 ) -> Fit:  # fmt: skip
     """`fit` as `explain` calls it.
 
     ``slots``: energy laws of effects that may be added later, at zero amplitude, so that a search reuses the functions compiled
     here. ``turns``: False keeps the turns of the study in every pose. ``mistakes``: False looks for none in the input.
-    ``scanned``: the curves are those of scans, with an error alike along a pose.
     """
     _check(study, method, distance)
     began, progress = time.perf_counter(), progress or silent
     whole, said = with_curves(study, progress)
-    scanned = scanned or whole is not study
     stages = [partial(_minimum, mistakes=mistakes), partial(_on_branches if turns else _as_stated, mistakes=mistakes)]
     stages = [partial(stage, method=method, progress=progress) for stage in stages]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
@@ -111,7 +117,7 @@ def fitted(
         minimum = problem.seen_by_normals(minimum)
     said = said if own else (*said, _HELD)
     progress("noise, discrepancy and parameters together")
-    variant = Variant("as stated", problem, minimum, settings, scanned=scanned, held=not own)
+    variant = Variant("as stated", problem, minimum, settings, held=not own)
     posterior = variant.empty
     minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)

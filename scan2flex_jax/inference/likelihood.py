@@ -3,10 +3,10 @@
 For pose p, in rows (`rows`): ``y_p = f_p(x) + Z_p z_p + e_p`` with the prior of ``x`` normal, ``z_p ~ N(0, b^2 I)`` the random
 curvature and clamp seat of the pose (`fitting.discrepancy`), and
 
-    C_p = white^2/count I + correlated^2 k(lag/length) + alike^2 1 1' + b^2 Z_p Z_p',
+    C_p = white^2/count I + correlated^2 k(lag/length) + axis^2 m(lag/axis length) + b^2 Z_p Z_p',
 
-``k`` a mixture of Matern 3/2 and the squared exponential, since nobody knows how smooth errors of a scan are; ``alike`` the
-given error of scans that is the same along a pose; rows across a plane in which all points lie have a noise of
+``k`` a mixture of Matern 3/2 and the squared exponential, since nobody knows how smooth errors of a scan are; ``axis`` the
+given error of the axis of scans, ``m`` Matern 3/2; rows across a plane in which all points lie have a noise of
 `Settings.largest_noise` of the length besides. The sizes ``u = (log white, log correlated, log length, log b, logit of the
 share of Matern)`` are those of the largest restricted likelihood times their prior (Patterson and Thompson 1971), for each
 hypothesis at its own ``x``, with exact gradients: 8 to 15 evaluations of 3 ms. The discrepancy has a spike and a slab
@@ -59,17 +59,18 @@ class Linear:
 
 
 class Likelihood:
-    """Log likelihood (nats) of the sizes ``u`` given a linear hypothesis; ``stated`` (m) noise or None, ``alike`` (m) of scans,
-    ``usual`` (1/m) the scale of a discrepancy."""
+    """Log likelihood (nats) of the sizes ``u`` given a linear hypothesis; ``stated`` (m) noise or None, ``axis`` (m) that of
+    scans, ``usual`` (1/m) the scale of a discrepancy."""
 
     def __init__(
-        self, rows: Rows, length: float, stated: float | None, alike: float, usual: float, settings: Settings,
+        self, rows: Rows, length: float, stated: float | None, axis: float, usual: float, settings: Settings,
         apart: Sequence[int] = (),
     ):  # fmt: skip
         """Bounds of the sizes from the cable's ``length`` (m); poses ``apart`` have a wide discrepancy of their own."""
         self.apart = np.isin(np.arange(rows.poses), list(apart)) * (_APART * usual) ** 2
-        self.rows, self.length, self.stated, self.alike = rows, length, stated, alike
+        self.rows, self.length, self.stated, self.axis = rows, length, stated, axis
         self.usual, self.settings = usual, settings
+        self.of_axis = axis**2 * rows.same * _correlation(rows.lag / (settings.axis_length * length), np.inf)[0]
         shortest, least = max(rows.gap, _SHORTEST * length), np.log(FINEST * length)
         noise = least, np.log(max(_MOST_NOISE * length, 2.0 * (stated or 0.0)))
         lengths = np.log(shortest), np.log(max(_LONGEST * length, 1.1 * shortest))
@@ -82,7 +83,7 @@ class Likelihood:
 
     def on(self, rows: Rows) -> "Likelihood":
         """The same law for other poses."""
-        return Likelihood(rows, self.length, self.stated, self.alike, self.usual, self.settings)
+        return Likelihood(rows, self.length, self.stated, self.axis, self.usual, self.settings)
 
     def start(self, noise: float, b: float) -> np.ndarray:
         """Sizes to begin from, for a noise (m) and a discrepancy ``b`` over the usual one."""
@@ -121,7 +122,7 @@ class Likelihood:
         fore = p.tangent * aside**2  # points moved across draw back along the tangent, to second order
         i = np.arange(p.rows)
         K[:, i, i] += _REGULAR * (1 - p.pad)
-        C = sc**2 * K + ZZ + self.alike**2 * p.same
+        C = sc**2 * K + ZZ + self.of_axis
         if np.any(self.apart):
             C += self.apart[:, None, None] * ZZ / b**2
         C[:, i, i] += white + fore + p.pad + p.across * (self.settings.largest_noise * self.length) ** 2

@@ -92,6 +92,11 @@ class Fitted:
         return float(sum(np.sum(s.residual[k] ** 2) for s, k in zip(self.shapes, real, strict=True)))
 
     @property
+    def rms(self) -> float:
+        """RMS distance (m) of all points."""
+        return float(np.sqrt(self.squares / sum(int(np.sum(real)) for real in self.variant.program.real)))
+
+    @property
     def configuration(self) -> Configuration:
         """Configurations of all poses."""
         return configuration(self.shapes)
@@ -165,7 +170,7 @@ class Variant:
 
     def __init__(
         self, name: str, problem: Problem, minimum: Minimum, settings: Settings = USUAL, *, log_prior: float = 0.0,
-        scanned: bool = False, effect: str | None = None, apart: Sequence[int] = (), held: bool = False,
+        effect: str | None = None, apart: Sequence[int] = (), held: bool = False,
     ):  # fmt: skip
         """Refit the hypothesis without effects."""
         self.name, self.problem, self.minimum, self.settings, self.effect = name, problem, minimum, settings, effect
@@ -182,10 +187,10 @@ class Variant:
         real = self.program.real
         squares = [np.mean(s.residual[k] ** 2) for s, k in zip(shapes, real, strict=True)]
         self.off = max(float(np.sqrt(np.mean(squares))), 1e-9)
-        alike = settings.scan_alike * self.context.radius_or_guess if scanned else 0.0
+        axis = settings.axis * self.context.radius_or_guess if any(p.scan is not None for p in study.fit_poses) else 0.0
         usual = usual_size(self.program.start, settings.usual_discrepancy)
         stated = stated_noise(study, of_all=False)
-        self.likelihood = Likelihood(self.rows, self.length, stated, alike, usual, settings, apart)
+        self.likelihood = Likelihood(self.rows, self.length, stated, axis, usual, settings, apart)
         at = {pose.name: i for i, pose in enumerate(study.fit_poses)}
         same = [[at[name] for name in group if name in at] for group in repeats(study)]
         alone = [[i] for i in at.values() if all(i not in group for group in same)]

@@ -14,8 +14,8 @@ class Settings:
 
     Noise: a ``stated`` one is known to this standard deviation of its logarithm; an unstated one is ``usual_noise`` of the
     length, to a factor of ``noise_factor``; its correlation length is ``correlation`` of the length, with a spread of its
-    logarithm of ``correlation_spread``. ``scan_alike``: error of a scan's axis that is alike along a pose, over the radius
-    (`benchmarks.scan_alarms`).
+    logarithm of ``correlation_spread``. ``axis``: error of the axis of a scan over its radius, correlated over ``axis_length``
+    of the length (`benchmarks.scan_alarms`).
 
     Discrepancy of each pose: its size is half-Cauchy of ``usual_discrepancy`` of the curvature of the poses, and it costs
     ``slab`` to have one at all: prior odds of e^-2, and the width of its size's posterior over that of its prior.
@@ -48,7 +48,8 @@ class Settings:
     noise_factor: float = 5.0
     correlation: float = 0.07
     correlation_spread: float = 0.8
-    scan_alike: float = 0.01
+    axis: float = 0.01
+    axis_length: float = 0.2
     usual_discrepancy: float = 0.03
     slab: float = 8.0
     beyond_noise: float = 3.0

@@ -35,13 +35,13 @@ _FEWEST = 5  # fitted poses that can show memory
 _TWISTED = 0.3  # rad along the cable, RMS over the poses, from which twist can show friction
 
 
-def given(study: Study, elements: int | None, mesh: bool, scanned: bool, settings: Settings, say: Progress):
+def given(study: Study, elements: int | None, mesh: bool, settings: Settings, say: Progress):
     """``(variant, figures, coarse)``: the study as stated on a fine enough mesh, or its fit alone where a mistake of the input
     shows without a solve, or in single readings; elements and mesh error, and the poses whose mesh remains too coarse. Raises
     `NotSettledError`."""
     while True:
         say("baseline fit")
-        first = fitted(study, elements=elements, slots=slots_of(study), settings=settings, scanned=scanned)
+        first = fitted(study, elements=elements, slots=slots_of(study), settings=settings)
         if first.mistakes and (first.mistakes[0].reading or visible_mistakes(first.problem.study)):
             return first, {}, []
         elements, study = first.problem.elements, first.problem.study  # with the turns that the shapes show

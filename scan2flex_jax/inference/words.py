@@ -55,8 +55,8 @@ _WORDS = {
     "less": "a mistake of the input explains less: {mistake}",
     "mistaken": "correct the input first: no missing effect is named until then",
     "turns": "with the stated turns and {effects} the shapes are likelier by {nats:.0f} nats than with the nearest turns alone",
-    "fine": "the error of the baseline model is {mm:.2f} mm, {percent:.0f} % of the radius: it may be that of the scans, which "
-    "is alike along a pose seen from one side",
+    "axis": "the baseline error, {mm:.2f} mm, is {percent:.2g} % of the radius, no more than a scan's axis may err: "
+    "{effects} would lessen it, and is not established",
     "smooth": "the residual varies slowly along the cable ({mm:.1f} mm), unlike the noise of a scanner: if the curves err so, "
     "state their noise (`noise` of a pose)",
 }

@@ -45,7 +45,7 @@ class CentreCurve:
     inside gaps. It excludes errors common to all points (a range bias).
     ``noise``: standard deviation of a point from the surface (m); ``gaps``: intervals of s (m) without points;
     ``stages``: intermediate clouds and curves, for plotting; ``warnings``: one sentence each, and ``doubts`` those of them
-    that question the curve as a whole.
+    that question the curve as a whole; ``astray``: whether one of them questions the part that was seen.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -61,11 +61,21 @@ class CentreCurve:
     stages: dict[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    astray: bool = False
 
     @property
     def sure(self) -> bool:
         """Whether there are no doubts about the curve."""
         return not self.doubts
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Mask of the points outside the gaps and their edges (n,), where what hid the cable stands near."""
+        return ~self.in_gaps(self.arc_length, _CURVED_GAP * self.radius.mean)
+
+    def in_gaps(self, s: np.ndarray, edge: float = 0.0) -> np.ndarray:
+        """Whether arc lengths (m) lie in a gap, or within an ``edge`` (m) of it."""
+        return np.any([(s > a - edge) & (s < b + edge) for a, b in [(-1.0, -1.0), *self.gaps]], axis=0)
 
     @property
     def length(self) -> float:
@@ -129,7 +139,18 @@ def _span_and_gaps(t, c, radius, clamps):
     high = high if at[1] is None or at[1] < 0.5 * (low + high) else min(high, at[1])
     breaks = np.flatnonzero(np.diff(t) > wide)
     gaps = [(t[b], t[b + 1]) for b in breaks if t[b] > low and t[b + 1] < high]
-    return (low, high), gaps
+    return (low, high), _joined(gaps)
+
+
+def _joined(gaps):
+    """Gaps, of which two with a shorter island of points between them are one: what stands there need not be the cable, and a
+    curve that is led by it strays."""
+    out: list[tuple[float, float]] = []
+    for a, b in gaps:
+        if out and a - out[-1][1] < max(b - a, out[-1][1] - out[-1][0]):
+            a = out.pop()[0]  # noqa: PLW2901
+        out.append((a, b))
+    return out
 
 
 def _std_across(fit: Refined, t, tangents):

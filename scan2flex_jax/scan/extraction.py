@@ -24,7 +24,7 @@ from scan2flex_jax.scan import cloud as clouds
 from scan2flex_jax.scan import coarse_curve, refine, snakes, snakes_minimisers, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
 from scan2flex_jax.scan.guide_points import checked_guides, guide_tube, guided_curve
-from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts, foreign
+from scan2flex_jax.scan.plausibility import astray, clamp_to_clamp, doubts, foreign
 from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import check_study
@@ -92,15 +92,24 @@ def extract(
         if not left_out:
             break
         against, curve, fit = refined((fit.points,), points[inside])
-    strange = np.zeros(0, bool) if few else foreign(fit, radius)
+    strange = np.zeros(inside.sum(), bool) if few else _strange(curve, fit, points[inside], radius)
     if strange.any():
-        where = cKDTree(spline.evenly(fit.points, 800)).query(points[inside])[1] / 800
-        against, curve, fit = refined((fit.points,), points[inside][~strange[(where * len(strange)).astype(int)]])
+        against, curve, fit = refined((fit.points,), points[inside][~strange])
     _refuse_doubtful(curve, length, start, end)
     said = [] if few else _remarks(curve, radius, fit, eyes is not None)
     if strange.any():
-        said.append("where most points lie on no tube of this radius (a connector?) they were left out: see the gaps")
-    return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against))
+        said.append("where most points lie on no tube of this radius, or few between gaps, they were left out: see the gaps")
+    wrong = not few and bool(astray(curve, fit, radius, **known))
+    return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against), astray=wrong)
+
+
+def _strange(curve, fit, points, radius):
+    """Mask of points that are not to be followed: where most of them lie on no tube, or between gaps that are one."""
+    where, there = cKDTree(spline.evenly(fit.points, 800)).query(points)[1] / 800, foreign(fit, radius)
+    away, which = cKDTree(curve.points).query(points)
+    lost = curve.in_gaps(curve.arc_length[which])
+    led = bool(np.any(lost & (np.abs(away - radius) < _ON * fit.sigma)))
+    return there[(where * len(there)).astype(int)] | (lost & led)
 
 
 def _near(points, curve, radius):
@@ -273,6 +282,8 @@ def extract_study(
 ) -> tuple[Study, dict[str, CentreCurve]]:
     """A copy of the study with a centre curve for every pose that has a scan and none yet, and the curves by pose name.
 
+    Points within gaps are guesses, and no measurements: the study's curves leave them out.
+
     ``progress(pose, number, total)`` is called before each pose; its exceptions are ignored.
     """
     check_study(study, "extract")
@@ -284,7 +295,7 @@ def extract_study(
             _tell(progress, pose.name, len(found) + 1, len(todo))
             found[pose.name] = extract_pose(study, pose, method)
             curve = found[pose.name]
-            pose = replace(pose, curve=MeasuredCurve(curve.points))  # noqa: PLW2901
+            pose = replace(pose, curve=MeasuredCurve(curve.points[curve.seen]))  # noqa: PLW2901
         poses.append(pose)
     return replace(study, poses=tuple(poses)), found
 

@@ -11,6 +11,8 @@ leaves nearby points unexplained. Each indicator is compared with the noise of t
 Symbols: r radius, L length, u, s: m; kappa curvature, 1/m.
 """
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -25,6 +27,7 @@ _LONG_GAP = 0.16  # of L: longest gap that may be interpolated
 _VAGUE = 3.0  # of the noise of a point: a curve with a larger std, also above a thousandth of L, is a guess
 _BESIDE = 2.5  # of the noise: largest offset of an end from its clamp; also for the radius
 _MOST_BENT = 0.6  # rad: largest bend between the last seen point and the clamp
+_REACHED = 2.0  # radii before its clamp: an end that comes this near was seen
 _KINK = 0.7  # kappa r out of reach of a cable
 _TOLD = 20  # points near the curve at a station, from which their share on it counts
 _UNEXPLAINED = 0.4  # smallest share of the points within a radius of the surface that must lie on it
@@ -60,12 +63,25 @@ def doubts(curve, fit, radius, length, start, end, few: bool = False) -> list[st
     """Doubts about an extracted `CentreCurve`, in sentences; for ``few`` hand-set points only length and ends are tested."""
     if few:
         return _of_length(curve, length, start, end) + _of_clamps(curve, start, end, radius)
-    said = []
-    if not fit.settled:
-        said.append("the last stage did not converge: look at the picture")
-    said += _of_pulls(curve, fit, radius)
-    said += _of_length(curve, length, start, end) + _of_gaps(curve) + _of_shape(curve, radius)
+    said = _of_fit(curve, fit, radius) + _of_length(curve, length, start, end) + _of_gaps(curve) + _of_shape(curve, radius)
     return said + _of_clamps(curve, start, end, radius)
+
+
+def astray(curve, fit, radius, length, start, end) -> list[str]:
+    """Those of the doubts that question what was seen: not what is missing at an end or in a gap, nor a direction at a clamp,
+    which its block may bend over a radius or two."""
+    longer = bool(length) and start is not None and clamp_to_clamp(curve, start, end) > length
+    said = _of_fit(curve, fit, radius) + _of_shape(curve, radius)
+    said += _of_length(curve, length, start, end) if longer else []
+    clamps = [None if one is None else replace(one, tangent=None) for one in (start, end)]
+    reached = [one if one and abs((curve.points[k] - one.position) @ curve.tangents[k]) < _REACHED * radius else None
+               for one, k in zip(clamps, (0, -1), strict=True)]  # fmt: skip
+    return said + _of_clamps(curve, *reached, radius)
+
+
+def _of_fit(curve, fit, radius):
+    """Doubts about the last stage."""
+    return ([] if fit.settled else ["the last stage did not converge: look at the picture"]) + _of_pulls(curve, fit, radius)
 
 
 def _of_pulls(curve, fit, radius):

@@ -56,6 +56,24 @@ def test_a_gap_is_bridged_and_marked():
     assert any("no points were seen" in said for said in found.warnings)
 
 
+@pytest.mark.slow
+def test_an_island_of_points_does_not_lead_the_curve_across_a_gap():
+    """Nothing of the cable is seen over an eighth of its length, in the middle of which a short rod passes beside it."""
+    gap = (0.38, 0.505)
+    curve = shapes.FAMILIES["loop"](LENGTH, RADIUS)
+    place, tangent, side, up = beside(curve, 0.44)
+    piece = place + RADIUS * side + np.linspace(-0.012, 0.012, 9)[:, None] * (tangent + 0.5 * up)
+    strange = scanner.tube_mesh(piece, RADIUS)
+    scan = scanner.scan(curve, RADIUS, EYES[:2], scanner.STRUCTURED_LIGHT, 4, gaps=(gap,), clutter=[strange])
+    start, end = ends(curve)
+    found = extract(scan.points, RADIUS, length=LENGTH, start=start, end=end)
+    ((low, high),) = found.gaps
+    assert abs(low - gap[0]) < 0.01 and abs(high - gap[1]) < 0.01
+    away = cKDTree(shapes.resample(curve, 8001)).query(found.points)[0]
+    assert away[found.seen].max() < 1e-3
+    assert away.max() < 3e-3
+
+
 def beside(curve, place):
     """Point, unit tangent and two unit normals of a curve at a fraction of its length."""
     k = int(place * len(curve))

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.inference.fitting import with_curves
 from scan2flex_jax.scan import extract_study, save_picture
 from scan2flex_jax.study import Clamp, Study, StudyPose
 from tests.scan.truth import ends, scanned
@@ -44,6 +45,27 @@ def test_curves_are_written_into_the_study_and_pictured(study, tmp_path):
     again, none = extract_study(filled)
     assert none == {}
     assert again == filled
+
+
+@pytest.mark.slow
+def test_guesses_are_no_measurements_and_a_doubtful_pose_is_left_out(tmp_path):
+    """Of three poses one has a gap, whose points are not in the study's curve, and one is 2 % longer than the cable."""
+    poses, gap = [], (0.35, 0.45)
+    for name, gaps, length in (("whole", (), LENGTH), ("gap", (gap,), LENGTH), ("long", (), 1.02 * LENGTH)):
+        curve, scan = scanned("loop", length, RADIUS, gaps=gaps)
+        trimesh.PointCloud(scan.points).export(tmp_path / f"{name}.ply")
+        start, end = (Clamp(one.position, quaternion(one.tangent)) for one in ends(curve))
+        poses.append(StudyPose(name, "fit", start, end, scan=tmp_path / f"{name}.ply"))
+    poses[0] = replace(poses[0], repeat_of="long")
+    study = Study("scans", np.array([0.0, 0.0, -9.81]), {"length": LENGTH, "radius": RADIUS}, tuple(poses), folder=tmp_path)
+    whole, said = with_curves(study, lambda _: None)
+    assert [pose.name for pose in whole.poses] == ["whole", "gap"]
+    assert whole.poses[0].repeat_of is None
+    assert any("'long'" in s and "left out" in s and "1.02 m long" in s for s in said)
+    apart = np.linalg.norm(np.diff(whole.poses[1].curve.points, axis=0), axis=1)
+    assert np.sum(apart > 0.05) == 1
+    alone, said = with_curves(replace(study, poses=(poses[2],)), lambda _: None)
+    assert len(alone.poses) == 1 and any("doubtful" in s for s in said)
 
 
 def test_a_fault_names_the_scan_and_the_pose(study, tmp_path):
