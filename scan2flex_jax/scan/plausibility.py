@@ -73,10 +73,12 @@ def astray(curve, fit, radius, length, start, end) -> list[str]:
     longer = bool(length) and start is not None and clamp_to_clamp(curve, start, end) > length
     said = _of_fit(curve, fit, radius) + _of_shape(curve, radius)
     said += _of_length(curve, length, start, end) if longer else []
-    clamps = [None if one is None else replace(one, tangent=None) for one in (start, end)]
-    reached = [one if one and abs((curve.points[k] - one.position) @ curve.tangents[k]) < _REACHED * radius else None
-               for one, k in zip(clamps, (0, -1), strict=True)]  # fmt: skip
-    return said + _of_clamps(curve, *reached, radius)
+
+    def reached(clamp, k):
+        far = clamp is None or abs((curve.points[k] - clamp.position) @ curve.tangents[k]) >= _REACHED * radius
+        return None if far else replace(clamp, tangent=None)
+
+    return said + _of_clamps(curve, reached(start, 0), reached(end, -1), radius)
 
 
 def _of_fit(curve, fit, radius):
