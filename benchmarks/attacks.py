@@ -10,6 +10,7 @@ Failures are counted by the line that raised them, with the first input of each.
 import argparse
 import base64
 import gzip
+import io
 import json
 import resource
 import shutil
@@ -28,13 +29,14 @@ import trimesh
 
 from benchmarks.kinect_wires import read_picks
 from benchmarks.record import record
-from scan2flex_jax.convert import quantity, read_foreign_curve, read_frames
+from scan2flex_jax.convert import measured, quantity, read_foreign_curve, read_frames
 from scan2flex_jax.convert.curves import captured, read_foreign_points
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.cloud import load_cloud
 from scan2flex_jax.study import describe, load_study, save_study
 from scan2flex_jax.sweep import Output, Task, grid, open_sweep, sweep
 from tests.convert.test_frames import PRINTED
+from tests.convert.test_lines import FILES, FRAMES, POINTS, edged_ply
 from tests.convert.test_motion_capture import c3d, motive, vicon
 from tests.convert.test_motion_capture import frames as marker_frames
 from tests.scan.test_files import BINARY, TABLES
@@ -178,13 +180,17 @@ def readers(folder: Path) -> dict[str, Reader]:
     frames, foreign, toml = [matrices, angles, quaternions], [table, arcs, german, blanks], STUDY.encode()
     captures = [motive(marker_frames()).encode(), vicon(marker_frames()).encode()]
     c3d(folder / "seed.c3d", marker_frames())
-    lengths = [b"900 mm", b"0,9 m", b"1e-3", b"12.5 in"]
+    lengths = [b"900 mm", b"0,9 m", b"1e-3", b"12.5 in", b"3 ft 3 in"]
+    densities = [b"336 g/m +/- 2 g/m", b"24 lb/1000ft", b"3.2 N/m", b"150 tex +- 1 %"]
     out = {
         "study.toml": Reader(in_study(folder / "a", "study.toml"), [toml]),
         "hostile values": Reader(in_study(folder / "v", "study.toml"), hostile_studies(), mutate=False),
         "centre curve": Reader(in_study(folder / "b", "shapes/sag.csv"), [table, arcs]),
         "guide points": Reader(in_study(folder / "c", "sag-guides.csv"), [csv(curve(5)).encode()]),
         "foreign curve": Reader(in_file(folder / "curve.txt", lambda p: read_foreign_curve(p, units=None)), foreign),
+        "lines": Reader(in_file(folder / "l.csv", read_foreign_curve), [text.encode() for text in FILES.values()]),
+        "arrays": Reader(in_file(folder / "a.npy", read_foreign_curve), [_saved(a) for a in (POINTS, POINTS.T, FRAMES)]),
+        "edges": Reader(in_file(folder / "e.ply", read_foreign_curve), [edged_ply("ascii"), edged_ply("binary_little_endian")]),
         "foreign points": Reader(in_file(folder / "points.txt", lambda p: read_foreign_points(p, units="mm")), foreign),
         "frames": Reader(in_file(folder / "f.csv", lambda p: read_frames(p, convention="kuka")), frames),
         "printed poses": Reader(
@@ -193,6 +199,7 @@ def readers(folder: Path) -> dict[str, Reader]:
         "motion capture": Reader(in_file(folder / "m.csv", captured), captures),
         "motion capture c3d": Reader(in_file(folder / "m.c3d", captured), [(folder / "seed.c3d").read_bytes()]),
         "quantity": Reader(lambda data: quantity(data[:60].decode("latin-1"), "length"), lengths),
+        "density": Reader(lambda data: measured(data[:60].decode("latin-1"), "length density"), densities),
         "kinect picks": Reader(in_file(folder / "picks.csv", read_picks), [b"310,200,900\n320.5,210,905\n340,230,915\n"]),
     }
     for kind, seeds in cloud_seeds().items():
@@ -204,6 +211,12 @@ def readers(folder: Path) -> dict[str, Reader]:
         original = (folder / "sweep" / name).read_bytes()
         out[f"sweep {name}"] = Reader(_restoring(folder / "sweep", name, original, whole), [original])
     return out
+
+
+def _saved(array):
+    """The bytes of an array's file."""
+    np.save(stream := io.BytesIO(), array)
+    return stream.getvalue()
 
 
 def _restoring(stored, name, original, whole):

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.names import drawn
+from scan2flex_jax.names import drawn
 from scan2flex_jax.study.outputs import write_file
 
 if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types

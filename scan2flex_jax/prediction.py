@@ -15,6 +15,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, start_along
+from scan2flex_jax.names import file_stems
 from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.rod.memory import straightened
 from scan2flex_jax.rod.model import CableModel
@@ -23,7 +24,6 @@ from scan2flex_jax.statics.mesh import Mesh, shortest_bend
 from scan2flex_jax.statics.solve import Equilibrium, equilibrium
 from scan2flex_jax.statics.verdict import Verdict
 from scan2flex_jax.study.model import Study
-from scan2flex_jax.study.names import file_stems
 from scan2flex_jax.study.outputs import write_file
 from scan2flex_jax.study.parts import Clamp, StudyPose
 from scan2flex_jax.study.sense import check_study

@@ -19,6 +19,7 @@ from scan2flex_jax.cli.options import (
     explained,
     explanation_pictures,
     folder_to_write,
+    other_folder,
     picture_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
@@ -59,6 +60,7 @@ def _explain(elements, force, quiet, study, *, say, json, figures, save) -> bool
     loaded = load_study(study)
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, *(explanation_pictures(figures) if figures else ()))
+    other_folder(save, loaded.folder)
     result = explained(loaded, elements, prepare_jax(), quiet, say, again=True)
     if json:
         outputs.write_json(json, result.to_json())

@@ -27,8 +27,8 @@ def extract(
 
     Example: scan2flex extract my-cable --figures pictures
     """
+    from scan2flex_jax.names import file_stems  # noqa: PLC0415
     from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
-    from scan2flex_jax.study.names import file_stems  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)

@@ -19,6 +19,7 @@ from scan2flex_jax.cli.options import (
     drawing,
     folder_to_write,
     one_of,
+    other_folder,
     picture_to_write,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
@@ -68,6 +69,7 @@ def _fit(settings, force, quiet, study, *, say, json, save, figure) -> bool:
     loaded = load_study(study)
     outputs = Outputs(loaded, source=study, force=force)
     outputs.claim(json, figure)
+    other_folder(save, loaded.folder)
     prepare_jax()
     from scan2flex_jax.inference import fit as run  # noqa: PLC0415
 

@@ -28,7 +28,7 @@ def new(
         ),
     ],
     length: Annotated[str | None, typer.Option(help="Length between the clamps, as in 0.9, '900 mm' or '900 +- 1 mm'.")] = None,
-    density: Annotated[str | None, typer.Option(help="Mass per length, as in 0.336 or '336 +- 2 g/m'.")] = None,
+    density: Annotated[str | None, typer.Option(help="Mass per length, as in 0.336, '36 kg/km' or '336 +- 2 g/m'.")] = None,
     mass: Annotated[str | None, typer.Option(help="Mass of that length, in place of --density, as in '302 +- 1 g'.")] = None,
     radius: Annotated[str | None, typer.Option(help="Radius of the cable, needed by scans, as in '4 mm'.")] = None,
     clamps: Annotated[
@@ -93,7 +93,9 @@ def new(
     long, heavy, tolerance = _length_and_weight(length, density, mass)
     thick = None
     if radius is not None or any(pose.scan for pose in poses):
-        thick = _quantity(radius, "length", "the radius of the cable", "--radius")[0]
+        thick, of_radius = _quantity(radius, "length", "the radius of the cable", "--radius")
+        if of_radius:
+            say("  the radius has no tolerance in a study: its +- is left out")
     frames = None
     if clamps is not None:
         frames = read_frames(clamps, units=units or "m", convention=convention, degrees=not radians, tangent=tangent)
@@ -190,11 +192,15 @@ def _suggest_tangent(study, tangent):
 
 def _quantity(given, what, question, option):
     """A quantity and its standard deviation, from the option or a prompt."""
-    from scan2flex_jax.convert import measured  # noqa: PLC0415
+    from scan2flex_jax.convert.units import G, is_weight, measured  # noqa: PLC0415
 
-    if given is not None:
-        return measured(given, what)
-    return asked_or_refused(question, option, lambda answer: measured(answer, what))
+    def read(answer):
+        value = measured(answer, what)
+        if is_weight(answer):
+            say(f"  {answer.strip()} is a weight: divided by {G} m/s^2, standard gravity")
+        return value
+
+    return asked_or_refused(question, option, read) if given is None else read(given)
 
 
 def _noise(given):

@@ -54,6 +54,12 @@ def folder_to_write(path: Path | None) -> Path | None:
     return path
 
 
+def other_folder(save: Path | None, study: Path | None) -> None:
+    """Refuse to save estimates into the folder of the study that they were found from."""
+    if save is not None and study is not None and save.resolve() == study.resolve():
+        raise Scan2FlexError(f"--save {save} is the folder of the study itself, which stays as you wrote it: name another one.")
+
+
 def picture_to_write(path: Path | None) -> Path | None:
     """The picture that an option names."""
     if path is not None and path.suffix.lower() not in PICTURES:

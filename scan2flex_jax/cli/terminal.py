@@ -13,7 +13,7 @@ _TEXT = {"err": False}  # where `say` prints: a result on standard output is alo
 
 def printable(text: str) -> str:
     """``text`` with control characters escaped."""
-    from scan2flex_jax.study.names import printable as escaped  # noqa: PLC0415  (numpy comes with it, and --help needs none)
+    from scan2flex_jax.names import printable as escaped  # noqa: PLC0415  (numpy comes with it, and --help needs none)
 
     return escaped(text)
 

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from scan2flex_jax.convert.polylines import holds_messages
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.files import TOML_LIMIT, read_text
 from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import Clamp
 from scan2flex_jax.study.rotations import quaternion_of, rigid_motion
+from scan2flex_jax.study.tables import LENGTHS
 from scan2flex_jax.study.values import LARGEST, Where, one_line
 
 # upper case: about the rotated axes (intrinsic); lower case: about the fixed axes (extrinsic), as in scipy
@@ -55,6 +57,7 @@ _PRINTED = {
 _DECLARED = re.compile(
     r"(?i)\b(?:decl|global|const|pers|local|var|e6pos|pos|frame|robtarget|pose|movel|movej)\b|[:=({,&]+|\bUF.*|\bGP\d"
 )
+_STATED = re.compile(r"(.*?)(?:[\s_]*[\[(]\s*([a-z]+)\s*[\])])?")  # x [mm]
 _END = re.compile(r"(?i)[_ ]*(start|end)$")
 
 
@@ -136,9 +139,10 @@ def read_frames(
     """Clamps by name from a text file: matrices, each under a line with its name, a CSV with a header, or poses of a robot.
 
     Columns of a CSV: ``name`` or ``pose,end``; ``x,y,z``; and ``qw,qx,qy,qz``, or ``q1`` to ``q4`` (``convention`` one of
-    `SCALARS`), or ``a,b,c`` (angles in ``convention``), or ``r11`` to ``r33`` (row by row), or none (a ball joint). Poses of a
-    robot are those that Universal Robots, KUKA, Fanuc, ABB and ROS print, each under or behind its name; their units and angles
-    are the robot's. Names are "POSE start" and "POSE end". Raises `Scan2FlexError` with file and line.
+    `SCALARS`), or ``a,b,c`` (angles in ``convention``), or ``r11`` to ``r33`` (row by row), or none (a ball joint). A unit in
+    its header (``x [mm]``, ``a [rad]``) holds whatever ``units`` and ``degrees`` are. Poses of a robot are those that Universal
+    Robots, KUKA, Fanuc, ABB and ROS print, each under or behind its name; their units and angles are the robot's. Names are
+    "POSE start" and "POSE end". Raises `Scan2FlexError` with file and line.
     """
     where = Where(one_line(str(path), 300))
     text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.", curve_limit())
@@ -146,7 +150,7 @@ def read_frames(
     lines = [(i, line) for i, line in lines if line]
     if not lines:
         raise where.fail("it holds no frame: write matrices, or a CSV with a header.")
-    header = _cells(lines[0][1])
+    header, units, degrees = _header(lines[0][1], where, units, degrees)
     rows = _table if set(_POSITION) <= set(header) else _matrices
     found: dict[str, Clamp] = {}
     robot = next((robot for robot, (pattern, *_) in _PRINTED.items() if pattern.search(text)), None)
@@ -169,17 +173,25 @@ def holds_frames(path: Path) -> bool:
     """Whether a text file begins with poses of a robot, or as a table of clamps: with the header of names and x, y, z."""
     try:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            text = file.read(1000)
-            header = _cells(text.partition("\n")[0][:300])
-    except OSError:
+            text = file.read(4000)
+            header, *_ = _header(text.partition("\n")[0][:300], Where(path.name))
+    except (OSError, StudyError):
         return False
+    if holds_messages(text):
+        return False  # the points of a curve
     printed = any(pattern.search(text) for pattern, *_ in _PRINTED.values())
     return printed or (set(_POSITION) <= set(header) and _is_named(header))
 
 
-def _cells(line: str) -> list[str]:
-    """The cells of the header of a table."""
-    return [cell.strip().strip('"').lower() for cell in re.split(r"[,;\t]", line)]
+def _header(line: str, where: Where, units: str = "m", degrees: bool = True) -> tuple[list[str], str, bool]:
+    """The names of a table's columns, and the unit of lengths and whether angles are in degrees, where the header states it."""
+    cells = [_STATED.fullmatch(cell.strip().strip('"').lower()) for cell in re.split(r"[,;\t]", line)]
+    stated = {(cell[1] in _ANGLES, cell[2]) for cell in cells if cell and cell[2] and cell[1] in _POSITION + _ANGLES}
+    lengths, angles = {unit for angle, unit in stated if not angle}, {unit for angle, unit in stated if angle}
+    if len(lengths) > 1 or not lengths <= set(LENGTHS) or len(angles) > 1 or not angles <= {"deg", "rad"}:
+        raise where.at("header").fail("it states units that are unknown or differ: write one of lengths, and deg or rad.")
+    names = [cell[1] if cell else "" for cell in cells]
+    return names, next(iter(lengths), units), next(iter(angles), "deg" if degrees else "rad") == "deg"
 
 
 def _is_named(header: list[str]) -> bool:

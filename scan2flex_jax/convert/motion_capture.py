@@ -1,10 +1,13 @@
-"""Markers of motion-capture systems: wide tables of OptiTrack Motive and Vicon (CSV), and C3D.
+"""Markers of motion-capture systems: wide tables of OptiTrack Motive and Vicon (CSV), C3D, and arrays of frames.
+
+Tables of `rostopic echo -p`, and others with columns such as x1,y1,z1,x2,..., a frame a row, are wide too.
 
 A file holds one pose at rest, of many frames; a marker is its mean over them, or its place in one of them. Markers that were
 lost throughout are left out. Rigid bodies of Motive that are called "start" and "end" are the frames of the clamps.
 """
 
 import csv
+import re
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +23,10 @@ from scan2flex_jax.study.values import Where
 
 _UNITS = {"millimeters": "mm", "centimeters": "cm", "meters": "m", "inches": "in", "feet": "ft"}
 _HEAD = 12  # most lines before the first frame
+_AT_REST = 0.01  # of the markers' extent, RMS over the frames: a cable at rest varies by the noise, a tenth of this
+_FEW = 3  # markers of a wide table: two may be the ends of segments
+_COLUMN = re.compile(r"(.*?)(?:(?<![a-z])|(?<=pos)|(?<=position))([xyz])[_ ]?(\d*)(?:[\s_]*[\[(]([a-z]+)[\])])?", re.IGNORECASE)
+_NO_PLACE = re.compile("orient|rot|quat|vel|acc|scale|normal|force|color", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -32,6 +39,7 @@ class Capture:
     unit: str | None
     bodies: dict[str, tuple[np.ndarray, np.ndarray]]
 
+    @np.errstate(all="ignore")  # numbers that are not finite are refused later, with their place
     def still(self, frame: int | None, where: Where) -> tuple[list[str], Annotated[np.ndarray, "m 3"], list[str]]:
         """Names and places of the markers in one frame (counted from 0), or their means; and notes."""
         there, count = ~np.isnan(self.points).any(axis=2), len(self.points)
@@ -45,6 +53,9 @@ class Capture:
             points = np.full(self.points.shape[1:], np.nan)
             points[seen] = np.nanmean(self.points[:, seen], axis=0)
             moved = np.sqrt(np.nanmean((self.points[:, seen] - points[seen]) ** 2)) if seen.any() else 0.0
+            if moved > _AT_REST * np.linalg.norm(np.ptp(points[seen], axis=0)):
+                said = f"a coordinate varies by {moved:.2g} {self.unit or 'm'} (RMS) over its {count} frames"
+                raise where.fail(f"{said}, so it was not at rest: name one of them with --frame.")
             said = f"means of {count} frames, about which a coordinate varies by {moved:.2g} {self.unit or 'm'} (RMS)"
         lost = [name for name, ok in zip(self.names, seen, strict=True) if not ok]
         partly = [name for name, ok in zip(self.names, seen & ~there.all(axis=0), strict=True) if ok and frame is None]
@@ -66,8 +77,38 @@ class Capture:
         return out
 
 
+def capture_of(array: np.ndarray, where: Where) -> Capture:
+    """The capture in an array of the shape (frames, points, 3) or (frames, 3, points)."""
+    if 3 not in array.shape[1:] or array.shape[1:] == (3, 3) or array.dtype.kind not in "fiu":
+        raise where.fail(f"an array of the shape {array.shape} holds no frames of points: save one of (frames, points, 3).")
+    points = np.array(array if array.shape[2] == 3 else array.swapaxes(1, 2), float)
+    return Capture(tuple(f"point {k + 1}" for k in range(points.shape[1])), points, None, {})
+
+
+def _wide(text: str) -> Capture | None:
+    """The capture in a table with the numbered columns x1, y1, z1, x2, ... or m1_x, m1_y, ..., a frame a row."""
+    head = text[: text.find("\n")].strip("\r")
+    mark = max(",;\t", key=head.count)
+    markers: dict[str, dict[str, int]] = {}
+    units = set[str]()
+    for k, cell in enumerate(next(csv.reader([head], delimiter=mark), [])):
+        found = _COLUMN.fullmatch(cell.strip())
+        if found and re.search(r"\d", found[1] + found[3]) and not _NO_PLACE.search(found[1]):
+            markers.setdefault(f"{found[1]}{found[3]}".strip(" ._:"), {})[found[2].lower()] = k
+            units |= {found[4]} if found[4] in LENGTHS else set()
+    whole = {name: [axes[c] for c in "xyz"] for name, axes in markers.items() if len(axes) == len("xyz")}
+    if len(whole) < _FEW or len(whole) < len(markers) or len(units) > 1:
+        return None
+    body = [row for row in csv.reader(text.splitlines()[1:], delimiter=mark) if any(row)]
+    cells = [[[row[k] if k < len(row) else "" for k in at] for at in whole.values()] for row in body]
+    points = [[[_number(c if mark == "," else c.replace(",", ".")) for c in cell] for cell in row] for row in cells]
+    return Capture(tuple(whole), np.array(points, float).reshape(-1, len(whole), 3), next(iter(units), None), {})
+
+
 def capture_in(text: str) -> Capture | None:
-    """The capture in the text of a CSV of Motive or Vicon; None for another text."""
+    """The capture in the text of a CSV of Motive or Vicon, or in a wide table; None for another text."""
+    if (wide := _wide(text)) is not None:
+        return wide
     rows = list(csv.reader(text.splitlines()[:_HEAD]))
     axes = [[cell.strip().upper() for cell in row] for row in rows]
     head = next((i for i, row in enumerate(axes) if row.count("X") == row.count("Y") == row.count("Z") >= 2), None)

@@ -13,22 +13,27 @@ from typing import Any
 
 import numpy as np
 
-from scan2flex_jax.convert.curves import captured, read_foreign_curve, read_foreign_points
+from scan2flex_jax.convert.curves import captured, is_polyline, load_array, read_foreign_curve, read_foreign_points
 from scan2flex_jax.convert.ends import clamps_of_curve, hanging, wider
 from scan2flex_jax.convert.frames import clamp_of_matrix, holds_frames
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.check import pose_facts
-from scan2flex_jax.study.curves import curve_length
+from scan2flex_jax.study.curves import chord_deficit, curve_length
 from scan2flex_jax.study.files import STUDY_FILE, backup, write_atomic
+from scan2flex_jax.study.limits import scan_limit
 from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.scans import KINDS, load_geometry
 from scan2flex_jax.study.sense import CURVE_LEAST, CURVE_SLACK, looks_like
-from scan2flex_jax.study.values import suggestion
+from scan2flex_jax.study.values import Where, suggestion
 
-CURVES = (".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk", ".dxf", ".sldcrv", ".c3d")
+CURVES = (
+    ".csv", ".txt", ".dat", ".asc", ".tsv", ".npy", ".json", ".wkt", ".vtk", ".dxf", ".sldcrv", ".c3d", ".yaml", ".yml", ".swc",
+    ".inp", ".cgal",
+)  # fmt: skip
 SCANS = tuple(kind for name in KINDS if (kind := f".{name}") not in CURVES)
 GRAVITY = (0.0, 0.0, -9.81)
+_WHOLE = 0.1  # of L: a curve whose ends are the clamps is as long as the cable, up to noise and coarse chords
 _SPARSE = 0.05  # of L: points of a curve with arc lengths are nearer to each other than this
 _SCAN = 100_000  # bytes of a table from which it may be a scan
 _TANGLED = 10.0  # times the extent of the points: the path through them in the order of the file, where it is a scan
@@ -66,7 +71,7 @@ def measured_files(given: Path | Sequence[Path], leave_out: tuple[Path, ...] = (
         if kind in CURVES and holds_frames(path):
             raise Scan2FlexError(f"{path} holds frames, not a curve: name it with --clamps, or put it in another folder.")
         name = path.stem.removesuffix("-guides") if guides else path.stem
-        slot = "guides" if guides else "scan" if kind in SCANS or _is_scan(path) else "curve"
+        slot = "guides" if guides else "scan" if _is_scan(path) else "curve"
         pose = found.get(name, MeasuredFile(name))
         if getattr(pose, slot) is not None:
             raise Scan2FlexError(f"{path.name} and {getattr(pose, slot).name} are two of a kind for one pose: rename one.")
@@ -100,10 +105,16 @@ def _each_file(paths: Sequence[Path]) -> Sequence[Path]:
 
 
 def _is_scan(path: Path) -> bool:
-    """Whether a large table holds points in no order along a cable."""
-    if path.suffix.lower().removeprefix(".") not in KINDS or path.stat().st_size < _SCAN:
-        return False
-    points = np.asarray(load_geometry(path).vertices, float)
+    """Whether a file is a cloud or a mesh, or a large table of points in no order along a cable."""
+    kind = path.suffix.lower()
+    if kind in SCANS or kind.removeprefix(".") not in KINDS or path.stat().st_size < _SCAN:
+        return kind in SCANS and not is_polyline(path)
+    if kind == ".npy" and load_array(path, scan_limit(), Where(path.name)).ndim == 3:
+        return False  # frames
+    try:
+        points = np.asarray(load_geometry(path).vertices, float)
+    except StudyError:
+        return False  # no points in space: what it is, the reader of curves says
     points = points[np.isfinite(points).all(axis=1)]
     along = np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
     return bool(along > _TANGLED * np.linalg.norm(np.ptp(points, axis=0)))
@@ -156,7 +167,7 @@ def new_study(
         role = "validate" if pose.name in validate else "fit"
         reading = {"units": units, "columns": columns, "frame": frame, "arc_lengths": arc_lengths}
         one, nearly, said = _pose(folder, pose, clamps, of_curves, reading, role, markers)
-        _same_unit(pose, one, length)
+        _same_unit(pose, one, length, whole=clamps is None)
         made.append(one if noise is None else replace(one, noise=noise))
         known_nearly = wider(known_nearly, nearly)
         notes += [f"{pose.name}: {text}" for text in said]
@@ -234,8 +245,11 @@ def _sparse(poses, length):
     return [f"points with arc lengths, up to {1e3 * max(apart):.3g} mm apart: if they are markers, start again with --markers"]
 
 
-def _same_unit(files, pose, length):
-    """Refuse a curve far longer than the cable, or a cable far longer than its curve: one was read in the wrong unit."""
+def _same_unit(files, pose, length, whole):
+    """Refuse a curve far longer than the cable, or a cable far longer than its curve: one was read in the wrong unit.
+
+    ``whole``: its ends become the clamps, so it is as long as the cable.
+    """
     if pose.curve is None and pose.markers is None:
         return
     long = curve_length(pose.curve.points) if pose.markers is None else float(pose.markers.arc_length[-1])
@@ -247,6 +261,10 @@ def _same_unit(files, pose, length):
         hint = "" if unit is None else f" (it looks like {unit[0]})"
         said = f"in this unit the curve is {long:g} m long, but the cable is {length:g} m"
         raise StudyError(files.curve, None, f"{said}: name the unit of the files{hint}, or correct the length.")
+    if whole and abs((long + chord_deficit(pose.curve.points)) / length - 1) > _WHOLE:
+        said = f"its curve is {long:.4g} m long from end to end, but the cable is {length:g} m between its clamps"
+        advice = "check its columns, its unit and the length; of a curve that shows a part of the cable, give the clamps"
+        raise StudyError(files.curve, None, f"{said}: {advice}.")
 
 
 def _clamps(name, clamps):

@@ -1,16 +1,34 @@
-"""Units of inputs from outside (a mass in g, a length in mm), read and checked by name: a study itself is in SI units."""
+"""Units of inputs from outside (a mass in g, a length in mm), read and checked by name: a study itself is in SI units.
+
+Densities are a mass or a weight per length, as catalogues print them: kg/km, lb/1000ft, tex, N/m. A weight becomes a mass by
+standard gravity.
+"""
 
 import math
 import re
+from itertools import pairwise
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.tables import LENGTHS
 
-_MASSES = {"kg": 1.0, "g": 1e-3, "lb": 0.45359237, "oz": 0.028349523125}
-_DENSITIES = {f"{m}/{x}": a / b for m, a in _MASSES.items() for x, b in LENGTHS.items()}
-_OF = {"length": LENGTHS, "mass": _MASSES, "length density": _DENSITIES}
+G = 9.80665
+"""Standard gravity (m/s^2), exactly: what a catalogue's weight is divided by, whatever gravity the study has."""
+_POUND = 0.45359237
+_LONG = {**LENGTHS, "\u00b5m": 1e-6, "km": 1e3, "yd": 0.9144, "kft": 304.8, "Mft": 304.8, "'": 0.3048, '"': 0.0254}
+_LONG |= dict.fromkeys(("metre", "metres", "meter", "meters"), 1.0) | dict.fromkeys(("foot", "feet"), 0.3048)
+_LONG |= dict.fromkeys(("inch", "inches"), 0.0254)
+_WEIGHTS = {"N": 1 / G, "kN": 1e3 / G, "mN": 1e-3 / G, "gf": 1e-3, "kgf": 1.0, "kp": 1.0, "lbf": _POUND}
+_MASSES = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lb": _POUND, "lbs": _POUND, "oz": _POUND / 16, **_WEIGHTS}
+_MASSES |= dict.fromkeys(("gram", "grams"), 1e-3) | dict.fromkeys(("kilogram", "kilograms"), 1.0)
+_MASSES |= dict.fromkeys(("pound", "pounds"), _POUND) | dict.fromkeys(("ounce", "ounces"), _POUND / 16)
+_YARN = {"tex": 1e-6, "dtex": 1e-7, "ktex": 1e-3, "den": 1e-6 / 9, "denier": 1e-6 / 9}  # g/km, and g per 9 km
 _SI = {"length": "m", "mass": "kg", "length density": "kg/m"}
-_QUANTITY = re.compile(r"\s*([-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([A-Za-z/]*)\s*")
+_SOME = {"length": "mm, cm, in, ft", "mass": "g, lb, oz, N", "length density": "g/m, kg/km, lb/ft, lb/1000ft, tex, N/m"}
+_NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
+_PART = re.compile(rf"\s*({_NUMBER})\s*((?:[A-Za-z\u00b5'\"]+(?:\s*/\s*[0-9]*\s*[A-Za-z]+)?)?)\s*")
+_GROUPED = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")  # 1,200 is 1200 in one country, 1.2 in another
+_PER = re.compile(r"\s*([1-9][0-9]{0,5})?\s*([A-Za-z\u00b5]+)")
+_MARK = re.compile(r"\+\s*/?\s*[-\u2212]|\u00b1")
 
 
 def length_unit(name: str) -> float:
@@ -21,30 +39,68 @@ def length_unit(name: str) -> float:
 
 
 def measured(text: str, what: str) -> tuple[float, float]:
-    """A quantity and its standard deviation, from text such as ``302 +- 1 g`` or ``0.9 ± 0.001``; 0 if none is given.
+    """A quantity and its standard deviation, from text such as ``302 +- 1 g``, ``336 g/m +/- 2 g/m`` or ``0.9 ± 1 %``.
 
-    A missing unit of one is that of the other. Raises `Scan2FlexError`.
+    Without one it is 0; a missing unit of one is that of the other. Raises `Scan2FlexError`.
     """
-    value, mark, spread = text.replace("\u00b1", "+-").partition("+-")
-    if not mark:
+    value, *more = _MARK.split(text)
+    if not more:
         return quantity(text, what), 0.0
-    found, own = _QUANTITY.fullmatch(value), _QUANTITY.fullmatch(spread)
-    first, second = (match[2] if match else "" for match in (found, own))
-    with_unit = [text if unit else f"{text} {other}" for text, unit, other in ((value, first, second), (spread, second, first))]
-    return quantity(with_unit[0], what), quantity(with_unit[1], what)
+    spread = more[0].strip() if len(more) == 1 else text
+    first, second = _stated(value), _stated(spread)
+    found = _read(value if first else f"{value} {second}", text, what)
+    if spread.endswith("%"):
+        return found, 0.01 * found * _read(spread[:-1], text, what)
+    return found, _read(spread if second else f"{spread} {first}", text, what)
 
 
 def quantity(text: str, what: str) -> float:
-    """A positive quantity in SI units from text such as ``0.9``, ``900 mm`` or ``336 g/m``; a bare number is SI already.
+    """A positive quantity in SI units from text such as ``0.9``, ``3 ft 3 in`` or ``36 kg/km``; a bare number is SI already.
 
     ``what``: "length" (m), "mass" (kg) or "length density" (kg/m). Raises `Scan2FlexError`.
     """
-    units, found = _OF[what], _QUANTITY.fullmatch(text)
-    unit = found and (found[2] or _SI[what])
-    value = float(found[1].replace(",", ".")) * units[unit] if found and unit in units else math.nan
-    if not (math.isfinite(value) and value > 0):
-        some = ", ".join(list(units)[:6])
+    return _read(text, text, what)
+
+
+def is_weight(text: str) -> bool:
+    """Whether a mass or a density is stated as a force in newtons, which `quantity` divides by `G`."""
+    return _stated(text).partition("/")[0].strip() in ("N", "kN", "mN")
+
+
+def _stated(text: str) -> str:
+    """The last unit in a text, empty without one."""
+    return next((found[2] for found in reversed(list(_PART.finditer(text))) if found[2]), "")
+
+
+def _read(text: str, shown: str, what: str) -> float:
+    """The sum of the parts of a quantity, each smaller than the one before; errors show the whole of the text."""
+    parts, at = list[float](), 0
+    while at < len(text) and (found := _PART.match(text, at)):
+        if _GROUPED.fullmatch(found[1]):
+            both = f"{found[1].replace(',', '')} or {found[1].replace(',', '.')}"
+            raise Scan2FlexError(f"{shown[:40]!r} may be {both}: write the one that is meant.")
+        alone = found.span() == (0, len(text))
+        parts.append(float(found[1].replace(",", ".")) * _unit(found[2] or alone * _SI[what], what))
+        at = found.end()
+    total = sum(parts) if at == len(text) and all(a > b for a, b in pairwise(parts)) else math.nan
+    if not (math.isfinite(total) and min(parts, default=0.0) > 0):
         raise Scan2FlexError(
-            f"{text[:40]!r} is no {what}: write a positive number of {_SI[what]}, or one with a unit ({some})."
+            f"{shown[:40]!r} is no {what}: write a positive number of {_SI[what]}, or one with a unit ({_SOME[what]})."
         )
-    return value
+    return total
+
+
+def _unit(name: str, what: str) -> float:
+    """The SI value of a unit as it is written, or in lower case; NaN if it is none of this quantity."""
+    for spelt in (name, name.lower())[: 1 if name.startswith("Mg") else 2]:
+        mass, slash, along = spelt.partition("/")
+        per = _PER.fullmatch(along)
+        if what != "length density":
+            found = (_LONG if what == "length" else _MASSES).get(spelt)
+        elif slash and per and mass.strip() in _MASSES and per[2] in _LONG:
+            found = _MASSES[mass.strip()] / (float(per[1] or 1) * _LONG[per[2]])
+        else:
+            found = _YARN.get(spelt)
+        if found is not None:
+            return found
+    return math.nan

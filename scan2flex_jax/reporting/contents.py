@@ -219,4 +219,4 @@ def _toml(study) -> str:
     path = None if study.folder is None else study.folder / STUDY_FILE
     if path is not None and path.is_file():
         return read_text(path, 10_000_000, Where(str(path)), "the file is gone.")[:_MOST_TEXT]
-    return render(study_tables(study, NamedFiles(study.folder)))[:_MOST_TEXT]
+    return render(study_tables(study, NamedFiles(study)))[:_MOST_TEXT]

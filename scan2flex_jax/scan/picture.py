@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.names import drawn
 from scan2flex_jax.scan.centre_curve import CentreCurve
-from scan2flex_jax.study.names import drawn
 from scan2flex_jax.study.outputs import write_file
 
 _STAGES = (("coarse", "tab:orange", "--"), ("snakes", "tab:green", "-."))

@@ -46,8 +46,9 @@ def checked_curve(
 
 def read_markers(path: Path, where: Where) -> Markers:
     """The points at known arc lengths in a CSV with the header `s,x,y,z`, or `s` and the coordinates that were measured, as in
-    `s,z`; `where` names the file for the user."""
+    `s,z`, in any order; `where` names the file for the user."""
     names, table = read_csv(path, MARKED, where)
+    table = table[np.argsort(table[:, 0], kind="stable")]
     points = np.full((len(table), 3), np.nan)
     points[:, ["xyz".index(name) for name in names[1:]]] = table[:, 1:]
     with where.placed(_COLUMNS):

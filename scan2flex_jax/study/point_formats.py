@@ -210,16 +210,18 @@ def _npz(stream: Any, path: Path, limit: Limit) -> Points:
 
 
 def columns(array: np.ndarray) -> Annotated[np.ndarray, "n 3"]:
-    """The points in an array of the shape (n, 3) or wider, or with fields x, y and z."""
+    """The points in an array of the shape (n, 3) or wider, or (3, n), or with fields x, y and z."""
     if not _shaped(array):
         raise ValueError(f"an array of the shape {array.shape} and type {array.dtype} is no list of points")
-    return np.column_stack([array[c] for c in "xyz"]).astype(float) if array.dtype.names else array[:, :3].astype(float)
+    if array.dtype.names:
+        return np.column_stack([array[c] for c in "xyz"]).astype(float)
+    return (array.T if len(array) == 3 else array)[:, :3].astype(float)
 
 
 def _shaped(array: np.ndarray) -> bool:
     if array.dtype.names:
         return array.ndim == 1 and {"x", "y", "z"} <= set(array.dtype.names)
-    return array.ndim == 2 and array.shape[1] >= 3 and array.dtype.kind in "fiu"
+    return array.ndim == 2 and array.shape[1] >= 3 and array.shape != (3, 3) and array.dtype.kind in "fiu"
 
 
 @contextmanager

@@ -12,6 +12,8 @@ from scan2flex_jax.study.model import Clamp, Study, StudyPose
 
 HANDLING = 0.02
 """Of L, RMS: poses that are held alike and differ by more are no repeats; two photographs of a limp strip differ by 1.9 %."""
+_ALIKE = 1e-6  # of L: below it there is nothing to explain
+_GAP = 4.0  # times the median step of a curve: an unseen part, which a chord bridges
 _SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measured again
 
 
@@ -57,7 +59,7 @@ def repeat_sentences(study: Study) -> tuple[str, ...]:
             continue
         for a, b in combinations(group, 2):
             rms = difference(a, b)
-            if rms is not None:
+            if rms is not None and rms > _ALIKE * length:
                 said.append(
                     f"poses {a.name} and {b.name} repeat one another and differ by {1e3 * rms:.2f} mm (RMS, "
                     f"{100 * rms / length:.2g} % of the length): no law that they share explains that"
@@ -66,10 +68,11 @@ def repeat_sentences(study: Study) -> tuple[str, ...]:
 
 
 def difference(a: StudyPose, b: StudyPose) -> float | None:
-    """RMS distance (m) from the points of one pose to the curve of another, or between equal markers of both;
+    """RMS distance (m) from the points of one pose to the curve of another where it has one, or between equal markers of both;
     None if they cannot be compared."""
     if a.curve is not None and b.curve is not None:
-        return float(np.sqrt(np.mean(_to_polyline(a.curve.points, b.curve.points) ** 2)))
+        off = _to_polyline(a.curve.points, b.curve.points)
+        return float(np.sqrt(np.mean(off**2))) if len(off) else None
     if a.markers is None or b.markers is None:
         return None
     _, i, j = np.intersect1d(np.round(a.markers.arc_length, 9), np.round(b.markers.arc_length, 9), return_indices=True)
@@ -98,10 +101,15 @@ def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:
 
 
 def _to_polyline(points, line):
-    """Distances (n,) of points (n, 3) from the polyline through others (m, 3)."""
+    """Distances (k,) from the polyline through others (m, 3) of those points (n, 3) that are beside it: neither beyond its ends
+    nor at one of its gaps."""
     along = np.diff(line, axis=0)
-    least = np.full(len(points), np.inf)
-    for start, step in zip(line[:-1], along, strict=True):
-        t = np.clip((points - start) @ step / (step @ step), 0.0, 1.0)
-        least = np.minimum(least, np.linalg.norm(points - start - t[:, None] * step, axis=1))
-    return least
+    long = np.linalg.norm(along, axis=1)
+    least, beside = np.full(len(points), np.inf), np.zeros(len(points), bool)
+    for k, (start, step) in enumerate(zip(line[:-1], along, strict=True)):
+        t = (points - start) @ step / (step @ step)
+        away = np.linalg.norm(points - start - np.clip(t, 0.0, 1.0)[:, None] * step, axis=1)
+        off = ((t < 0) & (k == 0)) | ((t > 1) & (k == len(along) - 1)) | (long[k] > _GAP * np.median(long))
+        beside = np.where(away < least, ~off, beside)
+        least = np.minimum(least, away)
+    return least[beside]

@@ -87,10 +87,5 @@ def twist_along(
 def columns(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "3 3"]:
     """The rotation matrix of a unit quaternion [w, x, y, z]: columns d1, d2, d3."""
     w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2 * (w * K + K @ K)

@@ -7,7 +7,7 @@ lines of a file show them. Centre curves, markers and guide points (`convert.cur
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -54,12 +54,12 @@ class Dialect(NamedTuple):
         return _stripped(_cells(line, self.mark, self.decimal), self.width)
 
 
-def dialect(lines: list[str], where: Where) -> Dialect:
-    """The dialect under which the most of these lines (not blank) are rows of three numbers or more."""
+def dialect(lines: list[str], where: Where, fewest: int = 3) -> Dialect:
+    """The dialect under which the most of these lines (not blank) are rows of three numbers, or of ``fewest``, or more."""
     best: tuple[tuple[int, int], Dialect | None] = ((0, 0), None)
     for mark, decimal in _MARKS:
         rows = [_stripped(_cells(line, mark, decimal)) for line in lines[:SAMPLE]]
-        full = [i for i, row in enumerate(rows) if _numbers(row) >= 3]
+        full = [i for i, row in enumerate(rows) if _numbers(row) >= fewest]
         score = (len(full), -sum(rows[i].count(None) for i in full))
         if full and score > best[0]:
             row = rows[full[0]]
@@ -77,7 +77,21 @@ def dialect(lines: list[str], where: Where) -> Dialect:
     if header is None:
         return how._replace(first=first, unit=stated)
     names, unit = _named(header, where)
-    return how._replace(first=first, names=tuple(names), unit=unit or stated)
+    return how._replace(first=first, names=names, unit=unit or stated)
+
+
+def placed(names: Sequence[str | None], where: Where) -> list[int]:
+    """The columns of x, y and z, which a header must name."""
+    if lost := [c for c in "xyz" if c not in names]:
+        said = f"it names no {', '.join(lost)}: say what the columns are, as in s,x,y,z or -,x,y,z."
+        raise where.at("header").fail(said)
+    return [names.index(c) for c in "xyz"]
+
+
+def counts_rows(column: Sequence[float | None] | Annotated[np.ndarray, " n"]) -> bool:
+    """Whether numbers count their rows: from 0 or 1, by 1; five at least, since coordinates may begin so."""
+    numbers = np.array(column, float)
+    return len(numbers) > 4 and numbers[0] in (0.0, 1.0) and bool(np.all(np.diff(numbers) == 1.0))
 
 
 def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarray, "n c"]:
@@ -98,12 +112,14 @@ def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarr
 def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated[np.ndarray, "n 3"], str | None]:
     """Points of a scan, and the unit that it states, from which they are converted to m.
 
-    They are the columns x, y, z of its header, else the first three. ``lines`` begins to read the file, as often as it is
-    called.
+    They are the columns x, y, z of its header, else the first three after the number of the row. ``lines`` begins to read the
+    file, as often as it is called.
     """
-    how = dialect(list(itertools.islice(_filled(lines()), SAMPLE)), where)
+    sample = list(itertools.islice(_filled(lines()), SAMPLE))
+    how = dialect(sample, where)
     plain = [k for k in range(how.width) if k not in how.texts]
-    at = plain[:3] if how.names is None else [how.names.index(c) for c in "xyz"]
+    first = [row[plain[0]] for row in map(how.cells, sample[how.first :]) if len(row) == how.width]
+    at = plain[: 3 + counts_rows(first)] if how.names is None else placed(how.names, where)
 
     def body() -> Iterator[str]:
         kept = itertools.islice(_filled(lines()), how.first, None)
@@ -114,7 +130,11 @@ def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated
         points = np.loadtxt(plainly, np.float64, delimiter=how.mark, usecols=at, comments=None, ndmin=2)
     except ValueError:  # labels, thousands, empty or quoted cells: slower
         points = rows(body(), how, where)[:, at]
-    return points * LENGTHS[how.unit or "m"], how.unit
+    if how.names is None and counts_rows(points[:, 0]):
+        points = points[:, 1:]
+        if points.shape[1] < 3:
+            raise where.fail("two columns follow the numbers of its rows, and a scan has x, y and z: export all three.")
+    return points[:, :3] * LENGTHS[how.unit or "m"], how.unit
 
 
 def _filled(lines: Iterable[str]) -> Iterator[str]:
@@ -173,10 +193,11 @@ def _header(lines: list[str], first: int, how: Dialect) -> list[str] | None:
     if len(names) == len(wide):
         named = [name for cell, three in zip(names, wide, strict=True) for name in (list("xyz") if three else [cell])]
         names = named[: how.width]
-    return names if len(names) == how.width and all(_number(name, ".") is None for name in names) else None
+    named = [name for name in names if name]  # the number of the row may have none
+    return names if len(names) == how.width and named and all(_number(name, ".") is None for name in named) else None
 
 
-def _named(header: list[str], where: Where) -> tuple[list[str | None], str | None]:
+def _named(header: list[str], where: Where) -> tuple[tuple[str | None, ...], str | None]:
     """The meaning of each column of a header, and the unit that it states."""
     names: list[str | None] = []
     units = set()
@@ -192,9 +213,6 @@ def _named(header: list[str], where: Where) -> tuple[list[str | None], str | Non
         names.append(name)
         if name and unit:
             units.add(unit)
-    here = where.at("header")
-    if not {"x", "y", "z"} <= set(names):
-        raise here.fail(f"{shown(', '.join(header))} names no x, y, z: say what the columns are, as in s,x,y,z or -,x,y,z.")
     if len(units) > 1:
-        raise here.fail(f"it states several units ({', '.join(sorted(units))}): convert the columns to one.")
-    return names, next(iter(units), None)
+        raise where.at("header").fail(f"it states several units ({', '.join(sorted(units))}): convert the columns to one.")
+    return tuple(names), next(iter(units), None)

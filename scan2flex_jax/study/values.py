@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.names import printable
+from scan2flex_jax.names import printable
 
 LARGEST = 1e15
 """Larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64."""

@@ -36,25 +36,30 @@ _ENDINGS = {"centre_curve": ".csv", "scan": ".ply", "markers": "-markers.csv", "
 class NamedFiles:
     """The files that a study will name: the content of each, under its path inside the folder."""
 
-    def __init__(self, folder: Path | None):
-        """`folder` is where the study was read from."""
-        self.folder = folder
+    def __init__(self, study: Study, target: Path | None = None):
+        """Files that poses were read from keep their names; a new one takes none of theirs, or of another file in `target`."""
+        self.folder, self.target = study.folder, target
         self.contents: dict[str, Content] = {}
+        for pose in study.poses:
+            for key, path in pose.files.items():
+                if path is not None:
+                    self.add(getattr(pose, FIELDS.get(key, key)), path, "")
 
     def add(self, content: Content, path: Path | None, fallback: str) -> str:
         """The name for `content`: its previous one inside the folder, or `fallback`, numbered if it is taken."""
         name = fallback if path is None else relative_name(self.folder, path).as_posix()
         stem, dot, ending = name.rpartition(".")
         number = 1
-        while self._taken(name, content):
+        while self._taken(name, content, path is None):
             number += 1
             name = f"{stem}-{number}{dot}{ending}" if dot else f"{ending}-{number}"
         self.contents[name] = content
         return name
 
-    def _taken(self, name: str, content: Content) -> bool:
+    def _taken(self, name: str, content: Content, new: bool) -> bool:
         """Whether a name has other content; case does not distinguish names on every system."""
-        if name.lower() == STUDY_FILE:
+        there = self.target / name if new and self.target is not None else None
+        if name.lower() == STUDY_FILE or (there is not None and there.exists() and not _holds(there, content)):
             return True
         other = next((key for key in self.contents if key.lower() == name.lower()), None)
         return other is not None and not (other == name and same(self.contents[other], content))
@@ -77,7 +82,7 @@ def save_study(study: Study, folder: str | Path) -> Path:
         >>> save_study(fit(study).calibrated, "calibrated")  # doctest: +SKIP
     """
     folder = Path(folder)
-    toml, files = folder / STUDY_FILE, NamedFiles(study.folder)
+    toml, files = folder / STUDY_FILE, NamedFiles(study, folder)
     tree = study_tables(study, files)
     text = render(tree, study.assumptions, () if all(pose.noise is not None for pose in study.poses) else (_NO_NOISE,))
     try:
@@ -137,7 +142,8 @@ def _holds(path: Path, content: Content) -> bool:
         return path.samefile(content) or filecmp.cmp(path, content, shallow=False)
     header, table = _csv(content)
     try:
-        return np.array_equal(read_csv(path, (header,), Where(path.name))[1], table)
+        found = read_csv(path, (header,), Where(path.name))[1]
+        return np.array_equal(found[np.argsort(found[:, 0], kind="stable")] if isinstance(content, Markers) else found, table)
     except StudyError:
         return False
 

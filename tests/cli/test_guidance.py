@@ -95,7 +95,9 @@ def test_what_was_assumed_is_said_and_what_was_measured_is_written(folder):
 @pytest.mark.parametrize(
     ("text", "what", "value", "std"),
     [("302 +- 1 g", "mass", 0.302, 0.001), ("302 g+-2", "mass", 0.302, 0.002), ("0.9 \u00b1 0.001", "length", 0.9, 0.001),
-     ("900 mm +- 0.1 cm", "length", 0.9, 0.001), ("336 g/m", "length density", 0.336, 0.0)],
+     ("900 mm +- 0.1 cm", "length", 0.9, 0.001), ("336 g/m", "length density", 0.336, 0.0),
+     ("336 g/m +/- 2 g/m", "length density", 0.336, 0.002), ("336 g/m +/- 1 %", "length density", 0.336, 0.00336),
+     ("3 ft 3 in +- 1", "length", 0.9906, 0.0254)],
 )  # fmt: skip
 def test_quantities_with_their_uncertainty(text, what, value, std):
     assert measured(text, what) == (pytest.approx(value), pytest.approx(std))
@@ -172,3 +174,28 @@ def test_fit_says_what_it_does(monkeypatch):
 def test_description_without_scans_needs_no_file():
     study = load_study(example_path("simulated-cable"))
     assert isinstance(study, Study) and "Assumed" in describe(study)
+
+
+@pytest.mark.parametrize("command", ["fit", "explain"])
+def test_estimates_are_not_saved_over_the_study_itself(tmp_path, command):
+    save_study(load_study(example_path("simulated-cable")), tmp_path / "cable")
+    text = (tmp_path / "cable" / "study.toml").read_text() + "# a note of mine\n"
+    (tmp_path / "cable" / "study.toml").write_text(text)
+    (tmp_path / "link").symlink_to(tmp_path / "cable")
+    for place in ("cable", "link"):
+        found = run(command, tmp_path / "cable", "--save", tmp_path / place)
+        assert isinstance(found.exception, Scan2FlexError)
+        assert "the folder of the study itself" in str(found.exception)
+    assert (tmp_path / "cable" / "study.toml").read_text() == text
+    assert not list((tmp_path / "cable").glob("*.bak"))
+
+
+def test_a_weight_is_said_to_be_one(folder):
+    (folder.parent / "frames.txt").write_text(flanges("z"))
+    given = ("--clamps", folder.parent / "frames.txt", "--length", "1 m", "--density", "1.96133 +- 0.02 N/m")
+    found = run("new", folder, *given)
+    assert found.exit_code == 0, found.exception
+    assert "is a weight: divided by 9.80665 m/s^2" in found.output
+    study = load_study(folder)
+    assert study.cable["length_density"] == pytest.approx(0.2)
+    assert study.tolerance.length_density == pytest.approx(0.02 / 9.80665)

@@ -48,7 +48,8 @@ def lines(table, mark, decimal="."):
         ("LINESTRING Z (" + lines(POINTS, " ").strip().replace("\n", ", ") + ")\n", None, None),
         ("# vtk DataFile Version 3.0\nc\nASCII\nDATASET POLYDATA\nPOINTS 12 float\n" + lines(POINTS, " ")
          + "LINES 1 13\n12 0 1 2 3 4 5 6 7 8 9 10 11\n", None, None),
-        ("# polyline\n" + "".join(f"v {row}\n" for row in lines(POINTS, " ").splitlines()) + "l 1 2 3\n", None, None),
+        ("# polyline\n" + "".join(f"v {row}\n" for row in lines(POINTS, " ").splitlines())
+         + "l 1 2 3 4 5 6\nl 12 11 10 9 8 7 6\n", None, None),
         ("0\nSECTION\n2\nENTITIES\n0\nPOLYLINE\n10\n0\n20\n0\n30\n0\n"
          + "".join(f"0\nVERTEX\n10\n{x:.6f}\n20\n{y:.6f}\n30\n{z:.6f}\n" for x, y, z in POINTS) + "0\nENDSEC\n0\nEOF\n",
          None, None),
@@ -109,7 +110,8 @@ def test_arc_length_is_seen_by_its_header_or_its_numbers(tmp_path, header):
         (lines(POINTS, ",") + "1,2\n", None, None, "point 13.*3 numbers"),
         (lines(POINTS, ",") + "1,2,inf\n", None, None, "point 13.*finite"),
         (lines(POINTS[:1], ","), None, None, "at least 2"),
-        (lines(POINTS, ","), None, "x,y", "name x, y, z"),
+        (lines(POINTS, ","), None, "x,y", "got 2 names for 3 columns"),
+        (lines(POINTS, ","), None, "x,x,z", "name x, y, z"),
         (lines(POINTS, ","), None, "s,x,y,z", "4 names for 3 columns"),
         (lines(POINTS, ","), "parsec", None, "unit 'parsec'"),
     ],
@@ -129,6 +131,30 @@ def test_quantities_with_units():
     assert quantity("1 lb/ft", "length density") == pytest.approx(0.45359237 / 0.3048)
     assert quantity("302 g", "mass") == pytest.approx(0.302)
     assert length_unit("in") == 0.0254
-    for bad in ("", "-1", "0", "nan", "1 kg", "1e400", "1.2.3", "mm"):
+    for bad in ("", "-1", "0", "nan", "1 kg", "1e400", "1.2.3", "mm", "3 in 3 ft", "3 ft 3", "1 200 mm"):
         with pytest.raises(Scan2FlexError, match="positive number of m"):
             quantity(bad, "length")
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "value"),
+    [
+        ("36 kg/km", "length density", 0.036), ("24 lb/1000ft", "length density", 24 * 0.45359237 / 304.8),
+        ("24 lb/1000 ft", "length density", 24 * 0.45359237 / 304.8), ("150 tex", "length density", 1.5e-4),
+        ("3.2 N/m", "length density", 3.2 / 9.80665), ("7 KG/KM", "length density", 0.007), ("90 den", "length density", 1e-5),
+        ("302 gram", "mass", 0.302), ("302 gf", "mass", 0.302), ("5 lb 3 oz", "mass", 83 / 16 * 0.45359237),
+        ("3 ft 3 in", "length", 39 * 0.0254), ("3' 3\"", "length", 39 * 0.0254),
+    ],
+)  # fmt: skip
+def test_units_of_catalogues(text, what, value):
+    assert quantity(text, what) == pytest.approx(value, rel=1e-12)
+
+
+def test_a_number_that_two_countries_read_differently_is_asked_for():
+    with pytest.raises(Scan2FlexError, match=r"may be 1200 or 1\.200"):
+        quantity("1,200 mm", "length")
+
+
+def test_a_unit_of_another_quantity_is_answered_with_units_that_are_used():
+    with pytest.raises(Scan2FlexError, match=r"kg/m, or one with a unit \(g/m, kg/km, lb/ft, lb/1000ft, tex, N/m\)"):
+        quantity("36 kg", "length density")

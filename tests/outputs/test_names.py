@@ -9,10 +9,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from scan2flex_jax.names import drawn, file_stem, file_stems, printable
 from scan2flex_jax.prediction import csv_files
 from scan2flex_jax.scan import save_picture
 from scan2flex_jax.scan.centre_curve import CentreCurve, RadiusStatistics
-from scan2flex_jax.study.names import drawn, file_stem, file_stems, printable
 
 from . import scenes
 

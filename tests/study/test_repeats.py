@@ -64,3 +64,16 @@ def test_markers_are_compared_where_both_have_them():
     assert difference(found.pose("a"), found.pose("b")) == pytest.approx(3e-3)
     assert difference(found.pose("a"), found.pose("c")) is None
     assert len(repeat_sentences(found)) == 1
+
+
+def test_curves_are_compared_where_both_have_points():
+    """One ends early, one has a gap at its deepest place: what both show is alike."""
+    whole, short, holed = held("a"), held("b"), held("c", aside=ASIDE)
+    short["points"] = curve()[:-6]
+    holed["points"] = np.delete(curve(ASIDE), slice(5, 14), axis=0)
+    found = study(whole, short, holed)
+    for one, other in (("a", "b"), ("b", "a")):
+        assert difference(found.pose(one), found.pose(other)) == pytest.approx(0.0, abs=1e-12)
+    for one, other in (("a", "c"), ("c", "a"), ("b", "c")):
+        assert difference(found.pose(one), found.pose(other)) == pytest.approx(ASIDE, rel=1e-6)
+    assert len(repeat_sentences(study(whole, short, held("c")))) == 0

@@ -8,7 +8,16 @@ import pytest
 
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
-from scan2flex_jax.study import EffectDeclaration, MeasuredCurve, Unknown, describe, load_study, save_study, write_json_atomic
+from scan2flex_jax.study import (
+    EffectDeclaration,
+    MeasuredCurve,
+    Study,
+    Unknown,
+    describe,
+    load_study,
+    save_study,
+    write_json_atomic,
+)
 
 from .samples import STUDY, write_sample
 
@@ -147,3 +156,19 @@ def test_json_is_strict(tmp_path):
     with pytest.raises(StudyError, match="object"):
         write_json_atomic(path, {"a": object()})
     assert path.read_bytes() == before
+
+
+def test_a_new_curve_takes_the_name_of_no_other_file(tmp_path):
+    """A scan is a table of the pose's own name, and a note of the user has the next one."""
+    texts = {"one.csv": "x,y,z\n0,0,0\n1,1,1\n", "one-2.csv": "x,y,z\n3,3,3\n4,4,4\n"}
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    held = ([0, 0, 0], [0, 0.7071067811865476, 0, 0.7071067811865476])
+    pose = {"name": "one", "points": [[0, 0, 0], [0.5, 0, -0.1], [0.9, 0, -0.3]], "scan": tmp_path / "one.csv", "start": held}
+    cable = {"length": 1.0, "length_density": 0.1, "radius": 0.004}
+    study = replace(Study.from_arrays(cable, [pose], ["bending_stiffness", "torsional_stiffness"]), folder=tmp_path)
+    for _ in range(2):
+        save_study(study, tmp_path)
+        assert {name: (tmp_path / name).read_text() for name in texts} == texts
+        (made,) = load_study(tmp_path).poses
+        assert (made.scan.name, made.curve.path.name) == ("one.csv", "one-3.csv")
