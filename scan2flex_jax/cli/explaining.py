@@ -21,6 +21,7 @@ from scan2flex_jax.cli.options import (
     folder_to_write,
     other_folder,
     picture_to_write,
+    saved,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import say
@@ -54,7 +55,7 @@ def explain(
 
 def _explain(elements, force, quiet, study, *, say, json, figures, save) -> bool:
     """One study; returns whether to believe the result."""
-    from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
@@ -67,7 +68,7 @@ def _explain(elements, force, quiet, study, *, say, json, figures, save) -> bool
     if figures and result.fit is not None:
         draw_explanation(result, figures, outputs.write)
     if save:
-        save_study(result.study, save)
+        saved(result.study, save, say)
     return result.believable
 
 

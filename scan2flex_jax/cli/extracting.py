@@ -5,7 +5,17 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Force, JsonFile, Quiet, StudyFolder, drawing, extracted, folder_to_write
+from scan2flex_jax.cli.options import (
+    NOT_TO_BELIEVE,
+    Force,
+    JsonFile,
+    Quiet,
+    StudyFolder,
+    drawing,
+    extracted,
+    folder_to_write,
+    saved,
+)
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.cli.terminal import say
 
@@ -28,7 +38,7 @@ def extract(
     Example: scan2flex extract my-cable --figures pictures
     """
     from scan2flex_jax.names import file_stems  # noqa: PLC0415
-    from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
@@ -38,7 +48,7 @@ def extract(
     outputs.claim(*pictures.values(), json)
     prepare_jax()
     found, curves = extracted(loaded, quiet)
-    toml = save_study(found, save or study)
+    toml = saved(found, save or study)
     written = {pose.name: pose.curve.path for pose in load_study(toml).poses if pose.name in curves and pose.curve is not None}
     for name, one in curves.items():
         said = "".join(f"; {warning}" for warning in one.warnings)

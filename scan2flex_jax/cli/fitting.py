@@ -21,6 +21,7 @@ from scan2flex_jax.cli.options import (
     one_of,
     other_folder,
     picture_to_write,
+    saved,
 )
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import say
@@ -63,7 +64,7 @@ def fit(
 
 def _fit(settings, force, quiet, study, *, say, json, save, figure) -> bool:
     """One study; returns whether to believe the result."""
-    from scan2flex_jax.study import load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     loaded = load_study(study)
@@ -84,7 +85,7 @@ def _fit(settings, force, quiet, study, *, say, json, save, figure) -> bool:
     if json:
         outputs.write_json(json, result.to_json())
     if save:
-        save_study(result.calibrated, save)
+        saved(result.calibrated, save, say)
     if figure:
         plot = drawing()
         plot.save(plot.overview(result), figure, write=outputs.write)

@@ -60,6 +60,17 @@ def other_folder(save: Path | None, study: Path | None) -> None:
         raise Scan2FlexError(f"--save {save} is the folder of the study itself, which stays as you wrote it: name another one.")
 
 
+def saved(study, folder: Path, say=say) -> Path:
+    """Save a study, and say under which name a study.toml that was there is kept."""
+    from scan2flex_jax.study import save_study  # noqa: PLC0415
+
+    before = set(folder.glob("study.toml.bak*"))
+    toml = save_study(study, folder)
+    for kept in sorted(set(folder.glob("study.toml.bak*")) - before):
+        say(f"the study.toml that was there is kept as {kept}, with its comments")
+    return toml
+
+
 def picture_to_write(path: Path | None) -> Path | None:
     """The picture that an option names."""
     if path is not None and path.suffix.lower() not in PICTURES:
