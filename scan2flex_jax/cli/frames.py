@@ -33,7 +33,7 @@ Units = Annotated[
         callback=_known("length_unit"),
     ),
 ]
-Columns = Annotated[str | None, typer.Option(help="Columns of a curve, as in s,x,y,z or -,x,y,z.")]
+Columns = Annotated[str | None, typer.Option(help="Columns of a curve, as in s,x,y,z, -,x,y,z or, in a plane, x,z.")]
 Convention = Annotated[
     str | None,
     typer.Option(

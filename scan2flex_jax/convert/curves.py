@@ -36,7 +36,7 @@ _DRAWN = {
 }  # edges and faces
 _PLANE = (
     "its points have two coordinates (a column that counts the rows is none): name their axes in the study, as in "
-    "--columns=x,z (right and up), or x,-z where the second grows downwards, as pixels do."
+    "--columns x,z (right and up), or x,-z where the second grows downwards, as pixels do."
 )
 
 

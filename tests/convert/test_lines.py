@@ -155,7 +155,7 @@ PLANE = {
 @pytest.mark.parametrize("name", PLANE)
 def test_points_in_a_plane_are_asked_for_it(tmp_path, name):
     (tmp_path / name).write_text(PLANE[name] + "\n")
-    with pytest.raises(Scan2FlexError, match=r"two coordinates.*--columns=x,z"):
+    with pytest.raises(Scan2FlexError, match=r"two coordinates.*--columns x,z"):
         read_foreign_curve(tmp_path / name)
     found = read_foreign_curve(tmp_path / name, columns="x,z")
     np.testing.assert_allclose(found.curve.points, POINTS, atol=2e-6)
