@@ -8,7 +8,7 @@ import typer
 
 from scan2flex_jax.cli.frames import Columns, Convention, Radians, Tangent, Units, numbers
 from scan2flex_jax.cli.measuring import scans_of
-from scan2flex_jax.cli.options import Force, asked_or_refused, choices, file_to_write, folder_to_write, interactive
+from scan2flex_jax.cli.options import Force, asked_or_refused, file_to_write, folder_to_write, interactive, one_of
 from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.version import __version__
@@ -42,7 +42,7 @@ def new(
         str | None,
         typer.Option(
             help="With clamps from curves: their ends are held, or hang free; default: as the shapes tell.",
-            autocompletion=choices("held", "free"),
+            **one_of("held", "free"),
         ),
     ] = None,
     noise: Annotated[str | None, typer.Option(help="Standard deviation of a coordinate of a point, as in '0.5 mm'.")] = None,
@@ -83,8 +83,6 @@ def new(
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
     if mass is not None and density is not None:
         raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
-    if ends not in (None, "held", "free"):
-        raise Scan2FlexError(f"--ends {ends[:20]!r} is not known: use held or free.")
     down, source = _gravity(gravity), given[0] if len(given) == 1 and not given[0].is_file() else given
     folder = folder_of(source)
     poses = measured_files(source, tuple(path for path in (clamps, arc_lengths) if path is not None))

@@ -96,7 +96,7 @@ def test_clamps_from_curves_are_said_to_be_a_guess(folder):
 def test_noise_is_written(folder):
     known = "new", folder, "--units", "mm", "--length", "1", "--density", "0.2", "--clamps-from-curves"
     assert "no length" in str(run(*known, "--noise", "0.4 g").exception)
-    assert "held or free" in str(run(*known, "--ends", "loose").exception)
+    assert "use one of held, free" in str(run(*known, "--ends", "loose").exception)
     found = run(*known, "--noise", "0.4 mm", "--ends", "held")
     assert found.exit_code == 0, found.exception
     assert [pose.noise for pose in load_study(folder).poses] == [4e-4, 4e-4]
