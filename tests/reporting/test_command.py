@@ -92,7 +92,7 @@ def test_export_writes_the_cable_of_the_named_pose(fitted, tmp_path):
     cable = json.loads((tmp_path / "cable.json").read_text("utf-8"))
     assert cable["pose"]["name"] == "twist-90"
     assert cable["elements"]["stiffness"][0][3][3] == pytest.approx(0.1, rel=1e-3)
-    for words in (["--to", "abaqus"], ["--to", "json", "--pose", "nowhere"]):
+    for words in (["--to", "catia"], ["--to", "json", "--pose", "nowhere"]):
         refused = run("export", tmp_path / "cable", *words, "-o", tmp_path / "no.json")
         assert isinstance(refused.exception, Scan2FlexError)
         assert not (tmp_path / "no.json").exists()
