@@ -151,6 +151,11 @@ def scans(none, strong):
     return [(words, measured(value), target) for words, value, target in scan_alarms.scored(without | effects)]
 
 
+@table("accuracy.md", "sensors", MEASURED, "scan_sensors")
+def sensors(results):
+    return [(words, measured(value), target) for words, value, target in scan_alarms.scored(results["rows"])]
+
+
 KINECT_HEAD = ("mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
                "left out, clamps as read: mean (worst) of poses solved", "left out, clamps within tolerances")  # fmt: skip
 

@@ -144,7 +144,7 @@ def of_the_axis(h: Fitted) -> bool:
     """Whether the residual of scans may be the error of their axis. Such errors are alike in poses seen alike: nats add up over
     the poses, and prove nothing."""
     likelihood = h.variant.likelihood
-    return h.rms <= likelihood.settings.beyond_noise * np.sqrt(NORMALS) * likelihood.axis
+    return bool(h.rms <= likelihood.settings.beyond_noise * np.sqrt(NORMALS) * likelihood.axis)
 
 
 def _p_value(h: Fitted, empty: Fitted) -> float:

@@ -98,7 +98,7 @@ def extract(
     _refuse_doubtful(curve, length, start, end)
     said = [] if few else _remarks(curve, radius, fit, eyes is not None)
     if strange.any():
-        said.append("where most points lie on no tube of this radius, or few between gaps, they were left out: see the gaps")
+        said.append("where most points lie on no tube of this radius (a connector?) or few between gaps they were left out")
     wrong = not few and bool(astray(curve, fit, radius, **known))
     return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against), astray=wrong)
 
