@@ -48,9 +48,9 @@ class Poses(eqx.Module):
 
     ``templates`` are the models of the poses before a fit inserts its parameters, and ``group`` is the index of each pose's
     template: poses that differ in gravity or in their effects have different ones. ``marked`` is 1 for points whose arc length
-    is known (`expected`), `states.AT_END` for those at the end of the cable; None in a study without markers. ``rows``: for poses whose markers have some coordinates only, the
-    axes of these in the first rows; zeros for other poses, None in a study without any. ``history``: of a study with memory;
-    None without.
+    is known (`expected`), `states.AT_END` for those at the end of the cable; None in a study without markers. ``rows``: for
+    poses whose markers have some coordinates only, the axes of these in the first rows; zeros for other poses, None in a study
+    without any. ``history``: of a study with memory; None without.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]

@@ -124,7 +124,8 @@ class Target(NamedTuple):
     """The measured points of one pose: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m.
 
     ``marked`` (m,) is 1 for points whose arc length is known, and `AT_END` for those at the end of the cable, whatever its
-    length: these have `marker_residuals` whatever the distance of others. None: a study without markers, whose compiled functions omit them. ``rows``: see `poses.Poses`.
+    length: these have `marker_residuals` whatever the distance of others. None: a study without markers, whose compiled
+    functions omit them. ``rows``: see `poses.Poses`.
     """
 
     points: Float[Array | np.ndarray, "m 3"]
