@@ -99,8 +99,7 @@ def tension_stiffness(rod, of_strains: Float[Array, " n"], predicted: Float[Arra
     def change(own, tension, K, within):
         ds = rod.section.ds
         least = -_LEAST * jnp.minimum(within[0, 0], within[1, 1]) / ds**2
-        tension = jnp.where(tension == own, own, jnp.maximum(tension, least))
-        return _tensioned(tension - own, K, within, ds)
+        return _tensioned(jnp.maximum(tension, least) - own, K, within, ds)
 
     return jax.vmap(change)(of_strains, predicted, rod.section.stiffness, rod.section.within)
 

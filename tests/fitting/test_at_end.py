@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference import rotations
 
 from scan2flex_jax import EffectDeclaration, Study, Tolerance, Unknown, fit
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.rod.boundary import rotation_of_quaternion
 from scan2flex_jax.study import Clamp, Markers, load_study, save_study
-
-from reference import rotations
 
 L, EI, NOISE, W = 0.2, 0.005, 1e-5, 0.04  # m, N m^2, m, N/m
 LOADS = {"one": 0.003, "two": 0.006}  # N, at the tip
