@@ -2,10 +2,10 @@
 
 A cable of bending stiffness ``EI`` that carries a force ``T`` bends over the length ``sqrt(EI / T)``, at its clamps and where
 a load acts; ``T`` is here the sum of the dead loads, which a hanging cable hardly exceeds. Between ball joints and under spread
-loads there are no such bends: the cable is a catenary, which elements longer than ``sqrt(EI / T)`` follow too. A natural curvature ``Omega_0``
-(about all three axes: an anisotropic section turns with the twist) bends it over ``1 / |Omega_0|``. `DEFAULT_ELEMENTS` are
-doubled until no element is longer than the shorter of the two, up to `MOST_ELEMENTS`: the error is then a few 1e-4 of
-the length at most.
+loads there are no such bends: the cable is a catenary, which elements longer than ``sqrt(EI / T)`` follow too. A natural
+curvature ``Omega_0`` (about all three axes: an anisotropic section turns with the twist) bends it over ``1 / |Omega_0|``.
+`DEFAULT_ELEMENTS` are doubled until no element is longer than the shorter of the two, up to `MOST_ELEMENTS`: the error is then
+a few 1e-4 of the length at most.
 """
 
 from typing import NamedTuple
