@@ -6,7 +6,7 @@ priors, which `least_squares` adds to the cost. An unknown may have a prior too:
 its logarithm.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -21,10 +21,11 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
+from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.model import CableModel, with_rigid
 from scan2flex_jax.study.facts import measured_length
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format, split_name
-from scan2flex_jax.study.model import Study, StudyPose
+from scan2flex_jax.study.model import Study, StudyPose, at_end
 from scan2flex_jax.study.sense import check_study
 
 # Default ranges of unknowns, wide enough for flexible components, in the unit of the parameter.
@@ -270,10 +271,32 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
                 given[parameter.name] = np.broadcast_to(1e-3 if start is None else start, shape)
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
     in_order = ordered(effects)
-    if not any(slot_of_some(study, name) for name in study.unknown_names):
-        return CableModel(cable, jnp.asarray(study.gravity_in(pose)), in_order)
-    own = [next(float(p) for p, e in zip(places, effects, strict=True) if e is one) for one in in_order]
-    return CableModel(cable, jnp.asarray(study.gravity_in(pose)), in_order, places=own)
+    own = [next(p for p, e in zip(places, effects, strict=True) if e is one) for one in in_order]
+    some = any(slot_of_some(study, name) for name in study.unknown_names)
+    ends = [_stays_at_end(study, place) for place in own]
+    return CableModel(
+        cable, jnp.asarray(study.gravity_in(pose)), in_order,
+        places=list(map(float, own)) if some else None, at_end=ends if any(ends) else (),
+    )  # fmt: skip
+
+
+def _stays_at_end(study, place):
+    """Whether the effect at a place among those of a study was stated at the end of the cable."""
+    effect = study.effects[place]
+    name = kind_format(effect.kind).position
+    given = name in effect.parameters and study.unknown_of(place, name) is None
+    return given and at_end(effect.parameters[name], study.stated_length)
+
+
+def with_ends(model: CableModel, more: Sequence[AbstractEffect] = ()) -> CableModel:
+    """The model with the effects stated at the end of the cable there, at its length with all effects and ``more``."""
+    cable = model.cable
+    for effect in (*model.effects, *more):
+        cable = effect.cable(cable)
+    for i in (i for i, ends in enumerate(model.at_end) if ends):
+        name = kind_format(model.effects[i].kind).position
+        model = eqx.tree_at(partial(_parameter, i=i, name=name), model, cable.length)
+    return model
 
 
 def model_at(layout: Layout, model: CableModel, x) -> CableModel:
@@ -293,7 +316,7 @@ def model_at(layout: Layout, model: CableModel, x) -> CableModel:
     if layout.density_tolerance > 0:
         density = model.cable.length_density + layout.density_tolerance * x[at]
         model = eqx.tree_at(lambda m: m.cable.length_density, model, density)
-    return with_rigid(model, layout.rigid)
+    return with_rigid(with_ends(model), layout.rigid)
 
 
 def _tilt(gravity, x):

@@ -17,11 +17,12 @@ from scipy.interpolate import CubicSpline
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.parameters import template
+from scan2flex_jax.fitting.states import AT_END
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.starts import complete_curve, curve_start, sagging_start
 from scan2flex_jax.study.kinds import kind_format
-from scan2flex_jax.study.model import Study, StudyPose
+from scan2flex_jax.study.model import Study, StudyPose, at_end
 
 _DENSE = 513  # points of the curve along which a solve starts
 _MOST_MARKERS = 128  # of a pose in a fit
@@ -47,9 +48,9 @@ class Poses(eqx.Module):
 
     ``templates`` are the models of the poses before a fit inserts its parameters, and ``group`` is the index of each pose's
     template: poses that differ in gravity or in their effects have different ones. ``marked`` is 1 for points whose arc length
-    is known (`expected`); None in a study without markers. ``rows``: for poses whose markers have some coordinates only, the
-    axes of these in the first rows; zeros for other poses, None in a study without any. ``history``: of a study with memory;
-    None without.
+    is known (`expected`), `states.AT_END` for those at the end of the cable; None in a study without markers. ``rows``: for
+    poses whose markers have some coordinates only, the axes of these in the first rows; zeros for other poses, None in a study
+    without any. ``history``: of a study with memory; None without.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]
@@ -122,7 +123,7 @@ def places_of(study: Study, study_poses: Sequence[StudyPose]) -> tuple[np.ndarra
 
 
 def _without_history(study, study_poses, length, elements):
-    stack = [_one(pose, length) for pose in study_poses]
+    stack = [_one(pose, length, study.stated_length) for pose in study_poses]
     points, mask, expected, marked, _, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
     each = [_start_of(study, pose, one[4:], length, elements) for pose, one in zip(study_poses, stack, strict=True)]
     start = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *each)
@@ -160,7 +161,7 @@ def _no_shape(markers) -> bool:
 
 def start_along(study: Study, pose: StudyPose, length: float, elements: int) -> Configuration:
     """The start of the solve of one pose along its measured curve or markers."""
-    return _start_of(study, pose, _one(pose, length)[4:], length, elements)
+    return _start_of(study, pose, _one(pose, length, study.stated_length)[4:], length, elements)
 
 
 def bowed(study: Study, pose: StudyPose, bow: np.ndarray, length: float, elements: int) -> Configuration:
@@ -205,7 +206,7 @@ def _sag(boundary, length, gravity, turns, elements):
     return sagging_start(boundary, length, gravity, turns, elements)
 
 
-def _one(pose, length):
+def _one(pose, length, stated):
     """Points, mask, expected arc lengths, mask of markers, a dense curve along them, supports and turns of one pose."""
     boundary, marks = boundary_of(pose), pose.markers
     if pose.curve is None and marks is None:
@@ -213,7 +214,7 @@ def _one(pose, length):
     points, expected, marked = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
     if marks is not None:
         points, expected = _thinned(np.nan_to_num(marks.points), np.asarray(marks.arc_length), _MOST_MARKERS)
-        marked = np.ones(len(points))
+        marked = np.where([at_end(s, stated) for s in expected], AT_END, 1.0)
     if pose.curve is None:
         dense = _through_markers(points, expected, pose, boundary, length)
     else:

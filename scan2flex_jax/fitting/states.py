@@ -38,6 +38,7 @@ from scan2flex_jax.statics.solve import Equilibrium, solve_rod
 from scan2flex_jax.statics.verdict import Verdict
 
 WIDTH = 24  # tangents per call: as fast as six; most fits need two, a refit a dozen
+AT_END = 2.0  # mark of a marker at the end of the cable
 NEAR = 60  # steps of a solve from a neighbouring shape: of 16,000 that settled in three searches, all but 30 took fewer
 DISTANCES: dict[str, Callable] = {
     "normal": normal_residuals,
@@ -122,8 +123,9 @@ def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> Sta
 class Target(NamedTuple):
     """The measured points of one pose: points (m, 3) in m, mask (m,), expected arc lengths (m,) in m.
 
-    ``marked`` (m,) is 1 for points whose arc length is known: these have `marker_residuals` whatever the distance of others.
-    None: a study without markers, whose compiled functions omit them. ``rows``: see `poses.Poses`.
+    ``marked`` (m,) is 1 for points whose arc length is known, and `AT_END` for those at the end of the cable, whatever its
+    length: these have `marker_residuals` whatever the distance of others. None: a study without markers, whose compiled
+    functions omit them. ``rows``: see `poses.Poses`.
     """
 
     points: Float[Array | np.ndarray, "m 3"]
@@ -155,8 +157,9 @@ def _solved(state, start, target, distance, most) -> tuple[Array, Array, Array, 
 
     r, s = DISTANCES[distance](*curve, seen)
     if target.marked is not None:
-        r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve, seen, target.rows), r)
-        s = jnp.where(target.marked > 0, target.expected, s)
+        at = jnp.where(target.marked == AT_END, state.rod.length, target.expected)
+        r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve[:4], at, seen, target.rows), r)
+        s = jnp.where(target.marked > 0, at, s)
     return r * target.mask[:, None], s, axes_along(*curve[:3], s, seen), e
 
 

@@ -27,7 +27,7 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.evaluate import one, target_of
-from scan2flex_jax.fitting.parameters import boundary_at, model_at
+from scan2flex_jax.fitting.parameters import boundary_at, model_at, with_ends
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.model import Configuration, Rod
@@ -282,6 +282,7 @@ def _state(layout, elements, kinds, template, boundary, x, sites, scene, along):
         for kind, (at, count, moving) in kinds:
             site = sites[kind] | {name: x[at + count + j] for j, name in enumerate(moving)}
             added += entry_of(kind).build(x[at : at + count], site, seen)
+        model = with_ends(model, added)
         slots = (*states.slots_of(model.effects), *states.slots_of(added))
         model = type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
         return states.state_of(model, boundary_at(layout, boundary, x[layout.shared : base]), elements, slots)

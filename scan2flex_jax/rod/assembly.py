@@ -26,7 +26,7 @@ from jaxtyping import Float
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node
-from scan2flex_jax.rod.element_law import element_forces, element_stiffness
+from scan2flex_jax.rod.element_law import element_forces, element_stiffness, tension_stiffness
 from scan2flex_jax.rod.energy import E3, node_potential, node_weights, strains, supported
 from scan2flex_jax.rod.model import Configuration, Rod
 
@@ -112,8 +112,9 @@ def derivatives(
     strain = strains(rod, c)
     excess = strain - rod.section.natural
     n, K = element_forces(rod, excess), element_stiffness(rod, excess)
-    x = rod.section.ds * (strain + jnp.array(E3))
-    T, A, p, stiffness, bracket = _element_blocks(rod, c, x, n, K if damping is None else K + damping, predict(n))
+    x, predicted = rod.section.ds * (strain + jnp.array(E3)), predict(n)
+    K = K + tension_stiffness(rod, n[:, 2], predicted[:, 2])
+    T, A, p, stiffness, bracket = _element_blocks(rod, c, x, n, K if damping is None else K + damping, predicted)
     At = jnp.swapaxes(A, 1, 2)
     near = matmul(At, stiffness)
     diagonal = to_nodes(matmul(near, A), stiffness)

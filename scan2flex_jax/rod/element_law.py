@@ -33,8 +33,9 @@ def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
     extra, left = _extra_law(rod)
 
     def energy(e, natural, K, within, left):
-        n, _ = _force(e, natural, K, within, rod.section.ds)
-        return 0.5 * vecdot(n, e) + (extra(e, K, left) if extra else 0.0)
+        own, _ = _straightened(e, K, within, rod.section.ds)
+        n, _ = _force(own, natural, K, within, rod.section.ds)
+        return 0.5 * vecdot(n, own) + (extra(e, K, left) if extra else 0.0)
 
     return jax.vmap(energy)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
 
@@ -44,8 +45,9 @@ def element_forces(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6"]:
     extra, left = _extra_law(rod)
 
     def force(e, natural, K, within, left):
-        n, y = _force(e, natural, K, within, rod.section.ds)
-        n = n.at[3:].add(-jnp.cross(n[3:], y))
+        own, slope = _straightened(e, K, within, rod.section.ds)
+        n, y = _force(own, natural, K, within, rod.section.ds)
+        n = n.at[3:].add(-jnp.cross(n[3:], y)).at[:2].add(n[2] * slope)
         return n + jax.grad(extra)(e, K, left) if extra else n
 
     return jax.vmap(force)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
@@ -57,16 +59,53 @@ def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]
 
     def stiffness(e, natural, K, within, left):
         ds = rod.section.ds
-        n, y = _force(e, natural, K, within, ds)
+        own, slope = _straightened(e, K, within, ds)
+        n, y = _force(own, natural, K, within, ds)
         M = hat(n[3:])
         C = ds**2 / 12.0 * _inverse(within)
         # d(C_eff n)/de at fixed n, then the Schur complement of the stationary n
         W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural).T, C, M), ((0, 0), (3, 0)))
         kept = jnp.eye(6) - W
-        S = matmul(kept.T, _relaxed(e, natural, K, within, ds), kept) - _embed(matmul(M.T, C, M))
+        S = matmul(kept.T, _relaxed(own, natural, K, within, ds), kept) - _embed(matmul(M.T, C, M))
+        turn = jnp.eye(6).at[2, :2].set(slope)
+        S = matmul(turn.T, S, turn) + _tensioned(n[2], K, within, ds)
         return S + jax.hessian(extra)(e, K, left) if extra else S
 
     return jax.vmap(stiffness)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
+
+
+_LEAST = 5.0  # compression times ds^2/EI at which the stiffness to shear is halved
+_BOWED = 1.2  # twice (1/2 + 1/10): chord over its part along the frames, and the bow of a cubic over its chord
+
+
+def _bowed(K, within, ds):
+    """Share of each shear strain that is bending inside the element, not shear of the section."""
+    bending = jnp.stack([within[1, 1], within[0, 0]])
+    return 1.0 / (1.0 + 12.0 * bending / (ds**2 * jnp.diagonal(K)[:2]))
+
+
+def _straightened(e, K, within, ds):
+    """The strain with the stretch of the bowed element, and its slope in the two shear strains."""
+    slope = _BOWED * _bowed(K, within, ds) ** 2 * e[:2]
+    return e.at[2].add(0.5 * vecdot(slope, e[:2])), slope
+
+
+def tension_stiffness(rod, of_strains: Float[Array, " n"], predicted: Float[Array, " n"]) -> Float[Array, "n 6 6"]:
+    """Change of the tangent stiffness (N) of bowed elements by a ``predicted`` tension (N) in place of that ``of_strains``.
+
+    A predicted compression is limited to half of what elements bear, which no solution comes near.
+    """
+
+    def change(own, tension, K, within):
+        ds = rod.section.ds
+        least = -_LEAST * jnp.minimum(within[0, 0], within[1, 1]) / ds**2
+        return _tensioned(jnp.maximum(tension, least) - own, K, within, ds)
+
+    return jax.vmap(change)(of_strains, predicted, rod.section.stiffness, rod.section.within)
+
+
+def _tensioned(tension, K, within, ds):
+    return tension * jnp.diag(jnp.zeros(6).at[:2].set(_BOWED * _bowed(K, within, ds) ** 2))
 
 
 def _extra_law(rod):

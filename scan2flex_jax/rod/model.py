@@ -49,7 +49,8 @@ class CableModel(eqx.Module):
     """A cable in a gravity field (m/s^2, scan frame) with the effects that act upon it: the model of all poses.
 
     ``gravity`` may be a list; ``effects`` one effect or several, whose parameters may be plain numbers; ``places``: those of
-    the effects among the ones that a study declares, where a fit must tell effects of one kind apart.
+    the effects among the ones that a study declares, where a fit must tell effects of one kind apart; ``at_end``: which of the
+    effects act at the end of the cable, whatever its length (`fitting.parameters`).
 
     Examples:
         >>> cable = Cable(length=1.0, length_density=0.2, bending_stiffness=0.1, torsional_stiffness=0.25)
@@ -61,14 +62,15 @@ class CableModel(eqx.Module):
     gravity: Float[Array, "3"]
     effects: tuple[AbstractEffect, ...]
     places: Float[Array, " effects"] | None
+    at_end: tuple[bool, ...] = eqx.field(static=True)
 
     def __init__(
         self, cable: Cable, gravity: Quantity, effects: AbstractEffect | Iterable[AbstractEffect] = (), *,
-        places: Sequence[float] | None = None,
+        places: Sequence[float] | None = None, at_end: Sequence[bool] = (),
     ) -> None:  # fmt: skip
         """Numbers of any kind become arrays; raises `Scan2FlexError` for a gravity that is not three of them."""
         self.cable, self.effects = cable, _effects(effects)
-        self.places = None if places is None else jnp.asarray(places, float)
+        self.places, self.at_end = None if places is None else jnp.asarray(places, float), tuple(at_end)
         self.gravity = jnp.asarray(reals(gravity, "CableModel: gravity", (3,)))
 
 

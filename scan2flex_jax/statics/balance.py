@@ -10,7 +10,7 @@ from scan2flex_jax.rod.model import Rod
 DEFAULT_ELEMENTS = 40
 FEWEST_ELEMENTS = 2  # one element has no interior node
 BALANCE = 1.0e-6  # largest `imbalance` of a solved rod; Newton leaves 1e-9, rounding with 2,000 elements 1e-8
-_ROUNDING = 1.0e-8  # force over axial stiffness at which the rounding of positions (1e-16) reaches BALANCE
+_ROUNDING = 1.0e-7  # ten times the force over axial stiffness at which the rounding of positions (1e-16) reaches BALANCE
 
 
 def imbalance(rod: Rod, derivatives: Derivatives) -> Float[Array, ""]:

@@ -1,10 +1,11 @@
 """Number of elements that a cable needs: no element may be longer than the bends.
 
 A cable of bending stiffness ``EI`` that carries a force ``T`` bends over the length ``sqrt(EI / T)``, at its clamps and where
-a load acts; ``T`` is here the sum of the dead loads, which a hanging cable hardly exceeds. A natural curvature ``Omega_0``
-(about all three axes: an anisotropic section turns with the twist) bends it over ``1 / |Omega_0|``. `DEFAULT_ELEMENTS` are
-doubled until no element is longer than the shorter of the two, up to `MOST_ELEMENTS`: the error is then a few 1e-4 of
-the length at most.
+a load acts; ``T`` is here the sum of the dead loads, which a hanging cable hardly exceeds. Between ball joints and under spread
+loads there are no such bends: the cable is a catenary, which elements longer than ``sqrt(EI / T)`` follow too. A natural
+curvature ``Omega_0`` (about all three axes: an anisotropic section turns with the twist) bends it over ``1 / |Omega_0|``.
+`DEFAULT_ELEMENTS` are doubled until no element is longer than the shorter of the two, up to `MOST_ELEMENTS`: the error is then
+a few 1e-4 of the length at most.
 """
 
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from scan2flex_jax.rod.model import CableModel, discretise
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 
 MOST_ELEMENTS = 1280  # EI/(w L^3) of 6e-7; an equilibrium then takes some 50 ms
+_LOCAL = 2.0  # times the mean load of a node: a load at one place
 _FORCE = 1.0e-12  # of EI / L^2: a cable without loads
 
 
@@ -31,7 +33,9 @@ def shortest_bend(model: CableModel, boundary: Boundary) -> Float[Array, ""]:
     softest = jnp.min(mean - jnp.hypot(half, K[:, 0, 1]))
     force = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) + _FORCE * softest / rod.length**2
     natural = jnp.max(jnp.linalg.norm(rod.section.natural[:, 3:], axis=1))
-    return 1.0 / jnp.maximum(jnp.sqrt(force / softest), natural)
+    loads = jnp.linalg.norm(rod.load.force, axis=1)
+    sharp = jnp.any(boundary.held[:, 3] > 0) | (jnp.max(loads) > _LOCAL * jnp.mean(loads))
+    return 1.0 / jnp.maximum(jnp.where(sharp, jnp.sqrt(force / softest), 1.0 / rod.length), natural)
 
 
 class Mesh(NamedTuple):

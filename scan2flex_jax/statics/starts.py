@@ -12,9 +12,11 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from scan2flex_jax.geometry import curves
+from scan2flex_jax.geometry.small import matmul, matvec, vecdot
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import Configuration
 
+_OPEN = 0.45  # of the length: speed of a loop at its top, from one end (0) to the other (1)
 _DENSE = 257  # points of the curve that is cut into nodes: its polygon is too short by less than 1e-4 of its length
 
 
@@ -27,7 +29,8 @@ def sagging_start(
 ) -> Configuration:
     """A cubic Hermite curve between the clamps that sags along gravity until it is as long as the cable.
 
-    A free end gives the straight rod along the start's tangent. ``turns`` as in the study format.
+    A free end gives the straight rod along the start's tangent. ``turns`` as in the study format. Between clamps that are
+    nearly opposite and near each other the curve is a loop, in the plane in which the clamps' frames have no twist.
     """
     p0, p1 = boundary.position
     free_end = boundary.held[1, 0] == 0
@@ -38,7 +41,7 @@ def sagging_start(
     down = jnp.where(weight > 0, gravity / jnp.where(weight > 0, weight, 1.0), boundary.rotation[0, :, 0])
     ends = [jnp.where(boundary.held[e, 3] > 0, boundary.rotation[e, :, 2], along) for e in (0, 1)]
     t = jnp.linspace(0.0, 1.0, _DENSE)[:, None]
-    hermite = (2 * t**3 - 3 * t**2 + 1) * p0 + (3 * t**2 - 2 * t**3) * p1
+    hermite = (2 * t**3 - 3 * t**2 + 1) * p0 + (3 * t**2 - 2 * t**3) * p1 + _loop(t, boundary, distance, length)
     reach = (t**3 - 2 * t**2 + t) * ends[0] + (t**3 - t**2) * ends[1]
     flat = boundary.held[:, 3]  # a clamp keeps its tangent while the curve sags, a ball joint lets it tilt
     sag = 4.0 ** (1 + flat[0] * flat[1]) * t ** (1 + flat[0]) * (1 - t) ** (1 + flat[1]) * down
@@ -52,6 +55,20 @@ def sagging_start(
     straight = p0 + t * length * boundary.rotation[0, :, 2]
     points = jnp.where(free_end, straight, hermite + m * reach + a * sag)
     return curve_start(points, boundary, turns, elements)
+
+
+def _loop(t, boundary, distance, length):
+    """Displacement to both sides that keeps a curve between opposite clamps from folding back on itself, zero elsewhere.
+
+    Frames that a half turn carries into each other have its axis across both tangents: the loop turns about it.
+    """
+    R, clamped = boundary.rotation, boundary.held[0, 3] * boundary.held[1, 3]
+    opposite = clamped * jnp.clip(-2.0 * vecdot(R[0, :, 2], R[1, :, 2]) - 1.0, 0.0, 1.0)
+    turn = matmul(R[0].T, R[1])
+    half = 0.5 * jnp.arctan2(turn[1, 0], turn[0, 0])
+    side = matvec(R[0], jnp.stack([jnp.sin(half), -jnp.cos(half), 0.0]))  # the axis (cos, sin, 0) times the tangent
+    slope = jnp.maximum(_OPEN * length - 1.5 * distance, 0.0)
+    return opposite * slope * 8.0 * t**2 * (1 - t) ** 2 * (2 * t - 1) * side
 
 
 def curve_start(

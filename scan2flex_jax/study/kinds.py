@@ -163,6 +163,11 @@ class KindFormat:
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
+    def position(self) -> str | None:
+        """The name of the parameter that is its one place along the cable, if it has one."""
+        return next((p.name for p in self.parameters if p.domain == "along_cable" and not p.per_point), None)
+
+    @property
     def grid(self) -> ParameterFormat | None:
         """Of a field, the parameter that holds its points: places along the cable, or strains; None for other effect types."""
         return next((p for p in self.parameters if p.per_point and not p.estimable), None)

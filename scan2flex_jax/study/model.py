@@ -30,9 +30,17 @@ RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
 """Stiffnesses that a study may omit, and the resulting property of the cable."""
 
 
+AT_END = 1e-6
+"""Of the length: a place as near to it is the end of the cable, up to the digits written."""
+
+
 @record
 class Study(Record):
-    """One cable in several poses. `cable` has only the given keys, in the units of `kinds.CABLE`."""
+    """One cable in several poses. `cable` has only the given keys, in the units of `kinds.CABLE`.
+
+    What is stated at the end of the cable (the last marker, the place of an effect) stays there: a copy with another length
+    moves it. `stated_length` (m) is the length for which places were stated.
+    """
 
     title: str
     gravity: Annotated[np.ndarray, "3"]
@@ -42,6 +50,7 @@ class Study(Record):
     unknowns: tuple[Unknown, ...] = ()
     effects: tuple[EffectDeclaration, ...] = ()
     folder: Path | None = field(default=None, compare=False)
+    stated_length: float | None = field(default=None, compare=False, repr=False)
 
     KEYS: ClassVar = {name: KEYS["study"][name] for name in ("title", "gravity")}
     PARTS: ClassVar = {"tolerance": Tolerance}
@@ -55,6 +64,14 @@ class Study(Record):
             unknowns=v.all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
             effects=v.all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
         )
+        length = self.cable.get("length", self.start_value("length"))
+        if length is None:
+            return
+        old, new = self.stated_length, float(np.max(length))
+        keep(self, stated_length=new)
+        if old is not None and old != new:
+            effects = tuple(_moved_effect(effect, old, new) for effect in self.effects)
+            keep(self, effects=effects, poses=tuple(_moved_pose(pose, old, new) for pose in self.poses))
 
     @classmethod
     def from_arrays(
@@ -206,6 +223,27 @@ class Study(Record):
         if "." not in name:
             return self.cable.get(name)
         return next((self.effects[i].parameters.get(parameter) for i in self.effects_of(name)), None)
+
+
+def at_end(place: Any, length: float | None) -> bool:
+    """Whether a place (m) along the cable is its end."""
+    return length is not None and np.size(place) == 1 and bool(abs(float(np.max(place)) - length) <= AT_END * length)
+
+
+def _moved_effect(effect: EffectDeclaration, old: float, new: float) -> EffectDeclaration:
+    """An effect whose place at the end of the cable, if it has one, is that of another length (m)."""
+    name = kind_format(effect.kind).position
+    if name is None or name not in effect.parameters or not at_end(effect.parameters[name], old):
+        return effect
+    return replace(effect, parameters={**effect.parameters, name: new})
+
+
+def _moved_pose(pose: StudyPose, old: float, new: float) -> StudyPose:
+    """A pose whose last marker, if it is at the end of the cable, is at that of another length (m)."""
+    if pose.markers is None or not at_end(pose.markers.arc_length[-1], old):
+        return pose
+    s = np.append(pose.markers.arc_length[:-1], new)
+    return replace(pose, markers=replace(pose.markers, arc_length=s))
 
 
 def _cable(given: Any, where: Where) -> dict[str, Value]:

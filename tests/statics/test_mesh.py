@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from scan2flex_jax.effects.anisotropic_bending import AnisotropicBending
+from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
@@ -61,6 +62,14 @@ def test_what_is_said_of_a_mesh():
 
 
 def test_elements_longer_than_the_bends_of_a_soft_cable_are_said():
-    """EI/(w L^3) of 2e-5, between clamps; `tests/fitting/test_mesh.py` solves such a cable with enough elements."""
+    """EI/(w L^3) of 5e-7, between clamps; `tests/fitting/test_mesh.py` solves such a cable with enough elements."""
     _, boundary = cases.reference_case("P2")
-    assert int(cases.solved(cable(4e-5, 4e-5), boundary).verdict.code) == TOO_COARSE
+    assert int(cases.solved(cable(1e-6, 1e-6), boundary).verdict.code) == TOO_COARSE
+
+
+def test_bends_count_at_clamps_and_loads_only():
+    """Between ball joints under its weight a cable is a catenary, whose ends no point shows (`test_limp`)."""
+    joints = Boundary.of(([0.0, 0.0, 0.0], None), ([0.6, 0.0, 0.0], None))
+    assert float(shortest_bend(cable(1e-4), joints)) == pytest.approx(1.0)
+    loaded = cases.model(Cable(1.0, 0.2, 1e-4, 0.1), [0.0, 0.0, -9.81], (0.0, 0.0, -3.0))
+    assert float(shortest_bend(loaded, joints)) < 0.01
