@@ -128,7 +128,7 @@ def plane_normal(points, gravity) -> np.ndarray | None:
     """The unit normal (3,) of the plane in which points (n, 3) lie with gravity, as those of a photograph; None without one."""
     _, size, directions = np.linalg.svd(np.asarray(points) - np.mean(points, axis=0), full_matrices=False)
     weight = np.asarray(gravity) / max(float(np.linalg.norm(gravity)), _TINY)
-    flat = size[2] <= _FLAT * size[0] and abs(weight @ directions[2]) < _FLAT
+    flat = len(size) > 2 and size[2] <= _FLAT * size[0] and abs(weight @ directions[2]) < _FLAT  # two points have no plane
     return directions[2] if flat else None
 
 

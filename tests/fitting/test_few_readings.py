@@ -51,9 +51,9 @@ def test_a_heart_loop_by_its_height_alone():
     assert min(abs(v / EI - 1) for v in values) < 0.01 and max(values) > 1.5 * min(values)
 
 
-@pytest.mark.parametrize(("cable", "load"), [(STIFF, 30.0), (LIMP, 0.0)])
-def test_a_droop_test_has_one_shape(cable, load):
-    f = fit(cantilever(cable, (load,), [1.0], "z", FINE))
+@pytest.mark.parametrize(("cable", "load", "measured"), [(STIFF, 30.0, "z"), (LIMP, 0.0, "z"), (LIMP, 0.0, "xyz")])
+def test_a_droop_test_has_one_shape(cable, load, measured):
+    f = fit(cantilever(cable, (load,), [1.0], measured, FINE))
     e = f.estimates["bending_stiffness"]
     assert f.in_doubt == () and e.identifiable
     assert e.value == pytest.approx(cable[1], rel=0.02)
