@@ -24,11 +24,10 @@ def profiled(h: Fitted, estimates: dict[str, Estimate]) -> dict[str, Estimate]:
     for slot in layout.slots if layout.local else ():
         e = out[slot.name]
         if slot.log and not slot.shape and not slot.walk and e.identifiable and e.low is not None:
-            ends = np.log(np.array([e.low, e.high], float) / e.value)
-            if ends[1] - ends[0] > 2 * NORMAL_95 * _CURVED:
-                low, high = (_end(h, slot.at, float(t)) for t in ends)
-                wider = min(e.low, float(e.value * np.exp(low))), max(e.high, float(e.value * np.exp(high)))
-                out[slot.name] = replace(e, low=wider[0], high=wider[1])
+            value, near, far = (float(np.max(v)) for v in (e.value, e.low, np.asarray(e.high)))
+            if np.log(far / near) > 2 * NORMAL_95 * _CURVED:
+                low, high = (value * float(np.exp(_end(h, slot.at, np.log(t / value)))) for t in (near, far))
+                out[slot.name] = replace(e, low=min(near, low), high=max(far, high))
     return out
 
 
