@@ -83,6 +83,7 @@ def new(
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
     if mass is not None and density is not None:
         raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
+    free = None if ends is None else _free(ends)
     down, source = _gravity(gravity), given[0] if len(given) == 1 and not given[0].is_file() else given
     folder = folder_of(source)
     poses = measured_files(source, tuple(path for path in (clamps, arc_lengths) if path is not None))
@@ -100,11 +101,14 @@ def new(
     elif not clamps_from_curves:
         frames = frames_of_bodies(poses, units=units, frame=frame, tangent=tangent)
         frames = frames or _asked_clamps(poses, units or "m", convention, not radians, tangent)
+    if frames is None and free is None and interactive():
+        question = "whether the ends of the curves are held or free, empty if their shapes shall tell"
+        free = asked_or_refused(question, "--ends", _free, default="")
     study, notes = new_study(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
         gravity=down, units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
         markers=markers, frame=frame, arc_lengths=None if arc_lengths is None else read_arc_lengths(arc_lengths, units=units),
-        noise=_noise(noise), free=None if ends is None else ends == "free",
+        noise=_noise(noise), free=free,
     )  # fmt: skip
     scans = scans_of(study)  # read before anything is written
     toml = save_study(study, out or folder)
@@ -199,6 +203,14 @@ def _quantity(given, what, question, option):
         return value
 
     return asked_or_refused(question, option, read) if given is None else read(given)
+
+
+def _free(answer):
+    """Whether ends hang free; None if their shapes shall tell."""
+    known = {"held": False, "free": True, "": None}
+    if answer.strip() not in known:
+        raise Scan2FlexError(f"{answer[:20]!r} is neither held nor free: --ends takes one of them.")
+    return known[answer.strip()]
 
 
 def _noise(given):

@@ -25,6 +25,7 @@ from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
 from scan2flex_jax.inference.posterior import Variant
+from scan2flex_jax.inference.profile import profiled
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study.check import study_warnings, unit_warnings
@@ -122,7 +123,7 @@ def fitted(
     minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
-    estimates = shapes.without(of.estimates(posterior, (posterior,)), open_)
+    estimates = shapes.without(profiled(posterior, of.estimates(posterior, (posterior,))), open_)
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
     reservation = belief.reservation(posterior, discrepancy)

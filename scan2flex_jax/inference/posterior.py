@@ -336,10 +336,10 @@ class Variant:
                 found = max(found, self._finished(components, end[0], end[1], found.u, end[2]), key=lambda h: h.score)
         return found
 
-    def _descend(self, components, x, shapes, Li, wider, most: int = _STEPS, hopeless: float = np.inf, zero=()):
+    def _descend(self, components, x, shapes, Li, wider, most: int = _STEPS, hopeless: float = np.inf, zero=(), pinned=None):
         """``(x, shapes, converged, cost)`` of the nearest minimum of the cost under white rows, with some parameters held at
-        ``zero``; None without an equilibrium."""
-        prior = Prior(self.program, components, wider, zero)
+        ``zero``, or where they are ``pinned``; None without an equilibrium."""
+        prior = Prior(self.program, components, wider, zero, pinned)
         model, x = _Descent(self, components, prior, Li), np.clip(x, prior.low, prior.high)
         start = self.program.start if shapes is None else configuration(shapes)
         point, damping, base = model.at(x, start), _DAMPING, model.n.base
@@ -357,9 +357,10 @@ class Variant:
             return None
         return end.point.x, end.point.found[0], end.converged, end.point.cost
 
-    def descended(self, x, shapes, Li, zero=()):
-        """``(x, shapes, converged, cost)`` of the hypothesis without effects under white rows, some parameters ``zero``."""
-        return self._descend((), x, shapes, Li, (), most=_LAST, zero=zero)
+    def descended(self, x, shapes, Li, zero=(), pinned=None):
+        """``(x, shapes, converged, cost)`` of the hypothesis without effects under white rows, some parameters ``zero``, others
+        ``pinned`` at values, by their place."""
+        return self._descend((), x, shapes, Li, (), most=_LAST, zero=zero, pinned=pinned)
 
     def _sizes(self, components, x):
         """The prior sizes nearest to the amplitudes."""

@@ -16,9 +16,9 @@ class Prior:
     """Of every parameter its ``precision`` (0: flat), ``low`` and ``high``, the precision ``width`` that stands for a flat
     range, the ``weak`` precision about ``centre``, the ``mean`` of nuisance parameters, and whether it is ``frozen``."""
 
-    def __init__(self, program: Program, components, wider: tuple[float, ...] = (), zero=()):
+    def __init__(self, program: Program, components, wider: tuple[float, ...] = (), zero=(), pinned=None):
         """From tolerances, sizes and ranges; ``wider``: factor on the usual sizes of each component's amplitudes; ``zero``:
-        those held at zero."""
+        those held at zero; ``pinned``: values of others that are held, by their place."""
         n, layout = Index(program, components), program.layout
         self.precision, self.low, self.high = np.zeros(n.count), np.full(n.count, -np.inf), np.full(n.count, np.inf)
         self.width, self.weak, self.centre, self.mean = (np.zeros(n.count) for _ in range(4))
@@ -31,7 +31,8 @@ class Prior:
         wide = np.isfinite(span := self.high[unknowns] - self.low[unknowns]) & ~layout.logs & (self.precision[unknowns] == 0)
         self.width[unknowns] = np.where(wide, 12.0 / np.where(wide, np.maximum(span, 1e-12), 1.0) ** 2, 0.0)
         self.centre[: layout.shared] = program.minimum.shared
-        self.low[list(zero)] = self.high[list(zero)] = 0.0
+        for i, value in (dict.fromkeys(zero, 0.0) | (pinned or {})).items():
+            self.low[i] = self.high[i] = value
         for k, c in enumerate(components):
             at = n.amplitudes(k)
             self.precision[at] = (c.entry.size(program.context) * (wider[k] if wider else 1.0)) ** -2.0

@@ -61,7 +61,7 @@ class Settings:
     effect: float = 1.0
     turn: float = 3.7
     mistake: float = 5.0
-    untested: float = 0.02
+    untested: float = 0.025
     most_effects: int = 3
     found: float = 4.0
     named: float = 5.0

@@ -93,6 +93,19 @@ def test_clamps_from_curves_are_said_to_be_a_guess(folder):
     assert "# noise left out: " in (folder / "study.toml").read_text()
 
 
+def test_new_asks_whether_ends_of_curves_hang_free(folder, monkeypatch):
+    for module in (options, making):
+        monkeypatch.setattr(module, "interactive", lambda: True)
+    known = "--units", "mm", "--length", "1", "--density", "0.2", "--noise", "0.3 mm", "--validate", "sag-2"
+    found = run("new", folder, *known, answers="y\nperhaps\nfree\n")
+    assert found.exit_code == 0, (found.exception, found.output)
+    assert [pose.end for pose in load_study(folder).poses] == [None, None]
+    assert "'perhaps' is neither held nor free" in found.output
+    (folder / "study.toml").unlink()
+    found = run("new", folder, *known, "--clamps-from-curves", answers="\n")
+    assert found.exit_code == 0 and all(pose.end is not None for pose in load_study(folder).poses)
+
+
 def test_noise_is_written(folder):
     known = "new", folder, "--units", "mm", "--length", "1", "--density", "0.2", "--clamps-from-curves"
     assert "no length" in str(run(*known, "--noise", "0.4 g").exception)

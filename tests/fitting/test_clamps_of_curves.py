@@ -54,7 +54,8 @@ def test_intervals_hold_the_truth(noise, flat, tmp_path):
         assert (study.poses[0].end is None) == (name in ("droop", "stiff"))
         e = fit(study).estimates["bending_stiffness"]
         assert e.low < true < e.high, name
-        assert e.high / e.low < {"droop": 1.1, "stiff": 1.5, "P1": 20.0, "P3": 1.5}[name]
+        if (name, noise) != ("P1", 5e-4):  # 21 points with such noise give a lower limit
+            assert e.high / e.low < {"droop": 1.1, "stiff": 1.5, "P1": 20.0, "P3": 1.5}[name]
 
 
 def test_validate_poses_are_judged_by_what_clamps_from_curves_let_expect(tmp_path):
@@ -85,3 +86,18 @@ def test_exact_clamps_would_leave_a_part_of_the_interval(tmp_path):
     assert narrow.influence.exact_clamps is None and "exact ones" not in narrow.summary()
     assert wide.influence.exact_clamps[0] == pytest.approx(widths[1] / widths[0], rel=0.3)
     assert "clamps are fitted within their tolerance" in wide.summary()
+
+
+def test_the_far_side_of_an_interval_is_as_unlikely_as_the_near_one(tmp_path):
+    """Eight noises: a sag between fitted clamps says less of a stiff cable than of a limp one, and intervals hold the truth."""
+    rng, points, skewed = np.random.default_rng(21), np.array(write_values.load("P1")["positions"]), 0
+    for trial in range(8):
+        folder = tmp_path / str(trial)
+        folder.mkdir()
+        noisy = points + 5e-4 * rng.normal(size=points.shape)
+        np.savetxt(folder / "p.csv", noisy, delimiter=",", header="x,y,z", comments="")
+        study, _ = new_study(folder, measured_files(folder), clamps=None, length=1.0, length_density=WEIGHT)
+        e = fit(study).estimates["bending_stiffness"]
+        assert e.low is None or e.low < 0.1 < e.high
+        skewed += e.low is not None and np.log(e.high / e.value) > 1.2 * np.log(e.value / e.low)
+    assert skewed >= 3
