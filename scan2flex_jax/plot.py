@@ -1,9 +1,9 @@
 """Plots of a fit, an explanation or a sweep, on matplotlib axes that each function takes and returns.
 
 Arguments are the object, the part of it to show, then the axes (created by default): `shapes`, `errors`, `residual`,
-`comparison`, `load`, `law`, `basins`, `expected`. `overview` and `explained` are whole figures of these plots; `save` writes
-one. The page of `report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand
-above the axes.
+`comparison`, `load`, `law`, `stiffness`, `basins`, `expected`. `overview` and `explained` are whole figures of these plots;
+`save` writes one. The page of `report` uses the same plots. The state before is drawn broad and pale under the state after;
+legends stand above the axes.
 """
 
 import io
@@ -30,6 +30,7 @@ if TYPE_CHECKING:  # for annotations only: drawing needs no import of these type
 
 MEASURED, BAND, _MODELLED, _BEFORE = "#555d66", "#dddddd", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
+_DECADES = 5.0  # largest over smallest stiffness from which on it is drawn in logarithms
 _HARDLY_SEEN = 100.0  # usual sizes: an effect that needs more is drawn there
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
@@ -315,6 +316,21 @@ def law(fit: "Fit | Explanation", kind: str | None = None, ax: Axes | None = Non
     return ax
 
 
+def stiffness(fit: "Fit | Explanation", ax: Axes | None = None) -> Axes:
+    """EI along the cable (N m^2) with its 95 % band, of a fit or an explanation with an effect that lets it vary."""
+    ax = plt.subplots()[1] if ax is None else ax
+    found = fit.along
+    if found is None:
+        raise Scan2FlexError("nothing lets the stiffness vary along this cable: there is no stiffness to draw")
+    ax.fill_between(found.s, found.low, found.high, color=_MODELLED, alpha=0.25, lw=0, label="95 % band")
+    ax.plot(found.s, found.bending, color=_MODELLED, lw=1.5, label="EI")
+    if np.max(found.bending) > _DECADES * np.min(found.bending):
+        ax.set(yscale="log", ylim=(0.3 * np.min(found.bending), 3.0 * np.max(found.bending)))
+    ax.set(xlabel="arc length s (m)", ylabel="bending stiffness (N m$^2$)")
+    _legend(ax)
+    return ax
+
+
 def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
     """Equivalent load (N/m, scan frame) common to all poses, with its 95 % band: where a cause acts, not which one."""
     ax = plt.subplots()[1] if ax is None else ax
@@ -332,14 +348,16 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
 
 
 def explained(explanation: "Explanation") -> Figure:
-    """A figure with the comparison of hypotheses, the equivalent load, and every pose's residual before and after."""
+    """A figure with the comparison of hypotheses, the equivalent load (the stiffness along the cable where it varies), and the
+    residual of every pose before and after."""
     names = list(explanation.poses)
     columns = max(2, _columns(len(names)))
     rows = -(-len(names) // columns) + 1
     figure = plt.figure(figsize=(4.6 * columns, 3.6 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
     comparison(explanation, figure.add_subplot(grid[0, : columns - 1]))
-    load(explanation, figure.add_subplot(grid[0, columns - 1]))
+    panel = load if explanation.along is None else stiffness
+    panel(explanation, figure.add_subplot(grid[0, columns - 1]))
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))
     _titled(figure, f"{explanation.study.title}: {explanation.verdict}")

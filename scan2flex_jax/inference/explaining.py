@@ -13,6 +13,7 @@ from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference import shapes, variants
+from scan2flex_jax.inference.along import stiffness_along
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
@@ -135,6 +136,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     field = d.description if d.verdict == UNEXPLAINED else None
     load, pose_loads = of.equivalent_loads(d.empty)
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
+    along = stiffness_along(best, d.averaged)
     noise = best.variant.likelihood.noise(best.u)
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, coarse)
@@ -152,13 +154,14 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         estimates=shapes.without({name: every[name] for name in fitted.estimates}, fitted.open),
         poses=poses,
         settle=_settle(d) if d.verdict == TIE else (),
-        sentences=(*map(str, findings), *(s for law in laws for s in law.sentences()), *told),
+        sentences=(*map(str, findings), *(s for x in (*laws, along) if x for s in x.sentences()), *told),
         gates=gates,
         seconds=_since(began),
         load=load,
         pose_loads=pose_loads,
         description=None if field is None else _ranked(field, 0, field.score - d.empty.score, "description"),
         laws=laws,
+        along=along,
         decision=d,
         scored=tuple(h for h in search.ranked if h.variant is d.empty.variant),
         surprised=d.surprised,

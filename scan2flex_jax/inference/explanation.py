@@ -9,6 +9,7 @@ import numpy as np
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import belief
+from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import (
     BAD,
     Answer,
@@ -124,6 +125,7 @@ class Explanation:
     findings in words, ``settle`` the measurements to decide a tie. ``load`` is the equivalent load (N/m) shared by all poses,
     ``pose_loads`` that of each fitted pose: where an effect acts, not which. ``description`` replaces an effect if none
     explains the shapes: a field that is not physics. ``laws``: the moment laws among the effects, with bands and readings.
+    ``along``: EI along the cable, where an effect lets it vary.
     ``study`` has the effects declared; ``decision`` is what the verdict rests on, from which
     `plan` continues, and ``scored`` every hypothesis at its mode. ``mistakes``:
     likely mistakes of the input that stand. ``surprised``: by the name of each validate pose that contradicts the answer, its
@@ -152,6 +154,7 @@ class Explanation:
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
     laws: tuple[Law, ...] = ()
+    along: StiffnessAlong | None = None
     decision: Decision | None = field(repr=False, default=None)
     scored: tuple[Fitted, ...] = field(repr=False, default=())
     mistakes: tuple[Mistake, ...] = ()
@@ -236,6 +239,7 @@ class Explanation:
             "equivalent_load": self.load.to_json(),
             **({} if self.description is None else {"description": self.description.to_json()}),
             **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
+            **({} if self.along is None else {"stiffness_along": self.along.to_json()}),
             **({"contradicted_by": _finite(self.surprised)} if self.surprised else {}),
             "settle": list(self.settle),
             "messages": list(self.sentences),

@@ -21,6 +21,7 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
+from scan2flex_jax.inference.along import stiffness_along
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
@@ -124,6 +125,7 @@ def fitted(
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
     estimates = shapes.without(profiled(posterior, of.estimates(posterior, (posterior,))), open_)
+    along = stiffness_along(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
     reservation = belief.reservation(posterior, discrepancy)
@@ -144,7 +146,7 @@ def fitted(
         poses=poses,
         noise=noise,
         discrepancy=discrepancy,
-        sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
+        sentences=(*map(str, likely), *misfits, *said, *_known(known, (*laws, along), estimates), *verdict),
         valid=valid,
         judgement=judgement,
         reservation=reservation,
@@ -160,6 +162,7 @@ def fitted(
         mistakes=likely,
         settings=settings,
         laws=laws,
+        along=along,
     )
     return result if result.believable else replace(result, estimates={n: e.withheld() for n, e in estimates.items()})
 
@@ -173,8 +176,8 @@ def _at_mode(h, minimum) -> Minimum:
 
 
 def _known(known, laws, estimates):
-    """Sentences on undetermined values, on laws, and on values at a bound."""
-    return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
+    """Sentences on undetermined values, on laws (and EI along the cable) that are not None, and on values at a bound."""
+    return (*known.sentences, *(s for law in laws if law for s in law.sentences()), *_bound_sentences(estimates))
 
 
 def _minimum(problem, _, method, progress, mistakes):
@@ -210,7 +213,7 @@ def _correlation(covariance):
 
 def _in_logs(layout, covariance):
     """The covariance of quantities or their logarithms, from that of ``x``: the steps of a law add up."""
-    if not any(slot.walk for slot in layout.slots):
+    if not any(slot.walk or slot.root for slot in layout.slots):
         return covariance
     open_, S = np.isinf(np.diag(covariance)), layout.sums
     out = S @ np.where(open_[:, None] | open_, 0.0, covariance) @ S.T

@@ -23,6 +23,7 @@ from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 
+_NORMAL_95 = 1.959964
 _FEWEST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
 
 
@@ -56,13 +57,8 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
     With a discrepancy they are those of Student's t with one degree of freedom fewer than poses: its size is known from the
     scatter between them (Cameron and Miller, "A practitioner's guide to cluster-robust inference", 2015, section VI).
     """
-    v, out = best.variant, {}
-    layout, hypotheses = v.program.layout, [h for h in averaged if h is best or _comparable(h, best)]
-    hypotheses = hypotheses if best in hypotheses else [best, *hypotheses]
-    weights = np.exp(np.array([h.score for h in hypotheses]) - max(h.score for h in hypotheses))
-    weights = np.maximum(weights, [float(h is best) for h in hypotheses])
-    weights /= weights.sum()
-    freedom = float(max(len(v.groups) - 1, _FEWEST_FREEDOM)) if any(h.discrepant for h in hypotheses) else np.inf
+    v, out, layout = best.variant, {}, best.variant.program.layout
+    hypotheses, weights, freedom = _averaging(best, averaged)
     own = known(best)
     for slot in layout.slots:
         here, S = slice(slot.at, slot.at + slot.size), slot.sums
@@ -80,6 +76,23 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
             seen=not np.any(lost), vaguest=v.settings.vaguest_interval, freedom=freedom,
         )  # fmt: skip
     return out
+
+
+def _averaging(best: Fitted, averaged: tuple[Fitted, ...]) -> tuple[list[Fitted], np.ndarray, float]:
+    """Hypotheses over which an interval averages, their weights, and its degrees of freedom."""
+    hypotheses = [h for h in averaged if h is best or _comparable(h, best)]
+    hypotheses = hypotheses if best in hypotheses else [best, *hypotheses]
+    weights = np.exp(np.array([h.score for h in hypotheses]) - max(h.score for h in hypotheses))
+    weights = np.maximum(weights, [float(h is best) for h in hypotheses])
+    discrepant = any(h.discrepant for h in hypotheses)
+    freedom = float(max(len(best.variant.groups) - 1, _FEWEST_FREEDOM)) if discrepant else np.inf
+    return hypotheses, weights / weights.sum(), freedom
+
+
+def averaging(best: Fitted, averaged: tuple[Fitted, ...]) -> tuple[list[Fitted], np.ndarray, float]:
+    """Hypotheses over which an interval averages, their weights, and the quantile of its two-sided 95 %."""
+    hypotheses, weights, freedom = _averaging(best, averaged)
+    return hypotheses, weights, _NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975))
 
 
 def _comparable(h: Fitted, best: Fitted) -> bool:
