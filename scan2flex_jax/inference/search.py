@@ -90,8 +90,9 @@ class Search:
         most = min(first.settings.most_effects, (first.program.poses.count + 1) // 2)
         while True:
             best = self.causes[0]
-            near = [h for h in self.causes if h.score > best.score - first.settings.tied]
             count = len(best.components)
+            behind = first.settings.tied + _PART * max(best.score - best.variant.empty.score, 0.0) * (count == 1)
+            near = [h for h in self.causes if h.score > best.score - behind]
             todo = [h for h in near if len(h.components) == count and 0 < count < most and h.key not in self.grown]
             if not todo:
                 break
@@ -115,7 +116,8 @@ class Search:
         table = screen.singles()
         self.scores |= {k: s for k, s in table.items() if k not in self.scores or s.gain > self.scores[k].gain}
         order, top = list(table), next(iter(table.values())).gain
-        far = v.off > _FAR * max(v.likelihood.noise(v.empty.u).total, FINEST * v.length)
+        noise = min(v.likelihood.noise(v.empty.u).total, v.likelihood.stated or np.inf)  # a poor fit takes its error for noise
+        far = v.off > _FAR * max(noise, FINEST * v.length)
         if not far and not v.empty.discrepant and top < -v.settings.tied:  # nothing gains, and first order is close enough
             order = order[:_LEAST]
         keep = [k for k in order[:_SINGLES] if table[k].gain > top - _WORTH - _PART * max(top, 0)]
