@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from benchmarks.record import record
+from benchmarks.record import complete, record, recorded
 from scan2flex_jax import explain
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.study import Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown
@@ -106,7 +106,7 @@ def row(name, seed):
     if e.along is not None:
         EI, low, high = e.along.at(TOLD)
         out |= {"off": float(np.max(np.abs(EI / true - 1.0))), "held": float(np.mean((low <= true) & (true <= high)))}
-    return out | {"seconds": time.process_time() - began}
+    return out | {"processor_seconds": time.process_time() - began}
 
 
 def _told(e):
@@ -115,13 +115,8 @@ def _told(e):
 
 def main() -> None:
     prepare_jax()
-    rows = {}
-    for k, name in enumerate(RODS):
-        if not sys.argv[1:] or name in sys.argv[1:]:
-            rows[name] = row(name, 100 + k)
-            print(name, rows[name], flush=True)
-    if not sys.argv[1:]:
-        record("rods", {"rods": rows})
+    rows, seeds = recorded("rods").get("rods", {}), {name: 100 + k for k, name in enumerate(RODS)}
+    complete(rows, sys.argv[1:] or list(RODS), lambda name: row(name, seeds[name]), lambda: record("rods", {"rods": rows}))
 
 
 if __name__ == "__main__":

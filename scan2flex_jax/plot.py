@@ -374,8 +374,8 @@ def _as_broad(ax, curve, along, label):
         return
     at = np.linspace(0.0, 2.0 * along.s[-1] - along.s[-2], len(curve))
     root = along.at(0.5 * (at[1:] + at[:-1]))[0] ** 0.25
-    pieces = list(np.stack([curve[:-1], curve[1:]], axis=1))
-    pieces = LineCollection(pieces, linewidths=_BROADEST * root / root.max(), colors=_MODELLED)
+    steps = list(np.stack([curve[:-1], curve[1:]], axis=1))
+    pieces = LineCollection(steps, linewidths=_BROADEST * root / root.max(), colors=_MODELLED)
     pieces.set(label=label, capstyle="round")
     ax.add_collection(pieces)
 

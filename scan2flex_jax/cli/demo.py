@@ -14,7 +14,7 @@ from scan2flex_jax.cli.terminal import say
 _FIND, _ROD = "hidden-sleeve", "bamboo-rod"
 _RIVALS = 3  # that are shown
 OWNERS_MODULUS = 7.32e6 * 6894.757  # Pa: the owner's fit of another model, with the calipers known
-_PLACES = (0.3, 0.6, 0.9, 1.2, 1.5, 1.7)  # m along the rod
+PLACES = (0.3, 0.6, 0.9, 1.2, 1.5, 1.7)  # m along the rod
 
 
 def demo(
@@ -85,7 +85,7 @@ def _rod(e, s, EI) -> Iterator[str]:
     yield f"found       {found_in_words(e)}"
     if e.along is not None:
         yield "stiffness   EI from the droop, N m^2          by calipers"
-        for at in _PLACES:
+        for at in PLACES:
             value, low, high = e.along.at(at)
             caliper = np.exp(np.interp(at, s, np.log(EI)))
             yield f"  at {at:.1f} m    {value:6.3g}  ({low:.2g} to {high:.2g})".ljust(46) + f"{caliper:.3g}"
