@@ -79,9 +79,9 @@ def rod() -> str:
     if "stiffness_field" not in r["found"][0]:
         raise ValueError("the stiffness along the rod was not found: write another caption")
     return (
-        "*A bamboo fly rod droops under weights at its tip. Its study calls it uniform; `explain` finds that its stiffness\nvaries "
-        f"along it: EI falls from {r['EI'][0]:.1f} to {r['EI'][-1]:.3f} N m^2 between {r['at'][0]} and {r['at'][-1]} m, "
-        f"within {off:.0f} % of what calipers say,\nwhich nobody told it. Weights that were never fitted are predicted to "
+        "*A bamboo fly rod droops under weights at its tip. Its study calls it uniform; `explain` finds that its stiffness\n"
+        f"varies: EI falls from {r['EI'][0]:.1f} to {r['EI'][-1]:.3f} N m^2 between {r['at'][0]} and {r['at'][-1]} m, within "
+        f"{off:.0f} % of what\ncalipers say, which nobody told it. Weights that were never fitted are predicted to "
         f"{after:.1f} mm, {before:.0f} mm before.*\n"
     )
 
