@@ -83,7 +83,7 @@ CLAIMS = {
         assert not kinds & {"tether", "point_load", "stiffness_profile"}
         assert found.rms("validate") < 3e-3 < 0.1 * plain.rms("validate")  # m
         assert abs(modulus / (7.32e6 * 6894.757) - 1) < 0.1
-        assert np.all(np.abs(np.log(found.along.at(s[inside])[0] / (modulus * I[inside]))) < np.log(1.3))
+        assert np.all(np.abs(np.log(found.along.at(s[inside])[0] / (modulus * inertia[inside]))) < np.log(1.3))
         assert all(abs(mass / weight - 1) < 0.05 for weight, mass in masses.items())
     """,
     "sweep-over-guesses": """

@@ -15,7 +15,6 @@ from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.quantities import averaging, known
 
 VARYING = (StiffnessField.kind, StiffnessTaper.kind, StiffnessProfile.kind)
-_NORMAL_95 = 1.959964
 _TOLD = 5  # places, evenly spaced, at which a summary tells EI
 _VAGUE = 5.0  # factor above which the end of a band is no number to print
 

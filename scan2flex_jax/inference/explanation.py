@@ -36,6 +36,7 @@ from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
 _ROWS = 8  # hypotheses in the summary
+_FEW = 6  # numbers of a parameter that a line tells, of two ends and three axes
 _TELLING = 10.0  # times the parameter: an interval of a larger standard error is not printed
 
 
@@ -332,8 +333,10 @@ def _interval(value, std, domain):
 
 
 def _effect_line(r, study):
-    """``point_mass: position 0.42 [0.40, 0.44] m, mass 0.05 [0.046, 0.054] kg``."""
-    said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in r.parameters.items()]
+    """``point_mass: position 0.42 [0.40, 0.44] m, mass 0.05 [0.046, 0.054] kg``; of a field without its values at places, which
+    the JSON has."""
+    given = {name: value for name, value in r.parameters.items() if np.size(value) <= _FEW}
+    said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in given.items()]
     return f"{r.kind}: {', '.join(said)}"
 
 

@@ -12,7 +12,7 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
 from scan2flex_jax.inference.determined import Uncertainty, uncertainty
-from scan2flex_jax.inference.estimate import Estimate, estimate_of
+from scan2flex_jax.inference.estimate import NORMAL_95, Estimate, estimate_of
 from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted, without
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
@@ -23,7 +23,6 @@ from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 
-_NORMAL_95 = 1.959964
 _FEWEST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
 
 
@@ -92,7 +91,7 @@ def _averaging(best: Fitted, averaged: tuple[Fitted, ...]) -> tuple[list[Fitted]
 def averaging(best: Fitted, averaged: tuple[Fitted, ...]) -> tuple[list[Fitted], np.ndarray, float]:
     """Hypotheses over which an interval averages, their weights, and the quantile of its two-sided 95 %."""
     hypotheses, weights, freedom = _averaging(best, averaged)
-    return hypotheses, weights, _NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975))
+    return hypotheses, weights, NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975))
 
 
 def _comparable(h: Fitted, best: Fitted) -> bool:
