@@ -64,14 +64,14 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     names = list(fit.poses) if pose is None else [pose]
     if pose is not None and pose not in fit.poses:
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
-    axes, labels = _plane(np.concatenate([fit.poses[name].measured for name in names]), np.asarray(fit.study.gravity))
+    seen = {name: _seen(fit, name) for name in names}
+    axes, labels = _plane(np.concatenate(list(seen.values())), np.asarray(fit.study.gravity))
     before = _before(fit) if pose is not None else None
     for i, name in enumerate(names):
         p, colour = fit.poses[name], _MODELLED if pose is not None else f"C{i % 10}"
         if before is not None and before.poses[name].stable:
             ax.plot(*(before.poses[name].modelled @ axes.T).T, color=_BEFORE, label="before", **_PALE)
-        flat = p.measured @ axes.T
-        ax.plot(*flat.T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured" if i == 0 else None)
+        ax.plot(*(seen[name] @ axes.T).T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured" if i == 0 else None)
         if p.stable:
             ax.plot(*(p.modelled @ axes.T).T, color=colour, lw=1.5, label=_modelled_as(fit, name, pose))
     ax.set_aspect("equal", adjustable="datalim")
@@ -95,6 +95,16 @@ def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
     ax.set_title(_named(pose), fontsize=10, pad=22)
     _legend(ax)
     return ax
+
+
+def _seen(fit, name):
+    """Measured points of a pose (m); coordinates that were not measured are those of the model at the same arc length."""
+    p, markers = fit.poses[name], fit.study.pose(name).markers
+    if markers is None or markers.measured == "xyz" or not p.stable or len(p.measured) != len(markers.points):
+        return p.measured
+    at = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(p.modelled, axis=0), axis=1))]
+    known = np.array([axis in markers.measured for axis in "xyz"])
+    return np.where(known, p.measured, np.stack([np.interp(p.s, at, x) for x in p.modelled.T], axis=1))
 
 
 def _modelled_as(fit, name, pose):
@@ -342,27 +352,27 @@ def stiffness(fit: "Fit | Explanation", ax: Axes | None = None, beside: Beside |
 def varied(explanation: "Explanation", beside: Beside | None = None) -> Figure:
     """A figure of a cable whose stiffness varies: the poses that were never fitted (all, where none is held out), measured,
     before and after, with lines as broad as the cable is stiff, and the stiffness along it, ``beside`` what is known."""
-    figure = plt.figure(figsize=(11.5, 4.6), layout="constrained")
+    figure = plt.figure(figsize=(11.5, 4.4), layout="constrained")
     ax, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
     poses = explanation.poses
     unseen = [name for name, p in poses.items() if p.role == "validate" and p.stable] or list(poses)
-    axes, labels = _plane(np.concatenate([poses[name].measured for name in poses]), np.asarray(explanation.study.gravity))
+    axes, labels = _plane(np.concatenate([_seen(explanation, name) for name in poses]), np.asarray(explanation.study.gravity))
     rms = [1e3 * explanation.rms(poses[unseen[0]].role, after) for after in (False, True)]
     for i, name in enumerate(unseen):
-        said = ("measured", f"without: {rms[0]:.1f} mm off", f"with it: {rms[1]:.1f} mm off") if i == 0 else (None, None, None)
+        said = ("measured", f"as declared: {rms[0]:.1f} mm off", f"as found: {rms[1]:.1f} mm off") if i == 0 else (None,) * 3
         before = None if explanation.fit is None else explanation.fit.poses[name].modelled
         if before is not None:
             ax.plot(*(before @ axes.T).T, color=_BEFORE, label=said[1], lw=2.0, alpha=0.8)
         _as_broad(ax, poses[name].modelled @ axes.T, explanation.along, said[2])
         points = {"ls": "", "marker": "o", "ms": 4.5, "mfc": "white", "mec": "k", "mew": 1.0, "zorder": 5}
-        ax.plot(*(poses[name].measured @ axes.T).T, **points, label=said[0])
+        ax.plot(*(_seen(explanation, name) @ axes.T).T, **points, label=said[0])
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     held_out = poses[unseen[0]].role == "validate"
-    ax.set_title(f"{len(unseen)} poses{' never fitted' if held_out else ''}", fontsize=10, pad=22)
+    ax.set_title(f"{len(unseen)} poses{' that were never fitted' if held_out else ''}", fontsize=10, pad=36)
     _legend(ax)
     if explanation.along is not None:
-        stiffness(explanation, right, beside).set_title("stiffness along it", fontsize=10, pad=22)
+        stiffness(explanation, right, beside).set_title("stiffness along the cable", fontsize=10, pad=36)
     _titled(figure, explanation.study.title)
     return figure
 
