@@ -338,7 +338,8 @@ def stiffness(fit: "Fit | Explanation", ax: Axes | None = None, beside: Beside |
     found = fit.along
     if found is None:
         raise Scan2FlexError("nothing lets the stiffness vary along this cable: there is no stiffness to draw")
-    ax.fill_between(found.s, found.low, found.high, color=_MODELLED, alpha=0.25, lw=0, label="95 % band")
+    if np.all(np.isfinite(found.high)):
+        ax.fill_between(found.s, found.low, found.high, color=_MODELLED, alpha=0.25, lw=0, label="95 % band")
     ax.plot(found.s, found.bending, color=_MODELLED, lw=1.5, label="EI from the shapes")
     for name, (s, EI) in (beside or {}).items():
         ax.plot(s, EI, ls="", marker="o", ms=5, mfc="white", mec="k", mew=1.2, label=name)

@@ -4,13 +4,15 @@ GJ varies by the same factor. The band is that of the logarithm to first order i
 and the field trade against one another where no pose bends the middle, and EI(s) is what the shapes tell.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from scan2flex_jax.effects.stiffness_field import StiffnessField
 from scan2flex_jax.effects.stiffness_profile import StiffnessProfile
 from scan2flex_jax.effects.stiffness_taper import StiffnessTaper
+from scan2flex_jax.inference.answer import UNBELIEVED
 from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.quantities import averaging, known
 
@@ -32,6 +34,10 @@ class StiffnessAlong:
     factor: np.ndarray = field(repr=False)
     absolute: bool = True
 
+    def withheld(self) -> "StiffnessAlong":
+        """Without its band, which holds for a model that is believed only."""
+        return replace(self, low=np.full_like(self.low, np.nan), high=np.full_like(self.high, np.nan))
+
     def at(self, s: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """EI (N m^2) at arc lengths ``s`` (m), and the ends of its band."""
         bending, low, high = (np.exp(np.interp(s, self.s, np.log(x))) for x in (self.bending, self.low, self.high))
@@ -45,12 +51,21 @@ class StiffnessAlong:
         return (f"EI along the cable (N m^2): {', '.join(told)}{relative}",)
 
     def to_json(self) -> dict:
-        """Lists, under the names of the fields."""
+        """Lists, under the names of the fields; without a band that is withheld."""
         arrays = {"s": self.s, "bending": self.bending, "low": self.low, "high": self.high, "factor": self.factor}
-        return {name: x.tolist() for name, x in arrays.items()} | {"absolute": self.absolute}
+        known = {name: x.tolist() for name, x in arrays.items() if np.all(np.isfinite(x))}
+        return known | {"absolute": self.absolute}
+
+
+def withheld(result: Any) -> Any:
+    """A fit or an explanation that is not believed, without its intervals."""
+    along = None if result.along is None else result.along.withheld()
+    return replace(result, estimates={n: e.withheld() for n, e in result.estimates.items()}, along=along)
 
 
 def _band(value, low, high):
+    if not np.isfinite(high):
+        return UNBELIEVED
     return f"[{low:.2g}, {high:.2g}]" if high < _VAGUE * value else "(not determined)"
 
 

@@ -13,7 +13,7 @@ from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference import shapes, variants
-from scan2flex_jax.inference.along import stiffness_along
+from scan2flex_jax.inference.along import stiffness_along, withheld
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
@@ -113,7 +113,7 @@ def explain(
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
     answer = replace(_explanation(first, search, decision, began, gates, coarse, told), record=kept)
-    return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
+    return answer if answer.believable else withheld(answer)
 
 
 def _since(began: float) -> float:
@@ -154,7 +154,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         estimates=shapes.without({name: every[name] for name in fitted.estimates}, fitted.open),
         poses=poses,
         settle=_settle(d) if d.verdict == TIE else (),
-        sentences=(*map(str, findings), *(s for x in (*laws, along) if x for s in x.sentences()), *told),
+        sentences=(*map(str, findings), *(s for law in laws for s in law.sentences()), *told),
         gates=gates,
         seconds=_since(began),
         load=load,

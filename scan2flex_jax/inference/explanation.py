@@ -270,7 +270,7 @@ class Explanation:
         """The explanation in plain text, about one page: answer, findings, and every estimate and pose."""
         lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences if self.mistakes)]
         lines += [*self.answer.lines(), ""]
-        lines += [f"  {s}" for s in self.sentences if not self.mistakes]
+        lines += [f"  {s}" for s in (*self.sentences, *(self.along.sentences() if self.along else ())) if not self.mistakes]
         if self.noise is None or self.fit is None:
             return "\n".join(lines)
         lines += [""] * bool(self.chosen) + [f"  {_effect_line(r, self.fit.study)}" for r in self.chosen]

@@ -219,6 +219,7 @@ class Fit:
         answer = replace(answer, doubts=tuple(s for s in answer.doubts if s not in first))
         lines = [self.study.title, *(f"  {s}" for s in first), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
+        lines += [] if self.along is None else [f"  {s}" for s in self.along.sentences()] + [""]
         lines += [*_correlation_lines(self), *self._pose_lines()]
         lines += ["", f"  residual as noise: {noise_in_words(self.noise, self.problem.length)}"]
         said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}

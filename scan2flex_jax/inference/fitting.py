@@ -6,7 +6,6 @@ mode of the posterior (`posterior`): noise, discrepancy and parameters together,
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -21,7 +20,7 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference.along import stiffness_along
+from scan2flex_jax.inference.along import stiffness_along, withheld
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
@@ -146,7 +145,7 @@ def fitted(
         poses=poses,
         noise=noise,
         discrepancy=discrepancy,
-        sentences=(*map(str, likely), *misfits, *said, *_known(known, (*laws, along), estimates), *verdict),
+        sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
         valid=valid,
         judgement=judgement,
         reservation=reservation,
@@ -164,7 +163,7 @@ def fitted(
         laws=laws,
         along=along,
     )
-    return result if result.believable else replace(result, estimates={n: e.withheld() for n, e in estimates.items()})
+    return result if result.believable else withheld(result)
 
 
 def _at_mode(h, minimum) -> Minimum:
@@ -176,8 +175,8 @@ def _at_mode(h, minimum) -> Minimum:
 
 
 def _known(known, laws, estimates):
-    """Sentences on undetermined values, on laws (and EI along the cable) that are not None, and on values at a bound."""
-    return (*known.sentences, *(s for law in laws if law for s in law.sentences()), *_bound_sentences(estimates))
+    """Sentences on undetermined values, on laws, and on values at a bound."""
+    return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
 
 
 def _minimum(problem, _, method, progress, mistakes):
