@@ -171,6 +171,19 @@ def sensors(results):
     return [(words, measured(value), target) for words, value, target in scan_alarms.scored(results["rows"])]
 
 
+RODS_HEAD = ("rod: form, and EI at the grip over that at the tip", "found, and tied with it", "poses never fitted, mm",
+             "EI off by at most", "EI in its band")  # fmt: skip
+
+
+@table("accuracy.md", "rods", RODS_HEAD, "rods")
+def rods(results):
+    for name, r in results["rods"].items():
+        told = "; ".join(" + ".join(kind.replace("_", " ") for kind in kinds) or "nothing" for kinds in r["found"])
+        before, after = r["unseen_mm"]
+        along = (f"{100 * r['off']:.0f} %", f"{100 * r['held']:.0f} %") if "off" in r else (None, None)
+        yield name, told, f"{before:.1f}, then {after:.1f}", *along
+
+
 KINECT_HEAD = ("mean node error over length", "all four fitted", "published: adapted rod, MuJoCo",
                "left out, clamps as read: mean (worst) of poses solved", "left out, clamps within tolerances")  # fmt: skip
 
