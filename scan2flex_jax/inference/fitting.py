@@ -6,6 +6,7 @@ mode of the posterior (`posterior`): noise, discrepancy and parameters together,
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
