@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # for annotations only: drawing needs no import of these type
 Beside = Mapping[str, tuple[np.ndarray, np.ndarray]]
 MEASURED, BAND, _MODELLED, _BEFORE = "#555d66", "#dddddd", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
+_EVEN = "nothing lets the stiffness vary along this cable: there is no stiffness to draw"
 _BROADEST = 7.0  # points: a line where the cable is stiffest
 _DECADES = 5.0  # largest over smallest stiffness from which on it is drawn in logarithms
 _HARDLY_SEEN = 100.0  # usual sizes: an effect that needs more is drawn there
@@ -337,7 +338,7 @@ def stiffness(fit: "Fit | Explanation", ax: Axes | None = None, beside: Beside |
     ax = plt.subplots()[1] if ax is None else ax
     found = fit.along
     if found is None:
-        raise Scan2FlexError("nothing lets the stiffness vary along this cable: there is no stiffness to draw")
+        raise Scan2FlexError(_EVEN)
     if np.all(np.isfinite(found.high)):
         ax.fill_between(found.s, found.low, found.high, color=_MODELLED, alpha=0.25, lw=0, label="95 % band")
     ax.plot(found.s, found.bending, color=_MODELLED, lw=1.5, label="EI from the shapes")
@@ -353,6 +354,8 @@ def stiffness(fit: "Fit | Explanation", ax: Axes | None = None, beside: Beside |
 def varied(explanation: "Explanation", beside: Beside | None = None) -> Figure:
     """A figure of a cable whose stiffness varies: the poses that were never fitted (all, where none is held out), measured,
     before and after, with lines as broad as the cable is stiff, and the stiffness along it, ``beside`` what is known."""
+    if explanation.along is None:
+        raise Scan2FlexError(_EVEN)
     figure = plt.figure(figsize=(11.5, 4.4), layout="constrained")
     ax, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
     poses = explanation.poses
@@ -372,17 +375,13 @@ def varied(explanation: "Explanation", beside: Beside | None = None) -> Figure:
     held_out = poses[unseen[0]].role == "validate"
     ax.set_title(f"{len(unseen)} poses{' that were never fitted' if held_out else ''}", fontsize=10, pad=36)
     _legend(ax)
-    if explanation.along is not None:
-        stiffness(explanation, right, beside).set_title("stiffness along the cable", fontsize=10, pad=36)
+    stiffness(explanation, right, beside).set_title("stiffness along the cable", fontsize=10, pad=36)
     _titled(figure, explanation.study.title)
     return figure
 
 
 def _as_broad(ax, curve, along, label):
     """A curve as broad as it is stiff: with the fourth root, as the diameter of a solid section."""
-    if along is None:
-        ax.plot(*curve.T, color=_MODELLED, lw=1.5, label=label)
-        return
     at = np.linspace(0.0, 2.0 * along.s[-1] - along.s[-2], len(curve))
     root = along.at(0.5 * (at[1:] + at[:-1]))[0] ** 0.25
     steps = list(np.stack([curve[:-1], curve[1:]], axis=1))
