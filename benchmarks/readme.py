@@ -1,23 +1,27 @@
-"""The first screen of the README: the find of `scan2flex demo`, and the first lines of a fit.
+"""The first screen of the README: what `scan2flex demo` finds, and the first lines of a fit.
 
-`python -m benchmarks.readme`. Find (`docs/find.png`): measured and modelled shapes of the simulated cable with a sleeve that
-its study does not mention. Lines: the opening of the first fit of docs/first-cable.md, without the time. The picture of a real
+`python -m benchmarks.readme [rod] [find] [lines]`. Rod (`docs/rod.png`): the stiffness along a bamboo rod from how it droops,
+beside calipers. Find (`docs/find.png`): measured and modelled shapes of the simulated cable with a sleeve that its study does
+not mention. Lines: the opening of the first fit of docs/first-cable.md, without the time. The picture of a real
 wire is made by `benchmarks.kinect_wires`.
 """
 
 import re
 import shutil
+import sys
 import tempfile
 import tomllib
 from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import numpy as np
 from typer.testing import CliRunner
 
-from benchmarks.record import record
+from benchmarks.record import record, recorded
 from scan2flex_jax import explain, fit, load_study, plot
 from scan2flex_jax.cli.app import app
+from scan2flex_jax.cli.demo import PLACES, calipers
 from scan2flex_jax.cli.setup import prepare_jax
 from scan2flex_jax.examples import example_path
 
@@ -48,6 +52,20 @@ def find() -> dict:
     }
 
 
+def rod() -> dict:
+    """Error (m) before and after, what was found, and EI (N m^2) with its band beside that of the calipers."""
+    folder = example_path("bamboo-rod")
+    e, (s, EI) = explain(load_study(folder)), calipers(folder)
+    plot.save(plot.varied(e, {"calipers": (s[s >= 0], EI[s >= 0])}), DOCS / "rod.png", dpi=110)
+    true, (found, low, high) = np.exp(np.interp(PLACES, s, np.log(EI))), e.along.at(np.array(PLACES))
+    return {
+        "verdict": e.verdict,
+        "found": [list(h.names) for h in (e.decision.best, *e.decision.tied)],
+        "unseen": [e.rms("validate", after=False), e.rms("validate")],
+        "at": list(PLACES), "EI": found.tolist(), "low": low.tolist(), "high": high.tolist(), "calipers": true.tolist(),
+    }  # fmt: skip
+
+
 def first_lines() -> list[str]:
     """The output of the tutorial's first fit up to the errors of its poses."""
     with tempfile.TemporaryDirectory() as folder:
@@ -67,7 +85,9 @@ def opening(summary: str) -> list[str]:
 def main() -> None:
     prepare_jax()
     mpl.use("Agg")
-    record("readme", {"find": find(), "lines": first_lines()})
+    parts = {"rod": rod, "find": find, "lines": first_lines}
+    wanted = sys.argv[1:] or list(parts)
+    record("readme", recorded("readme") | {name: parts[name]() for name in wanted})
 
 
 if __name__ == "__main__":

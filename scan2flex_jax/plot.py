@@ -1,9 +1,9 @@
 """Plots of a fit, an explanation or a sweep, on matplotlib axes that each function takes and returns.
 
 Arguments are the object, the part of it to show, then the axes (created by default): `shapes`, `errors`, `residual`,
-`comparison`, `load`, `law`, `basins`, `expected`. `overview` and `explained` are whole figures of these plots; `save` writes
-one. The page of `report` uses the same plots. The state before is drawn broad and pale under the state after; legends stand
-above the axes.
+`comparison`, `load`, `law`, `stiffness`, `basins`, `expected`. `overview`, `explained` and `varied` are whole figures;
+`save` writes one. The page of `report` uses the same plots. The state before is drawn broad and pale under the state after;
+legends stand above the axes.
 """
 
 import io
@@ -16,6 +16,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from scan2flex_jax.errors import Scan2FlexError
@@ -28,8 +29,12 @@ if TYPE_CHECKING:  # for annotations only: drawing needs no import of these type
     from scan2flex_jax.inference import Expectation, Explanation, Fit
     from scan2flex_jax.study import Study
 
+Beside = Mapping[str, tuple[np.ndarray, np.ndarray]]
 MEASURED, BAND, _MODELLED, _BEFORE = "#555d66", "#dddddd", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
+_EVEN = "nothing lets the stiffness vary along this cable: there is no stiffness to draw"
+_BROADEST = 7.0  # points: a line where the cable is stiffest
+_DECADES = 5.0  # largest over smallest stiffness from which on it is drawn in logarithms
 _HARDLY_SEEN = 100.0  # usual sizes: an effect that needs more is drawn there
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
 _COLUMNS = 3  # of panels in a figure, and of a legend
@@ -60,14 +65,14 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     names = list(fit.poses) if pose is None else [pose]
     if pose is not None and pose not in fit.poses:
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
-    axes, labels = _plane(np.concatenate([fit.poses[name].measured for name in names]), np.asarray(fit.study.gravity))
+    seen = {name: _seen(fit, name) for name in names}
+    axes, labels = _plane(np.concatenate(list(seen.values())), np.asarray(fit.study.gravity))
     before = _before(fit) if pose is not None else None
     for i, name in enumerate(names):
         p, colour = fit.poses[name], _MODELLED if pose is not None else f"C{i % 10}"
         if before is not None and before.poses[name].stable:
             ax.plot(*(before.poses[name].modelled @ axes.T).T, color=_BEFORE, label="before", **_PALE)
-        flat = p.measured @ axes.T
-        ax.plot(*flat.T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured" if i == 0 else None)
+        ax.plot(*(seen[name] @ axes.T).T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured" if i == 0 else None)
         if p.stable:
             ax.plot(*(p.modelled @ axes.T).T, color=colour, lw=1.5, label=_modelled_as(fit, name, pose))
     ax.set_aspect("equal", adjustable="datalim")
@@ -91,6 +96,16 @@ def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
     ax.set_title(_named(pose), fontsize=10, pad=22)
     _legend(ax)
     return ax
+
+
+def _seen(fit, name):
+    """Measured points of a pose (m); coordinates that were not measured are those of the model at the same arc length."""
+    p, markers = fit.poses[name], fit.study.pose(name).markers
+    if markers is None or markers.measured == "xyz" or not p.stable or len(p.measured) != len(markers.points):
+        return p.measured
+    at = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(p.modelled, axis=0), axis=1))]
+    known = np.array([axis in markers.measured for axis in "xyz"])
+    return np.where(known, p.measured, np.stack([np.interp(p.s, at, x) for x in p.modelled.T], axis=1))
 
 
 def _modelled_as(fit, name, pose):
@@ -315,6 +330,66 @@ def law(fit: "Fit | Explanation", kind: str | None = None, ax: Axes | None = Non
     return ax
 
 
+def stiffness(fit: "Fit | Explanation", ax: Axes | None = None, beside: Beside | None = None) -> Axes:
+    """EI along the cable (N m^2) with its 95 % band, of a fit or an explanation with an effect that lets it vary.
+
+    ``beside``: EI (N m^2) at arc lengths (m) by other means, under its name.
+    """
+    ax = plt.subplots()[1] if ax is None else ax
+    found = fit.along
+    if found is None:
+        raise Scan2FlexError(_EVEN)
+    if np.all(np.isfinite(found.high)):
+        ax.fill_between(found.s, found.low, found.high, color=_MODELLED, alpha=0.25, lw=0, label="95 % band")
+    ax.plot(found.s, found.bending, color=_MODELLED, lw=1.5, label="EI from the shapes")
+    for name, (s, EI) in (beside or {}).items():
+        ax.plot(s, EI, ls="", marker="o", ms=5, mfc="white", mec="k", mew=1.2, label=name)
+    if np.max(found.bending) > _DECADES * np.min(found.bending):
+        ax.set(yscale="log", ylim=(0.3 * np.min(found.bending), 3.0 * np.max(found.bending)))
+    ax.set(xlabel="arc length s (m)", ylabel="bending stiffness (N m$^2$)")
+    _legend(ax)
+    return ax
+
+
+def varied(explanation: "Explanation", beside: Beside | None = None) -> Figure:
+    """A figure of a cable whose stiffness varies: the poses that were never fitted (all, where none is held out), measured,
+    before and after, with lines as broad as the cable is stiff, and the stiffness along it, ``beside`` what is known."""
+    if explanation.along is None:
+        raise Scan2FlexError(_EVEN)
+    figure = plt.figure(figsize=(11.5, 4.4), layout="constrained")
+    ax, right = figure.subplots(1, 2, width_ratios=(1.35, 1.0))
+    poses = explanation.poses
+    unseen = [name for name, p in poses.items() if p.role == "validate" and p.stable] or list(poses)
+    axes, labels = _plane(np.concatenate([_seen(explanation, name) for name in poses]), np.asarray(explanation.study.gravity))
+    rms = [1e3 * explanation.rms(poses[unseen[0]].role, after) for after in (False, True)]
+    for i, name in enumerate(unseen):
+        said = ("measured", f"as declared: {rms[0]:.1f} mm off", f"as found: {rms[1]:.1f} mm off") if i == 0 else (None,) * 3
+        before = None if explanation.fit is None else explanation.fit.poses[name].modelled
+        if before is not None:
+            ax.plot(*(before @ axes.T).T, color=_BEFORE, label=said[1], lw=2.0, alpha=0.8)
+        _as_broad(ax, poses[name].modelled @ axes.T, explanation.along, said[2])
+        points = {"ls": "", "marker": "o", "ms": 4.5, "mfc": "white", "mec": "k", "mew": 1.0, "zorder": 5}
+        ax.plot(*(_seen(explanation, name) @ axes.T).T, **points, label=said[0])
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set(xlabel=labels[0], ylabel=labels[1])
+    held_out = poses[unseen[0]].role == "validate"
+    ax.set_title(f"{len(unseen)} poses{' that were never fitted' if held_out else ''}", fontsize=10, pad=36)
+    _legend(ax)
+    stiffness(explanation, right, beside).set_title("stiffness along the cable", fontsize=10, pad=36)
+    _titled(figure, explanation.study.title)
+    return figure
+
+
+def _as_broad(ax, curve, along, label):
+    """A curve as broad as it is stiff: with the fourth root, as the diameter of a solid section."""
+    at = np.linspace(0.0, 2.0 * along.s[-1] - along.s[-2], len(curve))
+    root = along.at(0.5 * (at[1:] + at[:-1]))[0] ** 0.25
+    steps = list(np.stack([curve[:-1], curve[1:]], axis=1))
+    pieces = LineCollection(steps, linewidths=_BROADEST * root / root.max(), colors=_MODELLED)
+    pieces.set(label=label, capstyle="round")
+    ax.add_collection(pieces)
+
+
 def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
     """Equivalent load (N/m, scan frame) common to all poses, with its 95 % band: where a cause acts, not which one."""
     ax = plt.subplots()[1] if ax is None else ax
@@ -332,14 +407,16 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
 
 
 def explained(explanation: "Explanation") -> Figure:
-    """A figure with the comparison of hypotheses, the equivalent load, and every pose's residual before and after."""
+    """A figure with the comparison of hypotheses, the equivalent load (the stiffness along the cable where it varies), and the
+    residual of every pose before and after."""
     names = list(explanation.poses)
     columns = max(2, _columns(len(names)))
     rows = -(-len(names) // columns) + 1
     figure = plt.figure(figsize=(4.6 * columns, 3.6 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
     comparison(explanation, figure.add_subplot(grid[0, : columns - 1]))
-    load(explanation, figure.add_subplot(grid[0, columns - 1]))
+    panel = load if explanation.along is None else stiffness
+    panel(explanation, figure.add_subplot(grid[0, columns - 1]))
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))
     _titled(figure, f"{explanation.study.title}: {explanation.verdict}")

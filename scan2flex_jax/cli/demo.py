@@ -1,4 +1,4 @@
-"""The command demo: a find whose truth is known, and a real wire."""
+"""The command demo: a find whose truth is known, and a real rod beside its calipers."""
 
 import tomllib
 from collections.abc import Iterator
@@ -11,8 +11,10 @@ from scan2flex_jax.cli.options import Force, Quiet, draw_explanation, drawing, e
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import say
 
-_FIND, _WIRE = "hidden-sleeve", "black-wire"
+_FIND, _ROD = "hidden-sleeve", "bamboo-rod"
 _RIVALS = 3  # that are shown
+OWNERS_MODULUS = 7.32e6 * 6894.757  # Pa: the owner's fit of another model, with the calipers known
+PLACES = (0.3, 0.6, 0.9, 1.2, 1.5, 1.7)  # m along the rod
 
 
 def demo(
@@ -22,7 +24,8 @@ def demo(
     force: Force = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find what the study of a simulated cable does not mention, compare it with the truth, and fit a real wire.
+    """Find what the study of a simulated cable does not mention, compare it with the truth, and the stiffness along a real rod
+    from how it droops, beside calipers.
 
     Example: scan2flex demo --out pictures
     """
@@ -31,14 +34,12 @@ def demo(
     from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
     outputs = Outputs(force=force)
-    wire_files = [out / f"{_WIRE}.{kind}" for kind in ("png", "json")]
-    outputs.claim(*explanation_pictures(out), out / "explanation.json", *wire_files)
+    rod_files = [out / f"{_ROD}.{kind}" for kind in ("png", "json")]
+    outputs.claim(*explanation_pictures(out), out / "explanation.json", *rod_files)
     prepare_jax()
     from scan2flex_jax.inference import explain  # noqa: PLC0415
-    from scan2flex_jax.inference.fitting import fitted  # noqa: PLC0415
-    from scan2flex_jax.inference.program import slots_of  # noqa: PLC0415
 
-    cable, wire = (load_study(example_path(name)) for name in (_FIND, _WIRE))
+    cable, rod = (load_study(example_path(name)) for name in (_FIND, _ROD))
     truth = tomllib.loads((example_path(_FIND) / "truth.toml").read_text("utf-8"))
     with progress(f"explaining {cable.title}", quiet) as tell:
         found = explain(cable, progress=tell)
@@ -46,24 +47,56 @@ def demo(
     draw_explanation(found, out, outputs.write)
     outputs.write_json(out / "explanation.json", found.to_json())
     say(f"  pictures    {', '.join(map(str, explanation_pictures(out)))}\n")
-    with progress(f"fitting {wire.title}", quiet) as tell:
-        fit = fitted(wire, progress=tell, slots=slots_of(wire))  # by the functions that the search has compiled
-    say(f"{wire.title}:\n  {_in_a_line(fit)}")
+    with progress(f"explaining {rod.title}", quiet) as tell:
+        found = explain(rod, progress=tell)
+    s, EI = calipers(example_path(_ROD))
+    say("\n".join([f"{rod.title}: {found.verdict}", *(f"  {line}" for line in _rod(found, s, EI))]))
     plot = drawing()
-    plot.save(plot.overview(fit), wire_files[0], write=outputs.write)
-    outputs.write_json(wire_files[1], fit.to_json())
-    say(f"  picture     {wire_files[0]}")
+    plot.save(plot.varied(found, {"calipers": (s[s >= 0], EI[s >= 0])}), rod_files[0], write=outputs.write)
+    outputs.write_json(rod_files[1], found.to_json())
+    say(f"  picture     {rod_files[0]}")
 
 
-def _find(e, truth) -> Iterator[str]:
-    """What was found, from what it was told apart, and the truth."""
+def calipers(folder: Path):
+    """Arc lengths (k,) in m and EI (k,) in N m^2 of the rod by calipers: a hexagon of its width across flats, of the owner's
+    modulus."""
+    import numpy as np  # noqa: PLC0415
+
+    s, across = np.loadtxt(folder / "calipers.csv", delimiter=",", skiprows=1).T
+    return s, OWNERS_MODULUS * 5.0 * np.sqrt(3.0) / 144.0 * across**4
+
+
+def _errors(e) -> Iterator[str]:
+    """The error before and after, in fitted poses and in others."""
     from scan2flex_jax.inference.answer import in_mm  # noqa: PLC0415
-    from scan2flex_jax.inference.explanation import parameter_in_words  # noqa: PLC0415
-    from scan2flex_jax.inference.fit_result import in_words  # noqa: PLC0415
 
     for role, which in (("fit", "fitted poses"), ("validate", "poses that were never fitted")):
         count = sum(p.role == role for p in e.poses.values())
         yield f"error       {in_mm(e.rms(role, after=False))} -> {in_mm(e.rms(role))} mm in {count} {which}"
+
+
+def _rod(e, s, EI) -> Iterator[str]:
+    """What was found along the rod, beside the calipers that the study does not hold."""
+    import numpy as np  # noqa: PLC0415
+
+    from scan2flex_jax.inference.words import found_in_words  # noqa: PLC0415
+
+    yield from _errors(e)
+    yield f"found       {found_in_words(e)}"
+    if e.along is not None:
+        yield "stiffness   EI from the droop, N m^2          by calipers"
+        for at in PLACES:
+            value, low, high = e.along.at(at)
+            caliper = np.exp(np.interp(at, s, np.log(EI)))
+            yield f"  at {at:.1f} m    {value:6.3g}  ({low:.2g} to {high:.2g})".ljust(46) + f"{caliper:.3g}"
+
+
+def _find(e, truth) -> Iterator[str]:
+    """What was found, from what it was told apart, and the truth."""
+    from scan2flex_jax.inference.explanation import parameter_in_words  # noqa: PLC0415
+    from scan2flex_jax.inference.fit_result import in_words  # noqa: PLC0415
+
+    yield from _errors(e)
     for r in e.chosen:
         true = truth["effect"] if r.kind == truth["effect"]["kind"] else {}
         yield f"found       {_spaced(r.kind)}"
@@ -77,15 +110,6 @@ def _find(e, truth) -> Iterator[str]:
     for name, value in truth["cable"].items():
         after = in_words(e.estimates[name])
         yield f"  {_spaced(name):<20}{e.fit.estimates[name].value:.4g} -> {after}   (truth: {value:.4g})"
-
-
-def _in_a_line(fit) -> str:
-    """What can be said of a fit."""
-    from scan2flex_jax.inference.answer import in_mm  # noqa: PLC0415
-
-    off = " and ".join(f"{in_mm(p.rms)} mm in {name} ({p.role})" for name, p in fit.poses.items())
-    worth = "worth believing" if fit.believable else "not to be believed: its model lacks what `scan2flex explain` looks for"
-    return f"EI {fit.estimates['bending_stiffness'].value:.3g} N m^2 leaves {off}, which is {worth}"
 
 
 def _spaced(name):

@@ -32,8 +32,8 @@ class DensityTaper(AbstractEffect):
 
 ENTRY = CatalogueEntry(
     DensityTaper, ("taper",),
-    lambda c: np.array([0.15]),  # ends that differ in weight by a third
-    **plain("taper", DensityTaper), bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+    lambda c: np.array([0.25]),  # half that of the stiffness: EI of a solid section goes with the square of its mass
+    **plain("taper", DensityTaper), bounds_of=lambda c: (np.full(1, -3.0), np.full(1, 3.0)),
     signature="the lowest point lies towards one end of the cable, whichever way round it hangs",
     settle="find the cable's centre of mass on an edge",
 )  # fmt: skip

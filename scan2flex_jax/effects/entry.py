@@ -146,7 +146,8 @@ class CatalogueEntry:
 
     For verdicts: ``same_shapes`` lists alternatives with the same shapes. A ``field`` has an arbitrary form: along the cable it
     is a description and no cause; one that is ``late``, a law over the strain, is tried after all others, where they leave a
-    discrepancy or have its shapes. An effect type that is not ``searched`` has to be declared.
+    discrepancy or have its shapes. One that ``varies`` has an arbitrary form too, and is a cause like any: the stiffness along
+    a cable. An effect type that is not ``searched`` has to be declared.
     ``signature``: a description of its residual. ``settle``: the measurement that would resolve a tie.
     """
 
@@ -166,6 +167,7 @@ class CatalogueEntry:
     same_shapes: tuple[SameShapes, ...] = ()
     field: bool = False
     late: bool = False
+    varies: bool = False
     searched: bool = True
     rescaled: Callable[[Any, Site, Context], dict[str, float]] = _not_rescaled
     like: Callable[[Any, Any, Site], np.ndarray | None] = _like_nothing

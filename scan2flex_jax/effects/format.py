@@ -32,6 +32,7 @@ def parameter(
     per_point: bool = False,
     estimable: bool = True,
     walk: float = 0.0,
+    smooth: float = 0.0,
     optional: bool = False,
 ) -> Any:
     """A field that a study may declare: its ``unit``, the shape of one value, and the rest as in `ParameterFormat`.
@@ -43,7 +44,7 @@ def parameter(
     _check("domain of a parameter", domain, get_args(Domain))
     said = {
         "unit": unit, "shape": shape, "domain": domain, "per_end": per_end, "per_point": per_point, "estimable": estimable,
-        "walk": walk, "optional": optional,
+        "walk": walk, "smooth": smooth, "optional": optional,
     }  # fmt: skip
     default = 0.0 if optional else default
     convert = _of_rows(shape) if per_point else _of_shape((2, *shape) if per_end else shape)

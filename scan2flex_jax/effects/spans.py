@@ -7,8 +7,11 @@ over elements are in closed form (or by quadrature inside elements), so that sol
 the mesh even with an edge inside an element, and are smooth in position and width. All lengths in m.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -19,6 +22,7 @@ from scan2flex_jax.rod.effect import Section
 
 EDGE = 0.02  # of L: the length over which an edge is smoothed (study format)
 NARROWEST = 0.005  # of L: a quarter of the smoothing; a smaller width changes no shape visibly
+_NEAR, _NEAR_WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(3))  # of the length of an element, about its middle
 _POINTS, _WEIGHTS = (0.5 * (x + shift) for x, shift in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0), strict=True))
 
 
@@ -97,13 +101,13 @@ def hat_field(section: Section, values: Float[Array, "m ..."], length) -> Float[
 
 
 def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array, " m"] | None, length):
-    """A field at the midpoints of the elements: smooth between given places ``s`` (m), or a `hat_field` if ``s`` is None.
+    """A field at the midpoints of the elements: a `spline` through places ``s`` (m), or a `hat_field` if ``s`` is None."""
+    return hat_field(section, values, length) if s is None else spline(section.s, s, values)
 
-    The smooth curve is the natural cubic spline; outside the first and the last place it is constant.
-    """
-    if s is None:
-        return hat_field(section, values, length)
-    h, at = jnp.diff(s), jnp.clip(section.s, s[0], s[-1])
+
+def spline(at: Float[Array, " n"], s: Float[Array, " m"], values: Float[Array, "m k"]) -> Float[Array, "n k"]:
+    """The natural cubic spline through ``values`` at ``s`` (m), at places ``at`` (m); constant outside."""
+    h, at = jnp.diff(s), jnp.clip(at, s[0], s[-1])
     slope = jnp.diff(values, axis=0) / h[:, None]
     bend = jnp.zeros_like(values)  # second derivative at the places
     if len(h) > 1:
@@ -113,6 +117,23 @@ def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array,
     t, left, right = (at - s[i])[:, None], (s[i + 1] - at)[:, None], bend[i + 1]
     straight = values[i] + slope[i] * t
     return straight - t * left / 6.0 * (bend[i] + right + (left * bend[i] + t * right) / h[i][:, None])
+
+
+def element_means(section: Section, field: Callable) -> Float[Array, " n"]:
+    """Mean over each element of a smooth ``field`` of arc length (m)."""
+    at = section.s[:, None] + section.ds * jnp.array(_NEAR)
+    return field(at.ravel()).reshape(at.shape) @ jnp.array(_NEAR_WEIGHTS)
+
+
+def grown(section: Section, log_factor: Callable) -> Section:
+    """Sections with EI and GJ times ``exp(log_factor(s))``, smooth in arc length (m), to fourth order in the mesh.
+
+    The stiffness of an element is the mean over it; the mean of a product has a term in the slopes of its factors.
+    """
+    growth = jax.jvp(log_factor, (section.s,), (jnp.ones_like(section.s),))[1]
+    before = jnp.zeros_like(growth) if section.growth is None else section.growth
+    factor = element_means(section, lambda s: jnp.exp(log_factor(s))) * jnp.exp(section.ds**2 / 12.0 * before * growth)
+    return replace(section, stiffness=scaled_bending(section, factor), growth=before + growth)
 
 
 def scaled_bending(section: Section, factor: Float[Array, " n"]) -> Float[Array, "n 6 6"]:

@@ -40,5 +40,6 @@ ENTRY = CatalogueEntry(
     signature="one span bends less (or more) than it should in every pose",
     settle="look and feel at the named span, or bring it to where the cable is bent most",
     same_shapes=(SameShapes("elastic_clamp", "a span at a clamp"),
-                 SameShapes("length_error", "a stiff span that begins at a clamp")),
+                 SameShapes("length_error", "a stiff span that begins at a clamp"),
+                 SameShapes("stiffness_field", "when its ends are not sharp")),
 )  # fmt: skip

@@ -4,17 +4,17 @@ logarithm of the ratio of the stiffnesses at the two ends; the middle is unchang
 
 from typing import ClassVar
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.effects.builders import plain
-from scan2flex_jax.effects.entry import CatalogueEntry
+from scan2flex_jax.effects.entry import CatalogueEntry, SameShapes
 from scan2flex_jax.effects.format import parameter
-from scan2flex_jax.effects.spans import scaled_bending
+from scan2flex_jax.effects.spans import grown
 from scan2flex_jax.rod.effect import AbstractEffect, Section
+
+MOST_TAPER = 5.0  # a factor of 20,000 from end to end: a fly rod of bamboo has 300
 
 
 class StiffnessTaper(AbstractEffect):
@@ -27,14 +27,15 @@ class StiffnessTaper(AbstractEffect):
 
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """Sections with tapered stiffness."""
-        factor = jnp.exp(self.taper * (2.0 * section.s / length - 1.0))
-        return eqx.tree_at(lambda x: x.stiffness, section, scaled_bending(section, factor))
+        return grown(section, lambda s: self.taper * (2.0 * s / length - 1.0))
 
 
 ENTRY = CatalogueEntry(
     StiffnessTaper, ("taper",),
-    lambda c: np.array([0.2]),  # ends that differ in stiffness by half
-    **plain("taper", StiffnessTaper), bounds_of=lambda c: (np.full(1, -2.0), np.full(1, 2.0)),
+    lambda c: np.array([0.5]),  # ends that differ in stiffness by a factor of e: the shafts of catheters, brushes, stems
+    **plain("taper", StiffnessTaper),
+    bounds_of=lambda c: (np.full(1, -MOST_TAPER), np.full(1, MOST_TAPER)),
     signature="one half of the cable bends more than the other, whichever way round it hangs",
     settle="swap the two ends of the cable in one pose",
+    same_shapes=(SameShapes("stiffness_field", "when its logarithm grows evenly"),),
 )  # fmt: skip

@@ -185,6 +185,12 @@ class Evaluator:
         ]
         return replace(self.poses, templates=tuple(models), group=tuple(range(len(models))))
 
+    def state(self, i: int, shared, local) -> tuple[states.State, states.State]:
+        """The state of pose ``i`` at these numbers, without its history, and its derivatives (leading axis)."""
+        x = np.concatenate([shared, local[i]])
+        given = self.layout, self.poses.template(i), one(self.poses.boundary, i), x, self.slots, self.elements
+        return _state(*given, self._rows(x, derivative=True))
+
     def rod(self, i: int, shared, local) -> Rod:
         """The rod of pose ``i`` at these numbers, with its energy laws; without its history."""
         given = self.poses.template(i), one(self.poses.boundary, i), np.concatenate([shared, local[i]]), self.slots

@@ -116,7 +116,7 @@ def levenberg_marquardt(
         most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
         settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, judged=True, damping=1e-3, least=1e-12,
         give_up=GIVE_UP, closer=None if start is None else lambda cost: _CLOSER * cost,
-        hopeless=goal.beat, progress=goal.progress,
+        hopeless=goal.beat, progress=goal.progress, bend=model.bends,
     )  # fmt: skip
     found = descend(model, model.of(np.r_[shared, local.ravel()], e), rules)
     shared, local = model.split(found.point.x)
@@ -135,6 +135,7 @@ class _FitModel(Model):
         self.shared, rest = len(began), int(np.prod(shape))
         free = np.full(rest, np.inf)
         self.began, self.low, self.high = np.r_[began, np.zeros(rest)], np.r_[goal.low, -free], np.r_[goal.high, free]
+        self.bends = any(slot.root for slot in goal.evaluator.layout.slots)  # a field's components trade in curved valleys
         self.weak = np.r_[np.broadcast_to(goal.weak, self.shared), np.zeros(rest)]
 
     def split(self, x):
@@ -143,7 +144,15 @@ class _FitModel(Model):
 
     def of(self, x, e: Evaluation) -> Point:
         """The point of a known evaluation at ``x``."""
-        return Point(x, self.goal.cost(e, *self.split(x)), e.configuration, e)
+        rows = self._rows(e) if self.bends else ()
+        return Point(x, self.goal.cost(e, *self.split(x)), e.configuration, e, *rows)
+
+    def _rows(self, e):
+        """Weighted residuals (k,) and their Jacobian (k, n) of all poses."""
+        J = e.jacobian / self.goal.sigma[:, None, None, None]
+        each, n = J.reshape(len(J), -1, J.shape[-1]), self.shared
+        own = [np.kron(np.eye(len(J))[i], x[:, n:]) for i, x in enumerate(each)]
+        return (e.residual / self.goal.sigma[:, None, None]).ravel(), np.c_[J[..., :n].reshape(-1, n), np.concatenate(own)]
 
     def at(self, x, start=None) -> Point:
         return self.of(x, self.goal.evaluator(*self.split(x), start=start))

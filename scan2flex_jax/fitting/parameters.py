@@ -19,6 +19,7 @@ from scipy.linalg import block_diag
 from scan2flex_jax.effects import effect_of, ordered
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.geometry import lie
+from scan2flex_jax.geometry.fields import middle_root
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
@@ -50,6 +51,7 @@ class Slot:
     the end (0 start, 1 end) of a parameter with a value per end in a study that clamps only one.
 
     ``walk``: ``x`` holds the increments of the logarithm from point to point of a law, from 0 before the first; a random walk.
+    ``root``: ``x`` holds independent components of a smooth random field, which this matrix (rows) turns into its values.
     """
 
     name: str
@@ -62,6 +64,7 @@ class Slot:
     end: int = 0
     prior: tuple[tuple[float, ...], tuple[float, ...]] | None = None  # mean and standard deviation in ``x``
     walk: bool = False
+    root: tuple[tuple[float, ...], ...] = ()
     places: tuple[int, ...] = ()  # of its effects among those of the study; empty: all of their kind
 
     @property
@@ -76,12 +79,15 @@ class Slot:
 
     @property
     def sums(self) -> np.ndarray:
-        """Matrix from its numbers in ``x`` to quantities or their logarithms: the identity, or the sums of a walk's steps."""
+        """Matrix from its numbers in ``x`` to quantities or their logarithms: root of a field, sums of a walk's steps, or the
+        identity."""
+        if self.root:
+            return np.array(self.root)
         return np.tril(np.ones((self.size, self.size))) if self.walk else np.eye(self.size)
 
     def value(self, x):
         """The quantity, of numpy or traced numbers ``x`` of the slot."""
-        logs = x.cumsum() if self.walk else x
+        logs = np.array(self.root) @ x if self.root else x.cumsum() if self.walk else x
         if not self.log:
             return logs.reshape(self.shape)
         return (np.exp(logs) if isinstance(x, np.ndarray) else jnp.exp(logs)).reshape(self.shape)
@@ -89,6 +95,8 @@ class Slot:
     def numbers(self, value: np.ndarray) -> np.ndarray:
         """The numbers in ``x`` of a quantity."""
         logs = np.log(np.ravel(value)) if self.log else np.ravel(value)
+        if self.root:
+            return np.linalg.solve(np.array(self.root), logs)
         return np.diff(logs, prepend=0.0) if self.walk else logs
 
     @property
@@ -223,9 +231,12 @@ def _slot(study, unknown, at):
     if form.walk:
         steps = int(np.prod(shape))
         prior = (0.0,) * steps, (form.walk / np.sqrt(steps),) * steps
+    root: tuple[tuple[float, ...], ...] = ()
+    if form.smooth:
+        prior, root = ((0.0,) * len(low), (1.0,) * len(low)), _field_root(study, unknown.name, form.smooth)
     ends = tuple(low.ravel()), tuple(high.ravel())
     places = study.effects_of(unknown.name) if slot_of_some(study, unknown.name) else ()
-    return Slot(unknown.name, shape, log, *ends, at, form.unit, end, prior, form.walk > 0, places)
+    return Slot(unknown.name, shape, log, *ends, at, form.unit, end, prior, form.walk > 0, root, places)
 
 
 def _whole_shape(study, name, form):
@@ -235,6 +246,13 @@ def _whole_shape(study, name, form):
     shapes = form.shapes(len(study.clamped_ends), study.places_of(name))
     shape = np.broadcast_shapes(*(np.shape(v) for v in said if v is not None))
     return shape if shape in shapes else shapes[0]
+
+
+def _field_root(study, name, size):
+    """Root of the covariance of a smooth random field at its places, as a tuple of rows."""
+    s = np.ravel(study.given(f"{split_name(name)[0]}.s"))
+    length = study.cable.get("length") or study.start_value("length") or measured_length(study) or s[-1]
+    return tuple(map(tuple, (size * middle_root(s / float(length))).tolist()))
 
 
 def _prior_in_x(prior, shape, log):

@@ -46,7 +46,10 @@ class ResidualFunction(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """A name for each entry of ``x``."""
-        said = ["increment of log " if slot.walk else "log " if slot.log else "" for slot in self.layout.slots]
+        said = [
+            "component of " if slot.root else "increment of log " if slot.walk else "log " if slot.log else ""
+            for slot in self.layout.slots
+        ]
         named = [words + label for words, slot in zip(said, self.layout.slots, strict=True) for label in slot.labels]
         shared = [f"prior[{i}]" for i in range(self.layout.shared - self.layout.unknowns)]
         own = [f"prior[pose {p}, {i}]" for p in range(self.poses.count) for i in range(self.layout.local)]

@@ -109,6 +109,8 @@ def after(state: State, left: Left) -> State:
 def state_of(model: CableModel, boundary: Boundary, elements: int, slots) -> State:
     """The state of a model in one pose; ``slots`` are the energy laws, in an order common to all states."""
     rod = discretise(model, boundary, elements)
+    if slots and rod.section.growth is None:  # as in a search, where the stiffness may vary
+        rod = eqx.tree_at(lambda r: r.section.growth, rod, jnp.zeros(elements), is_leaf=lambda x: x is None)
 
     def seen(points):
         for effect in model.effects:

@@ -12,6 +12,8 @@ from jaxtyping import Float
 
 POINTS = 9  # of a random field
 SMOOTH = 0.2  # correlation length, relative to the cable's length
+TREND, WAVES, WIDE = 3.0, 0.5, 0.25  # of a field that is zero in the middle: standard deviation of its even growth to an end,
+#                                      and that and the correlation length of the waves about it
 
 
 def hats(t: Float[Array | np.ndarray, " n"], points: int) -> Float[Array | np.ndarray, "n points"]:
@@ -25,3 +27,12 @@ def smooth_root(points: int, per_point: int) -> Float[np.ndarray, "k k"]:
     t = np.linspace(0, 1, points)
     K = np.exp(-0.5 * ((t[:, None] - t) / SMOOTH) ** 2) + 1e-6 * np.eye(points)
     return np.kron(np.linalg.cholesky(K), np.eye(per_point))
+
+
+def middle_root(t: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
+    """Root of the covariance at places ``t`` (-) of a random field that is zero in the middle: even growth from end to end, of
+    standard deviation `TREND` at both, and the difference to the middle of a smooth field of `WAVES`."""
+    u = 2.0 * np.asarray(t, float) - 1.0
+    bell, middle = np.exp(-0.5 * ((t[:, None] - t) / WIDE) ** 2), np.exp(-0.5 * (0.5 * u / WIDE) ** 2)
+    K = TREND**2 * np.outer(u, u) + WAVES**2 * (bell - middle[:, None] - middle + 1.0)
+    return np.linalg.cholesky(K + 1e-9 * np.eye(len(t)))

@@ -181,8 +181,8 @@ def _needed(causes: list[Fitted], s) -> Fitted | None:
 
 
 def _width(h: Fitted) -> int:
-    """Number of effects; a law of any form, which contains others, counts as two."""
-    return len(h.names) + sum(c.entry.late for c in h.components)
+    """Number of effects; one of any form, which contains others, counts as two: a law, or the stiffness along the cable."""
+    return len(h.names) + sum(c.entry.late or c.entry.varies for c in h.components)
 
 
 def _tied(h: Fitted, best: Fitted, empty: Fitted, s) -> bool:

@@ -13,6 +13,7 @@ from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference import shapes, variants
+from scan2flex_jax.inference.along import stiffness_along, withheld
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
@@ -112,7 +113,7 @@ def explain(
         return _mistaken(first.fit.study, decision.mistakes, began, settings)
     say("before and after")
     answer = replace(_explanation(first, search, decision, began, gates, coarse, told), record=kept)
-    return answer if answer.believable else replace(answer, estimates={n: e.withheld() for n, e in answer.estimates.items()})
+    return answer if answer.believable else withheld(answer)
 
 
 def _since(began: float) -> float:
@@ -135,6 +136,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     field = d.description if d.verdict == UNEXPLAINED else None
     load, pose_loads = of.equivalent_loads(d.empty)
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
+    along = stiffness_along(best, d.averaged)
     noise = best.variant.likelihood.noise(best.u)
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, coarse)
@@ -159,6 +161,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         pose_loads=pose_loads,
         description=None if field is None else _ranked(field, 0, field.score - d.empty.score, "description"),
         laws=laws,
+        along=along,
         decision=d,
         scored=tuple(h for h in search.ranked if h.variant is d.empty.variant),
         surprised=d.surprised,

@@ -9,6 +9,7 @@ import numpy as np
 from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import belief
+from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import (
     BAD,
     Answer,
@@ -35,6 +36,7 @@ from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 
 _ROWS = 8  # hypotheses in the summary
+_FEW = 6  # numbers of a parameter that a line tells, of two ends and three axes
 _TELLING = 10.0  # times the parameter: an interval of a larger standard error is not printed
 
 
@@ -124,6 +126,7 @@ class Explanation:
     findings in words, ``settle`` the measurements to decide a tie. ``load`` is the equivalent load (N/m) shared by all poses,
     ``pose_loads`` that of each fitted pose: where an effect acts, not which. ``description`` replaces an effect if none
     explains the shapes: a field that is not physics. ``laws``: the moment laws among the effects, with bands and readings.
+    ``along``: EI along the cable, where an effect lets it vary.
     ``study`` has the effects declared; ``decision`` is what the verdict rests on, from which
     `plan` continues, and ``scored`` every hypothesis at its mode. ``mistakes``:
     likely mistakes of the input that stand. ``surprised``: by the name of each validate pose that contradicts the answer, its
@@ -152,6 +155,7 @@ class Explanation:
     pose_loads: tuple[Field, ...] = field(repr=False, default=())
     description: Ranked | None = None
     laws: tuple[Law, ...] = ()
+    along: StiffnessAlong | None = None
     decision: Decision | None = field(repr=False, default=None)
     scored: tuple[Fitted, ...] = field(repr=False, default=())
     mistakes: tuple[Mistake, ...] = ()
@@ -236,6 +240,7 @@ class Explanation:
             "equivalent_load": self.load.to_json(),
             **({} if self.description is None else {"description": self.description.to_json()}),
             **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
+            **({} if self.along is None else {"stiffness_along": self.along.to_json()}),
             **({"contradicted_by": _finite(self.surprised)} if self.surprised else {}),
             "settle": list(self.settle),
             "messages": list(self.sentences),
@@ -265,7 +270,7 @@ class Explanation:
         """The explanation in plain text, about one page: answer, findings, and every estimate and pose."""
         lines = [f"{self.study.title}: {self.verdict}", "", *(f"  {s}" for s in self.sentences if self.mistakes)]
         lines += [*self.answer.lines(), ""]
-        lines += [f"  {s}" for s in self.sentences if not self.mistakes]
+        lines += [f"  {s}" for s in (*self.sentences, *(self.along.sentences() if self.along else ())) if not self.mistakes]
         if self.noise is None or self.fit is None:
             return "\n".join(lines)
         lines += [""] * bool(self.chosen) + [f"  {_effect_line(r, self.fit.study)}" for r in self.chosen]
@@ -328,8 +333,10 @@ def _interval(value, std, domain):
 
 
 def _effect_line(r, study):
-    """``point_mass: position 0.42 [0.40, 0.44] m, mass 0.05 [0.046, 0.054] kg``."""
-    said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in r.parameters.items()]
+    """``point_mass: position 0.42 [0.40, 0.44] m, mass 0.05 [0.046, 0.054] kg``; of a field without its values at places, which
+    the JSON has."""
+    given = {name: value for name, value in r.parameters.items() if np.size(value) <= _FEW}
+    said = [f"{name} {parameter_in_words(study, r.kind, name, value, r.std.get(name))}" for name, value in given.items()]
     return f"{r.kind}: {', '.join(said)}"
 
 

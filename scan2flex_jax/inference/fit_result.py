@@ -10,6 +10,7 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import (
     UNBELIEVED,
     Answer,
@@ -99,6 +100,7 @@ class Fit:
     (`inference.mistakes`). ``cost`` is that of the mode of the ``posterior``, the ``minimum`` of the ``problem``: squares of
     residuals in units of noise and discrepancy, and priors. ``mesh``: sentences on the number of elements (`statics.mesh`).
     ``settings``: the thresholds of the validation. ``laws``: the declared laws of bending and torsion, with their bands.
+    ``along``: EI along the cable, where a declared effect lets it vary.
     """
 
     study: Study = field(repr=False)
@@ -129,6 +131,7 @@ class Fit:
     mistakes: tuple[Mistake, ...] = ()
     settings: Settings = USUAL
     laws: tuple[Law, ...] = ()
+    along: StiffnessAlong | None = None
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
@@ -201,6 +204,7 @@ class Fit:
             "believable": self.believable,
             **({} if self.valid is None else {"valid": self.valid}),
             **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
+            **({} if self.along is None else {"stiffness_along": self.along.to_json()}),
             "mistakes": [m.to_json() for m in self.mistakes],
             "messages": list(self.sentences),
             "equilibria": self.equilibria,
@@ -215,6 +219,7 @@ class Fit:
         answer = replace(answer, doubts=tuple(s for s in answer.doubts if s not in first))
         lines = [self.study.title, *(f"  {s}" for s in first), "", *answer.lines(), ""]
         lines += [f"  {name:<24} {in_words(e)}" for name, e in self.estimates.items()] + [""]
+        lines += [] if self.along is None else [f"  {s}" for s in self.along.sentences()] + [""]
         lines += [*_correlation_lines(self), *self._pose_lines()]
         lines += ["", f"  residual as noise: {noise_in_words(self.noise, self.problem.length)}"]
         said = {*self.doubts, *map(str, self.mistakes), *answer.warnings}

@@ -21,6 +21,7 @@ from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
+from scan2flex_jax.inference.along import stiffness_along, withheld
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
@@ -124,6 +125,7 @@ def fitted(
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
     estimates = shapes.without(profiled(posterior, of.estimates(posterior, (posterior,))), open_)
+    along = stiffness_along(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
     reservation = belief.reservation(posterior, discrepancy)
@@ -160,8 +162,9 @@ def fitted(
         mistakes=likely,
         settings=settings,
         laws=laws,
+        along=along,
     )
-    return result if result.believable else replace(result, estimates={n: e.withheld() for n, e in estimates.items()})
+    return result if result.believable else withheld(result)
 
 
 def _at_mode(h, minimum) -> Minimum:
@@ -210,7 +213,7 @@ def _correlation(covariance):
 
 def _in_logs(layout, covariance):
     """The covariance of quantities or their logarithms, from that of ``x``: the steps of a law add up."""
-    if not any(slot.walk for slot in layout.slots):
+    if not any(slot.walk or slot.root for slot in layout.slots):
         return covariance
     open_, S = np.isinf(np.diag(covariance)), layout.sums
     out = S @ np.where(open_[:, None] | open_, 0.0, covariance) @ S.T

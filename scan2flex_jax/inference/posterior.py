@@ -4,7 +4,7 @@ A `Variant` is a study as stated, or with other turns, a mistake corrected, an e
 variant with a set of effects. Its log evidence is that of `likelihood` at the mode of the parameters (Laplace), averaged over
 the prior sizes of effects, which are known to an order of magnitude, plus the log prior of the hypothesis:
 
-    log p(H) = log prior of the variant - sum over effects of (1 + log of the number of kinds and of discrete sites).
+    log p(H) = log prior of the variant - sum over effects of (1 - log of its share in `settings.ODDS` + log of its sites).
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,7 +28,7 @@ from scan2flex_jax.inference.likelihood import Likelihood, Linear, bare, elpd, i
 from scan2flex_jax.inference.priors import Prior
 from scan2flex_jax.inference.program import Component, Index, Program
 from scan2flex_jax.inference.rows import Rows
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.inference.settings import USUAL, Settings, odds
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics.verdict import SOLVED
 from scan2flex_jax.study.model import Study
@@ -430,7 +430,8 @@ class Variant:
 def price(entry: CatalogueEntry, context, settings: Settings) -> float:
     """Cost (nats) of an effect: of the choice of its kind and of its discrete sites, and of having one more."""
     discrete = {str({k: v for k, v in s.items() if k not in entry.moving}) for s in entry.sites(context)}
-    return settings.effect + np.log(len(catalogue())) + np.log(len(discrete))
+    of_all = sum(odds(e.kind) for e in catalogue())
+    return settings.effect + np.log(of_all / odds(entry.kind)) + np.log(len(discrete))
 
 
 class _Descent(Model):

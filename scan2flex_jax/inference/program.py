@@ -29,7 +29,7 @@ from scan2flex_jax.fitting import discrepancy, states
 from scan2flex_jax.fitting.evaluate import one, target_of
 from scan2flex_jax.fitting.parameters import boundary_at, model_at, with_ends
 from scan2flex_jax.fitting.threads import each_pose
-from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.model import Configuration, Rod
 
 WIDTH, FEW = states.WIDTH, 8  # directions of one call, and of one for most hypotheses
@@ -190,11 +190,30 @@ class Program:
             return [(self.evaluator.rod(i, shared, local), s.configuration) for i, s in enumerate(shapes)]
         return [(self._state_of(components, x, i).rod, shape.configuration) for i, shape in enumerate(shapes)]
 
+    def section(self, components, x) -> tuple[Section, Section]:
+        """The sections of the first pose, and their derivatives (leading axis) in the order of `Index.of_pose`."""
+        index = Index(self, components)
+        count = len(index.of_pose(0))
+        if not components:
+            state, moved = self.evaluator.state(0, *self._split(x, index))
+            return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], moved.rod.section)
+        along = np.zeros((_padded(count), self._size))
+        along[np.arange(count), self._full(components)] = 1.0
+        full, sites = self._vector(components, x, 0)
+        found = [self._state(0, full, sites, part) for part in np.split(along, max(len(along) // WIDTH, 1))]
+        moved = [tangents.rod.section for _, tangents in found]
+        return found[0][0].rod.section, jax.tree.map(lambda *t: np.concatenate([p[:WIDTH] for p in t])[:count], *moved)
+
     def _state_of(self, components, x, i):
+        full, sites = self._vector(components, x, i)
+        return self._state(i, full, sites, np.zeros((FEW, self._size)))[0]
+
+    def _vector(self, components, x, i):
+        """The vector of a pose and the sites of all effect types."""
         sites, full = self._placed(components), np.zeros(self._size)
         self._null(full, sites)
         full[self._full(components)] = x[Index(self, components).of_pose(i)]
-        return self._state(i, full, sites, np.zeros((FEW, self._size)))[0]
+        return full, sites
 
     def _along(self, components, x, start, directions):
         def of(i):

@@ -12,7 +12,7 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
 from scan2flex_jax.inference.determined import Uncertainty, uncertainty
-from scan2flex_jax.inference.estimate import Estimate, estimate_of
+from scan2flex_jax.inference.estimate import NORMAL_95, Estimate, estimate_of
 from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted, without
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
@@ -56,13 +56,8 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
     With a discrepancy they are those of Student's t with one degree of freedom fewer than poses: its size is known from the
     scatter between them (Cameron and Miller, "A practitioner's guide to cluster-robust inference", 2015, section VI).
     """
-    v, out = best.variant, {}
-    layout, hypotheses = v.program.layout, [h for h in averaged if h is best or _comparable(h, best)]
-    hypotheses = hypotheses if best in hypotheses else [best, *hypotheses]
-    weights = np.exp(np.array([h.score for h in hypotheses]) - max(h.score for h in hypotheses))
-    weights = np.maximum(weights, [float(h is best) for h in hypotheses])
-    weights /= weights.sum()
-    freedom = float(max(len(v.groups) - 1, _FEWEST_FREEDOM)) if any(h.discrepant for h in hypotheses) else np.inf
+    v, out, layout = best.variant, {}, best.variant.program.layout
+    hypotheses, weights, freedom = _averaging(best, averaged)
     own = known(best)
     for slot in layout.slots:
         here, S = slice(slot.at, slot.at + slot.size), slot.sums
@@ -80,6 +75,23 @@ def estimates(best: Fitted, averaged: tuple[Fitted, ...]) -> dict[str, Estimate]
             seen=not np.any(lost), vaguest=v.settings.vaguest_interval, freedom=freedom,
         )  # fmt: skip
     return out
+
+
+def _averaging(best: Fitted, averaged: tuple[Fitted, ...]) -> tuple[list[Fitted], np.ndarray, float]:
+    """Hypotheses over which an interval averages, their weights, and its degrees of freedom."""
+    hypotheses = [h for h in averaged if h is best or _comparable(h, best)]
+    hypotheses = hypotheses if best in hypotheses else [best, *hypotheses]
+    weights = np.exp(np.array([h.score for h in hypotheses]) - max(h.score for h in hypotheses))
+    weights = np.maximum(weights, [float(h is best) for h in hypotheses])
+    discrepant = any(h.discrepant for h in hypotheses)
+    freedom = float(max(len(best.variant.groups) - 1, _FEWEST_FREEDOM)) if discrepant else np.inf
+    return hypotheses, weights / weights.sum(), freedom
+
+
+def averaging(best: Fitted, averaged: tuple[Fitted, ...]) -> tuple[list[Fitted], np.ndarray, float]:
+    """Hypotheses over which an interval averages, their weights, and the quantile of its two-sided 95 %."""
+    hypotheses, weights, freedom = _averaging(best, averaged)
+    return hypotheses, weights, NORMAL_95 if np.isinf(freedom) else float(special.stdtrit(freedom, 0.975))
 
 
 def _comparable(h: Fitted, best: Fitted) -> bool:

@@ -5,6 +5,7 @@ the best are refitted. Where the baseline model is far off, or its poses have a 
 effect type is refitted, nearest by distance first. Each effect of a set is exchanged for the likeliest others, and left out.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import NamedTuple
@@ -89,8 +90,9 @@ class Search:
         most = min(first.settings.most_effects, (first.program.poses.count + 1) // 2)
         while True:
             best = self.causes[0]
-            near = [h for h in self.causes if h.score > best.score - first.settings.tied]
             count = len(best.components)
+            behind = first.settings.tied + _PART * max(best.score - best.variant.empty.score, 0.0) * (count == 1)
+            near = [h for h in self.causes if h.score > best.score - behind]
             todo = [h for h in near if len(h.components) == count and 0 < count < most and h.key not in self.grown]
             if not todo:
                 break
@@ -114,7 +116,8 @@ class Search:
         table = screen.singles()
         self.scores |= {k: s for k, s in table.items() if k not in self.scores or s.gain > self.scores[k].gain}
         order, top = list(table), next(iter(table.values())).gain
-        far = v.off > _FAR * max(v.likelihood.noise(v.empty.u).total, FINEST * v.length)
+        noise = min(v.likelihood.noise(v.empty.u).total, v.likelihood.stated or np.inf)  # a poor fit takes its error for noise
+        far = v.off > _FAR * max(noise, FINEST * v.length)
         if not far and not v.empty.discrepant and top < -v.settings.tied:  # nothing gains, and first order is close enough
             order = order[:_LEAST]
         keep = [k for k in order[:_SINGLES] if table[k].gain > top - _WORTH - _PART * max(top, 0)]
@@ -126,8 +129,10 @@ class Search:
             for pair in screen.pairs()[:_MORE]:
                 if pair[0].gain > least + v.settings.found:
                     self._refit_both(v, *pair)
+        if far and v is self.variants[0]:
+            self._every(v, table, keep)
         if v is self.variants[0] and self._leaves_discrepancy(v):
-            if far or v.empty.scattered() > _NONLINEAR * v.length:
+            if not far and v.empty.scattered() > _NONLINEAR * v.length:
                 self._every(v, table, keep)
             for e in fields():
                 self._refit(v.empty, Scored(0.0, Component(e.kind, {}), e.null), plain=far)
@@ -215,7 +220,8 @@ class Search:
     def _grow(self, h: Fitted):
         """Refits with one more effect."""
         self.grown.add(h.key)
-        for kind, s in list(scored(h).items())[:_MORE]:
+        others = [(kind, s) for kind, s in scored(h).items() if not contained(kind, h.kinds)]
+        for kind, s in others[:_MORE]:
             key = h.variant.name, frozenset((*h.kinds, kind))
             if s.gain > -h.variant.settings.tied and not (key in self.found and self.found[key].converged):
                 self._refit(h, s, plain=False, u=h.u)
@@ -255,6 +261,11 @@ class Search:
 def same_shapes(a: str, b: str) -> bool:
     """Whether two effect types give the same shapes by the catalogue."""
     return any(s.other == y for x, y in ((a, b), (b, a)) for s in entry_of(x).same_shapes)
+
+
+def contained(kind: str, kinds: Iterable[str]) -> bool:
+    """Whether an effect type and one of others are the same thing in two forms: the stiffness along a cable, and a taper."""
+    return any(same_shapes(kind, k) and (entry_of(kind).varies or entry_of(k).varies) for k in kinds)
 
 
 def _degenerate(h: Fitted) -> bool:
@@ -336,6 +347,8 @@ class Screen:
         singles, out = self.singles(), []
         near = {kind: np.argsort(-self.best[kind][0])[:_SITES] for kind in singles}
         for first, second in combinations(singles, 2):
+            if contained(first, (second,)):
+                continue
             e, f = entry_of(first), entry_of(second)
             sites = [(self.kinds[first][p], self.kinds[second][q]) for p in near[first] for q in near[second]]
             at, most = np.stack([np.r_[self.spans[i], self.spans[j]] for i, j in sites]), (-np.inf, 0, np.zeros(0))

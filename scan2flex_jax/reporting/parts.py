@@ -164,6 +164,16 @@ def laws(c: Contents) -> Iterator[Html]:
     yield section("laws", "Moment over strain", said, tag("div", panels, class_="grid"), *read)
 
 
+def stiffness(c: Contents) -> Iterator[Html]:
+    """EI along the cable with its band, where it varies."""
+    told = next((x for x in (c.explanation, c.fit) if x is not None and x.along is not None), None)
+    if told is None or told.along is None:
+        return
+    panel = _panel(lambda ax: plot.stiffness(told, ax), "bending stiffness along the cable", _WIDE)
+    said = [tag("p", sentence) for sentence in told.along.sentences()]
+    yield section("stiffness", "Stiffness along the cable", said, tag("div", [panel], class_="grid"))
+
+
 def forces(c: Contents) -> Iterator[Html]:
     """Forces and moments along the cable, and reactions of the supports."""
     if c.sections:

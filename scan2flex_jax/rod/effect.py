@@ -25,7 +25,8 @@ class Section(eqx.Module):
     """The rod's sections, one per element: midpoint ``s`` and length ``ds`` (m), ``stiffness`` the 6x6 matrix
     diag(GA1, GA2, EA, EI1, EI2, GJ) with couplings (N, N m, N m^2), ``natural`` = (Gamma_0, Omega_0) (-, 1/m),
     ``density`` (kg/m). ``within`` (N m^2) is the stiffness against strain variation inside an element (`element_law`); None
-    derives it from ``stiffness``. An effect that models a spring between two elements keeps the material's."""
+    derives it from ``stiffness``. An effect that models a spring between two elements keeps the material's. ``growth`` (1/m) is
+    the slope of the logarithm of EI and GJ where these change smoothly along an element, whose ``stiffness`` is their mean."""
 
     s: Float[Array, " n"]
     ds: Float[Array, ""]
@@ -33,6 +34,7 @@ class Section(eqx.Module):
     natural: Float[Array, "n 6"]
     density: Float[Array, " n"]
     within: Float[Array, "n 3 3"] | None = None
+    growth: Float[Array, " n"] | None = None
 
 
 class Node(eqx.Module):

@@ -9,9 +9,10 @@ that variation makes the element softer than its sections,
 which agrees with the exact energy up to ``ds^4``. For shear forces this is MacNeal's residual bending flexibility
 ``1/GA + ds^2/(12 EI)`` ("A simple quadrilateral shell element", 1978), which makes plane shapes converge with the fourth
 power of ``ds``; the term in ``Omega`` does so for twisted ones, measured for ratios of the stiffnesses from 1 to 125.
-As a compliance it is positive at every strain, whereas the expansion of the energy itself is
-not bounded below for ``GJ >> EI``. It is not convex: where one stiffness is far below the others, the solver stiffens the
-elements until it is near a solution (`statics.newton`).
+Where EI and GJ change along the element as ``exp(g s)``, the strain changes with the compliance too: ``A n + g m`` takes the
+place of ``A n``, and ``K`` is the mean stiffness of the element. As a compliance it is positive at every strain, whereas the
+expansion of the energy itself is not bounded below for ``GJ >> EI``. It is not convex: where one stiffness is far below the
+others, the solver stiffens the elements until it is near a solution (`statics.newton`).
 
 All quantities derive from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with 3x3 inverses, since the second term has
 rank three. Effects add their own laws in the mean strain, those with memory given the state of each element.
@@ -32,46 +33,51 @@ def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
     """Energy per length (J/m) of the elements at mean excess strains (-, 1/m)."""
     extra, left = _extra_law(rod)
 
-    def energy(e, natural, K, within, left):
+    def energy(e, natural, K, within, g, left):
         own, _ = _straightened(e, K, within, rod.section.ds)
-        n, _ = _force(own, natural, K, within, rod.section.ds)
+        n, _ = _force(own, natural, K, within, g, rod.section.ds)
         return 0.5 * vecdot(n, own) + (extra(e, K, left) if extra else 0.0)
 
-    return jax.vmap(energy)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
+    return jax.vmap(energy)(excess, *_law(rod), left)
 
 
 def element_forces(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6"]:
     """Force and moment (N, N m) of the elements, work-conjugate to their mean strain; paper, Eq. 3 for short elements."""
     extra, left = _extra_law(rod)
 
-    def force(e, natural, K, within, left):
+    def force(e, natural, K, within, g, left):
         own, slope = _straightened(e, K, within, rod.section.ds)
-        n, y = _force(own, natural, K, within, rod.section.ds)
+        n, y = _force(own, natural, K, within, g, rod.section.ds)
         n = n.at[3:].add(-jnp.cross(n[3:], y)).at[:2].add(n[2] * slope)
         return n + jax.grad(extra)(e, K, left) if extra else n
 
-    return jax.vmap(force)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
+    return jax.vmap(force)(excess, *_law(rod), left)
 
 
 def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]:
     """Tangent stiffness (N, N m, N m^2) of the elements to their mean strain: the second derivative of the energy."""
     extra, left = _extra_law(rod)
 
-    def stiffness(e, natural, K, within, left):
+    def stiffness(e, natural, K, within, g, left):
         ds = rod.section.ds
         own, slope = _straightened(e, K, within, ds)
-        n, y = _force(own, natural, K, within, ds)
+        n, y = _force(own, natural, K, within, g, ds)
         M = hat(n[3:])
         C = ds**2 / 12.0 * _inverse(within)
         # d(C_eff n)/de at fixed n, then the Schur complement of the stationary n
-        W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural).T, C, M), ((0, 0), (3, 0)))
+        W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural, g).T, C, M), ((0, 0), (3, 0)))
         kept = jnp.eye(6) - W
-        S = matmul(kept.T, _relaxed(own, natural, K, within, ds), kept) - _embed(matmul(M.T, C, M))
+        S = matmul(kept.T, _relaxed(own, natural, K, within, g, ds), kept) - _embed(matmul(M.T, C, M))
         turn = jnp.eye(6).at[2, :2].set(slope)
         S = matmul(turn.T, S, turn) + _tensioned(n[2], K, within, ds)
         return S + jax.hessian(extra)(e, K, left) if extra else S
 
-    return jax.vmap(stiffness)(excess, rod.section.natural, rod.section.stiffness, rod.section.within, left)
+    return jax.vmap(stiffness)(excess, *_law(rod), left)
+
+
+def _law(rod) -> tuple[Array, Array, Array, Array | None]:
+    s = rod.section
+    return s.natural, s.stiffness, s.within, s.growth
 
 
 _LEAST = 5.0  # compression times ds^2/EI at which the stiffness to shear is halved
@@ -127,27 +133,28 @@ def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
     return K[:, 3:, 3:] - matmul(K[:, 3:, :3], jax.vmap(_inverse)(K[:, :3, :3]), K[:, :3, 3:])
 
 
-def _turning(e, natural):
-    """Matrix ``A`` of the moment's change per length, from force and moment."""
-    return jnp.concatenate([hat(jnp.array([0.0, 0.0, 1.0])), hat(e[3:] + natural[3:])], axis=1)
+def _turning(e, natural, g):
+    """Matrix ``A`` of the change per length of the moment over the stiffness, from force and moment."""
+    turn = hat(e[3:] + natural[3:])
+    return jnp.concatenate([hat(jnp.array([0.0, 0.0, 1.0])), turn if g is None else turn + g * jnp.eye(3)], axis=1)
 
 
-def _softening(e, natural, K, within, ds):
+def _softening(e, natural, K, within, g, ds):
     """``(A K, M)`` of the Woodbury form ``K_eff = K - K A' M^-1 A K``."""
-    A = _turning(e, natural)
+    A = _turning(e, natural, g)
     AK = matmul(A, K)
     return AK, 12.0 / ds**2 * within + matmul(AK, A.T)
 
 
-def _force(e, natural, K, within, ds):
+def _force(e, natural, K, within, g, ds):
     """``n = K_eff e`` and ``y = ds^2/12 K_Omega^-1 A n``."""
-    AK, M = _softening(e, natural, K, within, ds)
+    AK, M = _softening(e, natural, K, within, g, ds)
     y = matvec(_inverse(M), matvec(AK, e))
     return matvec(K, e) - vecmat(y, AK), y
 
 
-def _relaxed(e, natural, K, within, ds):
-    AK, M = _softening(e, natural, K, within, ds)
+def _relaxed(e, natural, K, within, g, ds):
+    AK, M = _softening(e, natural, K, within, g, ds)
     return K - matmul(AK.T, _inverse(M), AK)
 
 

@@ -25,9 +25,10 @@ class DeadLoad(eqx.Module):
 
 
 def distributed_load(section: Section, per_length: Float[Array, "n 3"]) -> DeadLoad:
-    """A force per length (N/m), constant over each element."""
+    """A force per length (N/m), from its means over the elements; its slope inside them acts as a couple."""
     half, lever = 0.5 * section.ds * per_length, section.ds**2 / 12.0 * per_length
-    return DeadLoad(_to_nodes(half, half), _to_nodes(lever, -lever))
+    couple = section.ds**2 / 24.0 * jnp.asarray(jnp.gradient(per_length, axis=0)) if len(per_length) > 1 else 0.0 * lever
+    return DeadLoad(_to_nodes(half, half), _to_nodes(lever + couple, couple - lever))
 
 
 def point_load(section: Section, position: Float[Array, ""], force: Float[Array, "3"]) -> DeadLoad:

@@ -133,8 +133,9 @@ def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: 
     bounds = replace(form, domain="any") if form.domain == "unit" else form
     given = {"guess": [unknown.guess], "range": [low, high], "prior.mean": [prior.get("mean")]}
     for name, value in ((name, value) for name, values in given.items() for value in values if value is not None):
-        if form.walk and name != "guess":
-            said = "the points of a law follow one another by a smoothness prior of their own: leave it out."
+        if (form.walk or form.smooth) and name != "guess":
+            of = "law" if form.walk else "field"
+            said = f"the points of a {of} follow one another by a smoothness prior of their own: leave it out."
             raise where.at(name.partition(".")[0]).fail(said)
         bounds.check(v.array(value, shapes, where.at(name)), where.at(name), longest_cable(study))
     if prior:

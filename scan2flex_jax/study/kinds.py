@@ -64,6 +64,7 @@ class ParameterFormat:
     order start, end. `per_point`: one value of `shape` for each point of a field, along the cable or over a strain.
     `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
     of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
+    `smooth`: for a field along the cable that is zero in its middle, the size of its prior as a smooth random field.
     `optional`: a study may leave it out, and it is then zero. A key of `study.toml` has another `type` where it is no quantity,
     the `default` where it is left out, an `example`, and its meaning in `words`.
     """
@@ -77,6 +78,7 @@ class ParameterFormat:
     per_point: bool = False
     estimable: bool = True
     walk: float = 0.0
+    smooth: float = 0.0
     optional: bool = False
     type: str = "quantity"
     default: str = ""
@@ -228,5 +230,8 @@ for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
     _parameters = _formats(_said["parameters"])
     register_kind(KindFormat(_kind, _said["place"], _parameters, _said["words"], _said.get("memory", "none")))
 
-DESCRIPTIVE_KINDS = tuple(k for k, form in _KINDS.items() if form.grid is not None and form.grid.domain == "along_cable")
+DESCRIPTIVE_KINDS = tuple(
+    k for k, form in _KINDS.items()
+    if form.grid is not None and form.grid.domain == "along_cable" and not any(p.smooth for p in form.parameters)
+)  # fmt: skip
 """Fields along the cable: possible answers when no other effect type explains the shapes. They can be declared like any."""

@@ -107,7 +107,7 @@ def _unknown(form: ParameterFormat) -> Schema:
     value = _numbers(replace(form, domain="any") if form.domain == "unit" else form, shapes)
     spread = _numbers(replace(form, domain="positive"), shapes)
     parts = {"guess": value}
-    if not form.walk:
+    if not (form.walk or form.smooth):
         prior = {"mean": value, "std": spread}
         parts["range"] = {"type": "array", "items": value, "minItems": 2, "maxItems": 2}
         parts["prior"] = _object({k: _described(s, KEYS["unknown"][f"prior.{k}"]) for k, s in prior.items()}, prior)

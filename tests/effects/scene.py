@@ -53,6 +53,9 @@ VALUES = {
     "scan_offset": ({"offset": np.zeros(3)}, {"offset": np.array([0.01, -0.02, 0.015])}),
     "stiffness_taper": ({"taper": 0.0}, {"taper": 0.3}),
     "density_taper": ({"taper": 0.0}, {"taper": -0.3}),
+    "stiffness_field": (
+        {"s": PLACES, "log_factor": np.zeros(3), "density_power": 0.5}, {"log_factor": np.array([0.5, -0.2, -0.6])},
+    ),
     "tension_twist_coupling": ({"lever": 0.0}, {"lever": 2.0e-3}),
     "tension_stiffening": ({"gain": 0.0}, {"gain": 4.0e-4}),
     "elastic_support": ({"normal": NORMAL, "offset": -0.2, "stiffness": 0.0}, {"stiffness": 4.0}),

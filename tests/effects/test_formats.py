@@ -45,10 +45,10 @@ def test_class_entry_and_format_agree(kind):
         effect = fx.effect_of(kind, written, ends)
         for parameter in form.parameters:
             expected = parameter.shapes(len(ends))[0]
-            if entry.field:  # which has as many points as it is given
+            if parameter.per_point:  # which has as many points as it is given
                 expected = (len(written[form.grid.name]), *expected[1:])
             assert np.shape(written[parameter.name]) == expected
-            whole = expected if entry.field else (2, *parameter.shape) if parameter.per_end else parameter.shape
+            whole = expected if parameter.per_point else (2, *parameter.shape) if parameter.per_end else parameter.shape
             assert getattr(effect, parameter.name).shape == whole
 
 

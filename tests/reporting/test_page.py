@@ -12,10 +12,11 @@ import pytest
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import Explanation, Law, Reading
+from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import moved_in_words
 from scan2flex_jax.reporting import report
 from scan2flex_jax.reporting.contents import contents_of
-from scan2flex_jax.reporting.parts import laws
+from scan2flex_jax.reporting.parts import laws, stiffness
 from scan2flex_jax.study.mistakes import Mistake
 from tests.reporting.scenes import EVIL, explained
 
@@ -249,3 +250,13 @@ def test_a_law_has_its_panel_and_what_is_read_off_it(fitted):
     assert [a["aria-label"] for tag, a in shown.tags if tag == "svg"] == ["moment of the bending_law"]
     assert "not reached by a pose" in shown.words()
     assert list(laws(replace(contents, fit=fitted))) == []
+
+
+def test_a_stiffness_that_varies_is_shown_with_its_values(fitted):
+    """A fit without one has no such section."""
+    s = np.linspace(0.05, 0.95, 10)
+    along = StiffnessAlong(s, np.geomspace(1.0, 0.1, 10), np.geomspace(0.9, 0.05, 10), np.geomspace(1.1, 0.2, 10), np.ones(10))
+    contents = contents_of(replace(fitted, along=along), next_pose=False)
+    (section,) = stiffness(contents)
+    assert "EI along the cable (N m^2): 1 [0.9, 1.1] at 0.05 m" in section and "<svg" in section
+    assert list(stiffness(replace(contents, fit=fitted))) == []

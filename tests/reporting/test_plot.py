@@ -10,6 +10,7 @@ import pytest
 from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.inference import Explanation
+from scan2flex_jax.inference.along import StiffnessAlong
 from tests.reporting.scenes import EVIL, explained
 
 mpl.use("Agg")
@@ -90,3 +91,19 @@ def test_legends_hide_no_data(fitted, name):
 def test_a_measured_shape_alone(fitted):
     shown = plot.measured(fitted.study, "twist-90")
     assert len(shown.lines) == 1 and len(shown.lines[0].get_xdata()) == len(fitted.study.pose("twist-90").curve.points)
+
+
+def test_a_cable_whose_stiffness_varies_is_as_broad_as_it_is_stiff(fitted):
+    """One figure: the poses that were never fitted, and EI beside what is known by other means; no figure without one."""
+    told = explained(fitted)
+    with pytest.raises(Scan2FlexError, match="nothing lets the stiffness vary"):
+        plot.varied(told)
+    s = np.linspace(0.05, 0.95, 10)
+    EI = np.geomspace(16.0, 1.0, 10)
+    figure = plot.varied(replace(told, along=StiffnessAlong(s, EI, 0.9 * EI, 1.1 * EI, EI / 4.0)), {"calipers": (s, EI)})
+    left, right = figure.axes
+    (curve, *_) = left.collections
+    np.testing.assert_allclose(curve.get_linewidths()[0] / curve.get_linewidths()[-1], 2.0, rtol=1e-6)
+    assert "calipers" in right.get_legend_handles_labels()[1]
+    assert right.get_yscale() == "log"
+    plt.close(figure)

@@ -38,11 +38,16 @@ def strains(seed, rod, size=0.8):
     return jnp.array(size * np.random.default_rng(seed).normal(size=(rod.elements, 6)))
 
 
-@pytest.mark.parametrize("effects", [(), LAW], ids=["linear", "with a law of an effect"])
+@pytest.mark.parametrize(
+    ("effects", "growth"), [((), 0.0), (LAW, 0.0), ((), 3.0)], ids=["linear", "with a law of an effect", "stiffness that grows"]
+)
 @pytest.mark.parametrize("seed", [0, 1])
-def test_forces_and_stiffness_are_derivatives_of_the_energy(effects, seed):
+def test_forces_and_stiffness_are_derivatives_of_the_energy(effects, growth, seed):
     """For full random stiffness matrices, natural strains and large strains."""
     rod, _ = random_rod(seed, effects)
+    if growth:
+        slopes = growth * jnp.linspace(-1.0, 1.0, rod.elements)
+        rod = eqx.tree_at(lambda r: r.section.growth, rod, slopes, is_leaf=lambda x: x is None)
     excess = strains(seed, rod)
     _, forces, stiffness = law(rod, excess)
     exact_forces, exact_stiffness = differentiated(rod, excess)
