@@ -16,6 +16,7 @@ from scan2flex_jax.inference import shapes, variants
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
+    FEWEST,
     FOUND,
     INCONCLUSIVE,
     NAMED,
@@ -27,7 +28,6 @@ from scan2flex_jax.inference.decision import (
     UNEXPLAINED,
     UNSOLVED,
     Decision,
-    compared,
     decide,
     errors_of_input,
     leads,
@@ -179,9 +179,15 @@ def _table(search: Search, d: Decision) -> tuple[Hypothesis, ...]:
             relation = "simpler"
         elif set(h.names) > set(d.best.names):
             relation = "wider"
-        gain = compared(h, d.empty) if len(h.elpd) > 1 else (np.nan, np.nan)
+        gain = _predicted(h, d.empty) if len(h.elpd) > 1 else (np.nan, np.nan)
         out.append(Hypothesis(h.names, h.variant.name, h.score - d.empty.score, *gain, relation))
     return tuple(sorted(out, key=lambda h: (h.relation != "best", -h.elpd if np.isfinite(h.elpd) else -h.log_evidence)))
+
+
+def _predicted(h: Fitted, empty: Fitted) -> tuple[float, float]:
+    """Difference in log predictive density (nats), as it is, and its paired standard error."""
+    difference = h.elpd - empty.elpd
+    return float(np.sum(difference)), float(np.std(difference, ddof=1) * np.sqrt(len(difference)))
 
 
 def _ranking(search: Search, d: Decision) -> tuple[Ranked, ...]:
@@ -301,7 +307,7 @@ def _findings(d: Decision, chosen, poses, discrepancy, coarse) -> list[Finding]:
 
 def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
-    v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
+    many = {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
     if d.verdict == NONE:
         if d.cause is not None and of_the_axis(d.empty) and leads(d.cause, d.empty, v.settings.found):
             size = {"mm": 1e3 * d.empty.rms, "percent": 100 * d.empty.rms / v.context.radius_or_guess}
@@ -316,8 +322,8 @@ def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
             yield Finding("field", "doubt", words)
         if cause is not None and cause.score > d.empty.score:
             yield Finding("likeliest", "doubt", {"effects": listed(cause.names), "nats": cause.score - d.empty.score})
-        if v.program.poses.count == 1:
-            yield Finding("one_pose", "doubt")
+        if len(d.empty.elpd) < FEWEST:
+            yield Finding("one_pose" if len(d.empty.elpd) == 1 else "two_poses", "doubt")
     elif d.verdict == TIE:
         rivals = [listed(h.names) for h in d.tied] or [f"an error of the {s.other}" for s in errors_of_input(kinds)]
         yield Finding("tied", "doubt", many | {"rivals": " or ".join(dict.fromkeys(rivals))})

@@ -15,12 +15,14 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.evaluate import Evaluation
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.noise import stated_noise
+from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import DISTANCES
 from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
+from scan2flex_jax.inference.answer import number
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
@@ -112,7 +114,7 @@ def fitted(
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
     several, open_ = shapes.in_words(problem, minimum, shapes.others(problem, minimum, progress))
-    in_doubt, stated = tuple(filter(None, (doubt, several))), stated_noise(whole)
+    in_doubt, stated = tuple(filter(None, (doubt, several, *_rivals(problem, minimum)))), stated_noise(whole)
     own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
     if problem.evaluator.distance != "normal":
         minimum = problem.seen_by_normals(minimum)
@@ -170,6 +172,16 @@ def _at_mode(h, minimum) -> Minimum:
     shared, local = h.x[: n.shared], h.x[n.shared : n.base].reshape(n.poses, n.local)
     stalled = not h.converged and minimum.stalled
     return Minimum(shared, local, Evaluation.of(h.shapes), h.chi2 + h.linear.quad, minimum.iterations, h.converged, stalled)
+
+
+def _rivals(problem, minimum) -> tuple[str, ...]:
+    """A sentence on the best minimum elsewhere that is about as good, if there is any."""
+    if not minimum.rivals:
+        return ()
+    (x, rms), own = minimum.rivals[0], problem.rms(minimum)
+    values = values_of(problem.layout, x)
+    said = ", ".join(f"{name} {' '.join(number(v, 3) for v in np.ravel(value))}" for name, value in values.items())
+    return (f"other values fit about as well ({1e3 * rms:.3g} mm RMS in place of {1e3 * own:.3g} mm): {said}",)
 
 
 def _known(known, laws, estimates):

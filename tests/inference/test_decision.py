@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError, SettingsError
 from scan2flex_jax.inference import Settings, explain, fit
-from scan2flex_jax.inference.decision import errors_of_input
+from scan2flex_jax.inference.decision import errors_of_input, lead, led
 from scan2flex_jax.study import Unknown
 from tests.fitting import scenes as cables
 
@@ -16,6 +17,36 @@ def test_errors_of_the_input_with_the_shapes_of_an_effect_are_known():
     assert [s.other for s in errors_of_input(("uniform_load",))] == ["gravity"]
     assert errors_of_input(("point_mass",)) == errors_of_input(("uniform_load", "kink")) == []
     assert errors_of_input(("friction",)) == []
+
+
+STRONG = [1020.0, 70.0, 25.0, 12.0, 7.0, 5.5, 3.0, 1.0]  # nats by pose: as those of a pull at the tip of a real cable
+
+
+@pytest.mark.parametrize(
+    ("differences", "leads"),
+    [
+        (STRONG, True),  # 1,144 +- 998 by their plain sum
+        ([-d for d in STRONG], False),
+        ([300.0, 500.0, 40.0], True),
+        ([1020.0, 0.3, -0.2, 0.5, -1.0, 0.1, 0.4, -0.3], False),  # a single pose
+        ([200.0, -150.0, 300.0, -20.0, 90.0, -180.0], False),  # two strong rivals, each better in half of the poses
+        ([300.0, 500.0, -40.0, 200.0], False),
+        ([1.2, 0.8, 1.5, 0.9, 1.1, 0.7], True),
+        ([0.4, -0.3, 0.6, 0.2, -0.1, 0.5], False),
+        ([300.0, 500.0], False),  # two poses agree too easily
+    ],
+)
+def test_poses_lead_together(differences, leads):
+    d, s = np.array(differences), Settings()
+    assert led(d, s.mistake, s.found) is leads
+    assert led(1e3 * d, s.mistake, s.found) >= leads  # the stronger, the surer
+
+
+def test_what_one_pose_says_is_bounded():
+    """By closed form: poses that all reach the bound c sum to n c, and their standard error is c."""
+    for n in (3, 4, 8):
+        assert lead(np.full(n, 1e4), 5.0) == pytest.approx((5.0 * n, 5.0))
+    assert lead(np.array([1e6, 1.0, 2.0]), 5.0) == pytest.approx(lead(np.array([5.0, 1.0, 2.0]), 5.0))
 
 
 @pytest.mark.parametrize(
