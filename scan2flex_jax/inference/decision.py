@@ -106,10 +106,10 @@ def likeliest(hypotheses: Sequence[Fitted]) -> Fitted | None:
     predictive density among them. None without any."""
     best = max(hypotheses, key=_density, default=None)
     for _ in hypotheses:
-        rival = max(hypotheses, key=lambda h: compared(h, best)[0])
-        if compared(rival, best)[0] <= 0.0:
+        gains = [compared(h, best)[0] for h in hypotheses if best is not None]
+        if max(gains) <= 0.0:
             break
-        best = rival
+        best = hypotheses[int(np.argmax(gains))]
     return best
 
 

@@ -70,12 +70,12 @@ def ends(study: Study, layout: Layout, x: np.ndarray, length: float) -> tuple[np
     for place, effect in enumerate(study.effects):
         names = {p: study.unknown_of(place, p) for p in ("position", "width")}
         own = {p: slots[name] for p, name in names.items() if name in slots}
-        values = {p: float(np.ravel(slot.value(x[slot.at : slot.at + slot.size]))[0]) for p, slot in own.items()}
-        given = {p: values.get(p, effect.parameters.get(p)) for p in names}
-        covers = None not in given.values() and abs(given["position"] - length / 2) <= (given["width"] - length) / 2
+        values = {p: slot.value(x[slot.at : slot.at + slot.size]) for p, slot in own.items()}
+        at, width = (np.ravel(values.get(p, effect.parameters.get(p, np.nan))) for p in ("position", "width"))
+        covers = bool(np.all(np.abs(at - length / 2) <= (width - length) / 2))
         for slot in own.values():
-            at = np.arange(slot.at, slot.at + slot.size)
-            lost[at] |= covers | (x[at] <= np.array(slot.low)) | (x[at] >= np.array(slot.high))
+            here = np.arange(slot.at, slot.at + slot.size)
+            lost[here] |= covers | (x[here] <= np.array(slot.low)) | (x[here] >= np.array(slot.high))
         if covers and own:
             said.append(f"the span of {effect.kind} covers the whole cable: its place and width are not determined")
     return lost, said

@@ -131,7 +131,6 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     study = best.variant.study
     ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
     chosen, poses = _chosen(d, ranking), _poses(d)
-    effects = tuple((kind, of.parameters_of(best, k)) for k, kind in enumerate(best.kinds))
     field = d.description if d.verdict == UNEXPLAINED else None
     load, pose_loads = of.equivalent_loads(d.empty)
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
@@ -139,7 +138,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, coarse)
     return Explanation(
-        study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),
+        study=_established(d),
         fit=fitted,
         verdict=d.verdict,
         p_value=d.p_value,
@@ -164,6 +163,13 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         surprised=d.surprised,
         settings=first.settings,
     )
+
+
+def _established(d: Decision) -> Study:
+    """The study with the effects that are established, and the estimates beside them."""
+    h, averaged = (d.best, d.averaged) if d.verdict in FOUND else (d.empty, (d.empty,))
+    effects = tuple((kind, of.parameters_of(h, k)) for k, kind in enumerate(h.kinds))
+    return of.declared(h.variant.fit.calibrated if h.variant.effect else h.variant.study, of.estimates(h, averaged), effects)
 
 
 def _table(search: Search, d: Decision) -> tuple[Hypothesis, ...]:

@@ -109,6 +109,7 @@ def fitted(
     began, progress = time.perf_counter(), progress or silent
     whole, said = with_curves(study, progress)
     stages = [partial(_minimum, mistakes=mistakes), partial(_on_branches if turns else _as_stated, mistakes=mistakes)]
+    stages[1] = partial(stages[1], settings=settings)
     stages = [partial(stage, method=method, progress=progress) for stage in stages]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely, doubt = found
@@ -195,19 +196,19 @@ def _minimum(problem, _, method, progress, mistakes):
     return Found(problem, minimum or problem.minimise(method, progress), likely)
 
 
-def _on_branches(declared, first, method, progress, mistakes):
+def _on_branches(declared, first, method, progress, mistakes, settings):
     """Problem and minimum on the measured branches, and mistakes of the input that show there."""
     if first.mistakes:
         return first
-    problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
-    likely = hidden(declared.study, problem, minimum, progress) if mistakes else ()
+    problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress, settings=settings)
+    likely = hidden(declared.study, problem, minimum, progress, settings) if mistakes else ()
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
     return Found(problem, minimum, likely, doubt)
 
 
-def _as_stated(declared, first, method, progress, mistakes):
+def _as_stated(declared, first, method, progress, mistakes, settings):
     """Problem and minimum with the turns of the study, and mistakes of the input that show there."""
-    likely = first.mistakes or (hidden(declared.study, declared, first.minimum, progress) if mistakes else ())
+    likely = first.mistakes or (hidden(declared.study, declared, first.minimum, progress, settings) if mistakes else ())
     return Found(declared, first.minimum, likely)
 
 

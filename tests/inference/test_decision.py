@@ -8,6 +8,7 @@ import pytest
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError, SettingsError
 from scan2flex_jax.inference import Settings, explain, fit
 from scan2flex_jax.inference.decision import errors_of_input, lead, led
+from scan2flex_jax.inference.variants import mesh_figures, variant_of
 from scan2flex_jax.study import Unknown
 from tests.fitting import scenes as cables
 
@@ -19,6 +20,7 @@ def test_errors_of_the_input_with_the_shapes_of_an_effect_are_known():
     assert errors_of_input(("friction",)) == []
 
 
+EXACT = {"bending_stiffness": cables.EI, "torsional_stiffness": cables.GJ}
 STRONG = [1020.0, 70.0, 25.0, 12.0, 7.0, 5.5, 3.0, 1.0]  # nats by pose: as those of a pull at the tip of a real cable
 
 
@@ -81,3 +83,18 @@ def test_poses_that_do_not_settle_are_an_answer_and_other_refusals_are_not():
     assert found.to_json()["messages"] == [said] and said in found.summary()
     with pytest.raises(Scan2FlexError, match="unknown"):
         explain(replace(limp(), unknowns=()))
+
+
+def test_a_mesh_error_that_is_not_known_is_said_without_a_number():
+    """A pose that is not solved with more elements: nothing that JSON cannot hold."""
+    figures, coarse = mesh_figures(["a", "b", "c"], np.array([1e-6, np.nan, 3e-3]), 1e-4)
+    assert figures == {} and coarse == ["b (not solved with more elements)", "c (3.00 mm)"]
+    assert mesh_figures(["a"], np.array([1e-6]), 1e-4) == ({"mesh_error": 1e-6}, [])
+
+
+def test_a_prior_is_that_which_was_given_last():
+    """Whichever variant of a fit was made before."""
+    found = fit(cables.measured(study := cables.study_of(), cables.exact_curves(study, EXACT), 3e-4), elements=cables.ELEMENTS)
+    plain = found.posterior.score
+    for log_prior in (-5.0, -5.0, -3.0):
+        assert variant_of("again", found, log_prior).empty.score == pytest.approx(plain + log_prior)
