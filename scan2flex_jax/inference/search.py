@@ -79,6 +79,7 @@ class Search:
         """The whole search."""
         for variant in self.variants:
             self._singles(variant)
+            self._empty_again(variant)
         self._widen()
         self._laws()
         return self
@@ -106,6 +107,7 @@ class Search:
         self.add(variant.empty)
         if deeper:
             self._singles(variant)
+            self._empty_again(variant)
             self._widen()
 
     def _singles(self, v: Variant):
@@ -131,6 +133,18 @@ class Search:
                 self._every(v, table, keep)
             for e in fields():
                 self._refit(v.empty, Scored(0.0, Component(e.kind, {}), e.null), plain=far)
+
+    def _empty_again(self, v: Variant):
+        """The hypothesis without effects from where the best single effect ended: what a descent missed is no effect."""
+        best = self.best(v, 1)
+        if best is None or v.held or best.score <= v.empty.score:
+            return
+        self.say(f"without {best.kinds[0]}")
+        again = v.refitted((), [], best.x, best.shapes, best.u, plain=False)
+        if again is not None and again.score > v.empty.score + v.settings.tied:
+            v.empty = again
+            self.add(again)
+            self.scores |= Screen(again).singles()
 
     def _leaves_discrepancy(self, v: Variant) -> bool:
         """Whether the likeliest hypothesis of a variant has a discrepancy."""

@@ -93,8 +93,10 @@ def test_a_mesh_error_that_is_not_known_is_said_without_a_number():
 
 
 def test_a_prior_is_that_which_was_given_last():
-    """Whichever variant of a fit was made before."""
+    """Whichever variant of a fit was made before; its poses are grouped like those of the variant that it is compared with."""
     found = fit(cables.measured(study := cables.study_of(), cables.exact_curves(study, EXACT), 3e-4), elements=cables.ELEMENTS)
     plain = found.posterior.score
     for log_prior in (-5.0, -5.0, -3.0):
-        assert variant_of("again", found, log_prior).empty.score == pytest.approx(plain + log_prior)
+        again = variant_of("again", found, log_prior, groups=[[0, 1], [2]])
+        assert again.empty.score == pytest.approx(plain + log_prior)
+    assert len(again.empty.elpd) == 2
