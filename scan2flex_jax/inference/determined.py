@@ -53,10 +53,10 @@ _REPLACEABLE = "{} and {} can replace one another (correlation {:+.4f}): neither
 
 
 def _replaceable(layout: Layout, A: np.ndarray, lost: np.ndarray) -> list[tuple[int, int, float]]:
-    """Pairs of unknowns that are correlated by more than `_ALIKE` while all stated values are fixed, with the correlation; the
-    steps of a law are held by their prior."""
-    walk = np.array([slot.walk for slot in layout.slots for _ in range(slot.size)], bool)
-    own = np.flatnonzero(~lost & ~walk)
+    """Pairs of unknowns that are correlated by more than `_ALIKE` while all values with a prior, as stated ones and the steps
+    of a law, are fixed, with the correlation."""
+    known = np.isin(np.arange(layout.unknowns), layout.prior.at)
+    own = np.flatnonzero(~lost & ~known)
     C = _decomposed(A[np.ix_(own, own)])[0] if len(own) else np.zeros((0, 0))
     spread = np.sqrt(np.maximum(np.diag(C), 1e-300))
     C = np.triu(C / np.outer(spread, spread), 1)

@@ -18,7 +18,7 @@ from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.fitting.least_squares import Progress
 from scan2flex_jax.fitting.noise import FINEST
 from scan2flex_jax.inference.likelihood import inverted
-from scan2flex_jax.inference.posterior import SIZES, Fitted, Variant, price
+from scan2flex_jax.inference.posterior import SIZES, Fitted, Variant, price, solved
 from scan2flex_jax.inference.program import Component
 from scan2flex_jax.rod.effect import overriding
 
@@ -140,7 +140,8 @@ class Search:
         if best is None or v.held or best.score <= v.empty.score:
             return
         self.say(f"without {best.kinds[0]}")
-        again = v.refitted((), [], best.x, best.shapes, best.u, plain=False)
+        shapes = v.program.shapes((), best.x[: best.index.base], best.configuration)
+        again = v.refitted((), [], best.x, shapes, best.u, plain=False) if solved(shapes) else None
         if again is not None and again.score > v.empty.score + v.settings.tied:
             v.empty = again
             self.add(again)
