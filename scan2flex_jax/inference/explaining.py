@@ -313,7 +313,7 @@ def _findings(d: Decision, chosen, poses, discrepancy, coarse) -> list[Finding]:
 
 def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
     """The verdict, and what stands against the likeliest hypotheses where none is established."""
-    many = {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
+    v, many = d.best.variant, {"effects": listed(kinds), "explains": "explain" if len(kinds) > 1 else "explains"}
     if d.verdict == NONE:
         if d.cause is not None and of_the_axis(d.empty) and leads(d.cause, d.empty, v.settings.found):
             size = {"mm": 1e3 * d.empty.rms, "percent": 100 * d.empty.rms / v.context.radius_or_guess}
