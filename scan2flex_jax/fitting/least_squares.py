@@ -40,7 +40,8 @@ def prefixed(progress: Progress, prefix: str) -> Progress:
 
 @dataclass
 class Minimum:
-    """The end of a method: shared and local parameters, the evaluation there, its cost, and its status (`descent.Descent`)."""
+    """The end of a method: shared and local parameters, the evaluation there, its cost, and its status (`descent.Descent`);
+    ``rivals``: shared parameters of minima elsewhere that are about as good, with their RMS distances (m)."""
 
     shared: np.ndarray
     local: np.ndarray
@@ -49,6 +50,7 @@ class Minimum:
     iterations: int
     converged: bool
     stalled: bool = False
+    rivals: tuple[tuple[np.ndarray, float], ...] = ()
 
 
 @dataclass

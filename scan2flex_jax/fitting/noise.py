@@ -55,6 +55,13 @@ def stated_noise(study, of_all: bool = True) -> float | None:
     return None if missing else float(np.sqrt(np.mean(np.square(stated))))
 
 
+def noise_ratio(study, study_poses) -> np.ndarray | None:
+    """The stated noise of poses over that pooled over the fitted ones, 1 for those that state none; None where all are 1."""
+    pooled = stated_noise(study, of_all=False)
+    ratio = np.array([1.0 if pose.noise is None or not pooled else pose.noise / pooled for pose in study_poses])
+    return None if np.allclose(ratio, 1.0) else ratio
+
+
 def sensor_noise(study) -> float:
     """White noise (m) of the fitted curves: the median over poses; infinite if they do not show it."""
     return float(np.median([white_noise(pose) for pose in study.fit_poses]))

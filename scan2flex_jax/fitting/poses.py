@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.fitting.noise import noise_ratio
 from scan2flex_jax.fitting.parameters import template
 from scan2flex_jax.fitting.states import AT_END
 from scan2flex_jax.rod.boundary import Boundary
@@ -50,7 +51,8 @@ class Poses(eqx.Module):
     template: poses that differ in gravity or in their effects have different ones. ``marked`` is 1 for points whose arc length
     is known (`expected`), `states.AT_END` for those at the end of the cable; None in a study without markers. ``rows``: for
     poses whose markers have some coordinates only, the axes of these in the first rows; zeros for other poses, None in a study
-    without any. ``history``: of a study with memory; None without.
+    without any. ``history``: of a study with memory; None without. ``noise``: the stated noise of each pose over that pooled
+    over the fitted ones; None where all have the same.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]
@@ -64,6 +66,7 @@ class Poses(eqx.Module):
     marked: Float[Array | np.ndarray, "P m"] | None = None
     history: History | None = None
     rows: Float[Array | np.ndarray, "P 3 3"] | None = None
+    noise: Float[np.ndarray, " P"] | None = None
 
     def template(self, i: int) -> CableModel:
         """The model of pose ``i``."""
@@ -79,9 +82,10 @@ class Poses(eqx.Module):
         at = np.array(which, int)
         arrays = (self.points, self.mask, self.expected, self.boundary, self.turns, self.start, self.marked, self.rows)
         points, mask, expected, boundary, turns, start, marked, rows = jax.tree.map(lambda x: np.asarray(x)[at], arrays)
+        noise = None if self.noise is None else self.noise[at]
         group = tuple(self.group[i] for i in which)
         history = None if self.history is None else replace(self.history, at=self.history.at[at])
-        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked, history, rows)
+        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked, history, rows, noise)
 
 
 def boundary_of(pose: StudyPose) -> Boundary:
@@ -132,7 +136,8 @@ def _without_history(study, study_poses, length, elements):
     templates, group = _templates(study, study_poses)
     whole = all(pose.markers is None or pose.markers.measured == "xyz" for pose in study.poses)
     rows = None if whole else np.stack([measured_rows(pose) for pose in study_poses])
-    return Poses(points, mask, expected, boundary, turns, start, templates, group, marked, rows=rows)
+    noise = noise_ratio(study, study_poses)
+    return Poses(points, mask, expected, boundary, turns, start, templates, group, marked, rows=rows, noise=noise)
 
 
 def measured_rows(pose: StudyPose) -> Float[np.ndarray, "3 3"]:

@@ -4,7 +4,7 @@ A `Fit` keeps its `Problem`, so that the search for missing physics and the plan
 reference to the caller: a `Problem` can be pickled and sent to another process.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,13 +23,24 @@ from scan2flex_jax.fitting.least_squares import (
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.quadratic import rounding_of
-from scan2flex_jax.fitting.start import STIFFNESSES, length_start, own_start, several_starts, shapes_scale
+from scan2flex_jax.fitting.start import (
+    STIFFNESSES,
+    length_start,
+    own_start,
+    places,
+    several_effects,
+    several_starts,
+    shapes_scale,
+)
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.statics.verdict import SENTENCES, SOLVED
 from scan2flex_jax.study.model import Study, StudyPose
 
 FIT_ELEMENTS = 40  # fourth order: 1e-6 of the length on the poses of the tests
 CREDIBLE = 0.01  # of the length: RMS distance of a minimum above which another start is tried too
+_AS_GOOD = 1.25  # RMS distance of a minimum over that of the best, up to which it is about as good
+_SAME = 0.05  # of the logarithm of a number, or of its size: starts that differ by less are one
+_ELSEWHERE = 0.1  # the same of a minimum elsewhere
 WEAK = 3.0  # standard deviation of a logarithm about the start of a fit: a factor of 20
 UNSCALED = (1.0, 0.1, 10.0, 100.0, 1000.0)  # factors on the start where no pose shows a shape, all tried
 LADDER = (1.0, 0.1, 10.0, 0.01, 100.0)  # factors on the start, tried in turn until every pose can be solved
@@ -94,10 +105,22 @@ class Problem:
         starts: list[np.ndarray] = []
         for given in several_starts(self.study, self.poses, self.length):
             for x in self.both_starts(given=given):
-                starts += [] if any(np.allclose(x, y, atol=0.05) for y in starts) else [x]
+                starts += [] if any(self._apart(x, y) <= _SAME for y in starts) else [x]
         if np.any(shapes_scale(self.poses)):
             return starts
         return [x + np.where(self.layout.logs, np.log(factor), 0.0) for factor in UNSCALED for x in starts]
+
+    def elsewhere(self) -> list[np.ndarray]:
+        """Further start vectors where parameters of several effects are unknown, whatever their guesses: at places along the
+        cable."""
+        if not several_effects(self.study):
+            return []
+        unknowns = tuple(replace(u, guess=None) if "." in u.name else u for u in self.study.unknowns)
+        starts: list[np.ndarray] = []
+        for given in places(self.study, self.length):
+            x = self.both_starts(replace(self.study, unknowns=unknowns), given)[0]
+            starts += [] if any(self._apart(x, y) <= _SAME for y in starts) else [x]
+        return starts
 
     def both_starts(
         self, study: Study | None = None, given: dict[str, float] | None = None
@@ -111,7 +134,8 @@ class Problem:
     def minimise(
         self, method: str, progress: Progress = silent, beat: float = np.inf, start: np.ndarray | None = None
     ) -> Minimum:
-        """The minimum from the start that fits better, and from the other one too if the first is in doubt.
+        """The minimum from the start that fits better, and from the others too if the first is in doubt, or if parameters of
+        several effects are unknown: then with its rivals.
 
         With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Nuisance
         parameters are held at zero. A descent that stays far above the cost ``beat`` is given up. Raises `NotSettledError` if
@@ -120,18 +144,35 @@ class Problem:
         goal = replace(self.goal(self.first_scale(), progress), beat=beat)
         prior = np.zeros(self.layout.shared - self.layout.unknowns)
         starts = self.starts() if start is None else [start]
+        starts += self.elsewhere() if start is None and method == "least-squares" else []
         if method != "least-squares":
             run = {"bfgs": bfgs, "nelder-mead": nelder_mead}[method]
             return self._finite(run(goal, np.r_[starts[0], prior]))
         local = np.zeros((self.poses.count, self.layout.local))
         begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in starts)]
         begun.sort(key=lambda start: goal.cost(start[1], start[0], local))
-        found = []
+        found, several = [], start is None and several_effects(self.study)
         for x, evaluation in begun:
             found.append(self._descend(goal, x, evaluation))
-            if self._beyond_doubt(found[-1], goal):
+            if self._beyond_doubt(found[-1], goal) and not several:
                 break
-        return self._finite(min(found, key=lambda m: m.cost))
+        best = self._finite(min(found, key=lambda m: m.cost))
+        return replace(best, rivals=tuple(self._rivals(best, found))) if several else best
+
+    def _apart(self, x, y) -> float:
+        """The largest difference of two vectors of the unknowns: of logarithms, or of others over their sizes."""
+        logs, n = self.layout.logs, self.layout.unknowns
+        size = np.where(logs, 1.0, np.maximum(np.abs(x[:n]), np.abs(y[:n])))
+        return float(np.max(np.abs(x[:n] - y[:n]) / np.maximum(size, 1e-12), initial=0.0))
+
+    def _rivals(self, best, found) -> Iterator[tuple[np.ndarray, float]]:
+        """Minima elsewhere that are about as good as the best, each once."""
+        told = [best.shared]
+        for m in sorted(found, key=lambda m: m.cost):
+            near = np.isfinite(m.cost) and self.rms(m) <= _AS_GOOD * self.rms(best)
+            if near and all(self._apart(m.shared, x) > _ELSEWHERE for x in told):
+                told.append(m.shared)
+                yield m.shared, self.rms(m)
 
     def _beyond_doubt(self, minimum, goal):
         """Whether a minimum needs no second start: converged, at no bound, and close to the measured shapes."""

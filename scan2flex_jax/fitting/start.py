@@ -27,6 +27,7 @@ _USUAL, _LEAST = 0.03, 1e-3  # EI / (w L^3) of a cable without such a sag, and t
 _FLAT = 1e-5  # of the length: the least sag that counts
 _BIASED = 0.03  # of the stiffness by the sag: less is noise of a nearly straight curve
 _PLACES = (0.5, 0.25, 0.75)  # of the length
+_WIDTH = 0.3  # of the length
 _SPANS = 12  # of the smoothing spline: a rod between clamps has a few bends
 _DEGREE = 5
 _STATIONS = 101
@@ -64,6 +65,19 @@ def several_starts(study: Study, poses: Poses, length: float) -> list[dict[str, 
     names = _named(study, "position")
     places = [dict.fromkeys(names, share * length) for share in _PLACES] if names else [{}]
     return [memory | place for memory in memory_starts(study, poses, length) for place in places]
+
+
+def several_effects(study: Study) -> bool:
+    """Whether parameters of several effects are unknown, so that a fit may end in one of several minima."""
+    return len({split_name(name)[:2] for name in study.unknown_names if "." in name}) > 1
+
+
+def places(study: Study, length: float) -> list[dict[str, float]]:
+    """Starts of effects by name: their unknown positions at some places along the cable, of several at different ones, and
+    their widths (m)."""
+    width = dict.fromkeys(_named(study, "width"), _WIDTH * length)
+    names, n = _named(study, "position"), len(_PLACES)
+    return [width | {name: _PLACES[(i + k) % n] * length for i, name in enumerate(names)} for k in range(n)]
 
 
 def memory_starts(study: Study, poses: Poses, length: float) -> list[dict[str, float]]:

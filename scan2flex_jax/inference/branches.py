@@ -34,7 +34,7 @@ from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
 from scan2flex_jax.inference.posterior import Variant
-from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.study.model import Study
 
 FAR = 0.003  # of the length: RMS distance above which a pose may be on another branch
@@ -118,6 +118,7 @@ class Branch:
     problem: Any
     minimum: Minimum
     declared: Study
+    settings: Settings = USUAL
 
     @property
     def off(self) -> np.ndarray:
@@ -138,15 +139,18 @@ class Branch:
     def log_posterior(self) -> float:
         """Log likelihood (nats), given how rarely a pose is a turn off from what is declared."""
         changes = sum(abs(p.turns - n) for p, n in zip(self.declared.fit_poses, self.turns, strict=True))
-        h = Variant("turns", self.problem, self.minimum, held=True).empty
-        return h.variant.likelihood.likeliest(h.linear, [h.u])[1] - USUAL.turn * changes
+        h = Variant("turns", self.problem, self.minimum, self.settings, held=True).empty
+        return h.variant.likelihood.likeliest(h.linear, [h.u])[1] - self.settings.turn * changes
 
 
-def on_its_branches(problem, minimum, method, progress, searches: Sequence | None = None, declared: Study | None = None):
+def on_its_branches(
+    problem, minimum, method, progress, searches: Sequence | None = None, declared: Study | None = None,
+    settings: Settings = USUAL,
+):  # fmt: skip
     """The problem and its minimum with every fitted pose on the measured branch, and a sentence on turns that are about as
     likely, or none; ``searches``: the ways to propose turns, by default all; ``declared``: the study whose turns are those
     stated, by default that of the problem."""
-    first = best = Branch(problem, minimum, declared or problem.study)
+    first = best = Branch(problem, minimum, declared or problem.study, settings)
     squares = problem.evaluator.distance != "hausdorff"
     fits, searches, k = [first], SEARCHES[: None if squares else 2] if searches is None else searches, 0
     while k < len(searches):
@@ -171,7 +175,8 @@ def _branches(best: Branch, choices, method, progress) -> Iterator[Branch]:
     for choice in choices:
         tried = problem.with_study(with_turns(problem.study, choice.turns))
         with suppress(NotSettledError):
-            yield Branch(tried, tried.minimise(method, progress, best.minimum.cost, choice.start), best.declared)
+            found = tried.minimise(method, progress, best.minimum.cost, choice.start)
+            yield Branch(tried, found, best.declared, best.settings)
         problem.evaluator.equilibria = tried.evaluator.equilibria
 
 

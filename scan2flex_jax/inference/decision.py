@@ -1,7 +1,9 @@
 """The eight decisions of `explain`, from the hypotheses that were scored. Nothing else decides.
 
-A hypothesis *leads* over another where its log predictive density of poses left out (`Fitted.elpd`) is larger by `found` nats
-and by two standard errors of the paired difference over the poses (of Student's t for three poses or two).
+A hypothesis *leads* over another where it predicts poses left out better (`Fitted.elpd`): by `found` nats and by two standard
+errors of the paired differences over the poses (of Student's t for five poses or fewer). What one pose can say is bounded by
+`mistake` nats, since it may be mistaken itself. One more pose that says nothing is counted, so that poses that all reach the
+bound have a standard error, and three must agree. Fewer than three are compared by their log evidence.
 
 1. Poses that are not solved, or a mesh whose error reaches the noise: not in equilibrium.
 2. Something is missing where a hypothesis with effects leads over the one without. A set of effects is needed where it leads
@@ -14,9 +16,10 @@ and by two standard errors of the paired difference over the poses (of Student's
    description, no cause.
 6. A validate pose that is off by `surprise` times what the hypothesis expects contradicts it: at most partly explained.
 7. A mistake of the input that leads over the study as stated stands, unless effects lead over it.
-8. One pose only: described, never established.
+8. Fewer than three poses: described, never established.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,7 +43,8 @@ NAMED, FAVOURED, TIED, TOO_LITTLE, ABSENT, INCONCLUSIVE = (
 )  # fmt: skip
 
 
-_TELLING, _TWO_SIDED = 4, 0.975  # poses from which on their scatter shows the standard error; level of Student's t for fewer
+FEWEST = 3  # poses, or groups of repeats, that can establish anything
+_ERRORS, _SURE = 2.0, 0.95  # standard errors of a lead; one-sided level of Student's t, which asks for more of few poses
 
 
 @dataclass(frozen=True)
@@ -48,8 +52,8 @@ class Decision:
     """The ``verdict`` on the hypothesis ``best``, which is the likeliest where none is established, those ``tied`` with it, and
     those ``averaged`` in the intervals; ``empty`` is the one without effects.
 
-    Also the likeliest ``cause`` even if not established, the likeliest field as ``description``, the ``p_value`` of the best
-    of both against nothing missing, the ``gain`` (nats) of a discrepancy beside the best, the ``mistakes`` that stand, and the
+    Also the likeliest ``cause`` even if not established, the likeliest field as ``description``, the smaller ``p_value`` of
+    both against nothing missing, the ``gain`` (nats) of a discrepancy beside the best, the ``mistakes`` that stand, and the
     validate poses that are ``surprised``.
     """
 
@@ -72,21 +76,41 @@ class Decision:
 
 
 def compared(h: Fitted, other: Fitted) -> tuple[float, float]:
-    """Difference in log predictive density (nats) and its paired standard error; in log evidence for a single pose."""
-    if h is other:
-        return 0.0, 0.0
-    if len(h.elpd) < 2 or len(h.elpd) != len(other.elpd):
+    """`lead` of a hypothesis over another; the difference in log evidence, without an error, for fewer than `FEWEST` poses."""
+    if len(h.elpd) < FEWEST:
         return float(h.score - other.score), 0.0
-    d = h.elpd - other.elpd
+    return lead(h.elpd - other.elpd, h.variant.settings.mistake)
+
+
+def lead(differences: np.ndarray, most: float) -> tuple[float, float]:
+    """Sum (nats) of paired differences (P,), each bounded by ``most``, and its standard error with one more that is zero."""
+    d = np.append(np.clip(differences, -most, most), 0.0)
     return float(np.sum(d)), float(np.std(d, ddof=1) * np.sqrt(len(d)))
 
 
+def led(differences: np.ndarray, most: float, found: float) -> bool:
+    """Whether the poses lead together, by ``found`` nats or more."""
+    total, error = lead(differences, most)
+    return total > max(found, max(_ERRORS, float(special.stdtrit(len(differences), _SURE))) * error)
+
+
 def leads(h: Fitted, other: Fitted, found: float) -> bool:
-    """Whether a hypothesis leads over another."""
-    difference, error = compared(h, other)
-    few = len(h.elpd) < _TELLING
-    errors = float(special.stdtrit(max(len(h.elpd) - 1, 1), _TWO_SIDED)) if few else 2.0
-    return difference > max(found, errors * error)
+    """Whether a hypothesis leads over another by ``found`` nats or more."""
+    if len(h.elpd) < FEWEST:
+        return bool(h.score - other.score > found)
+    return led(h.elpd - other.elpd, h.variant.settings.mistake, found)
+
+
+def likeliest(hypotheses: Sequence[Fitted]) -> Fitted | None:
+    """The hypothesis that no other predicts better than, by bounded differences; where they go round, that of the largest log
+    predictive density among them. None without any."""
+    best = max(hypotheses, key=_density, default=None)
+    for _ in hypotheses:
+        gains = [compared(h, best)[0] for h in hypotheses if best is not None]
+        if max(gains) <= 0.0:
+            break
+        best = hypotheses[int(np.argmax(gains))]
+    return best
 
 
 def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool, surprise) -> Decision:
@@ -95,11 +119,8 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     s = search.variants[0].settings
     empty = max((v.empty for v in search.variants if v.effect is None), key=lambda h: h.score)
     causes = [h for h in search.causes if h.names and h.score > empty.score]
-    description = max((h for h in search.ranked if describes(h)), key=_density, default=None)
-    cause = _needed(causes, s)
-    alone, alternatives = empty.gain(), [h for h in (cause, description) if h is not None]
-    p_value = min((_p_value(h, empty) for h in alternatives), default=1.0)
-    p_value = min(p_value, float(np.exp(-max(alone, 0.0))))
+    description, cause, alone = likeliest([h for h in search.ranked if describes(h)]), _needed(causes, s), empty.gain()
+    p_value = min((_p_value(h, empty) for h in (cause, description) if h is not None), default=1.0)
     rest: dict[str, Any] = {"cause": cause, "description": description, "p_value": p_value}
     if coarse:
         return Decision(UNSOLVED, empty, empty, averaged=(empty,), **rest)
@@ -114,7 +135,7 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     field = description is not None and leads(description, cause or empty, s.found) and leads(description, empty, s.found)
     gain = cause.gain() if cause is not None else alone
     takes = cause is not None and (gain <= s.slab or cause.structured() < s.explains * empty.structured())
-    if cause is None or not ahead or not takes or field or empty.variant.program.poses.count == 1:
+    if cause is None or not ahead or not takes or field or len(empty.elpd) < FEWEST:
         missing = ahead or field or alone > s.slab or smooth(empty)
         if not missing:
             return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
@@ -137,8 +158,8 @@ def differs(d: Decision) -> bool:
 
 
 def _density(h: Fitted) -> float:
-    """The figure by which hypotheses are ordered: log predictive density, or evidence of a single pose."""
-    return float(np.sum(h.elpd)) if len(h.elpd) > 1 else h.score
+    """Log predictive density (nats), or evidence of fewer than `FEWEST` poses."""
+    return float(np.sum(h.elpd)) if len(h.elpd) >= FEWEST else h.score
 
 
 def smooth(h: Fitted) -> bool:
@@ -156,12 +177,12 @@ def of_the_axis(h: Fitted) -> bool:
 
 
 def _p_value(h: Fitted, empty: Fitted) -> float:
-    """Probability that a hypothesis predicts poses left out no better than the one without effects; of a single pose, the
-    inverse of its Bayes factor."""
+    """One-sided probability (Student's t) of such a lead over the hypothesis without effects if neither predicts better; of
+    fewer than `FEWEST` poses, the inverse Bayes factor."""
     difference, error = compared(h, empty)
-    if len(h.elpd) < 2:
+    if len(h.elpd) < FEWEST:
         return float(np.exp(-max(difference, 0.0)))
-    return float(special.stdtr(len(h.elpd) - 1, -difference / max(error, 1e-12)))
+    return float(special.stdtr(len(h.elpd), -difference / max(error, 1e-12)))
 
 
 def errors_of_input(kinds) -> list[SameShapes]:
@@ -173,9 +194,9 @@ def errors_of_input(kinds) -> list[SameShapes]:
 
 def _needed(causes: list[Fitted], s) -> Fitted | None:
     """The hypothesis with effects that predicts best, of which none is spare."""
-    best = max(causes, key=_density, default=None)
+    best = likeliest(causes)
     for width in range(_width(best) - 1 if best else 0, 0, -1):
-        fewer = max((h for h in causes if _width(h) == width), key=_density, default=None)
+        fewer = likeliest([h for h in causes if _width(h) == width])
         best = fewer if fewer is not None and best is not None and not leads(best, fewer, s.found) else best
     return best
 

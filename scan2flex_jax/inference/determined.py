@@ -1,7 +1,7 @@
 """Which parameters the poses determine: covariance of the estimates, and undetermined combinations (of one: `estimate`).
 
-Directions with a negligible eigenvalue of the precision, scaled to unit diagonal, are not determined; sentences name them, and
-the numbers that are vague.
+Directions with a negligible eigenvalue of the precision, scaled to unit diagonal, are not determined, nor are two unknowns that
+can replace one another; sentences name them, and the numbers that are vague.
 """
 
 from dataclasses import dataclass
@@ -11,9 +11,11 @@ import numpy as np
 from scan2flex_jax.fitting.parameters import Layout
 from scan2flex_jax.fitting.quadratic import UNSEEN
 from scan2flex_jax.inference.estimate import VAGUE, vague
+from scan2flex_jax.study.model import Study
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
 _PART = 0.05  # of the largest component of an open direction: entries with a larger one are not determined
+_ALIKE = 0.999  # correlation of two unknowns, all stated values fixed, from which on one can replace the other
 
 
 @dataclass(frozen=True)
@@ -27,17 +29,56 @@ class Uncertainty:
     sentences: tuple[str, ...]
 
 
-def uncertainty(layout: Layout, A: np.ndarray) -> Uncertainty:
-    """Covariance and open directions of the unknowns from the precision ``A`` (b, b) of all parameters."""
+def uncertainty(layout: Layout, A: np.ndarray, meaningless: np.ndarray | bool = False) -> Uncertainty:
+    """Covariance and open directions of the unknowns from the precision ``A`` (b, b) of all parameters.
+
+    ``meaningless``: mask of unknowns that are not determined for another reason (`ends`), which is said elsewhere.
+    """
     inverse, open_part, hidden = _decomposed(A)
     unseen, open_part = hidden[: layout.unknowns], open_part[: layout.unknowns]
     covariance = inverse[: layout.unknowns, : layout.unknowns].copy()
     lost = _involved(open_part) | unseen
+    pairs = _replaceable(layout, A, lost | vague(layout.logs, np.sqrt(np.diag(covariance))))
+    lost[[i for pair in pairs for i in pair[:2]]] = True
+    lost |= meaningless
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
     wide = vague(layout.logs, np.sqrt(np.diag(covariance)))
-    sentences = _open_sentences(layout, open_part, unseen) + _vague_sentences(layout, covariance, wide & ~lost)
-    return Uncertainty(covariance, ~(lost | wide), ~lost, tuple(sentences))
+    sentences = _open_sentences(layout, open_part, unseen & ~np.asarray(meaningless))
+    sentences += [_REPLACEABLE.format(layout.labels[i], layout.labels[j], c) for i, j, c in pairs]
+    return Uncertainty(covariance, ~(lost | wide), ~lost, (*sentences, *_vague_sentences(layout, covariance, wide & ~lost)))
+
+
+_REPLACEABLE = "{} and {} can replace one another (correlation {:+.4f}): neither is determined by itself"
+
+
+def _replaceable(layout: Layout, A: np.ndarray, lost: np.ndarray) -> list[tuple[int, int, float]]:
+    """Pairs of unknowns that are correlated by more than `_ALIKE` while all values with a prior, as stated ones and the steps
+    of a law, are fixed, with the correlation."""
+    known = np.isin(np.arange(layout.unknowns), layout.prior.at)
+    own = np.flatnonzero(~lost & ~known)
+    C = _decomposed(A[np.ix_(own, own)])[0] if len(own) else np.zeros((0, 0))
+    spread = np.sqrt(np.maximum(np.diag(C), 1e-300))
+    C = np.triu(C / np.outer(spread, spread), 1)
+    return [(int(own[i]), int(own[j]), float(C[i, j])) for i, j in np.argwhere(np.abs(C) > _ALIKE)]
+
+
+def ends(study: Study, layout: Layout, x: np.ndarray, length: float) -> tuple[np.ndarray, list[str]]:
+    """Mask of the unknown places and widths at an end of their range, or of a span that covers the whole cable, and sentences
+    on the latter; ``x``: the unknown numbers."""
+    slots, lost, said = {slot.name: slot for slot in layout.slots}, np.zeros(layout.unknowns, bool), []
+    for place, effect in enumerate(study.effects):
+        names = {p: study.unknown_of(place, p) for p in ("position", "width")}
+        own = {p: slots[name] for p, name in names.items() if name in slots}
+        values = {p: slot.value(x[slot.at : slot.at + slot.size]) for p, slot in own.items()}
+        at, width = (np.ravel(values.get(p, effect.parameters.get(p, np.nan))) for p in ("position", "width"))
+        covers = bool(np.all(np.abs(at - length / 2) <= (width - length) / 2))
+        for slot in own.values():
+            here = np.arange(slot.at, slot.at + slot.size)
+            lost[here] |= covers | (x[here] <= np.array(slot.low)) | (x[here] >= np.array(slot.high))
+        if covers and own:
+            said.append(f"the span of {effect.kind} covers the whole cable: its place and width are not determined")
+    return lost, said
 
 
 def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -45,18 +86,20 @@ def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     without influence on any residual."""
     scale = np.sqrt(np.maximum(np.diag(A), 0.0))
     hidden = scale <= UNSEEN * np.max(scale)
-    A = np.where(hidden[:, None] | hidden, 0.0, A)
-    scale = np.where(hidden, 1.0, scale)
-    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
-    closed = values > _OPEN**2 * max(values[-1], 1e-300)
-    inverse = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
-    return inverse, vectors[:, ~closed] / scale[:, None], hidden
+    seen = np.flatnonzero(~hidden)
+    inverse, scale = np.zeros_like(A, dtype=float), scale[seen]
+    values, vectors = np.linalg.eigh(A[np.ix_(seen, seen)] / np.outer(scale, scale))
+    closed = values > _OPEN**2 * np.max(values, initial=1e-300)
+    inverse[np.ix_(seen, seen)] = (vectors[:, closed] / values[closed]) @ vectors[:, closed].T / np.outer(scale, scale)
+    open_part = np.zeros((len(A), int(np.sum(~closed))))
+    open_part[seen] = vectors[:, ~closed] / scale[:, None]
+    return inverse, open_part, hidden
 
 
 def _involved(directions: np.ndarray) -> np.ndarray:
-    """Mask of the entries that contribute to open directions (b, k)."""
-    weight = np.abs(directions).max(axis=1, initial=0.0)
-    return (weight > _PART * np.abs(directions).max(initial=0.0)) & (directions.size > 0)
+    """Mask of the entries that contribute to any of the open directions (b, k)."""
+    weight = np.abs(directions)
+    return np.any(weight > _PART * weight.max(axis=0, initial=0.0), axis=1)
 
 
 def closed_inverse(A: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from scan2flex_jax.inference.along import stiffness_along, withheld
 from scan2flex_jax.inference.decision import (
     ABSENT,
     FAVOURED,
+    FEWEST,
     FOUND,
     INCONCLUSIVE,
     NAMED,
@@ -28,7 +29,6 @@ from scan2flex_jax.inference.decision import (
     UNEXPLAINED,
     UNSOLVED,
     Decision,
-    compared,
     decide,
     errors_of_input,
     leads,
@@ -132,7 +132,6 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     study = best.variant.study
     ranking, every = _ranking(search, d), of.estimates(best, d.averaged)
     chosen, poses = _chosen(d, ranking), _poses(d)
-    effects = tuple((kind, of.parameters_of(best, k)) for k, kind in enumerate(best.kinds))
     field = d.description if d.verdict == UNEXPLAINED else None
     load, pose_loads = of.equivalent_loads(d.empty)
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
@@ -141,7 +140,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, coarse)
     return Explanation(
-        study=of.declared(best.variant.fit.calibrated if best.variant.effect else study, every, effects),
+        study=_established(d),
         fit=fitted,
         verdict=d.verdict,
         p_value=d.p_value,
@@ -169,6 +168,13 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     )
 
 
+def _established(d: Decision) -> Study:
+    """The study with the effects that are established, and the estimates beside them."""
+    h, averaged = (d.best, d.averaged) if d.verdict in FOUND else (d.empty, (d.empty,))
+    effects = tuple((kind, of.parameters_of(h, k)) for k, kind in enumerate(h.kinds))
+    return of.declared(h.variant.fit.calibrated if h.variant.effect else h.variant.study, of.estimates(h, averaged), effects)
+
+
 def _table(search: Search, d: Decision) -> tuple[Hypothesis, ...]:
     """All hypotheses, those that predict best first."""
     out = []
@@ -182,9 +188,15 @@ def _table(search: Search, d: Decision) -> tuple[Hypothesis, ...]:
             relation = "simpler"
         elif set(h.names) > set(d.best.names):
             relation = "wider"
-        gain = compared(h, d.empty) if len(h.elpd) > 1 else (np.nan, np.nan)
+        gain = _predicted(h, d.empty) if len(h.elpd) > 1 else (np.nan, np.nan)
         out.append(Hypothesis(h.names, h.variant.name, h.score - d.empty.score, *gain, relation))
     return tuple(sorted(out, key=lambda h: (h.relation != "best", -h.elpd if np.isfinite(h.elpd) else -h.log_evidence)))
+
+
+def _predicted(h: Fitted, empty: Fitted) -> tuple[float, float]:
+    """Difference in log predictive density (nats), as it is, and its paired standard error."""
+    difference = h.elpd - empty.elpd
+    return float(np.sum(difference)), float(np.std(difference, ddof=1) * np.sqrt(len(difference)))
 
 
 def _ranking(search: Search, d: Decision) -> tuple[Ranked, ...]:
@@ -319,8 +331,8 @@ def _of_verdict(d: Decision, kinds) -> Iterator[Finding]:
             yield Finding("field", "doubt", words)
         if cause is not None and cause.score > d.empty.score:
             yield Finding("likeliest", "doubt", {"effects": listed(cause.names), "nats": cause.score - d.empty.score})
-        if v.program.poses.count == 1:
-            yield Finding("one_pose", "doubt")
+        if len(d.empty.elpd) < FEWEST:
+            yield Finding("one_pose" if len(d.empty.elpd) == 1 else "two_poses", "doubt")
     elif d.verdict == TIE:
         rivals = [listed(h.names) for h in d.tied] or [f"an error of the {s.other}" for s in errors_of_input(kinds)]
         yield Finding("tied", "doubt", many | {"rivals": " or ".join(dict.fromkeys(rivals))})

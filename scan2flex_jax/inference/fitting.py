@@ -15,6 +15,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.evaluate import Evaluation
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, silent
 from scan2flex_jax.fitting.noise import stated_noise
+from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import check_distance
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.states import DISTANCES
@@ -22,6 +23,7 @@ from scan2flex_jax.fitting.threads import threaded
 from scan2flex_jax.inference import belief, branches, shapes
 from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference.along import stiffness_along, withheld
+from scan2flex_jax.inference.answer import number
 from scan2flex_jax.inference.fit_result import Fit, pose_fits, unsettled
 from scan2flex_jax.inference.mesh import Found, on_enough_elements
 from scan2flex_jax.inference.mistakes import before_branches, hidden
@@ -108,12 +110,13 @@ def fitted(
     began, progress = time.perf_counter(), progress or silent
     whole, said = with_curves(study, progress)
     stages = [partial(_minimum, mistakes=mistakes), partial(_on_branches if turns else _as_stated, mistakes=mistakes)]
+    stages[1] = partial(stages[1], settings=settings)
     stages = [partial(stage, method=method, progress=progress) for stage in stages]
     found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
     several, open_ = shapes.in_words(problem, minimum, shapes.others(problem, minimum, progress))
-    in_doubt, stated = tuple(filter(None, (doubt, several))), stated_noise(whole)
+    in_doubt, stated = tuple(filter(None, (doubt, several, *_rivals(problem, minimum)))), stated_noise(whole)
     own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
     if problem.evaluator.distance != "normal":
         minimum = problem.seen_by_normals(minimum)
@@ -175,6 +178,16 @@ def _at_mode(h, minimum) -> Minimum:
     return Minimum(shared, local, Evaluation.of(h.shapes), h.chi2 + h.linear.quad, minimum.iterations, h.converged, stalled)
 
 
+def _rivals(problem, minimum) -> tuple[str, ...]:
+    """A sentence on the best minimum elsewhere that is about as good, if there is any."""
+    if not minimum.rivals:
+        return ()
+    (x, rms), own = minimum.rivals[0], problem.rms(minimum)
+    values = values_of(problem.layout, x)
+    said = ", ".join(f"{name} {' '.join(number(v, 3) for v in np.ravel(value))}" for name, value in values.items())
+    return (f"other values fit about as well ({1e3 * rms:.3g} mm RMS in place of {1e3 * own:.3g} mm): {said}",)
+
+
 def _known(known, laws, estimates):
     """Sentences on undetermined values, on laws, and on values at a bound."""
     return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
@@ -186,19 +199,19 @@ def _minimum(problem, _, method, progress, mistakes):
     return Found(problem, minimum or problem.minimise(method, progress), likely)
 
 
-def _on_branches(declared, first, method, progress, mistakes):
+def _on_branches(declared, first, method, progress, mistakes, settings):
     """Problem and minimum on the measured branches, and mistakes of the input that show there."""
     if first.mistakes:
         return first
-    problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress)
-    likely = hidden(declared.study, problem, minimum, progress) if mistakes else ()
+    problem, minimum, doubt = branches.on_its_branches(declared, first.minimum, method, progress, settings=settings)
+    likely = hidden(declared.study, problem, minimum, progress, settings) if mistakes else ()
     problem, minimum = branches.believed(problem, minimum, (declared, first.minimum))
     return Found(problem, minimum, likely, doubt)
 
 
-def _as_stated(declared, first, method, progress, mistakes):
+def _as_stated(declared, first, method, progress, mistakes, settings):
     """Problem and minimum with the turns of the study, and mistakes of the input that show there."""
-    likely = first.mistakes or (hidden(declared.study, declared, first.minimum, progress) if mistakes else ())
+    likely = first.mistakes or (hidden(declared.study, declared, first.minimum, progress, settings) if mistakes else ())
     return Found(declared, first.minimum, likely)
 
 

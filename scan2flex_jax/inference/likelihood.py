@@ -6,11 +6,12 @@ curvature and clamp seat of the pose (`fitting.discrepancy`), and
     C_p = white^2/count I + correlated^2 k(lag/length) + axis^2 m(lag/axis length) + b^2 Z_p Z_p',
 
 ``k`` a mixture of Matern 3/2 and the squared exponential, since nobody knows how smooth errors of a scan are; ``axis`` the
-given error of the axis of scans, ``m`` Matern 3/2; rows across a plane in which all points lie have a noise of
-`Settings.largest_noise` of the length besides. The sizes ``u = (log white, log correlated, log length, log b, logit of the
-share of Matern)`` are those of the largest restricted likelihood times their prior (Patterson and Thompson 1971), for each
-hypothesis at its own ``x``, with exact gradients: 8 to 15 evaluations of 3 ms. The discrepancy has a spike and a slab
-(Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which costs `Settings.slab`.
+given error of the axis of scans, ``m`` Matern 3/2; white and correlated noise of a pose are in proportion to the noise that it
+states; rows across a plane in which all points lie have a noise of `Settings.largest_noise` of the length besides. The sizes
+``u = (log white, log correlated, log length, log b, logit of the share of Matern)`` are those of the largest restricted
+likelihood times their prior (Patterson and Thompson 1971), for each hypothesis at its own ``x``, with exact gradients: 8 to 15
+evaluations of 3 ms. The discrepancy has a spike and a slab (Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which
+costs `Settings.slab`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -116,8 +117,8 @@ class Likelihood:
         """C (P, N, N), and its derivatives by log white (a diagonal), correlated, length, b, b along tangents (a diagonal), and
         the share of Matern."""
         p, (sw, sc, ell, b) = self.rows, np.exp(u[:4])
-        K, dK, dw = (p.same * k for k in _correlation(p.lag / ell, u[4]))
-        white, ZZ = sw**2 / p.count * (1 - p.pad), b**2 * (Z @ Z.transpose(0, 2, 1))
+        K, dK, dw = (p.same * k * p.noise[:, :, None] ** 2 for k in _correlation(p.lag / ell, u[4]))
+        white, ZZ = sw**2 / p.count * (1 - p.pad) * p.noise**2, b**2 * (Z @ Z.transpose(0, 2, 1))
         aside = b**2 * np.sum(Z**2, axis=2) / p.near
         fore = p.tangent * aside**2  # points moved across draw back along the tangent, to second order
         i = np.arange(p.rows)

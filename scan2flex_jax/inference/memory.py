@@ -13,6 +13,7 @@ part.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import factorial
 
 import numpy as np
 
@@ -86,7 +87,7 @@ def memory_test(
     Args:
         study: One cable with unknowns; its poses stand in the order of measurement. An effect of this ``kind`` may be declared.
         kind: The effect with memory: "friction", "torsion_friction" or "relaxation".
-        orders: Random orders to compare with; 19 or more can name memory.
+        orders: Different random orders to compare with, or all there are; 19 or more can name memory.
         elements: Elements of the rod.
         seed: Draws the orders.
         progress: Called with a line of text now and then.
@@ -108,11 +109,11 @@ def memory_test(
     true = fit(remembering)
     say(f"without {kind}")
     least = fit(plain).posterior.score
-    rng, others = np.random.default_rng(seed), []
-    for k in range(orders):
-        say(f"order {k + 1} of {orders}")
+    tried, others = other_orders(len(study.poses), orders, np.random.default_rng(seed)), []
+    for k, order in enumerate(tried):
+        say(f"order {k + 1} of {len(tried)}")
         try:
-            others.append(fit(_permuted(true.calibrated, rng)).posterior.score - least)
+            others.append(fit(_permuted(true.calibrated, order)).posterior.score - least)
         except NotSettledError:
             others.append(-np.inf)
     names = (name for name in true.estimates if name.startswith(f"{kind}."))
@@ -145,15 +146,15 @@ def declaring(study: Study, kind: str, guesses: Mapping[str, float] | None = Non
     return study
 
 
-def _permuted(study, rng):
-    """The study with its poses in a random other order; times and resets stay where they were."""
-    shown = zip((study.poses[i] for i in other_order(len(study.poses), rng)), study.poses, strict=True)
+def _permuted(study, order):
+    """The study with its poses in another order; times and resets stay where they were."""
+    shown = zip((study.poses[i] for i in order), study.poses, strict=True)
     return replace(study, poses=tuple(replace(pose, time=place.time, reset=place.reset) for pose, place in shown))
 
 
-def other_order(count: int, rng: np.random.Generator) -> np.ndarray:
-    """A random order of so many poses that is not the order of measurement; that order for a single pose."""
-    order = np.arange(count)
-    while count > 1 and np.all(order == np.arange(count)):
-        order = rng.permutation(count)
-    return order
+def other_orders(count: int, most: int, rng: np.random.Generator) -> list[tuple[int, ...]]:
+    """Different random orders of so many poses, none that of measurement: ``most`` of them, or all there are."""
+    found, every = dict.fromkeys([tuple(range(count))]), factorial(count)
+    while len(found) <= min(most, every - 1):
+        found[tuple(map(int, rng.permutation(count)))] = None
+    return list(found)[1:]

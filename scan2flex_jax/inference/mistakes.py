@@ -29,6 +29,7 @@ from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import branches
 from scan2flex_jax.inference.readings import misread
+from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
@@ -73,12 +74,14 @@ def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[
     return (minimum, likely) if likely else (None, ())
 
 
-def hidden(study: Study, problem: Problem, minimum: Minimum, progress: Progress) -> tuple[Mistake, ...]:
+def hidden(
+    study: Study, problem: Problem, minimum: Minimum, progress: Progress, settings: Settings = USUAL
+) -> tuple[Mistake, ...]:
     """The mistakes whose correction explains the curves of ``study``: the best one, and those that explain them alike.
 
     ``problem`` and ``minimum`` are its fit on the measured branches. Empty for a fit with a small residual.
     """
-    search = _Search(study, problem, minimum, progress)
+    search = _Search(study, problem, minimum, progress, settings)
     doubtful = search.doubtful()
     return misread(problem, minimum, doubtful, search.refitted) or (search.hidden() if doubtful else ())
 
@@ -110,8 +113,10 @@ def _cost(problem, off) -> float:
 class _Search:
     """The refits of one study; without a minimum the study did not settle, and any refit that comes close is better."""
 
-    def __init__(self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress):
-        self.study, self.problem, self.minimum, self.progress = study, problem, minimum, progress
+    def __init__(
+        self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress, settings: Settings = USUAL
+    ):
+        self.study, self.problem, self.minimum, self.progress, self.settings = study, problem, minimum, progress, settings
         self.before = np.inf if minimum is None else _distance(problem, minimum.evaluation.residual)
         turned = sum(a.turns != b.turns for a, b in zip(study.fit_poses, problem.study.fit_poses, strict=True))
         self.turned = turned >= _TURNED
@@ -168,7 +173,7 @@ class _Search:
             return refit
         with suppress(Scan2FlexError):
             problem, minimum, _ = branches.on_its_branches(
-                refit.problem, refit.minimum, "least-squares", self.progress, branches.NEARER
+                refit.problem, refit.minimum, "least-squares", self.progress, branches.NEARER, settings=self.settings
             )
             return Refit(refit.mistake, _distance(problem, minimum.evaluation.residual), problem, minimum)
         return refit

@@ -11,7 +11,7 @@ from scan2flex_jax.effects.distributed_load import DistributedLoad
 from scan2flex_jax.fitting.discrepancy import Discrepancy, most_likely_part
 from scan2flex_jax.fitting.parameters import layout_of
 from scan2flex_jax.geometry.fields import POINTS, smooth_root
-from scan2flex_jax.inference.determined import Uncertainty, uncertainty
+from scan2flex_jax.inference.determined import Uncertainty, ends, listed, uncertainty
 from scan2flex_jax.inference.estimate import NORMAL_95, Estimate, estimate_of
 from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted, without
@@ -24,6 +24,7 @@ from scan2flex_jax.study.kinds import kind_format, kind_names, split_name
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 
 _FEWEST_FREEDOM = 2  # degrees of freedom of an interval: from two poses, one would be no interval
+_ANY, _HELD = 1e-4, 3.0  # precision of an effect of any size over the usual one; growth of a standard error that it may cause
 
 
 def parameters_of(h: Fitted, k: int) -> dict:
@@ -102,10 +103,30 @@ def _comparable(h: Fitted, best: Fitted) -> bool:
 
 def known(h: Fitted) -> Uncertainty:
     """Which unknowns the poses determine, and their covariance, without the weak priors that only hold the others in place."""
-    wr, wX = h.variant.likelihood.white(h.u, h.linear)
-    prior = Prior(h.variant.program, h.components, h.wider)
+    v, (wr, wX) = h.variant, h.variant.likelihood.white(h.u, h.linear)
+    layout, prior = v.program.layout, Prior(v.program, h.components, h.wider)
     A, _ = h.linear.normal(wr, wX)
-    return uncertainty(h.variant.program.layout, A - np.diag(np.where(prior.frozen, 0.0, prior.weak + prior.width)))
+    A -= np.diag(np.where(prior.frozen, 0.0, prior.weak + prior.width))
+    meaningless, said = ends(v.study, layout, h.x[: layout.unknowns], v.length)
+    held = _held_by_size(h, A, prior) & ~meaningless
+    if np.any(held):
+        names = listed([label for label, one in zip(layout.labels, held, strict=True) if one])
+        said.append(f"beside {listed([k.replace('_', ' ') for k in h.kinds])} of any size these poses do not determine {names}")
+    found = uncertainty(layout, A, meaningless | held)
+    return replace(found, sentences=(*found.sentences, *said))
+
+
+def _held_by_size(h: Fitted, A: np.ndarray, prior: Prior) -> np.ndarray:
+    """Mask of the unknowns that only the usual size of an effect holds: their standard errors grow where it may have any size.
+    The amplitudes of fields and laws are many, and defined by their prior."""
+    n, change = h.index, np.zeros(len(A))
+    for k, c in enumerate(h.components):
+        if not c.entry.field:
+            at = n.amplitudes(k)
+            change[at] = np.where(prior.frozen[at], 0.0, (1.0 - _ANY) * prior.precision[at])
+    own = slice(h.variant.program.layout.unknowns)
+    usual, free = (np.diag(inverted(B)[1])[own] for B in (A, A - np.diag(change)))
+    return free > _HELD**2 * usual
 
 
 def _rescaled(h):

@@ -23,7 +23,7 @@ class Rows:
 
     For each row (P, N): ``count`` of its points, ``pad`` 1 where it is none, ``tangent`` 1 along the tangent, ``across`` 1
     across a plane of all points, ``near`` (m) its arc length; for each pair (P, N, N): ``lag`` (m), the RMS distance of two of
-    their points, and ``same`` 1 in one direction.
+    their points, and ``same`` 1 in one direction. ``noise`` (P, 1): the noise of each pose over that of all (`Poses`).
 
     ``dof`` and ``scatter`` (m^2): degrees of freedom and sum of squares of points within bins about their lines, as many as
     there are rows at most; ``inside`` (k,) m: their usual places in a bin.
@@ -32,6 +32,7 @@ class Rows:
     def __init__(self, shapes, program):
         """From the shapes at which the directions of the rows are fixed."""
         study, points = program.problem.study, program.context.points
+        self.noise = np.ones((len(shapes), 1)) if program.poses.noise is None else program.poses.noise[:, None]
         across = plane_normal(points, study.gravity) if program.poses.rows is None else None
         self.bins, self.axes, self.kept, self.mean = [], [], [], []
         for i, (shape, keep) in enumerate(zip(shapes, program.real, strict=True)):
@@ -88,6 +89,7 @@ class Rows:
             if len(g) >= _SCATTERED:
                 T = np.stack([np.ones(len(g)), shape.s[g] - shape.s[g].mean()], axis=1)
                 y = r[g][:, :normals] - T @ np.linalg.lstsq(T, r[g][:, :normals], rcond=None)[0]
+                y /= self.noise[i]
                 self.scatter, self.dof = self.scatter + np.sum(y**2), self.dof + normals * (len(g) - 2)
                 lags.append((np.ptp(shape.s[g]), len(g)))
         return lags

@@ -19,7 +19,7 @@ from scan2flex_jax.effects.entry import CatalogueEntry
 from scan2flex_jax.fitting.least_squares import Progress
 from scan2flex_jax.fitting.noise import FINEST
 from scan2flex_jax.inference.likelihood import inverted
-from scan2flex_jax.inference.posterior import SIZES, Fitted, Variant, price
+from scan2flex_jax.inference.posterior import SIZES, Fitted, Variant, price, solved
 from scan2flex_jax.inference.program import Component
 from scan2flex_jax.rod.effect import overriding
 
@@ -80,6 +80,7 @@ class Search:
         """The whole search."""
         for variant in self.variants:
             self._singles(variant)
+            self._empty_again(variant)
         self._widen()
         self._laws()
         return self
@@ -108,6 +109,7 @@ class Search:
         self.add(variant.empty)
         if deeper:
             self._singles(variant)
+            self._empty_again(variant)
             self._widen()
 
     def _singles(self, v: Variant):
@@ -136,6 +138,19 @@ class Search:
                 self._every(v, table, keep)
             for e in fields():
                 self._refit(v.empty, Scored(0.0, Component(e.kind, {}), e.null), plain=far)
+
+    def _empty_again(self, v: Variant):
+        """The hypothesis without effects from where the best single effect ended: what a descent missed is no effect."""
+        best = self.best(v, 1)
+        if best is None or v.held or best.score <= v.empty.score:
+            return
+        self.say(f"without {best.kinds[0]}")
+        shapes = v.program.shapes((), best.x[: best.index.base], best.configuration)
+        again = v.refitted((), [], best.x, shapes, best.u, plain=False) if solved(shapes) else None
+        if again is not None and again.score > v.empty.score + v.settings.tied:
+            v.empty = again
+            self.add(again)
+            self.scores |= Screen(again).singles()
 
     def _leaves_discrepancy(self, v: Variant) -> bool:
         """Whether the likeliest hypothesis of a variant has a discrepancy."""

@@ -46,8 +46,8 @@ class Settings:
     let expect. An interval is withheld above a standard deviation ``vaguest_interval`` of the logarithm.
 
     Hypotheses: ``effect`` is the prior cost of each effect beyond the choice of its kind and place, ``turn`` that of a full
-    turn in a pose (5 % of poses are a turn off, one way or the other), ``mistake`` that of a mistake of the input. Sets have at
-    most ``most_effects``.
+    turn in a pose (5 % of poses are a turn off, one way or the other), ``mistake`` that of a mistake of the input, and so the
+    most that one pose can say for a hypothesis. Sets have at most ``most_effects``.
 
     Validate poses that are off by more than ``untested`` of the length are no evidence, even where tolerances allow as much.
 

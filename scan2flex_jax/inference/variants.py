@@ -50,19 +50,37 @@ def given(study: Study, elements: int | None, mesh: bool, settings: Settings, sa
             return variant, {"elements": elements}, []
         error = mesh_error(first.problem, first.minimum)
         most = settings.mesh_share * variant.likelihood.noise(variant.empty.u).total
-        pairs = zip((p.name for p in study.fit_poses), error, strict=True)
-        coarse = [f"{name} ({1e3 * m:.2f} mm)" for name, m in pairs if not m <= most]
+        figures, coarse = mesh_figures([p.name for p in study.fit_poses], error, most)
         if not coarse or elements >= settings.most_elements:
-            return variant, {"elements": elements, "mesh_error": float(np.max(error))}, coarse
+            return variant, {"elements": elements, **figures}, coarse
         elements *= 2
         say(f"again with {elements} elements")
 
 
-def variant_of(name: str, fit: Fit, log_prior: float = 0.0, effect: str | None = None) -> Variant:
-    """The variant of a fit, with its prior."""
+def mesh_figures(names, error: np.ndarray, most: float) -> tuple[dict[str, float], list[str]]:
+    """The largest mesh error (m), unless a pose has none, and the poses in which it exceeds ``most`` in words."""
+    known = bool(np.all(np.isfinite(error)))
+    pairs = [(name, m) for name, m in zip(names, error, strict=True) if not m <= most]
+    said = [(name, f"{1e3 * m:.2f} mm" if np.isfinite(m) else "not solved with more elements") for name, m in pairs]
+    coarse = [f"{name} ({why})" for name, why in said]
+    return ({"mesh_error": float(np.max(error))} if known else {}), coarse
+
+
+def variant_of(
+    name: str, fit: Fit, log_prior: float = 0.0, effect: str | None = None, groups: list[list[int]] | None = None
+) -> Variant:
+    """The variant of a fit, with its prior; ``groups``: of poses that are left out together, where it is compared with
+    another."""
     variant = fit.posterior.variant
-    variant.name, variant.fit, variant.effect, variant.log_prior = name, fit, effect, log_prior
-    variant.empty.score += log_prior
+    variant.name, variant.fit, variant.effect = name, fit, effect
+    variant.groups = variant.groups if groups is None else groups
+    return with_prior(variant, log_prior)
+
+
+def with_prior(variant: Variant, log_prior: float) -> Variant:
+    """The variant with this log prior (nats), whichever it had."""
+    variant.empty.score += log_prior - variant.log_prior
+    variant.log_prior = log_prior
     return variant
 
 
@@ -76,13 +94,12 @@ def stated_turns(study: Study, first: Variant, say: Progress) -> Variant | None:
     if not first.fit.turned:
         return None
     say("with the turns of the study")
-    first.log_prior = -first.settings.turn * len(first.fit.turned)
-    first.empty.score += first.log_prior
+    with_prior(first, -first.settings.turn * len(first.fit.turned))
     try:
         stated = fitted(study, turns=False, mistakes=False, **_as(first))
     except NotSettledError:
         return None
-    return variant_of("turns as stated", stated)
+    return variant_of("turns as stated", stated, groups=first.groups)
 
 
 def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]]:
@@ -105,7 +122,7 @@ def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]
             mended = fitted(mistake.study, mistakes=False, **_as(first))
         except Scan2FlexError:
             continue
-        yield mistake, variant_of(name, mended, log_prior)
+        yield mistake, variant_of(name, mended, log_prior, groups=first.groups)
 
 
 def remembering(search: Search, say: Progress) -> Iterator[Variant]:
@@ -134,7 +151,7 @@ def remembering(search: Search, say: Progress) -> Iterator[Variant]:
             told = fitted(declaring(study, kind), turns=False, mistakes=False, **_as(v) | {"slots": ()})
         except NotSettledError:
             continue
-        yield variant_of(kind, told, -price, kind)
+        yield variant_of(kind, told, -price, kind, v.groups)
 
 
 def _strained(v: Variant) -> tuple[np.ndarray, np.ndarray]:

@@ -44,6 +44,7 @@ _WORDS = {
     "field": "it behaves like {field} ({nats:.0f} nats ahead): a description, not a cause",
     "likeliest": "the likeliest, {effects}, leads by {nats:.1f} nats over no effect, and is not established",
     "one_pose": "in a single pose an effect cannot be tested on another one: nothing is established",
+    "two_poses": "in two poses an effect cannot be tested on enough others: nothing is established",
     "coarse": "the mesh error reaches the noise in {poses}: nothing is concluded",
     "discrepancy": "beyond the sensor's noise each pose differs in its own way ({mm:.2f} mm, {percent:.2f} % of the length): "
     "friction, handling, or unlisted physics",

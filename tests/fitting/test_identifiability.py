@@ -1,13 +1,16 @@
 """What the poses cannot determine is said in words, and gets no error bar."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from scan2flex_jax.inference import fit
-from scan2flex_jax.study import Unknown
+from scan2flex_jax.study import EffectDeclaration, Tolerance, Unknown, load_study
 
 from . import scenes
 
+DATA = Path(__file__).parents[1] / "data"
 TRUE = {"bending_stiffness": scenes.EI, "torsional_stiffness": scenes.GJ}
 
 
@@ -61,3 +64,41 @@ def test_what_a_plane_pose_does_not_feel_keeps_its_ratio_to_what_it_feels():
     at = np.exp(found.posterior.variant.minimum.shared)  # that of the distances, before noise and priors are weighed
     assert at[1] == pytest.approx(at[0], rel=1e-6)
     assert not GJ.identifiable
+
+
+def test_a_span_over_the_whole_cable_is_a_factor_on_its_stiffness():
+    """EI, GJ and the factor are known as two products; the place and width of such a span mean nothing."""
+    guesses = {"position": 0.5, "width": 1.4, "factor": 1.1}
+    unknowns = [*scenes.BOTH, *(Unknown(f"stiffness_profile.{n}", guess=g) for n, g in guesses.items())]
+    study = scenes.study_of(unknowns, effects=[EffectDeclaration("stiffness_profile", {})])
+    truth = TRUE | {f"stiffness_profile.{n}": g for n, g in (guesses | {"factor": 1.0}).items()}
+    f = fit(scenes.measured(study, scenes.exact_curves(study, truth), 3e-4), elements=scenes.ELEMENTS)
+    factor = f.estimates["stiffness_profile.factor"].value
+    for name, e in f.estimates.items():
+        assert not e.identifiable and e.low is None, name
+        if name in TRUE:
+            assert e.value * factor == pytest.approx(TRUE[name], rel=0.02)
+    assert any("covers the whole cable" in s for s in f.sentences), f.sentences
+
+
+def test_what_a_tolerance_has_in_common_is_in_the_intervals():
+    """EI and GJ per mass are known far better than the mass: correlated by more than 0.999, each is known to its tolerance."""
+    study = scenes.study_of(tolerance=Tolerance(length_density=0.02 * 0.2))
+    f = fit(scenes.measured(study, scenes.exact_curves(study, TRUE), 2e-5, stated=2e-5), elements=scenes.ELEMENTS)
+    assert f.correlation[0, 1] > 0.999
+    for name, value in TRUE.items():
+        e = f.estimates[name]
+        assert e.identifiable and e.std / e.value == pytest.approx(0.02, rel=0.2)
+        assert e.low < value < e.high
+
+
+@pytest.mark.slow
+def test_minima_far_apart_that_fit_as_well_are_said():
+    """A rod whose stiffness falls fifty-fold, as a taper and a span; a descent from the guesses ends in a span over all of it.
+    """
+    f = fit(load_study(DATA / "tapered-rod"))
+    assert f.rms("fit") < 1e-3
+    (said,) = f.in_doubt
+    assert said.startswith("other values fit about as well") and "stiffness_profile.position" in said
+    assert f.answer.tone == "fair" and "other values" in f.answer.belief
+    assert f.estimates["stiffness_profile.width"].value < 0.9

@@ -56,6 +56,8 @@ def test_a_single_pose_is_never_explained():
     assert found.verdict == "unexplained" and found.chosen == ()
     assert found.significant and not found.believable
     assert any("in a single pose" in s for s in found.sentences)
+    assert found.study.effects == ()  # what is saved declares nothing that is not established
+    assert found.study.cable["bending_stiffness"] == pytest.approx(found.fit.estimates["bending_stiffness"].value, rel=1e-6)
 
 
 def test_a_smooth_residual_of_a_single_photograph_is_no_good_answer():

@@ -11,7 +11,7 @@ from benchmarks.memory import remembering, study_of_chains
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import MemoryTest, memory_test
-from scan2flex_jax.inference.memory import _permuted, other_order
+from scan2flex_jax.inference.memory import _permuted, other_orders
 from scan2flex_jax.inference.planning import variations
 from scan2flex_jax.inference.program import Component, Program
 from tests.fitting import scenes as cables
@@ -59,12 +59,19 @@ ANY = cables.study_of(poses=POSES)
 def test_another_order_keeps_times_and_resets_in_their_places():
     poses = [replace(p, role="fit", time=float(i), reset=i == 3) for i, p in enumerate(ANY.poses)]
     study = replace(ANY, poses=tuple(poses))
-    for seed in range(20):
-        other = _permuted(study, np.random.default_rng(seed)).poses
+    for order in other_orders(len(poses), 20, np.random.default_rng(0)):
+        other = _permuted(study, order).poses
         assert sorted(p.name for p in other) == sorted(p.name for p in poses)
         assert [p.name for p in other] != [p.name for p in poses]
         assert [(p.time, p.reset) for p in other] == [(p.time, p.reset) for p in poses]
-    assert other_order(1, np.random.default_rng(0)).tolist() == [0]
+
+
+@pytest.mark.parametrize(("count", "orders", "different"), [(1, 19, 0), (2, 19, 1), (3, 19, 5), (4, 19, 19), (4, 50, 23)])
+def test_orders_are_drawn_without_replacement(count, orders, different):
+    """A test by permutations is exact if none is drawn twice: two poses have one other order, and p is 1/2 at least."""
+    drawn = other_orders(count, orders, np.random.default_rng(3))
+    assert len(drawn) == len(set(drawn)) == different
+    assert all(sorted(order) == list(range(count)) != list(order) for order in drawn)
 
 
 def test_a_kind_without_memory_is_refused():
