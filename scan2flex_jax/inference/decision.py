@@ -149,14 +149,6 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     return Decision(verdict, cause, empty, tied, averaged, gain=gain, surprised=surprised, **rest)
 
 
-def differs(d: Decision) -> bool:
-    """Whether poses differ from the model, each in its own way, and nothing speaks for a cause that they share: no effect and
-    no field leads over the hypothesis without effects, whose discrepancy is in the intervals."""
-    rivals, s = [h for h in (d.cause, d.description) if h is not None], d.empty.variant.settings
-    ahead = any(leads(h, d.empty, s.found) for h in rivals)
-    return d.best is d.empty and d.empty.discrepant and not (ahead or smooth(d.empty) or d.mistakes)
-
-
 def _density(h: Fitted) -> float:
     """Log predictive density (nats), or evidence of fewer than `FEWEST` poses."""
     return float(np.sum(h.elpd)) if len(h.elpd) >= FEWEST else h.score

@@ -16,7 +16,7 @@ from scan2flex_jax.inference.answer import (
     unseen_in_words,
     warnings_of,
 )
-from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED, differs
+from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
 
 Severity = Literal["fine", "doubt", "fault"]
 
@@ -107,9 +107,9 @@ def belief_of(explanation) -> tuple[str, str]:
     if fault:
         return BAD, f"no: {fault}"
     reservation = next(iter(e.fit.in_doubt), "") or belief.reservation(e.decision.best, e.discrepancy)
-    if e.verdict in (NONE, EXPLAINED, UNEXPLAINED) and reservation:
-        first = f"{found} explains much, but" if found else "no known effect explains it:" if e.significant else ""
-        return FAIR, f"with care: {first or 'no missing effect shows, but'} {reservation}"
+    if e.verdict in (NONE, EXPLAINED) and reservation:
+        first = f"{found} explains much, but" if found else "no missing effect shows, but"
+        return FAIR, f"with care: {first} {reservation}"
     return {
         NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"),
         EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),
@@ -124,8 +124,7 @@ def _fault(e, found) -> str:
     said = [f"the input is likely mistaken: {e.mistakes[0]}"] if e.mistakes else []
     said += ["not in equilibrium, nothing is concluded"] if e.fit is None or e.verdict == UNSOLVED else []
     said += [f"{', '.join(unsolved)} could not be solved"] if unsolved else []
-    lost = e.verdict == UNEXPLAINED and not (e.decision is not None and differs(e.decision))
-    said += ["something is missing, and no known effect explains it"] if lost else []
+    said += ["something is missing, and no known effect explains it"] if e.verdict == UNEXPLAINED else []
     if e.surprised:
         pose, ratio = max(e.surprised.items(), key=lambda item: item[1])
         off = f"is off by {two_digits(ratio)} times what the model expects" if np.isfinite(ratio) else "could not be solved"
