@@ -93,8 +93,8 @@ class Fit:
     ``correlation`` is that of the entries named by ``labels``; ``sentences`` state undetermined combinations, values at a
     bound, and last whether the validate poses are predicted (``judgement``; ``valid``, None without such poses).
     ``reservation``: why it is believed with care at most (`inference.belief`), or empty. ``turned``: sentences on poses whose
-    turns differ from the study's (`inference.branches`); ``in_doubt``: on turns about as likely, on values elsewhere that fit
-    about as well, and on other shapes that fit few readings as well, which leave the unknowns ``open`` (`inference.shapes`).
+    turns differ from the study's (`inference.branches`); ``in_doubt``: on turns about as likely, and on values elsewhere or
+    other shapes that fit about as well; ``open``: the unknowns that these leave not determined.
     ``noise`` is the sensor's, ``discrepancy`` the deviation that differs from pose to pose. ``misfits``: sentences on fitted
     poses whose residual is not noise. ``mistakes``: likely mistakes of the input, each of which explains the residual
     (`inference.mistakes`). ``cost`` is that of the mode of the ``posterior``, the ``minimum`` of the ``problem``: squares of

@@ -116,7 +116,8 @@ def fitted(
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
     several, open_ = shapes.in_words(problem, minimum, shapes.others(problem, minimum, progress))
-    in_doubt, stated = tuple(filter(None, (doubt, several, *_rivals(problem, minimum)))), stated_noise(whole)
+    rival, stated = minimum.rivals[:1], stated_noise(whole)
+    in_doubt = tuple(filter(None, (doubt, several, *(_rival_in_words(problem, minimum, *other) for other in rival))))
     own = (method == "least-squares" and problem.evaluator.distance == "normal") or problem.layout.has_priors
     if problem.evaluator.distance != "normal":
         minimum = problem.seen_by_normals(minimum)
@@ -127,7 +128,9 @@ def fitted(
     minimum, solved = _at_mode(posterior, minimum), problem.evaluator.equilibria + variant.program.solves
     noise, discrepancy = variant.likelihood.noise(posterior.u), of.discrepancy_of(posterior)
     known, poses, laws = of.known(posterior), pose_fits(posterior), of.laws_of(posterior)
-    estimates = shapes.without(profiled(posterior, of.estimates(posterior, (posterior,))), open_)
+    estimates = profiled(posterior, of.estimates(posterior, (posterior,)))
+    open_ = (*open_, *(name for x, _ in rival for name in _beyond(estimates, values_of(problem.layout, x))))
+    estimates = shapes.without(estimates, open_)
     along = stiffness_along(posterior, (posterior,))
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
@@ -178,14 +181,17 @@ def _at_mode(h, minimum) -> Minimum:
     return Minimum(shared, local, Evaluation.of(h.shapes), h.chi2 + h.linear.quad, minimum.iterations, h.converged, stalled)
 
 
-def _rivals(problem, minimum) -> tuple[str, ...]:
-    """A sentence on the best minimum elsewhere that is about as good, if there is any."""
-    if not minimum.rivals:
-        return ()
-    (x, rms), own = minimum.rivals[0], problem.rms(minimum)
-    values = values_of(problem.layout, x)
+def _rival_in_words(problem, minimum, x, rms) -> str:
+    """The best minimum elsewhere, which is about as good."""
+    values, own = values_of(problem.layout, x), problem.rms(minimum)
     said = ", ".join(f"{name} {' '.join(number(v, 3) for v in np.ravel(value))}" for name, value in values.items())
-    return (f"other values fit about as well ({1e3 * rms:.3g} mm RMS in place of {1e3 * own:.3g} mm): {said}",)
+    return f"other values fit about as well ({1e3 * rms:.3g} mm RMS in place of {1e3 * own:.3g} mm): {said}"
+
+
+def _beyond(estimates, values) -> list[str]:
+    """The estimates whose interval does not hold the value of a minimum that is about as good."""
+    known = {name: e for name, e in estimates.items() if e.low is not None and e.high is not None}
+    return [name for name, e in known.items() if np.any((values[name] < e.low) | (values[name] > e.high))]
 
 
 def _known(known, laws, estimates):

@@ -102,3 +102,4 @@ def test_minima_far_apart_that_fit_as_well_are_said():
     assert said.startswith("other values fit about as well") and "stiffness_profile.position" in said
     assert f.answer.tone == "fair" and "other values" in f.answer.belief
     assert f.estimates["stiffness_profile.width"].value < 0.9
+    assert not f.estimates["bending_stiffness"].identifiable
