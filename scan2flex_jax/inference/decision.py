@@ -102,11 +102,11 @@ def leads(h: Fitted, other: Fitted, found: float) -> bool:
 
 
 def likeliest(hypotheses: Sequence[Fitted]) -> Fitted | None:
-    """The hypothesis that no other predicts better than, by bounded differences; where they go round, that of the largest log
-    predictive density among them. None without any."""
+    """The hypothesis that no other predicts better than, by bounded differences and the prior odds of effects; where they go
+    round, that of the largest log predictive density among them. None without any."""
     best = max(hypotheses, key=_density, default=None)
     for _ in hypotheses:
-        gains = [compared(h, best)[0] for h in hypotheses if best is not None]
+        gains = [compared(h, best)[0] + h.log_odds - best.log_odds for h in hypotheses if best is not None]
         if max(gains) <= 0.0:
             break
         best = hypotheses[int(np.argmax(gains))]

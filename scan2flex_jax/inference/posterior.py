@@ -71,6 +71,11 @@ class Fitted:
         return tuple(c.kind for c in self.components)
 
     @property
+    def log_odds(self) -> float:
+        """Log prior odds (nats) of its effects against common ones."""
+        return float(sum(np.log(odds(c.kind)) for c in self.components))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Its effect types, that of the variant included."""
         return (*filter(None, [self.variant.effect]), *self.kinds)

@@ -10,7 +10,8 @@ from scan2flex_jax.errors import SettingsError
 ODDS = {
     "natural_curvature": 1.0, "kink": 1.0, "stiffness_profile": 1.0, "stiffness_taper": 1.0, "stiffness_field": 1.0,
     "density_profile": 1.0, "density_taper": 1.0, "point_mass": 1.0, "elastic_clamp": 1.0, "clamp_rotation": 1.0,
-    "clamp_offset": 1.0, "length_error": 1.0, "scan_scale": 1.0, "scan_offset": 1.0,
+    "clamp_offset": 1.0, "scan_scale": 1.0, "scan_offset": 1.0,
+    "length_error": 0.1,  # a length is measured with a tape
     "anisotropic_bending": 0.3, "nonlinear_bending": 0.3, "extensibility": 0.3, "memory_set": 0.3, "uniform_load": 0.3,
     "support_plane": 0.3,  # a table is seen
     "bend_twist_coupling": 0.1, "tension_twist_coupling": 0.1, "tension_stiffening": 0.1,  # of strands laid in a helix
