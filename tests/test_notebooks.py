@@ -76,6 +76,16 @@ CLAIMS = {
         assert 0.8 < np.polyfit(np.log(stiffnesses[-3:]), np.log(away[-3:]), 1)[0] < 1.1  # proportional to EI
         assert np.all(orders[:2] > 3.9)  # the last meets the floor that shear and stretch leave, some 1e-7
     """,
+    "stiffness-along-a-rod": """
+        assert not plain.believable and found.believable
+        kinds = {effect.kind for effect in found.chosen}
+        assert kinds & {"stiffness_field", "stiffness_taper"} and kinds & {"natural_curvature", "kink"}
+        assert not kinds & {"tether", "point_load", "stiffness_profile"}
+        assert found.rms("validate") < 3e-3 < 0.1 * plain.rms("validate")  # m
+        assert abs(modulus / (7.32e6 * 6894.757) - 1) < 0.1
+        assert np.all(np.abs(np.log(found.along.at(s[inside])[0] / (modulus * inertia[inside]))) < np.log(1.4))
+        assert all(abs(mass / weight - 1) < 0.05 for weight, mass in masses.items())
+    """,
     "sweep-over-guesses": """
         assert bool(near.all()) and not failed(found)
         lowest = rms.where(rms == rms.min(), drop=True)
