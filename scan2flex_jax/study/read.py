@@ -19,6 +19,7 @@ from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import ENDS, KEYS
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Study, StudyPose, Tolerance, Unknown
+from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
 
@@ -93,9 +94,16 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     data = _given("study", data, where)
     tolerance = _record(Tolerance, "tolerance", data.get("tolerance", {}), where.at("tolerance"))
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
-    effects = tuple(_effects(data.get("effects", []), where.at("effect")))
+    effects, cable = tuple(_effects(data.get("effects", []), where.at("effect"))), data["cable"]
+    if isinstance(cable, dict) and "section" in cable:
+        named, here = cable["section"], where.at("cable.section")
+        path = existing(folder, v.text(named, here), here)
+        rest = {name: value for name, value in cable.items() if name != "section"}
+        unknown = v.table(data.get("unknowns", {}), None, where.at("unknown"), "")
+        sectioned, cable = sections(path, Where(v.one_line(str(shown / named), 300)), rest, unknown)
+        effects = (sectioned, *effects)
     with where.placed():
-        study = Study(data.get("title", ""), data["gravity"], data["cable"], poses, tolerance, effects=effects, folder=folder)
+        study = Study(data.get("title", ""), data["gravity"], cable, poses, tolerance, effects=effects, folder=folder)
     study = replace(study, unknowns=tuple(_unknowns(study, data.get("unknowns", {}), where.at("unknown"))))
     with where.placed({"curve": "centre_curve"}):
         check_study(study, purpose)

@@ -30,6 +30,7 @@ _TYPES: dict[str, Schema] = {
                "items": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}}},
     "names": {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}},
 }  # fmt: skip
+_SECTION = "CSV with s (m) and stiffness, mass per length or diameters along the cable. Left out: the same sections everywhere."
 
 
 def study_schema() -> Schema:
@@ -41,6 +42,7 @@ def study_schema() -> Schema:
     """
     pose = _table("pose", start=_table("clamp"), end=_table("clamp"))
     parts = {name: _table(name) for name in ("cable", "tolerance")}
+    parts["cable"]["properties"]["section"] = {**_TYPES["file"], "description": _SECTION}
     parts |= {"pose": {"type": "array", "items": pose}, "effect": _effects(), "unknown": _unknowns()}
     study = _table("study", format={"const": FORMAT}, **parts)
     head = {"$schema": "http://json-schema.org/draft-07/schema#", "title": "study.toml of scan2flex"}

@@ -38,6 +38,10 @@ VALUES = {
     "bend_twist_coupling": ({"coupling": np.zeros(2)}, {"coupling": np.array([0.2, -0.1])}),
     "nonlinear_bending": ({"slip_curvature": 2.0, "ratio": 1.0}, {"ratio": 0.4}),
     "stiffness_profile": ({"position": 0.35, "width": 0.2, "factor": 1.0}, {"factor": 2.0}),
+    "section_profile": (
+        {"s": np.array([0.0, 0.4, 1.0]), "bending": np.ones(3), "torsion": np.ones(3), "density": np.ones(3)},
+        {"bending": np.array([3.0, 1.5, 0.5]), "torsion": np.array([2.0, 1.0, 1.0]), "density": np.array([2.0, 1.0, 1.0])},
+    ),
     "extensibility": ({"axial_stiffness": 1.0e4}, {"axial_stiffness": 60.0}),
     "point_mass": ({"position": 0.42, "mass": 0.0}, {"mass": 0.03}),
     "density_profile": ({"position": 0.65, "width": 0.25, "factor": 1.0}, {"factor": 1.8}),

@@ -22,7 +22,7 @@ DS = 1.0 / ELEMENTS
 SCANNER = {"scan_scale", "scan_offset"}
 POSE = {"clamp_rotation", "clamp_offset"}  # they are in the supports, hence in positions and rotations
 ALONG = {"natural_curvature", "kink", "curvature_profile", "density_profile", "density_taper", "point_mass", "length_error"}
-STIFF = {"stiffness_profile", "stiffness_taper", "stiffness_field"}
+STIFF = {"section_profile", "stiffness_profile", "stiffness_taper", "stiffness_field"}
 HELD = {
     "mujoco": ALONG | STIFF,
     "pyelastica": ALONG | STIFF | {"anisotropic_bending", "bend_twist_coupling", "extensibility"},
