@@ -46,12 +46,14 @@ class SectionProfile(AbstractEffect):
         return eqx.tree_at(lambda x: (x.stiffness, x.density), section, (K, section.density * share / jnp.mean(share)))
 
 
+def _tapered(factor, length):
+    return SectionProfile(bending=factor, torsion=factor, density=jnp.ones(2), s=jnp.array([0.0, length]))
+
+
 ENTRY = CatalogueEntry(
     SectionProfile, ("taper",),
     lambda c: np.ones(1),
-    build=lambda a, site, c: (SectionProfile(
-        *(jnp.exp(jnp.array([-a[0], a[0]])),) * 2, jnp.ones(2), s=jnp.array([0.0, c.length]),
-    ),),
+    build=lambda a, site, c: (_tapered(jnp.exp(jnp.array([-a[0], a[0]])), c.length),),
     searched=False,
     signature="the cable bends where its section is thin",
     settle="measure the section along the cable",

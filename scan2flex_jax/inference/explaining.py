@@ -11,8 +11,8 @@ from scan2flex_jax.effects.catalogue import catalogue, entry_of
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.least_squares import silent
 from scan2flex_jax.fitting.threads import threaded
+from scan2flex_jax.inference import belief, shapes, variants
 from scan2flex_jax.inference import quantities as of
-from scan2flex_jax.inference import shapes, variants
 from scan2flex_jax.inference.along import stiffness_along, withheld
 from scan2flex_jax.inference.decision import (
     ABSENT,
@@ -164,6 +164,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         decision=d,
         scored=tuple(h for h in search.ranked if h.variant is d.empty.variant),
         surprised=d.surprised,
+        reservation=next(iter(fitted.in_doubt), "") or belief.reservation(best, discrepancy),
         settings=first.settings,
     )
 

@@ -127,10 +127,10 @@ class Explanation:
     ``pose_loads`` that of each fitted pose: where an effect acts, not which. ``description`` replaces an effect if none
     explains the shapes: a field that is not physics. ``laws``: the moment laws among the effects, with bands and readings.
     ``along``: EI along the cable, where an effect lets it vary.
-    ``study`` has the effects declared; ``decision`` is what the verdict rests on, from which
-    `plan` continues, and ``scored`` every hypothesis at its mode. ``mistakes``:
-    likely mistakes of the input that stand. ``surprised``: by the name of each validate pose that contradicts the answer, its
-    distance over the expected one. ``record``: the hypotheses as numbers, from which `explain` of the same study continues.
+    ``study`` has the effects declared; ``decision`` is what the verdict rests on, from which `plan` continues, and ``scored``
+    every hypothesis at its mode. ``mistakes``: likely mistakes of the input that stand. ``reservation``: why it is believed
+    with care at most. ``surprised``: by the name of each validate pose that contradicts the answer, its distance over the
+    expected one. ``record``: the hypotheses as numbers, from which `explain` of the same study continues.
 
     ``fit``, ``noise`` and dependent fields are None or empty if poses are not solved (verdict "not in equilibrium").
     """
@@ -160,6 +160,7 @@ class Explanation:
     scored: tuple[Fitted, ...] = field(repr=False, default=())
     mistakes: tuple[Mistake, ...] = ()
     surprised: dict[str, float] = field(default_factory=dict)
+    reservation: str = ""
     settings: Settings = USUAL
     record: dict[str, Any] = field(repr=False, default_factory=dict)
 

@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from scan2flex_jax.inference import belief
 from scan2flex_jax.inference.answer import (
     BAD,
     FAIR,
@@ -106,10 +105,9 @@ def belief_of(explanation) -> tuple[str, str]:
     fault = _fault(e, found)
     if fault:
         return BAD, f"no: {fault}"
-    reservation = next(iter(e.fit.in_doubt), "") or belief.reservation(e.decision.best, e.discrepancy)
-    if e.verdict in (NONE, EXPLAINED) and reservation:
+    if e.verdict in (NONE, EXPLAINED) and e.reservation:
         first = f"{found} explains much, but" if found else "no missing effect shows, but"
-        return FAIR, f"with care: {first} {reservation}"
+        return FAIR, f"with care: {first} {e.reservation}"
     return {
         NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"),
         EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),

@@ -15,7 +15,9 @@ expansion of the energy itself is not bounded below for ``GJ >> EI``. It is not 
 others, the solver stiffens the elements until it is near a solution (`statics.newton`).
 
 All quantities derive from ``phi(e) = max over n of n'e - n' C_eff n / 2`` with 3x3 inverses, since the second term has
-rank three. Effects add their own laws in the mean strain, those with memory given the state of each element.
+rank three. Where elements are longer than the bends, their shear strains are bends inside them: the share ``_bowed`` of these
+shortens the element by its chord and bow, ``(1/2 + 1/10) gamma^2``, so that a limp cable hangs as a chain of any element does.
+Effects add their own laws in the mean strain with that stretch, those with memory given the state of each element.
 """
 
 import jax
@@ -36,7 +38,7 @@ def element_energy(rod, excess: Float[Array, "n 6"]) -> Float[Array, " n"]:
     def energy(e, natural, K, within, g, left):
         own, _ = _straightened(e, K, within, rod.section.ds)
         n, _ = _force(own, natural, K, within, g, rod.section.ds)
-        return 0.5 * vecdot(n, own) + (extra(e, K, left) if extra else 0.0)
+        return 0.5 * vecdot(n, own) + (extra(own, K, left) if extra else 0.0)
 
     return jax.vmap(energy)(excess, *_law(rod), left)
 
@@ -48,8 +50,9 @@ def element_forces(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6"]:
     def force(e, natural, K, within, g, left):
         own, slope = _straightened(e, K, within, rod.section.ds)
         n, y = _force(own, natural, K, within, g, rod.section.ds)
-        n = n.at[3:].add(-jnp.cross(n[3:], y)).at[:2].add(n[2] * slope)
-        return n + jax.grad(extra)(e, K, left) if extra else n
+        n = n.at[3:].add(-jnp.cross(n[3:], y))
+        n = n + jax.grad(extra)(own, K, left) if extra else n
+        return n.at[:2].add(n[2] * slope)
 
     return jax.vmap(force)(excess, *_law(rod), left)
 
@@ -68,9 +71,11 @@ def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]
         W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural, g).T, C, M), ((0, 0), (3, 0)))
         kept = jnp.eye(6) - W
         S = matmul(kept.T, _relaxed(own, natural, K, within, g, ds), kept) - _embed(matmul(M.T, C, M))
+        tension = n[2]
+        if extra:
+            tension, S = tension + jax.grad(extra)(own, K, left)[2], S + jax.hessian(extra)(own, K, left)
         turn = jnp.eye(6).at[2, :2].set(slope)
-        S = matmul(turn.T, S, turn) + _tensioned(n[2], K, within, ds)
-        return S + jax.hessian(extra)(e, K, left) if extra else S
+        return matmul(turn.T, S, turn) + _tensioned(tension, K, within, ds)
 
     return jax.vmap(stiffness)(excess, *_law(rod), left)
 

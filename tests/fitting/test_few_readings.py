@@ -38,7 +38,7 @@ def test_a_heart_loop_by_its_height_alone():
     """The strip hangs in a plane; at other stiffnesses shapes out of it reach the same depth."""
     strip = EffectDeclaration("anisotropic_bending", {"ratio": 1000.0, "angle": np.pi / 2})
     pose = StudyPose(
-        "loop", "fit", Clamp.of(([0, 0, 0], UP)), Clamp.of(([-GAP, 0, 0], DOWN)), turns=1, noise=5e-4,
+        "loop", "fit", Clamp.of(([0, 0, 0], UP)), Clamp.of(([-GAP, 0, 0], DOWN)), noise=5e-4,
         markers=Markers([[np.nan, np.nan, lowest()]], [0.5 * LENGTH]),
     )  # fmt: skip
     known = {"length": LENGTH, "length_density": DENSITY, "torsional_stiffness": 1.6e-5}
