@@ -145,7 +145,7 @@ def percent(share: float) -> str:
 def two_digits(value: float, sign: bool = False) -> str:
     """``value`` with two significant digits, never with an exponent, and optionally its sign; ``<0.001`` for less."""
     if 0.0 < abs(value) < _LEAST:
-        return f"{'-' if value < 0.0 else '+' * sign}<{_LEAST:g}"
+        return f"<{_LEAST:g}"
     return np.format_float_positional(value, precision=2, unique=False, fractional=False, trim="-", sign=sign)
 
 

@@ -30,7 +30,7 @@ def test_a_parameter_is_printed_with_its_interval(kind, name, value, std, said):
 
 
 def test_shares_below_what_means_anything_are_not_spelt_out():
-    assert [percent(x) for x in (9.8e-10, -9.8e-10, 0.123, -0.5)] == ["+<0.001 %", "-<0.001 %", "+12 %", "-50 %"]
+    assert [percent(x) for x in (9.8e-10, -9.8e-10, 0.123, -0.5)] == ["<0.001 %", "<0.001 %", "+12 %", "-50 %"]
     assert [two_digits(x) for x in (50.88, 9.8e-8, 0.0)] == ["51", "<0.001", "0"]
 
 
