@@ -34,6 +34,7 @@ MEASURED, BAND, _MODELLED, _BEFORE = "#555d66", "#dddddd", "#c1272d", "#e9a13b"
 _PALE: dict[str, Any] = {"lw": 4.0, "alpha": 0.55, "solid_capstyle": "round"}  # before, under a thin line of after
 _EVEN = "nothing lets the stiffness vary along this cable: there is no stiffness to draw"
 _BROADEST = 7.0  # points: a line where the cable is stiffest
+_POINT, _ARROW = 0.01, 0.15  # of the length: a narrower span is drawn as a point; length of the arrow of a force
 _DECADES = 5.0  # largest over smallest stiffness from which on it is drawn in logarithms
 _HARDLY_SEEN = 100.0  # usual sizes: an effect that needs more is drawn there
 _TANGLE = 4  # largest number of poses whose lines can be distinguished in one panel
@@ -59,7 +60,8 @@ def _named(name, words=""):
 def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = None) -> Axes:
     """Measured and modelled centre curves of one pose, or of all, in the plane that shows them best (m).
 
-    For one pose of an explanation with an added effect, the curve of the baseline model is drawn too.
+    For one pose of an explanation with an added effect, the curve of the baseline model is drawn too, and the effect where it
+    sits: a span as a broad line, a mass or a bend as a mark, a force with its arrow, stiffness that varies as the line's width.
     """
     ax = plt.subplots()[1] if ax is None else ax
     names = list(fit.poses) if pose is None else [pose]
@@ -75,12 +77,36 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
         ax.plot(*(seen[name] @ axes.T).T, ls="", marker="o", ms=3, mew=0, color=MEASURED, label="measured" if i == 0 else None)
         if p.stable:
             ax.plot(*(p.modelled @ axes.T).T, color=colour, lw=1.5, label=_modelled_as(fit, name, pose))
+            if before is not None:
+                _in_place(ax, fit, p.modelled, axes)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     if pose is not None:
         ax.set_title(_named(pose, f" ({p.role}): {1e3 * p.rms:.3g} mm RMS"), fontsize=10, pad=22)
     _legend(ax)
     return ax
+
+
+def _in_place(ax, explanation, curve, axes):
+    """The effects that were found, on the curve (n, 3) of one pose."""
+    if explanation.along is not None:
+        _as_broad(ax, curve @ axes.T, explanation.along, None)
+    at = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+    for i, r in enumerate(explanation.chosen):
+        place, width = r.parameters.get("position"), float(r.parameters.get("width", 0.0))
+        if place is None:
+            continue
+        label = f"{_spaced(r.kind)} at {float(place):.3g} m"
+        s = np.linspace(max(place - 0.5 * width, 0.0), min(place + 0.5 * width, at[-1]), 25)
+        x, y = (np.stack([np.interp(s, at, c) for c in curve.T], axis=1) @ axes.T).T
+        if width > _POINT * at[-1]:
+            ax.plot(x, y, color=f"C{i}", lw=_BROADEST, alpha=0.45, solid_capstyle="butt", label=label)
+        else:
+            ax.plot(x[12], y[12], ls="", marker="D", ms=_BROADEST, mfc="none", mec=f"C{i}", mew=1.8, label=label)
+        force = r.parameters.get("force")
+        if force is not None and np.linalg.norm(force) > 0:
+            tip = _ARROW * at[-1] * axes @ np.asarray(force) / np.linalg.norm(force)
+            ax.annotate("", (x[12] + tip[0], y[12] + tip[1]), (x[12], y[12]), arrowprops={"arrowstyle": "->", "color": f"C{i}"})
 
 
 def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
@@ -407,16 +433,21 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
 
 
 def explained(explanation: "Explanation") -> Figure:
-    """A figure with the comparison of hypotheses, the equivalent load (the stiffness along the cable where it varies), and the
-    residual of every pose before and after."""
+    """A figure with the comparison of hypotheses, what was found where it sits (the stiffness along the cable where that varies;
+    without an effect, the equivalent load), and the residual of every pose before and after."""
     names = list(explanation.poses)
     columns = max(2, _columns(len(names)))
     rows = -(-len(names) // columns) + 1
     figure = plt.figure(figsize=(4.6 * columns, 3.6 * rows), layout="constrained")
     grid = figure.add_gridspec(rows, columns)
     comparison(explanation, figure.add_subplot(grid[0, : columns - 1]))
-    panel = load if explanation.along is None else stiffness
-    panel(explanation, figure.add_subplot(grid[0, columns - 1]))
+    beside = figure.add_subplot(grid[0, columns - 1])
+    if explanation.along is not None:
+        stiffness(explanation, beside)
+    elif explanation.chosen:
+        shapes(explanation, max(names, key=lambda name: np.nan_to_num(explanation.poses[name].rms_before)), beside)
+    else:
+        load(explanation, beside)
     for i, name in enumerate(names):
         residual(explanation, name, figure.add_subplot(grid[1 + i // columns, i % columns]))
     _titled(figure, f"{explanation.study.title}: {explanation.verdict}")

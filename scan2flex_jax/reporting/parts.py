@@ -128,7 +128,7 @@ def _residuals(c: Contents, e: Explanation) -> Iterator[Html]:
     yield tag("h3", "Residual before and after")
     panels = (_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names)
     yield tag("div", panels, class_="grid")
-    if e.load is not None:
+    if e.load is not None and not (e.chosen and e.concluded):  # after an effect is found, nothing remains to be placed
         said = "Equivalent load common to all poses, with its 95 % band: where a missing effect acts, not which one it is"
         yield tag("h3", said)
         yield _panel(lambda ax: plot.load(e, ax), "equivalent load along the cable", _WIDE)

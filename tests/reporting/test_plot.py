@@ -55,6 +55,28 @@ def test_all_poses_are_shown_or_one(fitted):
     np.testing.assert_allclose(before_after[1::2], shown)
 
 
+def test_an_effect_is_drawn_where_it_sits(fitted):
+    """A mark or a span of the right place on the curve after; along straight stretches arc length is distance."""
+    told = explained(fitted)
+    name = "twist-90"
+    curve = told.poses[name].modelled
+    at = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1))]
+
+    def drawn(**parameters):
+        ax = plot.shapes(replace(told, chosen=(replace(told.chosen[0], kind="point_load", parameters=parameters),)), name)
+        line = next(x for x in ax.lines if x.get_label().startswith("point load at"))
+        return line, ax
+
+    line, ax = drawn(position=0.4, force=np.array([0.0, 0.0, -1.0]))
+    whole = next(x for x in ax.lines if x.get_label() == "after")
+    for mark, full in ((line.get_xdata(), whole.get_xdata()), (line.get_ydata(), whole.get_ydata())):
+        assert np.ravel(mark)[0] == pytest.approx(np.interp(0.4, at, full))
+    assert any(text.arrow_patch is not None for text in ax.texts)
+    span, _ = drawn(position=0.5, width=0.3)
+    seen = np.hypot(np.diff(span.get_xdata()), np.diff(span.get_ydata())).sum()
+    assert 0.1 < seen <= 0.3 + 1e-9  # of a curve that is seen from one side
+
+
 def test_an_unknown_pose_is_one_sentence(fitted):
     for draw, subject in ((plot.shapes, fitted), (plot.residual, explained(fitted))):
         with pytest.raises(Scan2FlexError, match="no pose is called 'sag'"):
