@@ -45,11 +45,13 @@ _ROW, _HANDLE, _LONGEST = 64, 6, 28  # characters of a row of a legend, of a lin
 
 
 def _legend(ax):
-    """A legend above the axes, off the data, in as many columns as fit; none without labels."""
+    """A legend above the axes, off the data, in as many columns as fit; its number of rows, 0 without labels."""
     labels = ax.get_legend_handles_labels()[1]
-    if labels:
-        columns = int(np.clip(_ROW // (max(map(len, labels)) + _HANDLE), 1, _COLUMNS))
-        ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns)
+    if not labels:
+        return 0
+    columns = int(np.clip(_ROW // (max(map(len, labels)) + _HANDLE), 1, _COLUMNS))
+    ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns)
+    return -(-len(labels) // columns)
 
 
 def _named(name, words=""):
@@ -81,9 +83,9 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
                 _in_place(ax, fit, p.modelled, axes)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
+    rows = _legend(ax)
     if pose is not None:
-        ax.set_title(_named(pose, f" ({p.role}): {1e3 * p.rms:.3g} mm RMS"), fontsize=10, pad=22)
-    _legend(ax)
+        ax.set_title(_named(pose, f" ({p.role}): {1e3 * p.rms:.3g} mm RMS"), fontsize=10, pad=8 + 13 * rows)
     return ax
 
 
@@ -106,7 +108,8 @@ def _in_place(ax, explanation, curve, axes):
         force = r.parameters.get("force")
         if force is not None and np.linalg.norm(force) > 0:
             tip = _ARROW * at[-1] * axes @ np.asarray(force) / np.linalg.norm(force)
-            ax.annotate("", (x[12] + tip[0], y[12] + tip[1]), (x[12], y[12]), arrowprops={"arrowstyle": "->", "color": f"C{i}"})
+            arrow = {"arrowstyle": "->", "color": f"C{i}", "lw": 1.8}
+            ax.annotate("", (x[12] + tip[0], y[12] + tip[1]), (x[12], y[12]), arrowprops=arrow, annotation_clip=False)
 
 
 def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:
@@ -433,7 +436,7 @@ def load(explanation: "Explanation", ax: Axes | None = None) -> Axes:
 
 
 def explained(explanation: "Explanation") -> Figure:
-    """A figure with the comparison of hypotheses, what was found where it sits (the stiffness along the cable where that varies;
+    """A figure with the comparison of hypotheses, what was found where it sits (the stiffness along the cable where it varies;
     without an effect, the equivalent load), and the residual of every pose before and after."""
     names = list(explanation.poses)
     columns = max(2, _columns(len(names)))
