@@ -89,6 +89,7 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
     c = spline.coefficients(jnp.asarray(fit.points))
     on = fit.weight > _CONFIDENT
     span, gaps_t = _span_and_gaps(np.sort(fit.parameter[on]), c, radius, clamps)
+    gaps_t = gaps_t if found_by == "guide points" else _joined(gaps_t)  # guided, what stands between gaps is the cable
     fine = np.linspace(span[0], span[1], _FINE * count + 1)
     q = np.asarray(spline.evaluate(c, jnp.asarray(fine)))
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
@@ -139,7 +140,7 @@ def _span_and_gaps(t, c, radius, clamps):
     high = high if at[1] is None or at[1] < 0.5 * (low + high) else min(high, at[1])
     breaks = np.flatnonzero(np.diff(t) > wide)
     gaps = [(t[b], t[b + 1]) for b in breaks if t[b] > low and t[b + 1] < high]
-    return (low, high), _joined(gaps)
+    return (low, high), gaps
 
 
 def _joined(gaps):

@@ -31,8 +31,8 @@ def hanging_cables():
     return equilibria(hanging, QUANTITIES, elements=ELEMENTS, max_steps=60)
 
 
-# the last span is longer than the cable by half, and an axial stiffness of 1e5 N does not give that
-SPANS, STIFFNESSES = np.array([0.6, 0.8, 1.5]), np.array([0.05, 0.2])
+# between clamps the last cable is too limp for any number of elements that a solve begins with
+SPANS, STIFFNESSES = np.array([0.6, 0.8]), np.array([0.05, 0.2, 1e-6])
 CLAMPS_APART = grid(span=(SPANS, "m"), bending_stiffness=(STIFFNESSES, "N m^2"))
 
 

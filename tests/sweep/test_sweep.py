@@ -41,8 +41,8 @@ def swept():
 @pytest.mark.slow
 def test_every_sample_is_the_equilibrium_alone(swept):
     found, _ = swept
-    for span in scenes.SPANS[:2]:
-        for stiffness in scenes.STIFFNESSES:
+    for span in scenes.SPANS:
+        for stiffness in scenes.STIFFNESSES[:2]:
             model, boundary = scenes.hanging({"span": span, "bending_stiffness": stiffness})
             e = equilibrium(model, boundary, elements=scenes.ELEMENTS, max_steps=60)
             sample = found.sel(span=span, bending_stiffness=stiffness)
@@ -53,11 +53,11 @@ def test_every_sample_is_the_equilibrium_alone(swept):
 
 
 @pytest.mark.slow
-def test_clamps_too_far_apart_fail_alone_and_are_named(swept):
+def test_cables_too_limp_fail_alone_and_are_named(swept):
     found, _ = swept
-    names = {f"span=1.5, bending_stiffness={x:g}" for x in scenes.STIFFNESSES}
+    names = {f"span={x:g}, bending_stiffness=1e-06" for x in scenes.SPANS}
     assert set(failed(found)) == names
-    assert all("equilibrium" in words or "balance" in words or "finite" in words for words in failed(found).values())
+    assert all("equilibrium" in words or "elements" in words for words in failed(found).values())
     bad = found["code"].values != SOLVED
     for name in scenes.QUANTITIES:
         nan = np.isnan(found[name].values).reshape(bad.size, -1)

@@ -32,6 +32,7 @@ inline lanes lanes_cos(lanes x) { return each([](double a, double) { return std:
 inline lanes lanes_tan(lanes x) { return each([](double a, double) { return std::tan(a); }, x, x); }
 inline lanes lanes_atan2(lanes y, lanes x) { return each([](double a, double b) { return std::atan2(a, b); }, y, x); }
 inline lanes lanes_max(lanes x, lanes y) { return (x > y) | (x != x) ? x : y; }  // NaN stays NaN
+inline lanes lanes_min(lanes x, lanes y) { return (x < y) | (x != x) ? x : y; }
 
 // Entries of elements or nodes `first`, `first + 1`, ... of `count`, one in each lane; the last one fills up.
 void pack(lanes *to, const double *from, int entries, int stride, int first, int count) {

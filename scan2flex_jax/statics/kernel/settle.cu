@@ -44,6 +44,7 @@ INLINE bool all(bool x) { return x; }
 INLINE double lanes_div(double x, double y) { return x * reciprocal(y); }
 INLINE double lanes_atan2(double y, double x) { return atan2(y, x); }
 INLINE double lanes_max(double x, double y) { return x > y || x != x ? x : y; }
+INLINE double lanes_min(double x, double y) { return x < y || x != x ? x : y; }
 
 #include "constants.inc"
 #include "decisions.h"
