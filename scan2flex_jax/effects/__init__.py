@@ -36,6 +36,7 @@ from scan2flex_jax.effects.point_mass import PointMass as PointMass
 from scan2flex_jax.effects.relaxation import Relaxation as Relaxation
 from scan2flex_jax.effects.scan_offset import ScanOffset as ScanOffset
 from scan2flex_jax.effects.scan_scale import ScanScale as ScanScale
+from scan2flex_jax.effects.section_profile import SectionProfile as SectionProfile
 from scan2flex_jax.effects.stiffness_field import StiffnessField as StiffnessField
 from scan2flex_jax.effects.stiffness_profile import StiffnessProfile as StiffnessProfile
 from scan2flex_jax.effects.stiffness_taper import StiffnessTaper as StiffnessTaper
