@@ -121,7 +121,7 @@ def _held_by_size(h: Fitted, A: np.ndarray, prior: Prior) -> np.ndarray:
     The amplitudes of fields and laws are many, and defined by their prior."""
     n, change = h.index, np.zeros(len(A))
     for k, c in enumerate(h.components):
-        if not c.entry.field:
+        if not (c.entry.field or c.entry.varies):
             at = n.amplitudes(k)
             change[at] = np.where(prior.frozen[at], 0.0, (1.0 - _ANY) * prior.precision[at])
     own = slice(h.variant.program.layout.unknowns)
