@@ -17,6 +17,7 @@ from scan2flex_jax.effects.clamp_offset import ClampOffset as ClampOffset
 from scan2flex_jax.effects.clamp_rotation import ClampRotation as ClampRotation
 from scan2flex_jax.effects.conversion import effect_of, ordered
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile as CurvatureProfile
+from scan2flex_jax.effects.dahl import Dahl as Dahl
 from scan2flex_jax.effects.density_profile import DensityProfile as DensityProfile
 from scan2flex_jax.effects.density_taper import DensityTaper as DensityTaper
 from scan2flex_jax.effects.distributed_load import DistributedLoad as DistributedLoad

@@ -11,6 +11,7 @@ from scan2flex_jax.effects import (
     clamp_offset,
     clamp_rotation,
     curvature_profile,
+    dahl,
     density_profile,
     density_taper,
     distributed_load,
@@ -82,6 +83,7 @@ EFFECTS: tuple[CatalogueEntry, ...] = tuple(
         bending_law,
         torsion_law,
         friction,
+        dahl,
         torsion_friction,
         relaxation,
     )

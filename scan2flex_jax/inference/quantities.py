@@ -15,6 +15,7 @@ from scan2flex_jax.inference.determined import Uncertainty, ends, listed, uncert
 from scan2flex_jax.inference.estimate import NORMAL_95, Estimate, estimate_of
 from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted, without
+from scan2flex_jax.inference.loops import Loop, loops_of
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
 from scan2flex_jax.inference.priors import Prior
 from scan2flex_jax.inference.program import Component
@@ -298,6 +299,11 @@ def laws_of(h: Fitted, p_value: float = 0.0) -> tuple[Law, ...]:
         at = np.r_[base, h.index.amplitudes(k)]
         out.append(law_at(c.kind, whole, layout_of(whole), h.x[at], h.covariance[np.ix_(at, at)], rods, lambda secant: p_value))
     return tuple(out)
+
+
+def loops_in(h: Fitted) -> tuple[Loop, ...]:
+    """What is read off the effects with memory of a hypothesis."""
+    return loops_of(h.variant.program.rods(h.components, h.x, h.shapes)) if h.variant.study.remembers else ()
 
 
 def linear_p_value(h: Fitted, kind: str, secant: float) -> float | None:

@@ -69,6 +69,7 @@ VALUES = {
     "bending_law": ({"curvature": KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.8, 0.4, 0.5])}),
     "torsion_law": ({"twist": 0.5 * KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.6, 0.7, 1.5])}),
     "friction": ({"share": 0.0, "slip_curvature": 1.0}, {"share": 0.5}),
+    "dahl": ({"share": 0.0, "slip_curvature": 1.0}, {"share": 0.5}),
     "torsion_friction": ({"share": 0.0, "slip_twist": 0.5}, {"share": 0.4}),
     "relaxation": ({"share": 0.0, "time_constant": 60.0}, {"share": 0.3}),
 }

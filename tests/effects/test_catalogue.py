@@ -19,7 +19,7 @@ from . import scene
 
 ENTRIES = {entry.kind: entry for entry in catalogue()}
 LAWS = ("bending_law", "torsion_law")  # tried last, not scanned for
-MEMORIES = ("friction", "torsion_friction", "relaxation")  # declared only: they take the poses in their order
+MEMORIES = ("friction", "dahl", "torsion_friction", "relaxation")  # declared only: they take the poses in their order
 # kind -> amplitudes and a site whose parameters in the format the scene's table holds
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 

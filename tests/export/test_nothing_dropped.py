@@ -30,6 +30,7 @@ HELD = {
     "abaqus": ALONG | STIFF | {"extensibility", "nonlinear_bending", "bending_law", "torsion_law"},
     "orcaflex": STIFF | {"density_profile", "density_taper", "extensibility", "length_error"},
     "moordyn": {"extensibility", "length_error"},
+    "cabledyn": {"extensibility", "length_error"},
     "moduli": {"extensibility", "length_error"},
     "json": set(kind_names()) - SCANNER - POSE,
 }
@@ -115,7 +116,7 @@ def test_a_mass_hangs_where_it_hangs(place):
 
 def test_natural_stretch_is_refused_by_rigid_links_and_kept_by_the_rest():
     hanging = straight(natural_stretch=np.array([0.0, 0.0, 0.01]))
-    for to in ("mujoco", "usd", "abaqus", "orcaflex", "moordyn", "moduli"):
+    for to in ("mujoco", "usd", "abaqus", "orcaflex", "moordyn", "cabledyn", "moduli"):
         with pytest.raises(Scan2FlexError, match="natural stretch"):
             TO[to](hanging)
     np.testing.assert_allclose(np.array(cable_of_script(TO["pyelastica"](hanging))["rest_sigma"])[:, 2], 0.01)
