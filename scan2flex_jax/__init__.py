@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.statics import Settled as Settled
     from scan2flex_jax.statics import equilibrium as equilibrium
     from scan2flex_jax.statics import solve_rod as solve_rod
+    from scan2flex_jax.study import Angle as Angle
     from scan2flex_jax.study import Clamp as Clamp
     from scan2flex_jax.study import EffectDeclaration as EffectDeclaration
     from scan2flex_jax.study import Markers as Markers
@@ -44,11 +45,13 @@ if TYPE_CHECKING:  # a type checker sees plain imports; at run time each name is
     from scan2flex_jax.study import StudyPose as StudyPose
     from scan2flex_jax.study import Tolerance as Tolerance
     from scan2flex_jax.study import Unknown as Unknown
+    from scan2flex_jax.study import Wrench as Wrench
     from scan2flex_jax.study import load_study as load_study
     from scan2flex_jax.study import save_study as save_study
 
 _HOMES = {
     "AbstractRodSolver": "statics",
+    "Angle": "study",
     "Boundary": "rod.boundary",
     "Cable": "rod.cable",
     "CableModel": "rod.model",
@@ -68,6 +71,7 @@ _HOMES = {
     "StudyPose": "study",
     "Tolerance": "study",
     "Unknown": "study",
+    "Wrench": "study",
     "boundary_of": "fitting",
     "equilibrium": "statics",
     "expect": "inference",

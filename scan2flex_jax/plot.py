@@ -70,7 +70,8 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     if pose is not None and pose not in fit.poses:
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
     seen = {name: _seen(fit, name) for name in names}
-    axes, labels = _plane(np.concatenate(list(seen.values())), np.asarray(fit.study.gravity))
+    shown = [x if len(x) else fit.poses[name].modelled for name, x in seen.items()]
+    axes, labels = _plane(np.concatenate(shown), np.asarray(fit.study.gravity))
     before = _before(fit) if pose is not None else None
     for i, name in enumerate(names):
         p, colour = fit.poses[name], _MODELLED if pose is not None else f"C{i % 10}"
@@ -85,7 +86,8 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     ax.set(xlabel=labels[0], ylabel=labels[1])
     rows = _legend(ax)
     if pose is not None:
-        ax.set_title(_named(pose, f" ({p.role}): {1e3 * p.rms:.3g} mm RMS"), fontsize=10, pad=8 + 13 * rows)
+        off = f": {1e3 * p.rms:.3g} mm RMS" if len(p.s) else ""
+        ax.set_title(_named(pose, f" ({p.role}){off}"), fontsize=10, pad=8 + 13 * rows)
     return ax
 
 
@@ -154,6 +156,8 @@ def errors(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
     if pose is not None and pose not in fit.poses:
         raise Scan2FlexError(f"no pose is called {pose!r}: the poses are {', '.join(fit.poses)}")
     for name, p in fit.poses.items() if pose is None else [(pose, fit.poses[pose])]:
+        if not len(p.s):
+            continue
         order = np.argsort(p.s)
         before: np.ndarray | None = getattr(p, "residual_before", None)
         if pose is not None and before is not None and np.all(np.isfinite(before)):

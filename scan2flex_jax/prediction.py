@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -15,6 +16,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, start_along
+from scan2flex_jax.fitting.readings import Reading, change, readings_of, residuals_of, rows_of, stacked
 from scan2flex_jax.names import file_stems
 from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.rod.memory import straightened
@@ -23,6 +25,7 @@ from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 from scan2flex_jax.statics.mesh import Mesh, shortest_bend
 from scan2flex_jax.statics.solve import Equilibrium, equilibrium
 from scan2flex_jax.statics.verdict import Verdict
+from scan2flex_jax.study.mistakes import on_axis
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.outputs import write_file
 from scan2flex_jax.study.parts import Clamp, StudyPose
@@ -40,7 +43,7 @@ class Prediction:
     ``tension`` (N): force along the cable at the sections, negative in compression. ``bend_radius`` (m): the smallest, at the
     arc length ``bend_at``; infinite for a straight cable. ``touches``: arc lengths (m) of two places where the cable penetrates
     itself, which contact would prevent but the model ignores; None if there are none, or the study has no radius. ``mesh``:
-    sentences on the number of elements.
+    sentences on the number of elements. ``readings``: the angles and wrenches of the pose, measured and predicted.
     """
 
     s: np.ndarray
@@ -56,6 +59,7 @@ class Prediction:
     verdict: Verdict
     touches: tuple[float, float] | None = None
     mesh: tuple[str, ...] = ()
+    readings: tuple[Reading, ...] = ()
 
     def sentence(self) -> str:
         """The status in words, whether the cable passes through itself, and unusual numbers of elements."""
@@ -75,7 +79,7 @@ class Prediction:
             size = max(np.linalg.norm(f), np.linalg.norm(m))
             if size > _NOTHING * max(np.linalg.norm(self.reaction_force), np.linalg.norm(self.reaction_moment)):
                 out.append(f"the {end} exerts {_vector(f)} N and {_vector(m)} N m on the cable")
-        return out
+        return [*out, *(one.sentence() for one in self.readings)]
 
     def to_json(self) -> dict:
         """Smallest bend radius (m) and its arc length, tension (N), reactions and status; shapes are written as CSV."""
@@ -84,6 +88,7 @@ class Prediction:
         out |= {"messages": list(self.mesh)} if self.mesh else {}
         if not out["stable"]:
             return out
+        out |= {"readings": [one.to_json() for one in self.readings]} if self.readings else {}
         out |= {"bend_radius": self.bend_radius if np.isfinite(self.bend_radius) else None, "bend_at": self.bend_at}
         out |= {"tension": [float(self.tension.min()), float(self.tension.max())]}
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
@@ -111,7 +116,7 @@ def in_order(study: Study, elements: Iterable[int]) -> Iterator[tuple[StudyPose,
 
 def _settled(study, pose, elements, after=None, held=0.0):
     start, model = None, model_of(study, pose)
-    if pose.curve is not None or pose.markers is not None:
+    if pose.curve is not None or on_axis(pose):
         start = start_along(study, pose, float(model.cable.length), elements)
     given = {"start": start, "turns": pose.turns, "elements": elements, "after": after, "held": held}
     effects = straightened(model.effects, elements) if pose.reset else model.effects
@@ -139,8 +144,29 @@ def predict(study: Study, *, elements: int | None = None) -> dict[str, Predictio
     radius = study.cable.get("radius")
     radius = None if radius is None else float(radius)
     meshes = _meshes(study, elements)
-    found = zip(in_order(study, [mesh.elements for mesh in meshes]), meshes, strict=True)
-    return {pose.name: _one_pose(model, e, radius, mesh) for (pose, model, e), mesh in found}
+    settled_ = {pose.name: (model, e) for pose, model, e in in_order(study, [mesh.elements for mesh in meshes])}
+    found = {}
+    for pose, mesh in zip(study.poses, meshes, strict=True):
+        one = _one_pose(*settled_[pose.name], radius, mesh)
+        found[pose.name] = replace(one, readings=_readings(study, pose, settled_))
+    return found
+
+
+def _readings(study, pose, found) -> tuple[Reading, ...]:
+    """The angles and wrenches of a pose, measured and predicted."""
+    (model, e), other = found[pose.name], found.get(pose.change_from)
+    rows = rows_of(study, pose, float(model.cable.length))
+    if not rows or not bool(e.verdict.solved) or not (other is None or bool(other[1].verdict.solved)):
+        return ()
+    residual = residuals_of(rows, e, _view(model))
+    if other is not None:
+        residual = change(residual, residuals_of(rows, other[1], _view(other[0]), zero=True), stacked(rows)[0], np)
+    return readings_of(study, pose, float(model.cable.length), residual)
+
+
+def _view(model) -> np.ndarray:
+    """The linear part (3, 3) of what the scanner makes of places."""
+    return np.asarray(observed(model, jnp.eye(3)) - observed(model, jnp.zeros((1, 3)))).T
 
 
 def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:

@@ -13,6 +13,7 @@ from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.version import __version__
 
+_TESTS = ("droop", "peirce", "three-point", "heart", "ring", "hanging")
 _USUAL_NOISE = (
     "Usual noise of a coordinate, roughly: structured light and laser lines 0.05 to 0.5 mm, depth cameras 2 to 5 mm,\n"
     "motion capture 0.2 to 1 mm, traced photographs half a pixel (0.1 to 0.5 mm). Two scans of one still pose show it."
@@ -61,14 +62,23 @@ def new(
     gravity: Annotated[str | None, typer.Option(help="Gravity in the scan frame, m/s^2; default: 0,0,-9.81.")] = None,
     validate: Annotated[list[str] | None, typer.Option(help="Validate pose, which no fit uses; may be repeated.")] = None,
     title: Annotated[str | None, typer.Option(help="Title of the study.")] = None,
+    test: Annotated[
+        str | None,
+        typer.Option(help="The argument is the table of this bending test: docs/test-benches.md.", **one_of(*_TESTS)),
+    ] = None,
+    span: Annotated[str | None, typer.Option(help="Of a three-point test, the distance of its supports.")] = None,
     out: Annotated[
         Path | None, typer.Option(help="Folder of the study; default: that of the files.", callback=folder_to_write)
     ] = None,
 ) -> None:
-    """Make a study from a folder of scans, centre curves or markers; prompts for missing values.
+    """Make a study from a folder of scans, centre curves or markers, or from a bending test; prompts for missing values.
 
-    Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
+    Examples: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka;
+    scan2flex new tests.csv --test three-point --span '200 mm' --out rod
     """
+    if test is not None:
+        say(_of_test(given, test, length, density, mass, span, noise, validate, title, out))
+        return
     from scan2flex_jax.convert import (  # noqa: PLC0415
         folder_of,
         frames_of_bodies,
@@ -119,6 +129,41 @@ def new(
     if frames is not None:
         _suggest_tangent(made, tangent)
     say(f"written: {toml}; look it through, then: scan2flex fit {shlex.quote(str(toml.parent))}")
+
+
+def _of_test(given, test, length, density, mass, span, noise, validate, title, out) -> str:
+    """Write the study of a bending test; what was made, in words."""
+    from scan2flex_jax.convert import TESTS, Bench, bench_study, read_table, table_of  # noqa: PLC0415
+    from scan2flex_jax.study import Tolerance, describe, load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.study.files import STUDY_FILE  # noqa: PLC0415
+    from scan2flex_jax.study.values import Where  # noqa: PLC0415
+
+    stated = [str(one).partition("=") for one in given]
+    if all(mark for _, mark, _ in stated):
+        rows, names = table_of([name for name, _, _ in stated], [[value for *_, value in stated]], test, Where("arguments"))
+        folder = Path(out or test)
+    elif len(given) == 1:
+        rows, names = read_table(given[0], test)
+        folder = out or given[0].parent / given[0].stem
+    else:
+        raise Scan2FlexError("a bending test has one table, or one row as in 'weight=50 g' 'droop=21 mm'.")
+    if (folder / STUDY_FILE).exists():
+        raise Scan2FlexError(f"{folder / STUDY_FILE} is there already: edit it, or name another folder with --out.")
+    long = of_length = heavy = of_weight = apart = 0.0
+    needs, whole = TESTS[test].needs, mass is not None and length is not None
+    if "length" in needs or whole:
+        long, of_length = _quantity(length, "length", "the length of the cable", "--length")
+    if "density" in needs:
+        of_mass = (value / long for value in _quantity(mass, "mass", "", "")) if whole else None
+        question = "the mass per length of the cable"
+        heavy, of_weight = of_mass or _quantity(density, "length density", question, "--density (or --mass and --length)")
+    if "span" in needs:
+        apart, _ = _quantity(span, "length", "the distance of the supports", "--span")
+    nearly, judge = Tolerance(length=of_length, length_density=of_weight), tuple(validate or ())
+    bench = Bench(test, rows, names, long, heavy, apart, nearly, _noise(noise), judge, title or folder.name)
+    toml = save_study(bench_study(bench), folder)
+    closed = "" if bench.guess is None else f"closed form: EI = {bench.guess:.3g} N m^2, the start of the fit\n"
+    return f"{describe(load_study(toml))}\n{closed}written: {toml}; then: scan2flex fit {shlex.quote(str(toml.parent))}"
 
 
 def schema(

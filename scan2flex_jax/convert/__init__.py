@@ -3,6 +3,7 @@
 All results are types of `scan2flex_jax.study`, in SI units. No jax here.
 """
 
+from scan2flex_jax.convert.bench import TESTS, Bench, bench_study, read_table, table_of
 from scan2flex_jax.convert.curves import CurveFile, read_arc_lengths, read_foreign_curve
 from scan2flex_jax.convert.frames import (
     CONVENTIONS,
@@ -22,9 +23,12 @@ from scan2flex_jax.study.tables import LENGTHS
 __all__ = [
     "CONVENTIONS",
     "LENGTHS",
+    "TESTS",
+    "Bench",
     "CurveFile",
     "MeasuredFile",
     "axes_of",
+    "bench_study",
     "check_convention",
     "clamp_of_angles",
     "clamp_of_matrix",
@@ -40,5 +44,7 @@ __all__ = [
     "read_arc_lengths",
     "read_foreign_curve",
     "read_frames",
+    "read_table",
     "sequence_of",
+    "table_of",
 ]

@@ -22,6 +22,9 @@ _MASSES = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lb": _POUND, "lbs": _POU
 _MASSES |= dict.fromkeys(("gram", "grams"), 1e-3) | dict.fromkeys(("kilogram", "kilograms"), 1.0)
 _MASSES |= dict.fromkeys(("pound", "pounds"), _POUND) | dict.fromkeys(("ounce", "ounces"), _POUND / 16)
 _YARN = {"tex": 1e-6, "dtex": 1e-7, "ktex": 1e-3, "den": 1e-6 / 9, "denier": 1e-6 / 9}  # g/km, and g per 9 km
+_ANGLES = {"deg": math.pi / 180, "\u00b0": math.pi / 180, "mrad": 1e-3, "rad": 1.0}
+UNITS = {"length": ("mm", "cm", "in", "m"), "mass": ("g", "lb", "N", "kg"), "force": ("mN", "g", "N"), "angle": ("deg", "rad")}
+"""Usual units of a quantity; the last one is that of a bare number."""
 _SI = {"length": "m", "mass": "kg", "length density": "kg/m"}
 _SOME = {"length": "mm, cm, in, ft", "mass": "g, lb, oz, N", "length density": "g/m, kg/km, lb/ft, lb/1000ft, tex, N/m"}
 _NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
@@ -29,6 +32,20 @@ _PART = re.compile(rf"\s*({_NUMBER})\s*((?:[A-Za-z\u00b5'\"]+(?:\s*/\s*[0-9]*\s*
 _GROUPED = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")  # 1,200 is 1200 in one country, 1.2 in another
 _PER = re.compile(r"\s*([1-9][0-9]{0,5})?\s*([A-Za-z\u00b5]+)")
 _MARK = re.compile(r"\+\s*/?\s*[-\u2212]|\u00b1")
+
+
+def unit_of_quantity(name: str, what: str) -> float:
+    """SI units in one unit of a length, a mass, a force or an angle, by its name, empty for that of a table; raises
+    `Scan2FlexError`. A weight in newtons is a mass by standard gravity, and a mass a force by it."""
+    known = {
+        "length": _LONG, "mass": _MASSES, "angle": _ANGLES,
+        "force": {unit: kg * G for unit, kg in _MASSES.items()},
+    }[what]  # fmt: skip
+    if not name:
+        name = UNITS[what][-1]
+    if name not in known:
+        raise Scan2FlexError(f"the unit {name[:20]!r} is none of a {what}: use one of {', '.join(UNITS[what])}.")
+    return known[name]
 
 
 def length_unit(name: str) -> float:

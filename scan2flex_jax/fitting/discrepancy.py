@@ -42,7 +42,7 @@ class Discrepancy:
     @property
     def rms(self) -> float:
         """RMS displacement (m) over all poses; 0 without a discrepancy."""
-        return float(np.sqrt(np.mean(self.by_pose**2))) if self.curvature else 0.0
+        return float(np.sqrt(np.mean(self.by_pose**2))) if self.curvature and self.moved else 0.0
 
     @property
     def relative(self) -> float:

@@ -120,20 +120,21 @@ def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float
 
 def marker_residuals(
     r, d3, ds, points: Float[Array | np.ndarray, "m 3"], at: Float[Array | np.ndarray, " m"], observe,
-    rows: Float[Array | np.ndarray, "3 3"] | None = None,
+    rows: Float[Array | np.ndarray, "3 3"] | None = None, beside: Float[Array, "m 3"] | float = 0.0,
 ) -> Float[Array, "m 3"]:  # fmt: skip
-    """``residual (m, 3)``: measured minus modelled (m) at known arc lengths ``at`` (m), all three components alike.
+    """``residual (m, 3)``: measured minus modelled (m) at known arc lengths ``at`` (m), all three components alike; ``beside``
+    (m): from the axis to the marks.
 
     Along the two normals and the tangent, as in `normal_residuals`; along ``rows`` that are not all zero, where some
     coordinates were measured only.
     """
     axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
 
-    def one(point, s):
+    def one(point, s, beside):
         axes = axes_at(s) if rows is None else jnp.where(jnp.any(rows != 0.0), rows, axes_at(s))
-        return axes @ (point - observe(curve_at(r, d3, ds, s)[0]))
+        return axes @ (point - observe(curve_at(r, d3, ds, s)[0] + beside))
 
-    return jax.vmap(one)(points, at)
+    return jax.vmap(one)(points, at, jnp.broadcast_to(jnp.asarray(beside), jnp.shape(points)))
 
 
 def axes_along(r, d3, ds, s: Float[Array, " m"], observe) -> Float[Array, "m 3 3"]:

@@ -137,9 +137,13 @@ class Evaluator:
         if held is not None:  # the first pose has a state too, so that one compiled function serves all
             left, moved = _entered(state, tangents, before)
             state, tangents = states.after(state, left), None if tangents is None else states.after(tangents, moved)
-        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, held, near)
-        found = found._replace(entered=left)
-        return found if found.columns is None else found._replace(columns=found.columns[..., : len(x)])
+        target = target_of(poses, i)
+        found = states.evaluate(state, tangents, start, target, self.distance, held, near)
+        found = found._replace(entered=left, columns=None if found.columns is None else found.columns[..., : len(x)])
+        if not (poses.changes and poses.changes[i]):
+            return found
+        other = poses.reference
+        return states.compared(found, self._pose(other, i, shared, local, one(other.start, i), derivative), target)
 
     def _in_order(self, history: History, shared, local, start, derivative, near=False) -> list[states.Shape]:
         """The shape of each pose; poses of the history that are not of these have no part of their own but what they leave."""
@@ -214,7 +218,7 @@ class Evaluator:
 
 def target_of(poses: Poses, i: int) -> states.Target:
     """The measured points of pose ``i``."""
-    return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked, poses.rows), i))
+    return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked, poses.rows, poses.readings), i))
 
 
 def one(tree, i: int):

@@ -12,6 +12,7 @@ import numpy as np
 from scan2flex_jax.study.facts import point_noise
 
 FINEST = 1e-5  # of the length: least noise of a sensor
+USUAL = 1e-3  # of the length: that by which poses are weighed whose noise is not known
 _ALONE = 1.1  # times that: no other part counts
 
 
@@ -50,9 +51,17 @@ def matern(s: np.ndarray, length: float) -> np.ndarray:
 def stated_noise(study, of_all: bool = True) -> float | None:
     """The stated noise (m, one coordinate), pooled over the fitted poses; None if not all of them state it, or not ``of_all``
     but none does."""
-    stated = [pose.noise for pose in study.fit_poses if pose.noise is not None]
-    missing = len(stated) < len(study.fit_poses) if of_all else not stated
-    return None if missing else float(np.sqrt(np.mean(np.square(stated))))
+    shown = [pose.noise for pose in study.fit_poses if pose.seen]
+    stated = [noise for noise in shown if noise is not None]
+    missing = len(stated) < len(shown) if of_all else False
+    return None if missing or not stated else float(np.sqrt(np.mean(np.square(stated))))
+
+
+def metre_noise(study, pose, length: float) -> float:
+    """Standard deviation (m) by which a pose is weighed: its stated noise if all poses state theirs that show points, else a
+    thousandth of the ``length`` (m) of the cable. Readings in other units are scaled to it."""
+    stated = stated_noise(study)
+    return USUAL * length if stated is None else pose.noise or stated
 
 
 def noise_ratio(study, study_poses) -> np.ndarray | None:
@@ -64,7 +73,8 @@ def noise_ratio(study, study_poses) -> np.ndarray | None:
 
 def sensor_noise(study) -> float:
     """White noise (m) of the fitted curves: the median over poses; infinite if they do not show it."""
-    return float(np.median([white_noise(pose) for pose in study.fit_poses]))
+    shown = [white_noise(pose) for pose in study.fit_poses if pose.seen]
+    return float(np.median(shown)) if shown else np.inf
 
 
 def white_noise(pose) -> float:

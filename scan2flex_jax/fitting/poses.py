@@ -18,11 +18,12 @@ from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.noise import noise_ratio
 from scan2flex_jax.fitting.parameters import template
-from scan2flex_jax.fitting.states import AT_END
+from scan2flex_jax.fitting.readings import AT_END, POINT, Readings, components, rows_of, stacked
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.starts import complete_curve, curve_start, sagging_start
 from scan2flex_jax.study.kinds import kind_format
+from scan2flex_jax.study.mistakes import on_axis
 from scan2flex_jax.study.model import Study, StudyPose, at_end
 
 _DENSE = 513  # points of the curve along which a solve starts
@@ -52,7 +53,9 @@ class Poses(eqx.Module):
     is known (`expected`), `states.AT_END` for those at the end of the cable; None in a study without markers. ``rows``: for
     poses whose markers have some coordinates only, the axes of these in the first rows; zeros for other poses, None in a study
     without any. ``history``: of a study with memory; None without. ``noise``: the stated noise of each pose over that pooled
-    over the fitted ones; None where all have the same.
+    over the fitted ones; None where all have the same. ``readings``: what each row is a reading of; None in a study whose rows
+    are all points of the centre curve. ``reference``: the poses from which readings are changes, in those of ``changes``, with
+    values of zero and a pose itself in place of the others; None without any.
     """
 
     points: Float[Array | np.ndarray, "P m 3"]
@@ -67,6 +70,9 @@ class Poses(eqx.Module):
     history: History | None = None
     rows: Float[Array | np.ndarray, "P 3 3"] | None = None
     noise: Float[np.ndarray, " P"] | None = None
+    readings: Readings | None = None
+    reference: "Poses | None" = None
+    changes: tuple[bool, ...] = eqx.field(static=True, default=())
 
     def template(self, i: int) -> CableModel:
         """The model of pose ``i``."""
@@ -77,15 +83,44 @@ class Poses(eqx.Module):
         """Number of poses."""
         return len(self.turns)
 
+    @property
+    def seen(self) -> Bool[np.ndarray, "P m"]:
+        """Mask of the rows that are points: of the centre curve, or marks."""
+        mask = np.asarray(self.mask) > 0
+        return mask if self.readings is None else mask & (np.asarray(self.readings.kind) == POINT)
+
+    def coordinates(self, i: int) -> Int[np.ndarray, " m"]:
+        """The number of measured values of each row of pose ``i``: two of a curve, of a mark those that it has."""
+        some = 0 if self.rows is None else int(np.count_nonzero(np.any(np.asarray(self.rows[i]) != 0, axis=1)))
+        marked = np.zeros(len(np.asarray(self.mask)[i])) if self.marked is None else np.asarray(self.marked)[i]
+        count = np.where(marked > 0, some or 3, 2)
+        if self.readings is None:
+            return count
+        kind, axes = np.asarray(self.readings.kind)[i], np.asarray(self.readings.axes)[i]
+        return np.array([n if k == POINT else components(int(k), a) for n, k, a in zip(count, kind, axes, strict=True)])
+
+    def weighed(self, factor: Float[np.ndarray, " P"]) -> "Poses":
+        """The poses with readings in other units scaled by a ``factor`` each."""
+        if self.readings is None:
+            return self
+        scale, noise = (np.asarray(x) * factor[:, None] for x in (self.readings.scale, self.readings.noise))
+        readings = self.readings._replace(scale=scale, noise=noise)
+        reference = None if self.reference is None else self.reference.weighed(factor)
+        return replace(self, readings=readings, reference=reference)
+
     def only(self, which: Sequence[int]) -> "Poses":
         """Some of the poses, in this order."""
         at = np.array(which, int)
         arrays = (self.points, self.mask, self.expected, self.boundary, self.turns, self.start, self.marked, self.rows)
-        points, mask, expected, boundary, turns, start, marked, rows = jax.tree.map(lambda x: np.asarray(x)[at], arrays)
+        arrays, readings = jax.tree.map(lambda x: np.asarray(x)[at], (arrays, self.readings))
+        points, mask, expected, boundary, turns, start, marked, rows = arrays
         noise = None if self.noise is None else self.noise[at]
         group = tuple(self.group[i] for i in which)
+        changes = tuple(self.changes[i] for i in which) if self.changes else ()
         history = None if self.history is None else replace(self.history, at=self.history.at[at])
-        return Poses(points, mask, expected, boundary, turns, start, self.templates, group, marked, history, rows, noise)
+        reference = None if self.reference is None else self.reference.only(which)
+        own = (points, mask, expected, boundary, turns, start, self.templates, group, marked, history, rows, noise)
+        return Poses(*own, readings, reference, changes)
 
 
 def boundary_of(pose: StudyPose) -> Boundary:
@@ -127,23 +162,41 @@ def places_of(study: Study, study_poses: Sequence[StudyPose]) -> tuple[np.ndarra
 
 
 def _without_history(study, study_poses, length, elements):
-    stack = [_one(pose, length, study.stated_length) for pose in study_poses]
-    points, mask, expected, marked, _, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
-    each = [_start_of(study, pose, one[4:], length, elements) for pose, one in zip(study_poses, stack, strict=True)]
+    stack = [_one(study, pose, length) for pose in study_poses]
+    points, mask, expected, marked, readings, _, boundary, turns = jax.tree.map(lambda *x: np.stack(x), *stack)
+    each = [_start_of(study, pose, one[5:], length, elements) for pose, one in zip(study_poses, stack, strict=True)]
     start = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *each)
-    if all(pose.markers is None for pose in study.poses):
+    if all(pose.markers is None and not pose.angle and not pose.wrench for pose in study.poses):
         marked = None
+    if not any(pose.angle or pose.wrench or getattr(pose.markers, "offset", None) is not None for pose in study.poses):
+        readings = None
     templates, group = _templates(study, study_poses)
-    whole = all(pose.markers is None or pose.markers.measured == "xyz" for pose in study.poses)
+    whole = all(not np.any(measured_rows(pose)) for pose in study.poses)
     rows = None if whole else np.stack([measured_rows(pose) for pose in study_poses])
     noise = noise_ratio(study, study_poses)
-    return Poses(points, mask, expected, boundary, turns, start, templates, group, marked, rows=rows, noise=noise)
+    found = Poses(points, mask, expected, boundary, turns, start, templates, group, marked, rows=rows, noise=noise)
+    return _with_reference(study, study_poses, replace(found, readings=readings), length, elements)
+
+
+def _with_reference(study, study_poses, found: Poses, length, elements) -> Poses:
+    """The poses with those from which their readings are changes; unchanged where no reading of the study is one."""
+    if all(pose.change_from is None for pose in study.poses):
+        return found
+    others = [pose if pose.change_from is None else study.pose(pose.change_from) for pose in study_poses]
+    boundary, turns = jax.tree.map(lambda *x: np.stack(x), *[(boundary_of(pose), np.array(int(pose.turns))) for pose in others])
+    each = [start_along(study, pose, length, elements) for pose in others]
+    start = jax.tree.map(lambda *x: np.stack([np.asarray(a) for a in x]), *each)
+    templates, group = _templates(study, others)
+    zeros, changes = np.zeros_like(found.points), tuple(pose.change_from is not None for pose in study_poses)
+    reference = replace(found, points=zeros, boundary=boundary, turns=turns, start=start, templates=templates, group=group)
+    return replace(found, reference=reference, changes=changes)
 
 
 def measured_rows(pose: StudyPose) -> Float[np.ndarray, "3 3"]:
-    """The axes of the coordinates that markers have, one a row; zeros where they have all three, or there are none."""
+    """The axes of the coordinates that markers have, one a row; zeros where they have all three, or there are none, but for
+    changes from another pose, which has other normals."""
     rows = np.zeros((3, 3))
-    if pose.markers is not None and pose.markers.measured != "xyz":
+    if pose.markers is not None and (pose.markers.measured != "xyz" or pose.change_from is not None):
         own = ["xyz".index(name) for name in pose.markers.measured]
         rows[np.arange(len(own)), own] = 1.0
     return rows
@@ -154,19 +207,20 @@ def _start_of(study, pose, known, length, elements):
     clamp: between ball joints there is one branch, and noise of a curve would bend a soft cable in every element."""
     dense, boundary, turns = known
     hangs = pose.end is not None and not np.any(boundary.held[:, 3]) and np.any(study.gravity_in(pose))
-    if hangs or (pose.curve is None and _no_shape(pose.markers)):
+    if hangs or (pose.curve is None and _no_shape(pose)):
         return _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
     return _start(dense, boundary, turns, elements)
 
 
-def _no_shape(markers) -> bool:
-    """Whether markers are too few for a curve through them, or lack a coordinate."""
-    return len(markers.points) < _MARKED_SHAPE or markers.measured != "xyz"
+def _no_shape(pose) -> bool:
+    """Whether a pose has no markers for a curve through them: too few, without a coordinate, beside the axis, or changes."""
+    marks = pose.markers
+    return marks is None or not on_axis(pose) or len(marks.points) < _MARKED_SHAPE or marks.measured != "xyz"
 
 
 def start_along(study: Study, pose: StudyPose, length: float, elements: int) -> Configuration:
     """The start of the solve of one pose along its measured curve or markers."""
-    return _start_of(study, pose, _one(pose, length, study.stated_length)[4:], length, elements)
+    return _start_of(study, pose, _one(study, pose, length)[5:], length, elements)
 
 
 def bowed(study: Study, pose: StudyPose, bow: np.ndarray, length: float, elements: int) -> Configuration:
@@ -185,9 +239,10 @@ def check_no_memory(study: Study, instead: str) -> None:
 
 def check_distance(study: Study, distance: str) -> None:
     """Raise `Scan2FlexError` if a study has markers and the distance is one of whole curves."""
-    marked = next((pose.name for pose in study.poses if pose.markers is not None), None)
+    marked = next((pose for pose in study.poses if pose.markers is not None or pose.angle or pose.wrench), None)
     if marked is not None and distance in ("integrated", "hausdorff"):
-        said = f"pose {marked!r} has markers, and the distance {distance!r} is one of whole curves"
+        what = "readings" if marked.markers is None else "markers"
+        said = f"pose {marked.name!r} has {what}, and the distance {distance!r} is one of whole curves"
         raise Scan2FlexError(f"{said}: leave the distance out.")
 
 
@@ -211,34 +266,61 @@ def _sag(boundary, length, gravity, turns, elements):
     return sagging_start(boundary, length, gravity, turns, elements)
 
 
-def _one(pose, length, stated):
-    """Points, mask, expected arc lengths, mask of markers, a dense curve along them, supports and turns of one pose."""
-    boundary, marks = boundary_of(pose), pose.markers
-    if pose.curve is None and marks is None:
+def _one(study, pose, length):
+    """Points, mask, expected arc lengths, mask of markers, readings, a dense curve along the points, supports and turns of one
+    pose."""
+    boundary, marks, stated = boundary_of(pose), pose.markers, study.stated_length
+    if pose.scan is not None and pose.curve is None and marks is None:
         raise Scan2FlexError(f"pose {pose.name!r} has no centre curve: run `scan2flex extract` on the study first")
-    points, expected, marked = np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+    points, expected, marked, aside = np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3))
     if marks is not None:
-        points, expected = _thinned(np.nan_to_num(marks.points), np.asarray(marks.arc_length), _MOST_MARKERS)
+        both, expected = _thinned(np.c_[np.nan_to_num(marks.points), marks.aside], np.asarray(marks.arc_length), _MOST_MARKERS)
+        points, aside = both[:, :3], both[:, 3:]
         marked = np.where([at_end(s, stated) for s in expected], AT_END, 1.0)
+    others = rows_of(study, pose, length)
     if pose.curve is None:
-        dense = _through_markers(points, expected, pose, boundary, length)
+        shown = not _no_shape(pose)
+        dense = _through_markers(points, expected, pose, boundary, length) if shown else np.zeros((_DENSE, 3))
     else:
-        curve, given = _thinned(np.asarray(pose.curve.points), pose.curve.arc_length, MOST_POINTS - len(points))
+        curve, given = _thinned(np.asarray(pose.curve.points), pose.curve.arc_length, MOST_POINTS - len(points) - len(others))
         full = complete_curve(curve, boundary, length)
         s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(full, axis=0), axis=1))])
         along = s[1:-1] * length / s[-1] if given is None else np.asarray(given)
         points, expected = np.concatenate([curve, points]), np.concatenate([along, expected])
         marked, dense = np.concatenate([np.zeros(len(curve)), marked]), _dense(full)
+        aside = np.concatenate([np.zeros((len(curve), 3)), aside])
+    beyond = len(points) + len(others) - MOST_POINTS
+    if beyond > 0:
+        raise Scan2FlexError(f"pose {pose.name!r} has {beyond} readings too many: leave some out.")
+    readings = _padded(aside, others)
+    if others:
+        points = np.concatenate([points, [row.value for row in others]])
+        expected, marked = np.r_[expected, [row.s for row in others]], np.r_[marked, [row.mark for row in others]]
+    if not len(points):  # a pose from which others are changes
+        points, expected, marked, mask = np.zeros((1, 3)), np.zeros(1), np.zeros(1), np.zeros(MOST_POINTS)
+    else:
+        mask = np.r_[np.ones(len(points)), np.zeros(MOST_POINTS - len(points))]
     pad = MOST_POINTS - len(points)
     return (
         np.concatenate([points, np.repeat(points[-1:], pad, axis=0)]),
-        np.concatenate([np.ones(len(points)), np.zeros(pad)]),
+        mask,
         np.concatenate([expected, np.repeat(expected[-1:], pad)]),
         np.concatenate([marked, np.repeat(marked[-1:], pad)]),
+        readings,
         dense,
         boundary,
         np.array(int(pose.turns)),
     )
+
+
+def _padded(aside, others) -> Readings:
+    """What the rows of a pose are: points, with their places beside the axis, then the others."""
+    n, rows = len(aside), slice(len(aside), len(aside) + len(others))
+    kind, axes, scale = np.full(MOST_POINTS, POINT), np.zeros((MOST_POINTS, 3, 3)), np.ones(MOST_POINTS)
+    places, noise = np.concatenate([aside, np.zeros((MOST_POINTS - n, 3))]), np.zeros(MOST_POINTS)
+    if others:
+        kind[rows], _, axes[rows], scale[rows], noise[rows] = stacked(others)[0]
+    return Readings(kind, places, axes, scale, noise)
 
 
 def _thinned(points, given, most):

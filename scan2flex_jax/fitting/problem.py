@@ -20,6 +20,7 @@ from scan2flex_jax.fitting.least_squares import (
     nelder_mead,
     silent,
 )
+from scan2flex_jax.fitting.noise import metre_noise
 from scan2flex_jax.fitting.parameters import layout_of, start_vector, template
 from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.quadratic import rounding_of
@@ -88,8 +89,7 @@ class Problem:
 
     def first_scale(self) -> np.ndarray:
         """Standard deviation (m) that weighs each pose: the stated noises, else a thousandth of the length for all."""
-        stated = [pose.noise for pose in self.study.fit_poses]
-        return np.array(stated, float) if all(stated) else np.full(self.poses.count, 1e-3 * self.length)
+        return np.array([metre_noise(self.study, pose, self.length) for pose in self.study.fit_poses])
 
     def goal(self, sigma: np.ndarray, progress: Progress = silent) -> Goal:
         """The objective, with residuals in units of ``sigma`` (m) per pose."""
@@ -134,8 +134,9 @@ class Problem:
     def minimise(
         self, method: str, progress: Progress = silent, beat: float = np.inf, start: np.ndarray | None = None
     ) -> Minimum:
-        """The minimum from the start that fits better, and from the others too if the first is in doubt, or if parameters of
-        several effects are unknown: then with its rivals.
+        """The minimum from the start that fits better, and from the others too if the first is in doubt, if parameters of
+        several effects are unknown, or if readings are changes, which a limp cable may show as well as a stiff one: then with
+        its rivals.
 
         With ``start``, values of the unknowns, only from there. The slower methods use the first start only. Nuisance
         parameters are held at zero. A descent that stays far above the cost ``beat`` is given up. Raises `NotSettledError` if
@@ -151,7 +152,7 @@ class Problem:
         local = np.zeros((self.poses.count, self.layout.local))
         begun = [(x, self.evaluator(x, local)) for x in (np.r_[x, prior] for x in starts)]
         begun.sort(key=lambda start: goal.cost(start[1], start[0], local))
-        found, several = [], start is None and several_effects(self.study)
+        found, several = [], start is None and (several_effects(self.study) or bool(self.poses.reference))
         for x, evaluation in begun:
             found.append(self._descend(goal, x, evaluation))
             if self._beyond_doubt(found[-1], goal) and not several:

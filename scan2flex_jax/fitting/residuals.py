@@ -18,11 +18,13 @@ from jaxtyping import Float, Int
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting import states
+from scan2flex_jax.fitting.noise import metre_noise
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, layout_of, model_at, start_vector, values_of
 from scan2flex_jax.fitting.poses import Poses, check_distance, check_no_memory, poses_of
+from scan2flex_jax.fitting.readings import change
 from scan2flex_jax.fitting.start import length_start, own_start
 from scan2flex_jax.rod.model import Configuration
-from scan2flex_jax.statics.verdict import Verdict
+from scan2flex_jax.statics.verdict import SOLVED, Verdict
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 
@@ -64,7 +66,8 @@ class ResidualFunction(eqx.Module):
         return self._solved(x)[1]
 
     def __call__(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
-        """Measured minus modelled: three components of every point of every pose, in m, or over the noise and followed by the
+        """Measured minus modelled: three components of every point and reading of every pose, in m (readings in other units by
+        their noise), or over the noise and followed by the
         priors. Infinite for a pose without a stable equilibrium, so that a line search or a sampler rejects ``x``."""
         residual, verdict = self._solved(x)
         solved = verdict.solved[:, None, None]
@@ -90,28 +93,42 @@ def of_poses(function: ResidualFunction, x, call, start: Configuration | None = 
     ``residual(own)`` is its `states.shape`, solved from ``start`` (default: the measured curves)."""
     layout, poses = function.layout, function.poses
     own = x[layout.shared :].reshape(poses.count, layout.local)
-    targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked, poses.rows)
-    each = jax.tree.map(jnp.asarray, (poses.boundary, targets, poses.start if start is None else start, own))
+    other, start = poses.reference, poses.start if start is None else start
+    targets = states.Target(poses.points, poses.mask, poses.expected, poses.marked, poses.rows, poses.readings)
+    before = poses if other is None else other  # whose supports and starts are unused without changes
+    each = jax.tree.map(jnp.asarray, (poses.boundary, targets, start, own, before.boundary, before.start))
+    keys = list(zip(poses.group, before.group, poses.changes or poses.group, strict=True))
+    groups = sorted(set(keys))
 
-    def of_group(group):
+    def solved(template, boundary, start, target, own):
+        model = model_at(layout, template, own[: layout.shared])
+        laws = states.slots_of(model.effects)
+        state = states.state_of(model, boundary_at(layout, boundary, own[layout.shared :]), function.elements, laws)
+        return states.shape(state, start, target, function.distance)
+
+    def of_group(key):
         def one(pose):
-            boundary, target, start, z = pose
+            boundary, target, start, z, *reference = pose
 
             def residual(own):
-                model = model_at(layout, poses.templates[group], own[: layout.shared])
-                laws = states.slots_of(model.effects)
-                state = states.state_of(model, boundary_at(layout, boundary, own[layout.shared :]), function.elements, laws)
-                return states.shape(state, start, target, function.distance)
+                r, rest = solved(poses.templates[key[0]], boundary, start, target, own)
+                if other is None or not key[2]:
+                    return r, rest
+                zero = target._replace(points=jnp.zeros_like(target.points))
+                unloaded, (*_, verdict, _) = solved(other.templates[key[1]], reference[0], reference[1], zero, own)
+                s, configuration, own_verdict, axes = rest
+                worst = jax.tree.map(lambda a, b: jnp.where(own_verdict.code == SOLVED, b, a), own_verdict, verdict)
+                return change(r, unloaded, target.readings), (s, configuration, worst, axes)
 
             return call(residual, jnp.concatenate([x[: layout.shared], z]))
 
-        return jax.lax.map(one, each if len(poses.templates) == 1 else jax.tree.map(lambda v: v[members(group)], each))
+        return jax.lax.map(one, each if len(groups) == 1 else jax.tree.map(lambda v: v[members(key)], each))
 
-    def members(group):
-        return np.flatnonzero(np.array(poses.group) == group)
+    def members(key):
+        return np.flatnonzero([k == key for k in keys])
 
-    found = [of_group(group) for group in range(len(poses.templates))]
-    order = np.argsort(np.concatenate([members(group) for group in range(len(found))]))
+    found = [of_group(key) for key in groups]
+    order = np.argsort(np.concatenate([members(key) for key in groups]))
     return found[0] if len(found) == 1 else jax.tree.map(lambda *v: jnp.concatenate(v)[order], *found)
 
 
@@ -154,6 +171,8 @@ def residual_function(
         raise Scan2FlexError("the study declares no unknown: declare what is to be estimated.")
     length = length_start(study)
     poses = poses_of(study, study.fit_poses, length, elements)
+    if noise is not None:
+        poses = poses.weighed(noise / np.array([metre_noise(study, pose, length) for pose in study.fit_poses]))
     real = np.flatnonzero(np.repeat(np.asarray(poses.mask).ravel() > 0, 3))
     spread = None if noise is None else jnp.asarray(noise, float)
     function = ResidualFunction(layout, poses, real, spread, elements, distance)

@@ -147,7 +147,7 @@ def _by_weight(poses, weights, length, use) -> tuple[float, float]:
     """
     sags = []
     for i in np.flatnonzero(use & np.array(shapes_scale(poses)) & (poses.boundary.held[:, 1, 0] == 0)):
-        points = np.asarray(poses.points[i])[np.asarray(poses.mask[i]) > 0]
+        points = np.asarray(poses.points[i])[poses.seen[i]]
         off = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1:] / np.sqrt(len(points))
         if len(points) >= FEWEST_BENT:
             sags.append(_CANTILEVER * np.linalg.norm(weights[i]) * length**4 / max(np.linalg.norm(off), _FLAT * length))
@@ -158,12 +158,14 @@ def _by_weight(poses, weights, length, use) -> tuple[float, float]:
 
 
 def shapes_scale(poses: Poses) -> list[bool]:
-    """Which poses show a shape, and so the scale of the stiffness: not those whose markers have some coordinates only."""
-    return [poses.rows is None or not np.any(poses.rows[i]) for i in range(poses.count)]
+    """Which poses show a shape, and so the scale of the stiffness: not those whose markers have some coordinates only, or that
+    have other readings only."""
+    own = np.any(poses.seen, axis=1)
+    return [bool(own[i]) and (poses.rows is None or not np.any(poses.rows[i])) for i in range(poses.count)]
 
 
 def _pose_equations(poses, i, length, weight):
-    mask = np.asarray(poses.mask[i]) > 0
+    mask = poses.seen[i]
     if poses.marked is not None and np.any(own := mask & (np.asarray(poses.marked[i]) == 0)):
         mask = own  # the curve suffices, and markers are not in order with its points
     points, s = np.asarray(poses.points[i])[mask], np.asarray(poses.expected[i])[mask]

@@ -29,16 +29,17 @@ from scan2flex_jax.fitting.distance import (
     marker_residuals,
     normal_residuals,
 )
+from scan2flex_jax.fitting.readings import AT_END, POINT, Readings, change, reading_residuals, rotation_at, wrenches
+from scan2flex_jax.geometry.small import matvec
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect, overriding
 from scan2flex_jax.rod.memory import Left, memories, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 from scan2flex_jax.statics.newton import MAX_STEPS
 from scan2flex_jax.statics.solve import Equilibrium, solve_rod
-from scan2flex_jax.statics.verdict import Verdict
+from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
 WIDTH = 24  # tangents per call: as fast as six; most fits need two, a refit a dozen
-AT_END = 2.0  # mark of a marker at the end of the cable
 NEAR = 60  # steps of a solve from a neighbouring shape: of 16,000 that settled in three searches, all but 30 took fewer
 DISTANCES: dict[str, Callable] = {
     "normal": normal_residuals,
@@ -127,7 +128,7 @@ class Target(NamedTuple):
 
     ``marked`` (m,) is 1 for points whose arc length is known, and `AT_END` for those at the end of the cable, whatever its
     length: these have `marker_residuals` whatever the distance of others. None: a study without markers, whose compiled
-    functions omit them. ``rows``: see `poses.Poses`.
+    functions omit them. ``rows``: see `poses.Poses`. ``readings``: what each row is; None where all are points of the curve.
     """
 
     points: Float[Array | np.ndarray, "m 3"]
@@ -135,6 +136,7 @@ class Target(NamedTuple):
     expected: Float[Array | np.ndarray, " m"]
     marked: Float[Array | np.ndarray, " m"] | None = None
     rows: Float[Array | np.ndarray, "3 3"] | None = None
+    readings: Readings | None = None
 
 
 def shape(state: State, start: Configuration, target: Target, distance: str, most=None):
@@ -160,9 +162,27 @@ def _solved(state, start, target, distance, most) -> tuple[Array, Array, Array, 
     r, s = DISTANCES[distance](*curve, seen)
     if target.marked is not None:
         at = jnp.where(target.marked == AT_END, state.rod.length, target.expected)
-        r = jnp.where(target.marked[:, None] > 0, marker_residuals(*curve[:4], at, seen, target.rows), r)
+        if (known := target.readings) is None:
+            marks = marker_residuals(*curve[:4], at, seen, target.rows)
+        else:
+            R = jax.vmap(lambda s: rotation_at(e.configuration.R, state.rod.section.ds, s))(at)
+            marks = marker_residuals(*curve[:4], at, seen, target.rows, matvec(R, jnp.asarray(known.aside)))
+            others = reading_residuals(known, target.points, R, state.view[:, :3], wrenches(state.rod, e.configuration))
+            marks = jnp.where(known.kind[:, None] == POINT, marks, others)
+        r = jnp.where(target.marked[:, None] > 0, marks, r)
         s = jnp.where(target.marked > 0, at, s)
-    return r * target.mask[:, None], s, axes_along(*curve[:3], s, seen), e
+    axes = axes_along(*curve[:3], s, seen)
+    if target.readings is not None:
+        axes = jnp.where(target.readings.kind[:, None, None] == POINT, axes, jnp.eye(3))
+    return r * target.mask[:, None], s, axes, e
+
+
+def compared(found: Shape, reference: Shape, target: Target) -> Shape:
+    """The shape of a pose whose readings are changes from a ``reference``, which was evaluated for values of zero."""
+    residual = change(found.residual, reference.residual, target.readings, np)
+    columns = None if found.columns is None or reference.columns is None else found.columns - reference.columns
+    failed = found if int(found.verdict.code) != SOLVED else reference
+    return found._replace(residual=residual, columns=columns, verdict=failed.verdict)
 
 
 @compiled

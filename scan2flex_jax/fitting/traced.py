@@ -116,10 +116,11 @@ def traced_problem(
         raise Scan2FlexError("the study declares nothing under [unknown]: there is nothing to fit")
     problem = Problem(study, elements, distance)
     layout, poses = problem.layout, problem.poses
-    stated = all(pose.noise is not None for pose in study.fit_poses)
+    stated = all(pose.noise is not None for pose in study.fit_poses if pose.seen)
     if noise is None and layout.has_priors and not stated:
         raise Scan2FlexError("the study has tolerances or priors, and states no noise to weigh them against: give noise in m.")
     sigma = problem.first_scale() if noise is None else np.full(poses.count, float(noise))
+    poses = poses.weighed(sigma / problem.first_scale())
     goal, rest = problem.goal(sigma), poses.count * layout.local
     function = ResidualFunction(layout, poses, np.zeros(0, int), None, elements, distance)
     low, high = np.r_[goal.low, np.full(rest, -np.inf)], np.r_[goal.high, np.full(rest, np.inf)]

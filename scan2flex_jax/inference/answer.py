@@ -5,8 +5,9 @@ mass are those of `inference.influence`. A value has as many digits as its inter
 """
 
 import textwrap
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -292,7 +293,22 @@ def _unseen(fit):
     """The error on unseen poses."""
     fitted = [len(p.residual) for p in fit.poses.values() if p.role == "fit"]
     left_out = None if fit.influence is None else fit.influence.rms(fitted)
-    return unseen_in_words(fit.rms("validate"), len(fit.poses) - len(fitted), left_out, len(fitted), fit.problem.length)
+    unseen = len(fit.poses) - len(fitted)
+    alone = readings_in_words(fit.poses.values())
+    return alone or unseen_in_words(fit.rms("validate"), unseen, left_out, len(fitted), fit.problem.length)
+
+
+def readings_in_words(poses: Iterable[Any]) -> str:
+    """The error on unseen poses where these, or without any the fitted ones, show no points; empty elsewhere."""
+    poses = list(poses)
+    unseen = [p for p in poses if p.role == "validate"]
+    if any(len(p.residual) for p in unseen or poses) or not all(p.stable for p in unseen):
+        return ""
+    if not unseen:
+        return "not known: the poses have no points, but other readings; leave one out as a validate pose"
+    worst = max(one.off for p in unseen for one in p.readings)
+    count = f"{len(unseen)} pose{'s' * (len(unseen) > 1)}"
+    return f"readings off by up to {worst:.2g} times their noise in {count} that the fit never saw"
 
 
 def _belief(fit) -> tuple[str, str]:

@@ -24,6 +24,9 @@ def misfits(study, poses, length, settings: Settings = USUAL) -> tuple[str, ...]
             said.append(f"{off}, more than the stated noise of {1e3 * noise:.2f} mm: {_NO_NOISE}")
         elif pose.noise is None and own > max(settings.largest_noise * length, settings.beyond_noise * noise):
             said.append(f"{off}, {100 * own / length:.1f} % of the length, too much for noise: {_NO_NOISE}")
+        far = max(poses[pose.name].readings, key=lambda one: one.off, default=None)
+        if far is not None and far.off > settings.beyond_noise:
+            said.append(f"pose {pose.name}, {far.sentence()}: {_NO_NOISE}")
     return tuple(said)
 
 
@@ -37,15 +40,20 @@ def reservation(h: Fitted, discrepancy: Discrepancy) -> str:
     deviation of each pose then stands in for whatever the model lacks, and need not be random.
     """
     v, shown = h.variant, np.sqrt(NORMALS) * sensor_noise(h.variant.study)
+    if not np.any(v.program.poses.seen):  # in units of the noise that the readings state
+        shown = float(np.sqrt(NORMALS) * np.median(v.problem.first_scale()))
     known, points = np.isfinite(shown), sum(int(np.sum(real)) for real in v.program.real)
     own, move = float(np.sqrt(h.squares / points)), moved(v.problem, h.shapes, v.program.real)
     if own > v.settings.moved * move and not (known and own <= v.settings.beyond_noise * shown):
         share = f"{100 * own / move:.0f} % of what a factor of e in the values moves"
-        return f"residuals of {two_digits(1e3 * own)} mm are {share}: a reading is mistaken, or something is missing"
+        size = f" of {two_digits(1e3 * own)} mm" if np.any(v.program.poses.seen) else ""
+        return f"residuals{size} are {share}: a reading is mistaken, or something is missing"
     if not discrepancy.curvature:
         return ""
     of = "that is stated" if v.likelihood.stated else "that their points show" if known else "of the fit"
     size = shown if known else np.sqrt(NORMALS) * v.likelihood.noise(h.u).total
+    if not discrepancy.moved:
+        return "readings deviate from the model by more than their noise"
     deviate = f"poses deviate from the model by {two_digits(1e3 * discrepancy.rms)} mm"
     return f"{deviate}, beside the noise of {two_digits(1e3 * size)} mm {of}"
 
@@ -83,8 +91,8 @@ def validity(poses, noise, differ, stated, length, misfit, settings: Settings = 
         return None, "no validate pose: whether the model predicts other poses is not known"
     bad = [n for n, p in unseen.items() if not p.ratio <= settings.surprise]
     worst = unseen[max(bad or unseen, key=lambda n: unseen[n].ratio)]
-    error = f"error {two_digits(1e3 * worst.rms)} mm, {two_digits(worst.ratio)} times the expected one"
-    sizes = error if np.isfinite(worst.rms) else "no equilibrium was found"
+    error = f"error {two_digits(1e3 * worst.rms)} mm, " if len(worst.residual) else "error "
+    sizes = f"{error}{two_digits(worst.ratio)} times the expected one" if worst.stable else "no equilibrium was found"
     within = "the noise and the deviations of poses" if differ else "the noise"
     if not bad and worst.rms > settings.untested * length:
         share = f"{two_digits(100 * worst.rms / length)} % of the length"

@@ -55,9 +55,10 @@ _APART = 0.02  # an unknown, or its logarithm, differs by more
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit
 
 
-def distances(evaluation, mask) -> np.ndarray:
-    """RMS distance (m) of each pose; infinite if it was not solved."""
-    squares = np.sum(evaluation.residual**2, axis=(1, 2)) / np.sum(np.asarray(mask), axis=1)
+def distances(evaluation, poses) -> np.ndarray:
+    """RMS distance (m) of the points of each pose, 0 without any; infinite if it was not solved."""
+    seen = poses.seen
+    squares = np.sum(np.sum(evaluation.residual**2, axis=2) * seen, axis=1) / np.maximum(np.sum(seen, axis=1), 1)
     return np.where(np.asarray(evaluation.verdict.code) == 0, np.sqrt(squares), np.inf)
 
 
@@ -79,7 +80,7 @@ def _distance(problem, pose, shared):
     evaluator = problem.evaluator_of(poses)
     found = evaluator(shared, derivative=False)
     problem.evaluator.equilibria += evaluator.equilibria
-    return float(distances(found, poses.mask)[0])
+    return float(distances(found, poses)[0])
 
 
 def with_turns(study, turns: dict[str, int]):
@@ -123,7 +124,7 @@ class Branch:
     @property
     def off(self) -> np.ndarray:
         """RMS distance (m) of each pose."""
-        return distances(self.minimum.evaluation, self.problem.poses.mask)
+        return distances(self.minimum.evaluation, self.problem.poses)
 
     @property
     def turns(self) -> tuple[int, ...]:
@@ -195,13 +196,13 @@ def doubt(best: Branch, fits) -> str:
 def believed(problem, minimum, declared):
     """The problem and its minimum where the turned poses came near their curves, else those ``declared`` before; with the turns
     of validate poses, under the same condition."""
-    before, own = declared[0], distances(minimum.evaluation, problem.poses.mask)
+    before, own = declared[0], distances(minimum.evaluation, problem.poses)
     turned = [a.turns != b.turns for a, b in zip(before.study.fit_poses, problem.study.fit_poses, strict=True)]
     if np.any(own[turned] > ASTRAY * problem.length):
         before.evaluator.equilibria = problem.evaluator.equilibria
         problem, minimum = declared
     if unseen := problem.study.validate_poses:
-        far = distances(problem.predicted(minimum), problem.held_out.mask) > FAR * problem.length
+        far = distances(problem.predicted(minimum), problem.held_out) > FAR * problem.length
         seen = nearest(problem, unseen, far, minimum.shared, _NEARER, ASTRAY * problem.length)
         problem.hold_out(with_turns(problem.study, seen))
     return problem, minimum
@@ -242,7 +243,7 @@ def _on_a_grid(f: Branch) -> list[_Choice]:
         found = []
         for poses in near:
             evaluator = problem.evaluator_of(poses)
-            found.append(distances(evaluator(x, derivative=False), poses.mask))
+            found.append(distances(evaluator(x, derivative=False), poses))
             problem.evaluator.equilibria += evaluator.equilibria
         least = np.min(found, axis=0)
         which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns if equal

@@ -19,13 +19,13 @@ from scan2flex_jax.inference import quantities as of
 from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
 from scan2flex_jax.inference.explanation import parameter_in_words
 from scan2flex_jax.inference.likelihood import NONE, inverted
-from scan2flex_jax.inference.planning import POINTS, Plan, ranked_poses
+from scan2flex_jax.inference.planning import POINTS, Plan, measured_in_simulation, ranked_poses
 from scan2flex_jax.inference.posterior import Fitted, Variant, price
 from scan2flex_jax.inference.program import slots_of
 from scan2flex_jax.inference.search import Screen
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.prediction import settled
-from scan2flex_jax.study.model import MeasuredCurve, Study
+from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.sense import check_study
 
 _SEEN, _HARDLY = 1.0, 10.0  # usual sizes up to which an effect would be found, and beyond which these poses do not tell
@@ -130,7 +130,7 @@ def _foreseen(study: Study, noise, elements: int, settings) -> Fitted:
         e = settled(study, pose, elements)[1]
         if not bool(e.verdict.solved):
             raise Scan2FlexError(f"pose {pose.name} does not settle at the guesses: {e.verdict.sentence()}")
-        poses.append(replace(pose, curve=MeasuredCurve(np.asarray(e.points)[keep], None), markers=None, scan=None))
+        poses.append(measured_in_simulation(pose, np.asarray(e.points)[keep]))
         solved.append(jax.tree.map(np.asarray, e.configuration))
     told = replace(study, poses=tuple(poses))
     problem = Problem(told, elements, slots=slots_of(told))

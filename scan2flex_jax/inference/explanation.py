@@ -345,8 +345,11 @@ def _effect_line(r, study):
 
 
 def _pose_line(name, p):
-    line = f"  {name:<20} {p.role:<9}{in_mm(p.rms_before):>11}{in_mm(p.rms):>11}"
-    return line if p.left_out is None else f"{line}{in_mm(p.left_out_before):>19}{in_mm(p.left_out):>11}"
+    line, more = f"  {name:<20} {p.role:<9}", "".join(f"\n    {one.sentence()}" for one in p.readings)
+    if not len(p.residual):
+        return line + more
+    line += f"{in_mm(p.rms_before):>11}{in_mm(p.rms):>11}"
+    return (line if p.left_out is None else f"{line}{in_mm(p.left_out_before):>19}{in_mm(p.left_out):>11}") + more
 
 
 def _shown(value, digits=4):

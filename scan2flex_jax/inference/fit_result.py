@@ -10,6 +10,7 @@ from scan2flex_jax.fitting.discrepancy import Discrepancy
 from scan2flex_jax.fitting.least_squares import Minimum
 from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.fitting.problem import Problem
+from scan2flex_jax.fitting.readings import Reading, readings_of
 from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import (
     UNBELIEVED,
@@ -39,7 +40,8 @@ from scan2flex_jax.study.model import Study
 class PoseFit:
     """One pose: distances (m) between measured and modelled curve, NaN where it could not be solved; both curves and the
     residual along ``s`` for a picture; and ``ratio``: of a validate pose its distance over that which noise, discrepancy,
-    tolerances and the errors of the estimates let expect."""
+    tolerances and the errors of the estimates let expect. Distances are NaN too for a pose without points; ``readings`` are
+    its angles and wrenches."""
 
     role: str
     rms: float
@@ -51,10 +53,12 @@ class PoseFit:
     residual: np.ndarray = field(repr=False)
     verdict: str = "stable equilibrium"
     ratio: float = 0.0
+    readings: tuple[Reading, ...] = ()
 
     def to_json(self) -> dict:
         """As in the study format; a pose that could not be solved has no distances."""
         out = {"role": self.role, "stable": self.stable}
+        out |= {"readings": [one.to_json() for one in self.readings]} if self.readings else {}
         return out | {k: float(v) for k, v in (("rms", self.rms), ("max", self.worst)) if np.isfinite(v)}
 
 
@@ -67,21 +71,33 @@ def pose_fits(h: Fitted) -> dict[str, PoseFit]:
         groups.append((v.study.validate_poses, v.held_out, h.predicted))
     for study_poses, program, shapes in groups:
         for i, (pose, shape, real) in enumerate(zip(study_poses, shapes, program.real, strict=True)):
-            residual = np.where(stable(shape), shape.residual[real], np.nan)
-            d = np.linalg.norm(residual, axis=1)
+            seen, solved = program.poses.seen[i], stable(shape)
+            residual, others = (np.where(solved, shape.residual[which], np.nan) for which in (seen, real & ~seen))
+            d = np.linalg.norm(residual, axis=1) if np.any(seen) else np.full(1, np.nan)
             out[pose.name] = PoseFit(
-                pose.role, float(np.sqrt(np.mean(d**2))), float(np.max(d)), stable(shape),
-                measured=np.asarray(program.poses.points[i])[real], modelled=np.asarray(shape.configuration.r),
-                s=shape.s[real], residual=residual, verdict=SENTENCES[int(shape.verdict.code)],
+                pose.role, float(np.sqrt(np.mean(d**2))), float(np.max(d)), solved,
+                measured=_places(program.poses, i, shape)[seen], modelled=np.asarray(shape.configuration.r),
+                s=shape.s[seen], residual=residual, verdict=SENTENCES[int(shape.verdict.code)],
                 ratio=expected.get(pose.name, 0.0),
+                readings=readings_of(v.study, pose, v.problem.length, others),
             )  # fmt: skip
     return {p.name: out[p.name] for p in v.study.poses if p.name in out}
 
 
+def _places(poses, i, shape):
+    """The measured points (m, 3) of a pose in m; of changes the modelled places with their residual."""
+    if not (poses.changes and poses.changes[i]):
+        return np.asarray(poses.points[i])
+    r = np.asarray(shape.configuration.r)
+    at = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(r, axis=0), axis=1))]
+    own = np.zeros((3, 3)) if poses.rows is None else np.asarray(poses.rows[i])
+    return np.stack([np.interp(shape.s, at, x) for x in r.T], axis=1) + shape.residual @ own
+
+
 def rms_over(poses: Iterable[PoseFit], figure: str = "rms") -> float:
     """Root mean square distance (m) over all points of some poses, by a ``figure`` of each (``"rms"``, ``"left_out"``); NaN
-    without poses or where one is not known."""
-    values = [(getattr(p, figure), len(p.residual)) for p in poses]
+    without points or where one is not known."""
+    values = [(getattr(p, figure), len(p.residual)) for p in poses if len(p.residual)]
     if not values or any(v is None for v, _ in values):
         return float("nan")
     return float(np.sqrt(np.average([v**2 for v, _ in values], weights=[n for _, n in values])))
@@ -235,8 +251,10 @@ class Fit:
         moved = {name: moved_in_words(self.influence, name) for name in self.poses}
         lines = [f"  pose                 role       rms mm    max mm{'   without it' if any(moved.values()) else ''}"]
         for name, p in self.poses.items():
-            figures = f"{in_mm(p.rms):>9} {in_mm(p.worst):>9}" if np.isfinite(p.rms) else f"  {p.verdict}"
+            figures = f"{in_mm(p.rms):>9} {in_mm(p.worst):>9}" if np.isfinite(p.rms) else f"{'':>19}"
+            figures = figures if p.stable else f"  {p.verdict}"
             lines.append(f"  {name:<20} {p.role:<9}{figures}   {moved[name]}".rstrip())
+            lines += [f"    {one.sentence()}" for one in p.readings]
         return lines
 
 

@@ -60,7 +60,9 @@ class Influence:
         ``points``: number of points of each pose.
         """
         weight = np.asarray(points, float)
-        return float(np.sqrt(np.sum(weight * self.left_out**2) / np.sum(weight))) if len(self.poses) > 1 else float("nan")
+        if len(self.poses) < 2 or not np.any(weight):
+            return float("nan")
+        return float(np.sqrt(np.sum((weight * self.left_out**2)[weight > 0]) / np.sum(weight)))
 
 
 def influence_of(h: Fitted) -> Influence:

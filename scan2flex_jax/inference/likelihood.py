@@ -7,7 +7,8 @@ curvature and clamp seat of the pose (`fitting.discrepancy`), and
 
 ``k`` a mixture of Matern 3/2 and the squared exponential, since nobody knows how smooth errors of a scan are; ``axis`` the
 given error of the axis of scans, ``m`` Matern 3/2; white and correlated noise of a pose are in proportion to the noise that it
-states; rows across a plane in which all points lie have a noise of `Settings.largest_noise` of the length besides. The sizes
+states; readings that state their own noise have that in place of all three; rows across a plane in which all points lie have a
+noise of `Settings.largest_noise` of the length besides. The sizes
 ``u = (log white, log correlated, log length, log b, logit of the share of Matern)`` are those of the largest restricted
 likelihood times their prior (Patterson and Thompson 1971), for each hypothesis at its own ``x``, with exact gradients: 8 to 15
 evaluations of 3 ms. The discrepancy has a spike and a slab (Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which
@@ -118,15 +119,16 @@ class Likelihood:
         the share of Matern."""
         p, (sw, sc, ell, b) = self.rows, np.exp(u[:4])
         K, dK, dw = (p.same * k * p.noise[:, :, None] ** 2 for k in _correlation(p.lag / ell, u[4]))
-        white, ZZ = sw**2 / p.count * (1 - p.pad) * p.noise**2, b**2 * (Z @ Z.transpose(0, 2, 1))
+        open_ = (1 - p.pad) * (p.known == 0)
+        white, ZZ = sw**2 / p.count * open_ * p.noise**2, b**2 * (Z @ Z.transpose(0, 2, 1))
         aside = b**2 * np.sum(Z**2, axis=2) / p.near
         fore = p.tangent * aside**2  # points moved across draw back along the tangent, to second order
         i = np.arange(p.rows)
-        K[:, i, i] += _REGULAR * (1 - p.pad)
+        K[:, i, i] += _REGULAR * open_
         C = sc**2 * K + ZZ + self.of_axis
         if np.any(self.apart):
             C += self.apart[:, None, None] * ZZ / b**2
-        C[:, i, i] += white + fore + p.pad + p.across * (self.settings.largest_noise * self.length) ** 2
+        C[:, i, i] += white + fore + p.pad + p.known**2 + p.across * (self.settings.largest_noise * self.length) ** 2
         return C, (2 * white, 2 * sc**2 * K, sc**2 * dK, 2 * ZZ, 4 * fore, sc**2 * dw)
 
     def within(self, u) -> tuple[float, np.ndarray]:

@@ -103,7 +103,7 @@ def _too_limp(fault: NotSettledError, mesh: Mesh) -> NotSettledError | None:
 def _worth(found: Found, last: bool) -> bool:
     """Whether the values of a stage are worth a finer mesh: those of a minimum far from the curves are not while a later stage
     may find another, nor those of a study with mistakes."""
-    near = np.all(distances(found.minimum.evaluation, found.problem.poses.mask) < ASTRAY * found.problem.length)
+    near = np.all(distances(found.minimum.evaluation, found.problem.poses) < ASTRAY * found.problem.length)
     return not found.mistakes and (last or bool(near))
 
 

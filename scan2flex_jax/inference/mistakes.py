@@ -102,12 +102,13 @@ def instead_of(
 
 def _distance(problem, residual) -> float:
     """RMS distance (m) over all points of the fitted poses."""
-    return float(np.sqrt(np.sum(residual**2) / np.sum(np.asarray(problem.poses.mask))))
+    seen = problem.poses.seen
+    return float(np.sqrt(np.sum(residual[seen] ** 2) / max(np.sum(seen), 1)))
 
 
 def _cost(problem, off) -> float:
     """The cost of a fit whose points all have the distance ``off`` (m)."""
-    return float(np.sum(np.sum(np.asarray(problem.poses.mask), axis=1) * (off / problem.first_scale()) ** 2))
+    return float(np.sum(np.sum(problem.poses.seen, axis=1) * (off / problem.first_scale()) ** 2))
 
 
 class _Search:
@@ -127,7 +128,7 @@ class _Search:
         """Whether the residual exceeds a few thousandths of the length or the stated noise, or the fit changed turns."""
         if self.minimum is None:
             return True
-        own = branches.distances(self.minimum.evaluation, self.problem.poses.mask)
+        own = branches.distances(self.minimum.evaluation, self.problem.poses)
         stated = np.array([np.inf if p.noise is None else p.noise for p in self.study.fit_poses])
         limit = _DOUBTFUL * self.problem.length
         beyond = np.any(own > np.maximum(_STATED * np.sqrt(NORMALS) * stated, 0.5 * limit))
@@ -208,7 +209,7 @@ class _Search:
         """Distance (m) of a pose solved at the values of the others."""
         poses = poses_of(study, [study.pose(name)], self.problem.length, self.problem.elements)
         found = rest.problem.evaluator_of(poses)(rest.minimum.shared, derivative=False)
-        return float(branches.distances(found, poses.mask)[0])
+        return float(branches.distances(found, poses)[0])
 
     def refitted(self, mistake: Mistake) -> Refit | None:
         """The corrected study fitted; None if none of its starts settles."""

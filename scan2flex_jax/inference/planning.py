@@ -236,9 +236,18 @@ def _measured(base: Fitted, pose: StudyPose) -> Program:
             raise Scan2FlexError(f"not solved: {e.verdict.sentence()}")
         points, settled = np.asarray(e.points), jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
     keep = np.unique(np.linspace(0, elements, min(POINTS, elements + 1)).round().astype(int))[1:-1]
-    seen = replace(pose, curve=MeasuredCurve(points[keep], None), markers=None)
+    seen = measured_in_simulation(pose, points[keep])
     whole = replace(study, poses=(*study.poses, seen)) if study.remembers else study
     return Program(problem, base.variant.minimum, replace(poses_of(whole, [seen], problem.length, elements), start=settled))
+
+
+def measured_in_simulation(pose: StudyPose, points: np.ndarray) -> StudyPose:
+    """A pose with the ``points`` (n, 3) of its simulated curve (m) and its other readings; with these alone it has no curve."""
+    if pose.measured and not pose.seen:
+        return pose
+    if pose.change_from is not None:  # places, where changes were read
+        pose = replace(pose, angle=(), wrench=(), change_from=None)
+    return replace(pose, curve=MeasuredCurve(points, None), markers=None, scan=None)
 
 
 def _pause(study):

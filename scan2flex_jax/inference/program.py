@@ -181,7 +181,7 @@ class Program:
         def directions(state, i):
             return eqx.tree_at(lambda t: t.rod.section.natural, states.still(state, len(natural[i])), np.asarray(natural[i]))
 
-        return self._along(components, x, start, directions)
+        return self._along(components, x, start, directions, of_changes=True)
 
     def rods(self, components, x, shapes) -> list[tuple[Rod, Configuration]]:
         """The rod of each pose with its energy laws, and its equilibrium."""
@@ -215,10 +215,16 @@ class Program:
         full[self._full(components)] = x[Index(self, components).of_pose(i)]
         return full, sites
 
-    def _along(self, components, x, start, directions):
+    def _along(self, components, x, start, directions, of_changes=False):
+        """Columns along directions of the state; ``of_changes``: these are in the poses from which readings are changes too."""
+
+        def moved(program, i, start, near):
+            state = program._state_of(components, x, i)
+            return states.evaluate(state, directions(state, i), start, target_of(program.poses, i), near=near).columns
+
         def of(i):
-            state = self._state_of(components, x, i)
-            return states.evaluate(state, directions(state, i), one(start, i), target_of(self.poses, i), near=True).columns
+            columns, other = moved(self, i, one(start, i), near=True), self._reference if self._changes(i) else None
+            return columns if other is None or not of_changes else columns - moved(other, i, one(other.start, i), near=False)
 
         return self._each(of)
 
@@ -268,9 +274,25 @@ class Program:
         found = []
         for part in np.split(along, max(len(along) // WIDTH, 1)):
             state, tangents = self._state(i, full, sites, part)
-            found.append(states.evaluate(state, tangents, start, target_of(self.poses, i), near=near))
+            target = target_of(self.poses, i)
+            found.append(states.evaluate(state, tangents, start, target, near=near))
             start = found[-1].configuration
+            if self._changes(i):
+                other = self._reference
+                found[-1] = states.compared(found[-1], other._solve(i, full, sites, part, one(other.start, i), False), target)
         return found[-1]._replace(columns=np.concatenate([f.columns for f in found], axis=-1))
+
+    def _changes(self, i) -> bool:
+        """Whether the readings of pose ``i`` are changes from another."""
+        return bool(self.poses.changes) and self.poses.changes[i]
+
+    @cached_property
+    def _reference(self) -> "Program":
+        """The poses from which readings are changes."""
+        other = copy(self)
+        other.poses = self.poses.reference
+        other.evaluator, other.start = self.problem.evaluator_of(other.poses), other.poses.start
+        return other
 
     def _each(self, work):
         self.solves += self.poses.count
@@ -346,7 +368,7 @@ def context_of(problem, minimum) -> Context:
     cable, R, length = model.cable, np.asarray(minimum.evaluation.configuration.R), problem.length
     gravity = np.asarray(problem.study.gravity, float)
     up = -gravity / max(np.linalg.norm(gravity), 1e-12)
-    points = [np.asarray(p)[np.asarray(m) > 0] for p, m in zip(problem.poses.points, problem.poses.mask, strict=True)]
+    points = _points_of(problem.poses, minimum)
     lowest = [float((p @ up).min()) for p in points]
     largest = [float(np.abs(_curvature(r, length)[:, :2]).max()) for r in R]
     radius = problem.study.cable.get("radius")
@@ -359,6 +381,13 @@ def context_of(problem, minimum) -> Context:
         centre=np.mean(np.concatenate(points), axis=0), points=np.concatenate(points), clamped_ends=problem.study.clamped_ends,
         free_end=any(pose.end is None for pose in problem.study.fit_poses),
     )  # fmt: skip
+
+
+def _points_of(poses, minimum) -> list[np.ndarray]:
+    """Per pose its measured points (m), or where readings are no places the nodes of the model."""
+    seen = poses.seen & ~np.array(poses.changes or [False])[:, None]
+    each = zip(poses.points, seen, minimum.evaluation.configuration.r, strict=True)
+    return [np.asarray(p)[m] if np.any(m) else np.asarray(r) for p, m, r in each]
 
 
 def _curvature(R: Float[np.ndarray, "n 3 3"], length: float) -> Float[np.ndarray, "elements 3"]:

@@ -172,7 +172,9 @@ def left_out(h: Fitted) -> np.ndarray:
     wr, wX = v.likelihood.white(h.u, lin)
     for group, _, d in without(lin, wr, wX, v.groups):
         for i in group:
-            shape, keep = h.shapes[i], v.program.real[i]
+            shape, keep = h.shapes[i], v.program.poses.seen[i]
+            if not np.any(keep):
+                continue
             moved = shape.residual[keep] + shape.columns[keep] @ d[lin.at[i]]
             out[i] = np.sqrt(np.mean(np.sum(moved**2, axis=1)))
     return out
@@ -230,7 +232,10 @@ def discrepancy_of(h: Fitted) -> Discrepancy:
         return Discrepancy(length=v.length)
     columns, moved, b, noise = [], [], float(np.exp(h.u[3])), v.likelihood.noise(h.u)
     for i, Z in enumerate(v.program.scatter(h.components, h.x, h.configuration)):
-        keep, at = v.program.real[i], np.concatenate([g[:1] for g in v.rows.bins[i]])
+        keep, bins = v.program.poses.seen[i], v.rows.bins[i][: v.rows.points[i]]
+        if not bins:
+            continue
+        at = np.concatenate([g[:1] for g in bins])
         columns.append(Z[keep])
         shape = h.shapes[i]
         moved.append(most_likely_part(b, Z[at], shape.residual[at], noise.covariance(shape.s[at])))

@@ -101,13 +101,13 @@ class _Screen:
         real = [np.asarray(mask) > 0 for mask in problem.poses.mask]
         residual, jacobian, self.places, at = [], [], list[_Place](), 0
         for i, (shape, keep) in enumerate(zip(shapes, real, strict=True)):
-            points, count = int(np.sum(keep)), _coordinates(problem.poses, i)
+            points, count = int(np.sum(problem.poses.seen[i])), problem.poses.coordinates(i)
             markers = self.markers(i)
             marked = 0 if markers is None else len(markers.points)
-            for row in range(points):
+            for row in range(int(np.sum(keep))):
                 residual.append(shape.residual[row, : count[row]])
                 jacobian.append(np.asarray(shape.columns)[row, : count[row], : self.unknowns])
-                if points - marked <= row and marked <= points:  # not thinned
+                if points - marked <= row < points and marked <= points:  # not thinned
                     self.places.append(_Place(i, row - points + marked, row, at + np.arange(count[row])))
                 at += count[row]
         self.residual, self.jacobian = np.concatenate(residual), np.concatenate(jacobian)
@@ -183,13 +183,6 @@ def _axes(p: Poses, evaluation: Evaluation, i: int, row: int) -> np.ndarray:
     return own if np.any(own) else np.asarray(evaluation.axes)[i, row]
 
 
-def _coordinates(p: Poses, i: int) -> np.ndarray:
-    """The number of coordinates measured of each point of a pose: two of a curve, of a marker those that it has."""
-    some = 0 if p.rows is None else int(np.count_nonzero(np.any(np.asarray(p.rows[i]) != 0, axis=1)))
-    marked = np.zeros(len(np.asarray(p.mask)[i])) if p.marked is None else np.asarray(p.marked)[i]
-    return np.where(marked > 0, some or 3, 2)
-
-
 def _confirmed(screen: _Screen, mistake: Mistake, refit: Any, first: _Outlier, tried: int) -> Iterator[Mistake]:
     """The mistake with its figures, if its refit confirms it."""
     if refit is None:
@@ -210,6 +203,6 @@ def _expected(screen: _Screen, mistake: Mistake, refit: Any) -> tuple[Mistake, f
     pose, problem = screen.study.pose(name), screen.problem
     poses = poses_of(screen.study, [pose], problem.length, problem.elements)
     found = refit.problem.evaluator_of(poses)(refit.minimum.shared, derivative=False)
-    row = int(np.sum(np.asarray(poses.mask)[0])) - (0 if pose.markers is None else len(pose.markers.points)) + k
+    row = int(np.sum(poses.seen[0])) - (0 if pose.markers is None else len(pose.markers.points)) + k
     off = _axes(poses, found, 0, row).T @ found.residual[0, row]
     return mistakes.of_reading(mistake, pose, k, off), float(np.max(np.abs(off)))

@@ -22,7 +22,8 @@ class Rows:
     """The rows of P poses, N each, padded.
 
     For each row (P, N): ``count`` of its points, ``pad`` 1 where it is none, ``tangent`` 1 along the tangent, ``across`` 1
-    across a plane of all points, ``near`` (m) its arc length; for each pair (P, N, N): ``lag`` (m), the RMS distance of two of
+    across a plane of all points, ``near`` (m) its arc length, ``known`` (m) the noise of a reading that states its own, else 0;
+    for each pair (P, N, N): ``lag`` (m), the RMS distance of two of
     their points, and ``same`` 1 in one direction. ``noise`` (P, 1): the noise of each pose over that of all (`Poses`).
 
     ``dof`` and ``scatter`` (m^2): degrees of freedom and sum of squares of points within bins about their lines, as many as
@@ -31,44 +32,39 @@ class Rows:
 
     def __init__(self, shapes, program):
         """From the shapes at which the directions of the rows are fixed."""
-        study, points = program.problem.study, program.context.points
-        self.noise = np.ones((len(shapes), 1)) if program.poses.noise is None else program.poses.noise[:, None]
-        across = plane_normal(points, study.gravity) if program.poses.rows is None else None
-        self.bins, self.axes, self.kept, self.mean = [], [], [], []
+        study, points, poses = program.problem.study, program.context.points, program.poses
+        self.noise = np.ones((len(shapes), 1)) if poses.noise is None else poses.noise[:, None]
+        across = plane_normal(points, study.gravity) if poses.rows is None else None
+        known = None if poses.readings is None else np.asarray(poses.readings.noise)
+        self.bins: list[list[np.ndarray]] = []
+        self.kept: list[tuple[list[int], list[int], list[int]]] = []
+        self.points: list[int] = []
+        self.axes, self.mean = [], []
         for i, (shape, keep) in enumerate(zip(shapes, program.real, strict=True)):
-            at = np.flatnonzero(keep)
-            groups = np.array_split(at[np.argsort(shape.s[at], kind="stable")], min(BINS, len(at)))
-            some = 0 if program.poses.rows is None else int(np.count_nonzero(np.any(program.poses.rows[i] != 0, axis=1)))
-            marked = np.zeros(len(keep), bool) if shape.marked is None else np.asarray(shape.marked) > 0
-            u = None if across is None else in_plane_normal(shape.axes, across)
-            normals = 1 if across is not None or some == 1 else 2
-            along = [k for k, g in enumerate(groups) if np.all(marked[g])] if some in (0, 3) else []
-            self.bins.append(groups)
-            self.mean.append(np.stack([np.bincount(g, minlength=len(keep)) / len(g) for g in groups]))
-            self.axes.append((shape.axes, u, some > 0))
-            off = [] if across is None else list(range(0, len(groups), -(-len(groups) // _ACROSS)))
-            self.kept.append((normals, off, along))
-        self.count_of = [n * len(g) + len(o) + len(a) for g, (n, o, a) in zip(self.bins, self.kept, strict=True)]
+            self._add(poses, i, shape, keep, across)
+        self.count_of = [len(g) + sum(map(len, kept)) for g, kept in zip(self.bins, self.kept, strict=True)]
         P, N = len(shapes), max(self.count_of)
         self.poses, self.rows = P, N
         self.same, self.lag = np.zeros((P, N, N)), np.zeros((P, N, N))
         self.count, self.pad, self.near = np.ones((P, N)), np.ones((P, N)), np.ones((P, N))
-        self.tangent, self.across = np.zeros((P, N)), np.zeros((P, N))
+        self.tangent, self.across, self.known = np.zeros((P, N)), np.zeros((P, N)), np.zeros((P, N))
         self.dof, self.scatter, lags, gaps = 0.0, 0.0, [], []
-        for i, (shape, groups, (normals, off, along)) in enumerate(zip(shapes, self.bins, self.kept, strict=True)):
-            s, size = np.array([shape.s[g].mean() for g in groups]), np.array([len(g) for g in groups])
-            blocks = [*[np.arange(len(s))] * normals, np.array(off, int), np.array(along, int)]
+        for i, (shape, groups, (second, off, along)) in enumerate(zip(shapes, self.bins, self.kept, strict=True)):
+            s, size, k = np.array([shape.s[g].mean() for g in groups]), np.array([len(g) for g in groups]), self.points[i]
+            blocks = [np.arange(len(s)), *(np.array(part, int) for part in (second, off, along))]
             where, ends = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)])
             n = len(where)
             self.count[i, :n], self.pad[i, :n] = size[where], 0.0
-            width = float(np.median([np.ptp(shape.s[g]) for g in groups]))  # over which the noise is averaged
+            width = float(np.median([np.ptp(shape.s[g]) for g in groups[:k] or groups]))  # over which the noise is averaged
             self.lag[i, :n, :n] = np.sqrt((s[where][:, None] - s[where]) ** 2 + width**2 / 6.0)
             self.near[i, :n] = np.maximum(s[where], _NEAR * max(s.max(), 1e-12))
-            self.across[i, ends[-3] : ends[-2]], self.tangent[i, ends[-2] : n] = 1.0, 1.0
+            other = where >= k  # readings, each with an instrument and a noise of its own
+            self.across[i, ends[-3] : ends[-2]], self.tangent[i, ends[-2] : n] = 1.0, ~other[ends[-2] :]
             for a, b in pairwise(ends):
-                self.same[i, a:b, a:b] = 1.0
-            gaps += [np.median(np.diff(np.sort(s)))] if len(s) > 1 else []
-            lags += self._within(i, shape, groups, normals)
+                self.same[i, a:b, a:b] = ~other[a:b] & ~other[a:b, None]
+            self.known[i, :n] = 0.0 if known is None else known[i][np.array([g[0] for g in groups])[where]]
+            gaps += [np.median(np.diff(np.sort(s[:k])))] if k > 1 else []
+            lags += self._within(i, shape, groups[:k], 1 + (0 in second))
         self.inside = np.zeros(0)
         if self.dof:
             width, size = np.median(np.array(lags), axis=0)
@@ -76,6 +72,27 @@ class Rows:
             share = min(1.0, float(np.sum(1 - self.pad)) / self.dof)  # neighbours tell the form of the noise at their lags only
             self.dof, self.scatter = share * self.dof, share * self.scatter
         self.gap = float(np.median(gaps)) if gaps else 0.0
+
+    def _add(self, poses, i, shape, keep, across):
+        """The bins of a pose, one for each reading that is no point after those of its points, and the directions of each."""
+        at, others = np.flatnonzero(poses.seen[i]), np.flatnonzero(keep & ~poses.seen[i])
+        groups = np.array_split(at[np.argsort(shape.s[at], kind="stable")], min(BINS, len(at))) if len(at) else []
+        some = 0 if poses.rows is None else int(np.count_nonzero(np.any(poses.rows[i] != 0, axis=1)))
+        marked = np.zeros(len(keep), bool) if shape.marked is None else np.asarray(shape.marked) > 0
+        u, count = None if across is None else in_plane_normal(shape.axes, across), len(groups)
+        values = poses.coordinates(i)[others] if len(others) else np.zeros(0, int)
+        second = [] if across is not None or some == 1 else list(range(count))
+        off = [] if across is None else list(range(0, count, max(-(-count // _ACROSS), 1)))
+        along = [k for k, g in enumerate(groups) if np.all(marked[g])] if some in (0, 3) else []
+        second, along = ([*own, *(count + np.flatnonzero(values > n)).tolist()] for n, own in ((1, second), (2, along)))
+        if u is not None:
+            u[others] = 1.0, 0.0
+        groups = [*groups, *others[:, None]]
+        self.points.append(count)
+        self.bins.append(groups)
+        self.mean.append(np.stack([np.bincount(g, minlength=len(keep)) / len(g) for g in groups]))
+        self.axes.append((shape.axes, u, some > 0))
+        self.kept.append((second, off, along))
 
     @property
     def measured(self) -> np.ndarray:
@@ -97,12 +114,10 @@ class Rows:
     def of(self, shapes, columns) -> np.ndarray:
         """Columns (m, 3, K) of each pose as rows (P, N, K)."""
         out = np.zeros((self.poses, self.rows, columns[0].shape[-1]))
-        for i, (shape, c, groups, (normals, off, along)) in enumerate(zip(shapes, columns, self.bins, self.kept, strict=True)):
+        for i, (shape, c, groups, (second, off, along)) in enumerate(zip(shapes, columns, self.bins, self.kept, strict=True)):
             turned, n = self._directed(i, shape, np.nan_to_num(c)), len(groups)
             means = (self.mean[i] @ turned.reshape(len(turned), -1)).reshape(n, *turned.shape[1:])
-            for k in range(normals):
-                out[i, k * n : (k + 1) * n] = means[:, k]
-            out[i, normals * n : self.count_of[i]] = np.concatenate([means[off, 1], means[along, 2]])
+            out[i, : self.count_of[i]] = np.concatenate([means[:, 0], means[second, 1], means[off, 1], means[along, 2]])
         return out
 
     def _directed(self, i, shape, columns):

@@ -69,8 +69,10 @@ def _number(value) -> str:
 
 
 def _readings(study) -> int:
-    """Number of coordinates measured in the fitted poses."""
-    return sum(len(p.markers.points) * len(p.markers.measured) for p in study.fit_poses if p.markers is not None)
+    """Number of values measured in the fitted poses."""
+    marks = sum(len(p.markers.points) * len(p.markers.measured) for p in study.fit_poses if p.markers is not None)
+    parts = [x for p in study.fit_poses for wrench in p.wrench for _, x, _ in wrench.each if x is not None]
+    return marks + sum(len(p.angle) for p in study.fit_poses) + int(sum(np.count_nonzero(~np.isnan(x)) for x in parts))
 
 
 def _elsewhere(problem: Problem, minimum: Minimum) -> Iterator[Configuration]:

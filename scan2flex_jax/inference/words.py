@@ -11,6 +11,7 @@ from scan2flex_jax.inference.answer import (
     GOOD,
     Answer,
     compose,
+    readings_in_words,
     two_digits,
     unseen_in_words,
     warnings_of,
@@ -96,7 +97,8 @@ def _unseen(explanation):
     was = f", {1e3 * before:.3g} mm before," if e.chosen and np.isfinite(before) else ""
     poses = sum(p.role == "validate" for p in e.poses.values())
     left_out, length = e.rms_left_out(), e.fit.problem.length
-    return unseen_in_words(e.rms("validate"), poses, left_out, len(e.poses) - poses, length, was)
+    alone = readings_in_words(e.poses.values())
+    return alone or unseen_in_words(e.rms("validate"), poses, left_out, len(e.poses) - poses, length, was)
 
 
 def belief_of(explanation) -> tuple[str, str]:

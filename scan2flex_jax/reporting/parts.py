@@ -72,8 +72,19 @@ def shapes(c: Contents, found: Fit | Explanation) -> Html:
     said += " “Without it”: change of the stiffnesses when the pose is left out, to first order." if moved else ""
     return section(
         "poses", "Shapes, measured and modelled", tag("div", panels, class_=f"grid {columns}"),
-        table(head, rows, range(2, 7)), tag("p", said, class_="soft"),
+        table(head, rows, range(2, 7)), tag("p", said, class_="soft"), _readings(found),
     )  # fmt: skip
+
+
+def _readings(found: Fit | Explanation) -> Part:
+    """A table of the angles and wrenches of all poses; empty without any."""
+    rows = [
+        (name, one.words, *(" ".join(f"{x:.4g}" for x in values) for values in (one.measured, one.modelled)), one.unit,
+         f"{one.off:.2g}")
+        for name, p in found.poses.items() for one in p.readings
+    ]  # fmt: skip
+    head = ("pose", "reading", "measured", "modelled", "unit", "off, over its noise")
+    return table(head, rows, (5,)) if rows else ""
 
 
 def _shape(c, found, name):
@@ -88,7 +99,7 @@ def _panel(draw, alt: str, size: tuple[float, float] = _PANEL) -> Html:
 
 def errors(c: Contents, found: Fit | Explanation) -> Iterator[Html]:
     """Errors along the cable: one panel, or one per pose."""
-    names = [p.name for p in c.poses if p.stable and p.name in found.poses]
+    names = [p.name for p in c.poses if p.stable and p.name in found.poses and len(found.poses[p.name].residual)]
     if not names:
         return
     if len(names) <= _TOGETHER and len(names) == len(found.poses):
@@ -124,7 +135,8 @@ def missing(c: Contents) -> Iterator[Html]:
 
 def _residuals(c: Contents, e: Explanation) -> Iterator[Html]:
     """Residuals of every pose before and after, and the load common to all poses."""
-    names = [p.name for p in c.poses if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
+    shown = [p for p in c.poses if p.s is not None and len(p.s)]
+    names = [p.name for p in shown if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
     yield tag("h3", "Residual before and after")
     panels = (_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names)
     yield tag("div", panels, class_="grid")

@@ -16,6 +16,7 @@ from scan2flex_jax.study.kinds import (
     register_kind,
 )
 from scan2flex_jax.study.model import (
+    Angle,
     Clamp,
     EffectDeclaration,
     Markers,
@@ -24,6 +25,7 @@ from scan2flex_jax.study.model import (
     StudyPose,
     Tolerance,
     Unknown,
+    Wrench,
 )
 from scan2flex_jax.study.outputs import write_json_atomic
 from scan2flex_jax.study.read import load_study
@@ -35,6 +37,7 @@ __all__ = [
     "CABLE",
     "DESCRIPTIVE_KINDS",
     "TOLERANCE",
+    "Angle",
     "Clamp",
     "EffectDeclaration",
     "KindFormat",
@@ -46,6 +49,7 @@ __all__ = [
     "StudyPose",
     "Tolerance",
     "Unknown",
+    "Wrench",
     "check_study",
     "describe",
     "kind_format",

@@ -14,7 +14,7 @@ from scan2flex_jax.study.declared import unknown_formats
 from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, measured_length, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.mistakes import far_neighbours
-from scan2flex_jax.study.model import Clamp, Study, StudyPose, Value, scan_name
+from scan2flex_jax.study.model import Angle, Clamp, Study, StudyPose, Value, Wrench, scan_name
 from scan2flex_jax.study.repeats import repeats
 from scan2flex_jax.study.sense import knows_a_force, looks_like
 from scan2flex_jax.study.values import one_line
@@ -83,7 +83,8 @@ def assumptions(study: Study) -> tuple[str, ...]:
     exact += [name for name in _CLAMPED if not getattr(study.tolerance, name)]
     if exact:
         said.append(f"taken as exact in the intervals: {', '.join(exact)} (give their errors under [tolerance])")
-    silent = [pose.name for pose in study.poses if pose.noise is None]
+    shapes = [pose for pose in study.poses if pose.seen]
+    silent = [pose.name for pose in shapes if pose.noise is None]
     if silent:
         who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
         said.append(f"noise of {who} not stated: it is estimated from the residuals")
@@ -146,18 +147,34 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
         s, some = pose.markers.arc_length, pose.markers.measured
         alone = "" if some == "xyz" else f" ({', '.join(some)} alone)"
         at = ", ".join(f"{x:.4g}" for x in s[:6]) + ", ..." * (len(s) > 6)
-        said["markers"] = f"{len(s)}{alone}, at s = {at} m"
+        aside = "" if pose.markers.offset is None else ", beside the axis"
+        said["markers"] = f"{len(s)}{alone}, at s = {at} m{aside}"
+    said |= {"angles": "; ".join(map(_angle, pose.angle))} if pose.angle else {}
+    said |= {"wrench": "; ".join(map(_wrench, pose.wrench))} if pose.wrench else {}
+    said |= {"changes": f"readings are changes from {one_line(pose.change_from)}"} if pose.change_from is not None else {}
+    if study.only_compared(pose):
+        said["compared"] = "not measured: readings of other poses are changes from its equilibrium"
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
         points = "" if scan is None else f", {scan_in_words(study, scan)}"
         said["scan"] = f"{scan_name(study, pose)}{points}, guide points {guides}"
-    said["noise"] = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
+    if pose.seen:
+        said["noise"] = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
     own = next((group for group in repeats(study) if pose.name in group), ())
     said |= {"repeats": ", ".join(one_line(name) for name in own if name != pose.name)} if own else {}
     said |= {} if pose.gravity is None else {"gravity": f"{_text(pose.gravity)} m/s^2 in this pose"}
     said |= {} if pose.time is None else {"measured": f"at {pose.time:.6g} s"}
     said |= {"before": "the cable was taken out and straightened"} if pose.reset else {}
     return [f"  {one_line(pose.name)} ({pose.role})", *(f"    {name:<11} {words}" for name, words in said.items())]
+
+
+def _angle(one: Angle) -> str:
+    return f"{one.value:.4g} +- {one.noise:.2g} rad of {one.of} at s = {one.s:.4g} m about {_text(one.about)}"
+
+
+def _wrench(one: Wrench) -> str:
+    each = (f"{_text(x)} +- {sd:.2g} {unit}" for (_, x, sd), unit in zip(one.each, ("N", "N m"), strict=True) if x is not None)
+    return f"{' and '.join(each)} of the {one.end} on the cable, in the axes of the {one.frame}"
 
 
 def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:

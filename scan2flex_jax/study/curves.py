@@ -24,7 +24,8 @@ ALONG = 0.8
 """Of the lower bound of the length: arc lengths that grow by less are in another unit."""
 BEYOND = 5.0
 """Times that bound: arc lengths that look like per cent and grow by more are."""
-MARKED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
+_MEASURED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
+MARKED = (*_MEASURED, *(f"{header},d1,d2" for header in _MEASURED))
 """Headers of markers."""
 _COLUMNS = {"points": None, "arc_length": "s"}  # of a file, by the field of a record
 _PERCENT = (90.0, 101.0)  # arc lengths of a whole cable, in per cent
@@ -46,13 +47,14 @@ def checked_curve(
 
 def read_markers(path: Path, where: Where) -> Markers:
     """The points at known arc lengths in a CSV with the header `s,x,y,z`, or `s` and the coordinates that were measured, as in
-    `s,z`, in any order; `where` names the file for the user."""
+    `s,z`, in any order; two more columns `d1,d2` are their places beside the axis. `where` names the file for the user."""
     names, table = read_csv(path, MARKED, where)
     table = table[np.argsort(table[:, 0], kind="stable")]
     points = np.full((len(table), 3), np.nan)
-    points[:, ["xyz".index(name) for name in names[1:]]] = table[:, 1:]
+    own = [name for name in names if name in "xyz"]
+    points[:, ["xyz".index(name) for name in own]] = table[:, 1 : 1 + len(own)]
     with where.placed(_COLUMNS):
-        return Markers(points, table[:, 0], path)
+        return Markers(points, table[:, 0], path, table[:, -2:] if names[-1] == "d2" else None)
 
 
 def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:

@@ -125,7 +125,7 @@ def measured_length(study: Study) -> float | None:
         return float(np.median(held))
     reached = [f.covered for f in facts]
     for pose in study.poses:
-        if pose.markers is not None:
+        if pose.markers is not None and pose.change_from is None:
             beyond = 0.0 if pose.end is None else np.linalg.norm(np.nan_to_num(pose.end.position - pose.markers.points[-1]))
             reached.append(float(pose.markers.arc_length[-1] + beyond))
     return max(reached, default=None)

@@ -31,6 +31,8 @@ INITIAL = "initial_set"
 UNIT_TOLERANCE = 1e-3
 """Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
 ROLES = ("fit", "validate")
+AXES = ("d1", "d2", "d3")
+FRAMES = ("scan", "clamp")
 MOST_TURNS = 1000
 
 
@@ -40,18 +42,31 @@ def _name(value: Any, where: Where) -> str:
     return str(value)
 
 
-def _role(value: Any, where: Where) -> str:
-    if v.text(value, where) not in ROLES:
-        raise where.fail(f'got {v.shown(value)}: write "fit" or "validate".')
-    return str(value)
+def _one_of(names: tuple[str, ...]) -> Callable[[Any, Where], str]:
+    def check(value: Any, where: Where) -> str:
+        if v.text(value, where) not in names:
+            first = ", ".join(f'"{name}"' for name in names[:-1])
+            raise where.fail(f'got {v.shown(value)}: write {first} or "{names[-1]}".')
+        return str(value)
+
+    return check
+
+
+def _components(value: Any, where: Where) -> Any:
+    """Three components, NaN for those that were not measured."""
+    found = v.array(value, None, where)
+    if np.shape(found) != (3,) or np.all(np.isnan(found)) or not np.all(np.isnan(found) | (np.abs(found) <= v.LARGEST)):
+        raise where.fail(f"got {v.shown(v.plain(value))}: write three numbers, nan for a component that was not measured.")
+    return found
 
 
 _TYPES: dict[str, Callable[[Any, Where], Any]] = {
-    "text": v.text, "name": _name, "role": _role, "flag": v.boolean,
+    "text": v.text, "name": _name, "role": _one_of(ROLES), "flag": v.boolean,
     "turns": lambda value, where: v.integer(value, MOST_TURNS, where),
     "numbers": lambda value, where: v.array(value, None, where),
     "points": lambda value, where: v.points(value, 1, where),
-    "file": lambda value, _: value, "table": lambda value, _: value,
+    "axis": _one_of(AXES), "end": _one_of(ENDS), "frame": _one_of(FRAMES), "components": _components,
+    "file": lambda value, _: value, "table": lambda value, _: value, "tables": lambda value, _: value,
 }  # fmt: skip
 """Checks of keys that are no quantities; files and tables are read and checked by those who know them."""
 
@@ -88,7 +103,7 @@ class ParameterFormat:
     @property
     def required(self) -> bool:
         """Whether its table always has it."""
-        return self.default == "required" or self.default.startswith("required in a ")
+        return self.default == "required" or self.default.startswith("required in a")
 
     @property
     def written(self) -> str:

@@ -179,10 +179,16 @@ def _markers(pose: StudyPose) -> Markers:
 
 def far_neighbours(study: Study, pose: StudyPose) -> Annotated[np.ndarray, " k"]:
     """Indices of markers that are farther from the next one than their arc lengths allow."""
-    if pose.markers is None or any(kind_format(effect.kind).place == "observation" for effect in study.effects):
+    moved = any(kind_format(effect.kind).place == "observation" for effect in study.effects)
+    if pose.markers is None or moved or not on_axis(pose):
         return np.zeros(0, int)
     s, chords = pose.markers.arc_length, _chords(pose)
     return np.flatnonzero(chords > _APART * np.diff(s) + _NOISY * s[-1] + 3.0 * np.sqrt(2.0) * (pose.noise or 0.0))
+
+
+def on_axis(pose: StudyPose) -> bool:
+    """Whether the markers of a pose are places of its centre curve: neither beside it, nor changes from another pose."""
+    return pose.markers is not None and pose.markers.offset is None and pose.change_from is None
 
 
 def _polygon(pose) -> float:

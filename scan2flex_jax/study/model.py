@@ -19,11 +19,25 @@ from numpy.typing import ArrayLike
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.kinds import CABLE, ENDS, KEYS, kind_format, split_name
-from scan2flex_jax.study.parts import Clamp, EffectDeclaration, Markers, MeasuredCurve, StudyPose, Tolerance, Unknown, Value
+from scan2flex_jax.study.parts import (
+    Angle,
+    Clamp,
+    EffectDeclaration,
+    Markers,
+    MeasuredCurve,
+    StudyPose,
+    Tolerance,
+    Unknown,
+    Value,
+    Wrench,
+)
 from scan2flex_jax.study.records import Record, keep, record, same
 from scan2flex_jax.study.values import Where
 
-__all__ = ["Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value"]
+__all__ = [
+    "Angle", "Clamp", "EffectDeclaration", "Markers", "MeasuredCurve", "Study", "StudyPose", "Tolerance", "Unknown", "Value",
+    "Wrench",
+]  # fmt: skip
 
 GRAVITY = (0.0, 0.0, -9.81)
 RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
@@ -142,12 +156,16 @@ class Study(Record):
     @property
     def fit_poses(self) -> tuple[StudyPose, ...]:
         """The poses available to a fit, in the order of measurement."""
-        return tuple(pose for pose in self.poses if pose.role == "fit")
+        return tuple(pose for pose in self.poses if pose.role == "fit" and not self.only_compared(pose))
 
     @property
     def validate_poses(self) -> tuple[StudyPose, ...]:
         """The poses excluded from fits and from the choice of effects."""
-        return tuple(pose for pose in self.poses if pose.role == "validate")
+        return tuple(pose for pose in self.poses if pose.role == "validate" and not self.only_compared(pose))
+
+    def only_compared(self, pose: StudyPose) -> bool:
+        """Whether nothing was measured in a pose, from which those of others are changes."""
+        return not pose.measured and any(other.change_from == pose.name for other in self.poses)
 
     @property
     def unknown_names(self) -> tuple[str, ...]:
@@ -239,11 +257,12 @@ def _moved_effect(effect: EffectDeclaration, old: float, new: float) -> EffectDe
 
 
 def _moved_pose(pose: StudyPose, old: float, new: float) -> StudyPose:
-    """A pose whose last marker, if it is at the end of the cable, is at that of another length (m)."""
-    if pose.markers is None or not at_end(pose.markers.arc_length[-1], old):
-        return pose
-    s = np.append(pose.markers.arc_length[:-1], new)
-    return replace(pose, markers=replace(pose.markers, arc_length=s))
+    """A pose whose last marker and angles, if they are at the end of the cable, are at that of another length (m)."""
+    marks = pose.markers
+    if marks is not None and at_end(marks.arc_length[-1], old):
+        s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
+        pose = replace(pose, markers=replace(marks, arc_length=s))
+    return replace(pose, angle=tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle))
 
 
 def _cable(given: Any, where: Where) -> dict[str, Value]:

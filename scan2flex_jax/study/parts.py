@@ -1,4 +1,4 @@
-"""The parts of a study: clamps, measured curves, poses, unknowns, declared effects and tolerances.
+"""The parts of a study: clamps, measured curves and readings, poses, unknowns, declared effects and tolerances.
 
 Frozen dataclasses with read-only float64 arrays. Each takes lists, and arrays of NumPy, JAX or pandas, and raises `StudyError`
 for invalid values; `dataclasses.replace` makes a changed copy, which is checked again.
@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scan2flex_jax.study import values as v
-from scan2flex_jax.study.kinds import KEYS, TOLERANCE, kind_format, kind_names
+from scan2flex_jax.study.kinds import AXES, KEYS, TOLERANCE, kind_format, kind_names
 from scan2flex_jax.study.records import Record, keep, record
 from scan2flex_jax.study.rotations import checked_rotation, columns, quaternion_of, rigid_motion
 from scan2flex_jax.study.values import Where
 
 Value = float | Annotated[np.ndarray, "..."]
 
+_ACROSS = 1e-6  # of a direction: less of it is across another one by rounding only
 FEWEST_POINTS = 2
 """Fewer points have no direction, and no order from start to end."""
 
@@ -104,6 +105,8 @@ class Markers(Record):
     """Points (m) tracked at known arc lengths (m), in order from the start: all three coordinates count, or those that were
     measured of every point, with NaN in the others.
 
+    `offset` (m): places of the points beside the axis, along d1 and d2 of the section; None = on the axis.
+
     Examples:
         >>> Markers([[0.2, 0.0, -0.05]], arc_length=[0.22]).arc_length.tolist()
         [0.22]
@@ -112,18 +115,105 @@ class Markers(Record):
     points: Annotated[np.ndarray, "n 3"]
     arc_length: Annotated[np.ndarray, " n"]
     path: Path | None = field(default=None, compare=False)
+    offset: Annotated[np.ndarray, "n 2"] | None = None
     measured: str = field(default="xyz", init=False, compare=False)
 
     AS = "Markers, as in Markers(points, arc_length)"
 
     def _check(self, where: Where) -> None:
-        """Points are finite and distinct, and the arc length grows from 0 on."""
+        """Points are finite and distinct, and the arc length grows from 0 on; marks on one section have their offsets."""
         table, seen = _measured_columns(self.points, where.at("points"))
         keep(self, points=table, measured="".join(name for name, own in zip("xyz", seen, strict=True) if own))
         key = where.at("arc_length")
-        keep(self, arc_length=v.growing(self.arc_length, len(self.points), key))
+        if self.offset is None:
+            keep(self, arc_length=v.growing(self.arc_length, len(self.points), key))
+        else:  # several marks may stand on one section
+            keep(self, arc_length=v.array(self.arc_length, ((len(self.points),),), key))
+            keep(self, offset=v.array(self.offset, ((len(self.points), 2),), where.at("offset")))
+            if np.any(np.diff(self.arc_length) < 0):
+                raise key.fail("it does not grow: order the points from start to end.")
         if self.arc_length[0] < 0:
             raise key.fail(f"got {self.arc_length[0]:g} m: count s from 0 at the start clamp.")
+
+    @property
+    def aside(self) -> Annotated[np.ndarray, "n 3"]:
+        """Their places from the axis, along d1, d2, d3 (m)."""
+        return np.zeros((len(self.points), 3)) if self.offset is None else np.c_[self.offset, np.zeros(len(self.points))]
+
+
+@record
+class Angle(Record):
+    """An angle (rad) read at the arc length `s` (m), right-handed about the axis `about`, from the direction `zero` to `of`.
+
+    `of`: the tangent "d3", or "d1" or "d2" of the section, as seen along `about`; `noise` (rad) is its standard deviation.
+    `about` and `zero` are directions in the scan frame, of any length; a pose with `change_from` needs no `zero`.
+
+    Examples:
+        >>> slope = Angle(s=0.3, value=0.52, noise=0.01, about=[0, 1, 0], zero=[1, 0, 0])
+        >>> slope.of
+        'd3'
+    """
+
+    s: float
+    value: float
+    noise: float
+    about: Annotated[np.ndarray, "3"]
+    zero: Annotated[np.ndarray, "3"] | None = None
+    of: str = "d3"
+
+    KEYS: ClassVar = KEYS["angle"]
+    AS = "an Angle, as in Angle(s, value, noise, about, zero)"
+
+    def _check(self, where: Where) -> None:
+        """The axis is a direction, and zero is one across it."""
+        if not np.any(self.about):
+            raise where.at("about").fail("it has no length: give the axis of the angle.")
+        if self.zero is not None and np.linalg.norm(self.axes[1]) < _ACROSS:
+            raise where.at("zero").fail("it is along `about`: give a direction across it.")
+
+    @property
+    def axes(self) -> Annotated[np.ndarray, "3 3"]:
+        """The unit axis, the direction of zero across it (any without one), and the material axis that is read, as rows."""
+        about = self.about / np.linalg.norm(self.about)
+        zero = np.eye(3)[np.argmin(np.abs(about))] if self.zero is None else self.zero / max(np.linalg.norm(self.zero), 1e-300)
+        return np.stack([about, zero - (zero @ about) * about, np.eye(3)[AXES.index(self.of)]])
+
+
+@record
+class Wrench(Record):
+    """Force (N) and moment (N m) of the support of one `end` ("start" or "end") on the cable, with their standard deviations.
+
+    NaN for components that were not measured; None: no force, or no moment, was. `frame`: "scan", or "clamp" (d1, d2, d3).
+
+    Examples:
+        >>> Wrench("start", force=[np.nan, np.nan, 3.3], force_noise=0.05).frame
+        'scan'
+    """
+
+    end: str
+    force: Annotated[np.ndarray, "3"] | None = None
+    force_noise: float | None = None
+    moment: Annotated[np.ndarray, "3"] | None = None
+    moment_noise: float | None = None
+    frame: str = "scan"
+
+    KEYS: ClassVar = KEYS["wrench"]
+    AS = 'a Wrench, as in Wrench("start", force=[0, 0, 3.3], force_noise=0.05)'
+
+    def _check(self, where: Where) -> None:
+        """Something was measured, and each part has its noise."""
+        if self.force is None and self.moment is None:
+            raise where.fail(f"it has neither force nor moment: write {KEYS['wrench']['force'].written}.")
+        for name, value, noise in self.each:
+            if noise is None and value is not None:
+                raise where.at(f"{name}_noise").fail(f"it is missing: write {KEYS['wrench'][f'{name}_noise'].written}.")
+            if value is None and noise is not None:
+                raise where.at(name).fail(f"it is missing, and has a noise: write {KEYS['wrench'][name].written}.")
+
+    @property
+    def each(self) -> tuple[tuple[str, Annotated[np.ndarray, "3"] | None, float | None], ...]:
+        """Name, components and noise of force and moment."""
+        return ("force", self.force, self.force_noise), ("moment", self.moment, self.moment_noise)
 
 
 def _measured_columns(value: Any, where: Where) -> tuple[Annotated[np.ndarray, "n 3"], Annotated[np.ndarray, "3"]]:
@@ -245,7 +335,9 @@ class StudyPose(Record):
     `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns in addition to the quaternions; `scan` = file
     of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
     deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) of the
-    measurement, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
+    measurement, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose;
+    `angle` and `wrench` = readings of angles and at clamps; `change_from` = name of the pose from whose equilibrium markers,
+    angles and wrenches are changes.
 
     Examples:
         >>> held = Clamp([0, 0, 0], [0.7071068, 0, 0.7071068, 0])
@@ -268,6 +360,9 @@ class StudyPose(Record):
     gravity: Annotated[np.ndarray, "3"] | None = None
     time: float | None = None
     reset: bool = False
+    angle: tuple[Angle, ...] = ()
+    wrench: tuple[Wrench, ...] = ()
+    change_from: str | None = None
     guide_points_path: Path | None = field(default=None, compare=False)
 
     KEYS: ClassVar = KEYS["pose"]
@@ -279,8 +374,27 @@ class StudyPose(Record):
         paths = {"centre_curve": getattr(self.curve, "path", None), "scan": self.scan}
         return paths | {"markers": getattr(self.markers, "path", None), "guide_points": self.guide_points_path}
 
+    @property
+    def seen(self) -> bool:
+        """Whether points of its shape were measured."""
+        return self.curve is not None or self.scan is not None or self.markers is not None
+
+    @property
+    def measured(self) -> bool:
+        """Whether anything was."""
+        return self.seen or bool(self.angle) or bool(self.wrench)
+
     def _check(self, where: Where) -> None:
-        """A scan is the path of a file, and guide points are points."""
+        """A scan is the path of a file, guide points are points, and readings are lists."""
+        keep(self, angle=v.all_of_kind(self.angle, Angle, where.at("angle"), Angle.AS))
+        keep(self, wrench=v.all_of_kind(self.wrench, Wrench, where.at("wrench"), Wrench.AS))
+        for name in ("curve", "scan"):
+            if self.change_from is not None and getattr(self, name) is not None:
+                said = "a change is one of markers, angles and wrenches: leave it out, or change_from."
+                raise where.at(name).fail(said)
+        for i, one in enumerate(self.angle):
+            if one.zero is None and self.change_from is None:
+                raise where.at("angle").item(i + 1).at("zero").fail(f"it is missing: write {KEYS['angle']['zero'].written}.")
         if self.scan is not None:
             keep(self, scan=Path(v.of_kind(self.scan, (str, Path), where.at("scan"), "the path of a file with a point cloud")))
         if self.guide_points is not None:

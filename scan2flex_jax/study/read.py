@@ -19,6 +19,7 @@ from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import ENDS, KEYS
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Study, StudyPose, Tolerance, Unknown
+from scan2flex_jax.study.parts import Angle, Wrench
 from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
@@ -26,6 +27,8 @@ from scan2flex_jax.study.values import Where
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
+READINGS: dict[str, type[Any]] = {"angle": Angle, "wrench": Wrench}
+"""The records of readings, by their key in a pose."""
 MOST_PARTS = 32
 """Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
 # possessive, for a search in linear time
@@ -113,7 +116,8 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
 def _given(table: str, given: Any, where: Where) -> dict[str, Any]:
     """The values of a table by the fields of its record: all keys are known, and none that is required is missing."""
     keys = KEYS[table]
-    given = v.table(given, keys, where, KEYS["pose"]["start"].example if table == "clamp" else f"[{table}]")
+    written = {"clamp": KEYS["pose"]["start"], **{name: KEYS["pose"][name] for name in READINGS}}
+    given = v.table(given, keys, where, written[table].example if table in written else f"[{table}]")
     for name, key in keys.items():
         if key.required:
             v.required(given, name, where, key.written)
@@ -143,6 +147,11 @@ def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[St
         given = _given("pose", table, here)
         for end in set(ENDS) & given.keys():
             given[end] = _record(Clamp, "clamp", given[end], here.at(end))
+        for key, record in READINGS.items():
+            if key in table:
+                if not isinstance(table[key], list):
+                    raise here.at(key).fail(f"got {v.shown(table[key])}: write {KEYS['pose'][key].written}.")
+                given[key] = tuple(_record(record, key, one, here.at(key).item(i + 1)) for i, one in enumerate(table[key]))
         for key, reader in _READERS.items():
             if key in table:
                 path = existing(folder, v.text(table[key], here.at(key)), here.at(key))

@@ -25,7 +25,7 @@ def repeats(study: Study) -> tuple[tuple[str, ...], ...]:
 def _groups(study):
     """Groups of poses that are marked as repeats, or have the same supports and effects."""
     groups: list[list[StudyPose]] = []
-    for pose in study.poses:
+    for pose in (pose for pose in study.poses if not study.only_compared(pose)):
         own = next((g for g in groups if any(_repeat(study, pose, other) for other in g)), None)
         if own is None:
             groups.append([pose])
@@ -73,7 +73,7 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
     if a.curve is not None and b.curve is not None:
         off = _to_polyline(a.curve.points, b.curve.points)
         return float(np.sqrt(np.mean(off**2))) if len(off) else None
-    if a.markers is None or b.markers is None:
+    if a.markers is None or b.markers is None or a.change_from != b.change_from:
         return None
     _, i, j = np.intersect1d(np.round(a.markers.arc_length, 9), np.round(b.markers.arc_length, 9), return_indices=True)
     off = a.markers.points[i] - b.markers.points[j]

@@ -12,7 +12,19 @@ from dataclasses import replace
 from typing import Any
 
 from scan2flex_jax.study.declared import FEWEST_PLACES
-from scan2flex_jax.study.kinds import CABLE, KEYS, MOST_TURNS, ROLES, KindFormat, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.kinds import (
+    AXES,
+    CABLE,
+    ENDS,
+    FRAMES,
+    KEYS,
+    MOST_TURNS,
+    ROLES,
+    KindFormat,
+    ParameterFormat,
+    kind_format,
+    kind_names,
+)
 from scan2flex_jax.study.read import FORMAT
 
 Schema = dict[str, Any]
@@ -25,6 +37,8 @@ _DOMAINS: dict[str, Schema] = {
 _TYPES: dict[str, Schema] = {
     "text": {"type": "string"}, "name": {"type": "string", "minLength": 1}, "file": {"type": "string", "minLength": 1},
     "role": {"enum": list(ROLES)}, "flag": {"type": "boolean"},
+    "axis": {"enum": list(AXES)}, "end": {"enum": list(ENDS)}, "frame": {"enum": list(FRAMES)},
+    "components": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}},
     "turns": {"type": "integer", "minimum": -MOST_TURNS, "maximum": MOST_TURNS},
     "points": {"type": "array", "minItems": 1,
                "items": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}}},
@@ -40,7 +54,8 @@ def study_schema() -> Schema:
         >>> study_schema()["properties"]["cable"]["properties"]["length"]["description"]
         'L, between the clamps along the cable (m). Left out: required, here or unknown.'
     """
-    pose = _table("pose", start=_table("clamp"), end=_table("clamp"))
+    readings = {name: {"type": "array", "items": _table(name)} for name in ("angle", "wrench")}
+    pose = _table("pose", start=_table("clamp"), end=_table("clamp"), **readings)
     parts = {name: _table(name) for name in ("cable", "tolerance")}
     parts["cable"]["properties"]["section"] = {**_TYPES["file"], "description": _SECTION}
     parts |= {"pose": {"type": "array", "items": pose}, "effect": _effects(), "unknown": _unknowns()}

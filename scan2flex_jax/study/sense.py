@@ -60,8 +60,9 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     reach = _reach(study)
     for pose in study.poses:
         here = where.at("pose").item(pose.name)
-        if purpose == "fit" and pose.curve is None and pose.scan is None and pose.markers is None:
-            raise here.fail("it has no shape: give it a centre curve, a scan, or markers.")
+        if purpose == "fit" and not pose.measured and not study.only_compared(pose):
+            raise here.fail("it has no shape: give it a centre curve, a scan, markers, or readings.")
+        _check_readings(study, pose, here)
         if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
             said = f"got {pose.turns}, but an end turns freely: write turns only between two clamps."
             raise here.at("turns").fail(said)
@@ -80,14 +81,39 @@ def _check_markers(study: Study, pose: StudyPose, markers: Markers, reach: float
     if longest is not None and s[-1] > longest * (1 + _ROUNDED):
         hint = unit_hint(s[-1] / longest)
         raise where.at("s").fail(f"a marker is at s = {s[-1]:g} m on a cable of at most {longest:g} m: {hint}.")
-    if reach is None or _moved(study):
+    if reach is None or _moved(study) or pose.change_from is not None:
         return
     away = np.linalg.norm(np.nan_to_num(markers.points - pose.start.position), axis=1)
-    far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1])
+    far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1] + np.linalg.norm(markers.aside, axis=1))
     if len(far):
         i = int(far[0])
         said = f"marker {i + 1} is at s = {s[i]:g} m, but {away[i]:g} m away from the start clamp"
         raise where.fail(f"{said}: {unit_hint(away[i] / max(s[i], 1e-12))}.")
+
+
+def _check_readings(study: Study, pose: StudyPose, where: Where) -> None:
+    """Angles are on the cable, wrenches at supports that exert them, and changes from a pose with its own shape."""
+    longest = longest_cable(study)
+    for i, one in enumerate(pose.angle):
+        if longest is not None and one.s > longest * (1 + _ROUNDED):
+            said = f"the angle is read at s = {one.s:g} m on a cable of at most {longest:g} m"
+            raise where.at("angle").item(i + 1).at("s").fail(f"{said}: {unit_hint(one.s / longest)}.")
+    for i, wrench in enumerate(pose.wrench):
+        held, here, end = getattr(pose, wrench.end), where.at("wrench").item(i + 1), wrench.end
+        if held is None:
+            raise here.at("end").fail(f"the {end} of this pose is free: give its {end}, or leave the wrench out.")
+        if held.quaternion is None and (wrench.moment is not None or wrench.frame == "clamp"):
+            key, none = ("frame", "axes") if wrench.moment is None else ("moment", "moment")
+            raise here.at(key).fail(f"the {end} is a ball joint, which has no {none}: leave it out.")
+    if pose.change_from is None:
+        return
+    here, others = where.at("change_from"), [other.name for other in study.poses if other.name != pose.name]
+    if pose.change_from not in others:
+        raise here.fail(f"no other pose is called {shown(pose.change_from)}: {suggestion(pose.change_from, others)}")
+    if study.pose(pose.change_from).change_from is not None:
+        raise here.fail(f"pose {shown(pose.change_from)} holds changes itself: name a pose that does not.")
+    if study.remembers:
+        raise here.fail("an effect of the study has memory, and the pose would have two shapes before it: measure places.")
 
 
 def _check_cable(study: Study, where: Where, purpose: Purpose) -> None:
@@ -129,7 +155,10 @@ def _check_scale(study: Study, where: Where) -> None:
 
 
 def knows_a_force(study: Study) -> bool:
-    """Whether an effect of known size in a fitted pose sets the scale of forces, independent of the cable's weight."""
+    """Whether a force measured at a support, or an effect of known size, sets the scale of forces in a fitted pose, independent
+    of the cable's weight."""
+    if any(pose.wrench for pose in study.fit_poses):
+        return True
     for i, effect in enumerate(study.effects):
         parameter = _FORCES.get(effect.kind)
         if parameter is None or study.unknown_of(i, parameter):

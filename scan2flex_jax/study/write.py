@@ -84,7 +84,8 @@ def save_study(study: Study, folder: str | Path) -> Path:
     folder = Path(folder)
     toml, files = folder / STUDY_FILE, NamedFiles(study, folder)
     tree = study_tables(study, files)
-    text = render(tree, study.assumptions, () if all(pose.noise is not None for pose in study.poses) else (_NO_NOISE,))
+    stated = all(pose.noise is not None for pose in study.poses if pose.seen)
+    text = render(tree, study.assumptions, () if stated else (_NO_NOISE,))
     try:
         _check_written(study, tree, text, files, Where(one_line(str(toml), 300)))
         folder.mkdir(parents=True, exist_ok=True)
@@ -109,7 +110,7 @@ def _check_written(study: Study, tree: dict[str, Any], text: str, files: NamedFi
         (folder / STUDY_FILE).write_text(text, "utf-8")
         named = zip(study.poses, tree["pose"], strict=True)
         poses = [replace(pose, scan=folder / table["scan"]) if "scan" in table else pose for pose, table in named]
-        planned = not any(pose.curve or pose.scan or pose.markers for pose in study.poses)
+        planned = not any(pose.measured for pose in study.poses)
         purpose: Purpose = "predict" if planned else "fit"
         with where.placed():
             again = load_study(folder, purpose=purpose)
@@ -160,9 +161,13 @@ def _csv(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> tup
         return "x,y,z", np.asarray(content)
     if content.arc_length is None:
         return "x,y,z", content.points
-    table = np.column_stack([content.arc_length, content.points])
-    measured = content.measured if isinstance(content, Markers) else "xyz"
-    return ",".join("s" + measured), table[:, ~np.isnan(table[0])]
+    table, names = np.column_stack([content.arc_length, content.points]), list("sxyz")
+    if isinstance(content, Markers):
+        kept = [name in f"s{content.measured}" for name in names]
+        table, names = table[:, kept], [name for name, own in zip(names, kept, strict=True) if own]
+        if content.offset is not None:
+            table, names = np.c_[table, content.offset], [*names, "d1", "d2"]
+    return ",".join(names), table
 
 
 def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
@@ -184,6 +189,8 @@ def _of_record(record: Record) -> dict[str, Any]:
         name = FIELDS.get(key, key)
         value = getattr(record, name)
         if value is not None and form.type != "file" and not same(value, defaults[name]):
+            if isinstance(value, tuple) and value and isinstance(value[0], Record):
+                value = [_of_record(one) for one in value]
             table[key] = _of_record(value) if isinstance(value, Record) else plain(value)
     return table
 
@@ -240,9 +247,16 @@ def _table(entries: dict[str, Any]) -> Any:
     table = tomlkit.table()
     for key, value in entries.items():
         if isinstance(value, dict):
-            inline = tomlkit.inline_table()
-            inline.update(value)
-            table[key] = inline
+            table[key] = _inline(value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            table[key] = tomlkit.array()
+            table[key].extend(_inline(one) for one in value)
         else:
             table[key] = value
     return table
+
+
+def _inline(entries: dict[str, Any]) -> Any:
+    inline = tomlkit.inline_table()
+    inline.update(entries)
+    return inline

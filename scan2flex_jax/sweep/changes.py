@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study import Clamp, Markers, MeasuredCurve, Study
+from scan2flex_jax.study import Clamp, MeasuredCurve, Study
 
 _ENDS = ("start", "end")
 
@@ -58,12 +58,12 @@ def noisy(study: Study, noise: float, seed: int) -> Study:
     """The study with white noise of ``noise`` (m) on every coordinate of its curves, also stated as each pose's noise."""
     rng, poses = np.random.default_rng(seed), []
     for pose in study.poses:
-        if pose.curve is None and pose.markers is None:
+        if not pose.measured and not study.only_compared(pose):
             raise Scan2FlexError(f"pose {pose.name!r} has no centre curve and no markers: only these are given noise")
         curve, markers = pose.curve, pose.markers
         if curve is not None:
             curve = MeasuredCurve(curve.points + noise * rng.standard_normal(curve.points.shape), curve.arc_length)
         if markers is not None:
-            markers = Markers(markers.points + noise * rng.standard_normal(markers.points.shape), markers.arc_length)
+            markers = replace(markers, points=markers.points + noise * rng.standard_normal(markers.points.shape))
         poses.append(replace(pose, curve=curve, markers=markers, noise=noise))
     return replace(study, poses=tuple(poses))

@@ -1,0 +1,319 @@
+"""A study from the table of a bending test: a row a pose, with its load or its span, and its reading.
+
+A `BendingTest` lists the columns of its table and writes the study: clamps, loads, a reading for each row, and as the guess the
+closed form of small deflections, or Peirce's of a loop. Columns have a unit in their header, as in ``weight (g)``; a cell may
+have its own. Each shape is plane: gravity is along -z, the clamp points along x, and nothing depends on torsion.
+
+References: F. T. Peirce, "The 'handle' of cloth as a measurable quantity", J. Textile Inst. 21 (1930) T377 (loops, and the
+overhang on an incline); ASTM D1388; S. Timoshenko, "Strength of Materials" (1940) (beams).
+"""
+
+import csv
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2flex_jax.convert.units import UNITS, G, unit_of_quantity
+from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.study.files import CSV_LIMIT, read_text
+from scan2flex_jax.study.model import Angle, Clamp, EffectDeclaration, Markers, Study, StudyPose, Tolerance, Unknown
+from scan2flex_jax.study.values import Where, suggestion
+
+INCLINE = np.radians(41.5).item()  # rad, of ASTM D1388
+_LEVEL = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])  # d3 along x, d1 along -z, d2 along y
+_FLAT = 1000.0  # bending stiffness of a strip in its plane, over that across it: it stays in the plane of the test
+_SEEN = 0.1  # rad: a loop that leaves its plane by more is seen to
+_OVERHANG = 1.05  # length of the half beam over that to its support: what stands beyond carries nothing
+_LEAST = 1e-3  # of the length: least reading for a closed form
+_NAMED = re.compile(r"(.*?)[\s_]*[\[(]?\s*([A-Za-z\u00b0\u00b5]*)\s*[\])]?")
+_NUMBER = re.compile(r"([-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([A-Za-z\u00b0\u00b5]*)")
+
+Row = dict[str, float]
+
+
+@dataclass(frozen=True)
+class BendingTest:
+    """A bending test: ``columns`` and the optional ones, each with its quantity; ``needs``: "length", "density" and "span" as
+    far as the study needs them; ``make`` writes the study, ``closed`` the stiffness (N m^2) of a row by a closed form."""
+
+    words: str
+    columns: dict[str, str]
+    optional: dict[str, str]
+    needs: tuple[str, ...]
+    make: Callable[["Bench"], Study]
+    closed: Callable[["Bench", Row], float]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What a test was given: its name, the rows (SI units) with their names, the ``length`` (m), the ``density`` (kg/m) and the
+    ``span`` (m) as far as they are known, with the tolerance of both; ``noise`` (m) and the ``validate`` rows."""
+
+    test: str
+    rows: Sequence[Row]
+    names: Sequence[str]
+    length: float = 0.0
+    density: float = 0.0
+    span: float = 0.0
+    tolerance: Tolerance = Tolerance()  # noqa: RUF009 - frozen
+    noise: float | None = None
+    validate: Sequence[str] = ()
+    title: str = ""
+
+    @property
+    def guess(self) -> float | None:
+        """The median over the rows of the closed form (N m^2); None where it says nothing."""
+        found = [TESTS[self.test].closed(self, row) for row in self.rows]
+        good = [EI for EI in found if np.isfinite(EI) and EI > 0]
+        return float(np.median(good)) if good else None
+
+    def pose(self, k: int, start: Clamp, end: Clamp | None = None, **given: Any) -> StudyPose:
+        """The pose of row ``k``."""
+        role = "validate" if self.names[k] in self.validate else "fit"
+        return StudyPose(self.names[k], role, start, end, noise=self.noise, **given)
+
+    def study(self, poses: Iterable[StudyPose], effects: Iterable[EffectDeclaration] = (), **given: Any) -> Study:
+        """The study of the poses; the torsional stiffness has no influence on plane shapes."""
+        EI = self.guess
+        cable = {"length": self.length, "length_density": self.density, "torsional_stiffness": 0.8 * (EI or 1.0)}
+        given = {"gravity": [0.0, 0.0, -G], "tolerance": self.tolerance, "title": self.title or self.test, **given}
+        unknown = Unknown("bending_stiffness", guess=EI)
+        return Study.from_arrays(cable | given.pop("cable", {}), tuple(poses), [unknown], effects=tuple(effects), **given)
+
+
+def bench_study(bench: Bench) -> Study:
+    """The study of a bending test, ready for `save_study`.
+
+    Raises:
+        Scan2FlexError: An unknown test, a name of no row, or a value that the test needs and has not.
+    """
+    if bench.test not in TESTS:
+        raise Scan2FlexError(f"no test is called {bench.test[:40]!r}: {suggestion(bench.test, TESTS)}")
+    for name in bench.validate:
+        if name not in bench.names:
+            raise Scan2FlexError(f"no pose is called {name[:60]!r}: {suggestion(name, bench.names)}")
+    if set(bench.names) <= set(bench.validate):
+        raise Scan2FlexError("every row is kept for validation: leave at least one to fit.")
+    for name in TESTS[bench.test].needs:
+        if not getattr(bench, name) > 0:
+            raise Scan2FlexError(f"the {name} is not known, and the test {bench.test} needs it: give --{name}.")
+    return TESTS[bench.test].make(bench)
+
+
+def read_table(path: Path, test: str) -> tuple[list[Row], list[str]]:
+    """Rows (SI units) and their names of the table of a test; raises `StudyError` with the file and the line."""
+    where = Where(path.name)
+    lines = read_text(path, CSV_LIMIT, where, "the file is not there: name the table of the test.").splitlines()
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if len(lines) < 2:
+        raise where.fail("it has no row below its header: write one for each reading.")
+    mark = max(";\t,", key=lines[0].count)
+    header, *rows = list(csv.reader(lines, delimiter=mark))
+    return table_of(header, rows, test, where)
+
+
+def table_of(header: Sequence[str], rows: Sequence[Sequence[str]], test: str, where: Where) -> tuple[list[Row], list[str]]:
+    """Rows (SI units) and their names, from texts with their units."""
+    if test not in TESTS:
+        raise Scan2FlexError(f"no test is called {test[:40]!r}: {suggestion(test, TESTS)}")
+    form = TESTS[test]
+    known = form.columns | form.optional
+    columns = [_column(cell, known, where) for cell in header]
+    names = [name for name, _ in columns]
+    for name in form.columns:
+        if name not in names and not (name in _INSTEAD and _INSTEAD[name] in names):
+            other = f" or {_INSTEAD[name]}" if name in _INSTEAD else ""
+            raise where.at("header").fail(f"the column {name}{other} is missing: the test {test} has {', '.join(known)}.")
+    out, called = list[Row](), list[str]()
+    for i, cells in enumerate(rows, 1):
+        here = where.at(f"row {i}")
+        if len(cells) != len(header):
+            raise here.fail(f"got {len(cells)} cells: write {len(header)}, one for each column.")
+        row = {name: _value(cell, unit, known[name], here.at(name)) for (name, unit), cell in zip(columns, cells, strict=True)
+               if name != "name"}  # fmt: skip
+        out.append(row)
+        label = cells[names.index("name")].strip() if "name" in names else f"row-{i}"
+        if not label or label in called:
+            raise here.at("name").fail(f"got {label!r}, which is empty or there already: give each row its own.")
+        called.append(label)
+    return out, called
+
+
+def _column(cell: str, known: dict[str, str], where: Where) -> tuple[str, str]:
+    """The name and the unit of a column."""
+    plain = cell.strip().strip('"').lower()
+    if plain in (*known, "name"):
+        return plain, ""
+    found = _NAMED.fullmatch(cell.strip().strip('"'))
+    name = found[1].strip().lower() if found else plain
+    if found is None or name not in known:
+        raise where.at("header").fail(f"the column {cell.strip()[:40]!r} is not known: {suggestion(name, known)}")
+    unit_of_quantity(found[2], known[name])
+    return name, found[2]
+
+
+def _value(cell: str, unit: str, what: str, where: Where) -> float:
+    """A value in SI units: a number in the unit of its column, or with its own."""
+    found = _NUMBER.fullmatch(cell.strip().strip('"'))
+    if found is None:
+        raise where.fail(f"got {cell.strip()[:40]!r}: write a number, as in 12.5 or '12.5 {UNITS[what][0]}'.")
+    return float(found[1].replace(",", ".")) * unit_of_quantity(found[2] or unit or UNITS[what][-1], what)
+
+
+# The tests
+
+
+def _tip(z: float, s: float) -> Markers:
+    return Markers(np.array([[np.nan, np.nan, z]]), np.array([s]))
+
+
+def _cantilever(b: Bench) -> Study:
+    """A level cantilever with weights at its tip: the droop below the clamp, or the deflection from the unloaded shape."""
+    clamp, poses, effects = Clamp.of(([0, 0, 0], _LEVEL)), list[StudyPose](), list[EffectDeclaration]()
+    changes = any("deflection" in row for row in b.rows)
+    poses += [StudyPose("unloaded", "fit", clamp)] if changes else []
+    for k, row in enumerate(b.rows):
+        if changes:
+            given: dict[str, Any] = {"markers": _tip(-row["deflection"], b.length), "change_from": "unloaded"}
+        else:
+            given = {"markers": _tip(-row["droop"], b.length)}
+        poses.append(b.pose(k, clamp, **given))
+        if row.get("weight"):
+            load: dict[str, Any] = {"position": b.length, "mass": row["weight"]}
+            effects.append(EffectDeclaration("point_mass", load, (b.names[k],)))
+    return b.study(poses, effects)
+
+
+def _cantilever_closed(b: Bench, row: Row) -> float:
+    """``(m g L^3 / 3 + w L^4 / 8) / droop``, the second term without the weight of the cable where changes were read."""
+    own = 0.0 if "deflection" in row else b.density * G * b.length**4 / 8
+    read = row.get("deflection", row.get("droop", 0.0))
+    return (row.get("weight", 0.0) * G * b.length**3 / 3 + own) / read if read > _LEAST * b.length else np.nan
+
+
+def _overhang(b: Bench) -> Study:
+    """A strip over an edge until its tip meets an incline; the scan frame has x down the incline, and the tip is at z = 0."""
+    angles = {row.get("angle", INCLINE) for row in b.rows}
+    if len(angles) > 1:
+        raise Scan2FlexError("the rows have several angles: make one study of each, or give the angle that all have.")
+    (theta,), lengths = angles, np.array([row["overhang"] for row in b.rows])
+    length, down = float(np.mean(lengths)), np.array([np.sin(theta), 0.0, -np.cos(theta)])
+    half = 0.5 * (0.5 * np.pi - theta)  # the level tangent in the tilted frame
+    level = np.array([np.cos(half), 0.0, np.sin(half), 0.0])
+    error = max(float(np.std(lengths, ddof=1) / np.sqrt(len(lengths))) if len(lengths) > 1 else 0.0, 1e-3 * length)
+    whole = Bench(b.test, b.rows, ("overhang",), length, b.density, 0.0, b.tolerance, b.noise or 1e-3 * length, (), b.title)
+    pose = whole.pose(0, Clamp.of(([0, 0, 0], level)), markers=_tip(0.0, length))
+    nearly = Tolerance(**{**b.tolerance.given, "length": error})
+    return whole.study([pose], [], gravity=G * down, tolerance=nearly)
+
+
+def _overhang_closed(b: Bench, row: Row) -> float:
+    """``w c^3`` with the bending length ``c = l (cos(a / 2) / (8 tan(a)))^(1/3)`` (Peirce 1930)."""
+    a = row.get("angle", INCLINE)
+    return b.density * G * row["overhang"] ** 3 * np.cos(0.5 * a) / (8 * np.tan(a))
+
+
+def _strip() -> EffectDeclaration:
+    return EffectDeclaration("anisotropic_bending", {"ratio": _FLAT, "angle": 0.5 * np.pi})
+
+
+def _in_plane(b: Bench) -> list[Angle]:
+    """That the loop hangs in its plane, as who reads it sees: a shape out of it may have the same depth at another stiffness."""
+    return [Angle(0.25 * b.length, 0.0, _SEEN, axis, np.eye(3)[1], "d2") for axis in np.eye(3)[[0, 2]]]
+
+
+def _heart(b: Bench) -> Study:
+    """A strip with both ends in one clamp, the loop below it: it leaves upwards and comes back downwards."""
+    up, down = Clamp.of(([0, 0, 0], [1, 0, 0, 0])), Clamp.of(([0, 0, 0], [0, 0, -1, 0]))
+    middle, plane = [_tip(-row["height"], 0.5 * b.length) for row in b.rows], _in_plane(b)
+    return b.study([b.pose(k, up, down, markers=mark, angle=plane) for k, mark in enumerate(middle)], [_strip()])
+
+
+def _heart_closed(b: Bench, row: Row) -> float:
+    """``w c^3``, ``c = l0 (cos(t) / tan(t))^(1/3)``, ``t = 32.85 deg (h - l0) / l0``, ``l0 = 0.1337 L`` (Peirce 1930)."""
+    start = 0.1337 * b.length
+    t = np.radians(32.85) * (row["height"] - start) / start
+    return b.density * G * start**3 * np.cos(t) / np.tan(t) if 0 < t < 0.5 * np.pi else np.nan
+
+
+def _ring(b: Bench) -> Study:
+    """A strip closed to a ring, held at its top."""
+    clamp = Clamp.of(([0, 0, 0], _LEVEL))
+    middle, plane = [_tip(-row["depth"], 0.5 * b.length) for row in b.rows], _in_plane(b)
+    return b.study([b.pose(k, clamp, clamp, markers=mark, angle=plane) for k, mark in enumerate(middle)], [_strip()])
+
+
+def _ring_closed(b: Bench, row: Row) -> float:
+    """``w c^3``, ``c = 0.133 L (cos(t) / tan(t))^(1/3)``, ``t = 157 deg (h - l0) / l0``, ``l0 = 0.3183 L`` (Peirce 1930)."""
+    start = b.length / np.pi
+    t = np.radians(157.0) * (row["depth"] - start) / start
+    return b.density * G * (0.133 * b.length) ** 3 * np.cos(t) / np.tan(t) if 0 < t < 0.5 * np.pi else np.nan
+
+
+def _hanging(b: Bench) -> Study:
+    """A cable between two level clamps: its sag in the middle."""
+    poses = []
+    for k, row in enumerate(b.rows):
+        end = Clamp.of(([row["span"], 0, 0], _LEVEL))
+        poses.append(b.pose(k, Clamp.of(([0, 0, 0], _LEVEL)), end, markers=_tip(-row["sag"], 0.5 * b.length)))
+    return b.study(poses)
+
+
+def _three_point(b: Bench) -> Study:
+    """Half of a beam on two supports, from its middle: the support pushes across the beam, at an arc length that grows with the
+    deflection ``d`` as ``a (1 + 3/5 (d / a)^2)``, ``a = span / 2``, where the slope is ``3/2 d / a``.
+
+    Deflections are changes, so that the weight of the beam has no influence of first order: the study has no gravity.
+    """
+    a, clamp, poses, effects = 0.5 * b.span, Clamp.of(([0, 0, 0], _LEVEL)), list[StudyPose](), list[EffectDeclaration]()
+    contact = [a * (1 + 0.6 * (row["deflection"] / a) ** 2) for row in b.rows]
+    for k, (row, s) in enumerate(zip(b.rows, contact, strict=True)):
+        push = 0.5 * _force(row) * np.array([-np.tan(1.5 * row["deflection"] / a), 0.0, 1.0])
+        poses.append(b.pose(k, clamp, markers=_tip(row["deflection"], s)))
+        effects += [EffectDeclaration("point_load", {"position": s, "force": push}, (b.names[k],))] if np.any(push) else []
+    cable = {"length": _OVERHANG * max(contact), "length_density": 1.0}
+    return b.study(poses, effects, gravity=[0.0, 0.0, 0.0], cable=cable)
+
+
+def _force(row: Row) -> float:
+    """The force (N) on the middle of a beam."""
+    return row["force"] if "force" in row else row["weight"] * G
+
+
+def _three_point_closed(b: Bench, row: Row) -> float:
+    """``F span^3 / (48 d)``."""
+    return _force(row) * b.span**3 / (48 * row["deflection"]) if row["deflection"] > 0 else np.nan
+
+
+_INSTEAD = {"droop": "deflection", "force": "weight"}
+"""Columns that may stand in place of another."""
+TESTS = {
+    "droop": BendingTest(
+        "a level cantilever with weights at its tip", {"droop": "length"}, {"deflection": "length", "weight": "mass"},
+        ("length", "density"), _cantilever, _cantilever_closed,
+    ),
+    "peirce": BendingTest(
+        "a strip over an edge, until its tip meets an incline (ASTM D1388)", {"overhang": "length"}, {"angle": "angle"},
+        ("density",), _overhang, _overhang_closed,
+    ),
+    "three-point": BendingTest(
+        "a beam on two supports, loaded in the middle", {"force": "force", "deflection": "length"}, {"weight": "mass"},
+        ("span",), _three_point, _three_point_closed,
+    ),
+    "heart": BendingTest(
+        "a strip with both ends in one clamp, hanging as a heart", {"height": "length"}, {}, ("length", "density"), _heart,
+        _heart_closed,
+    ),
+    "ring": BendingTest(
+        "a strip closed to a ring, held at its top", {"depth": "length"}, {}, ("length", "density"), _ring, _ring_closed,
+    ),
+    "hanging": BendingTest(
+        "a cable between two level clamps, with its sag", {"span": "length", "sag": "length"}, {}, ("length", "density"),
+        _hanging, lambda b, row: np.nan,
+    ),
+}  # fmt: skip
+"""The tests by their name for ``scan2flex new --test``."""
