@@ -78,7 +78,7 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0, within:
 def _distance(problem, pose, shared):
     poses = poses_of(problem.study, [pose], problem.length, problem.elements)
     evaluator = problem.evaluator_of(poses)
-    found = evaluator(shared, derivative=False)
+    found = evaluator(shared)
     problem.evaluator.equilibria += evaluator.equilibria
     return float(distances(found, poses)[0])
 
@@ -243,7 +243,7 @@ def _on_a_grid(f: Branch) -> list[_Choice]:
         found = []
         for poses in near:
             evaluator = problem.evaluator_of(poses)
-            found.append(distances(evaluator(x, derivative=False), poses))
+            found.append(distances(evaluator(x), poses))
             problem.evaluator.equilibria += evaluator.equilibria
         least = np.min(found, axis=0)
         which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns if equal
