@@ -181,7 +181,8 @@ def test_a_joint_of_newton_follows_dahls_law(axis):
     study = remembering(Study.from_arrays(cable, [straight], gravity=np.zeros(3)))
     newton, builder, bodies, joints = rod_of(study)
     for body in bodies:
-        builder.body_inv_mass[body], builder.body_inv_inertia[body] = 0.0, builder.body_inv_inertia[body] * 0.0
+        builder.body_mass[body] = builder.body_inv_mass[body] = 0.0  # Newton does not move it
+        builder.body_inertia[body], builder.body_inv_inertia[body] = (0.0 * builder.body_inertia[body],) * 2
     builder.color()
     model = builder.finalize(device="cpu")
     solver = newton.solvers.SolverVBD(model, iterations=1)
