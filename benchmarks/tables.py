@@ -408,6 +408,30 @@ def wing(results):
         yield r["series"], interval(*r["EI"]), r["EI_published"], rms, believed, share, heaviest
 
 
+@table("real/wing.md", "torsion", (
+    "wing", "EI, N m^2", "GJ, N m^2", "published GJ", "GJ to first order from each light weight", "heavier ones, twist, RMS",
+    "believed"
+), "wing_torsion", note="Fitted: weights up to {light_kg:g} kg. Noise: {noise_mm:g} mm, {noise_deg:.1g} degrees.")  # fmt: skip
+def wing_torsion(results):
+    for r in results["rows"]:
+        first, believed = ", ".join(f"{x:.1f}" for x in r["GJ_first_order"]), "yes" if r["believed"] else "no"
+        off = f"{r['rms_heavy_deg']:.2f} degrees of up to {max(a for a, _ in r['twists'].values()):.1f}"
+        yield r["series"], interval(*r["EI"]), interval(*r["GJ"]), r["GJ_published"], first, off, believed
+
+
+# Bending tests
+
+
+@table("test-benches.md", "tests", (
+    "test", "reading of a strip of EI = 2e-5 N m^2", "1 % of EI moves it by", "EI by the closed form", "with friction, first",
+    "with friction, returned"
+), "bending_tests")  # fmt: skip
+def bending_tests(results):
+    for r in results["rows"]:
+        shares = ("none" if x is None else f"{100 * (x - 1):+.0f} %" for x in (r["closed"], r["first"], r["returned"]))
+        yield r["test"], f"{r['reading']} {r['value_mm']:.2f} mm", f"{r['mm_per_percent']:.2g} mm", *shares
+
+
 # Scans
 
 EXTRACTED = ("scans", "cases", "met, sure", "not sure", "refused", "missed, sure", "by at most", "RMS over noise")
@@ -511,7 +535,7 @@ def keys(*tables: str) -> Callable[[], str]:
 
 
 PAGES[DOCS / "study.md"] = {name: keys(name) for name in ("study", "cable", "tolerance", "unknown")}
-PAGES[DOCS / "study.md"] |= {"pose": keys("pose", "clamp"), "effect": keys("effect")}
+PAGES[DOCS / "study.md"] |= {"pose": keys("pose", "clamp")} | {name: keys(name) for name in ("angle", "wrench", "effect")}
 
 
 def filled(text: str, tables: dict) -> str:

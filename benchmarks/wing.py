@@ -1,22 +1,30 @@
-"""A wing with known weights at its tip: EI from the light ones, prediction of the heavy ones, and the heavy ones undeclared.
+"""A wing with known weights at its tip: EI from the light ones, prediction of the heavy ones, and the heavy ones undeclared;
+GJ from light weights behind its trailing edge, and the twist under the heavy ones.
 
     python -m benchmarks.wing
 
 A cantilever of 0.55 m, clamped level, bare and with its skin; the displacement of the tip against the unloaded wing (Avin,
 Raveh, Drachinsky, Ben-Shmuel, Tur, AIAA Journal 60, 2022; public files of the Large Deflection Working Group, AePW3). A pose
-is one weight: one coordinate of one point. The height of the unloaded tip is an unknown offset of all of them.
+is one weight: one coordinate of one point. The height of the unloaded tip is an unknown offset of all of them. In torsion a
+pose has two readings, displacement and twist of the tip, both changes from the unloaded wing, beside the light bending poses.
 """
 
 import csv
 from pathlib import Path
+from typing import ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
+from jax import Array
+from jaxtyping import Float
 
 from benchmarks.record import record
 from scan2flex_jax.cli.setup import prepare_jax
+from scan2flex_jax.effects import parameter, register_effect
+from scan2flex_jax.effects.tether import place_on_cable
 from scan2flex_jax.inference import fit
-from scan2flex_jax.study import Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown
+from scan2flex_jax.rod.effect import AbstractEffect
+from scan2flex_jax.study import Angle, Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown
 
 DATA, PICTURE = Path(__file__).parent / "data", Path(__file__).parents[1] / "docs" / "real" / "wing.png"
 LENGTH, ROD = 0.55, 0.026  # m; kg, the rod at the tip, on which weights hang
@@ -24,6 +32,26 @@ SERIES = {"bare": (0.347, 4.46), "with skin": (0.357, 4.55)}  # kg, rod included
 GJ, NOISE = 7.5, 2e-3  # N m^2 (without influence on plane poses); m, the resolution
 LIGHT = 0.6  # kg
 LEVEL = Clamp(np.zeros(3), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))  # d3 along x, z up
+
+# in torsion: metres from the axis of the beam, at 44 % of the chord, to the weights; GJ of the published beam, N m^2
+ARMS, GJ_PUBLISHED = {"bare": 0.096, "with skin": 0.136}, {"bare": 7.5, "with skin": 7.6}
+IN_PLANE, TWIST_NOISE, G = 3290.0, np.radians(0.2), 9.81  # N m^2, published; rad: read in steps of 0.6 degrees; m/s^2
+
+
+@register_effect
+class EccentricMass(AbstractEffect):
+    """A mass ``mass`` (kg) beside the axis at ``position`` (m), at ``arm`` (m) along d1, d2, d3; it weighs along -z."""
+
+    kind: ClassVar[str] = "eccentric_mass"
+    place: ClassVar[str] = "energy"
+    words: ClassVar[str] = "a mass hangs beside the axis"
+    position: Float[Array, ""] = parameter("m", domain="along_cable")
+    mass: Float[Array, ""] = parameter("kg", domain="nonnegative")
+    arm: Float[Array, "3"] = parameter("m", 3)
+
+    def node_potential(self, node):
+        point, weight = place_on_cable(node, self.position)
+        return weight * self.mass * G * (point + node.R @ self.arm)[2]
 
 
 def weights(series):
@@ -71,6 +99,75 @@ def one_series(series):
     }
 
 
+def twists(series):
+    """Weights (kg) behind the trailing edge, displacements (m) and twists (rad) of the tip."""
+    with (DATA / f"wing-torsion-{series.split()[-1]}.csv").open() as file:
+        rows = [[float(x) for x in row.values()] for row in csv.DictReader(file)]
+    return [(mass, z, np.radians(degrees)) for mass, z, degrees in rows if mass]
+
+
+def torsion(series):
+    """The study of EI and GJ from light weights on the axis and beside it; heavier ones beside it are "validate"."""
+    poses, effects = [StudyPose("unloaded", "fit", LEVEL)], []
+    for mass, z in weights(series):
+        if 0 < mass <= LIGHT:
+            marks = Markers(np.array([[np.nan, np.nan, z]]), np.array([LENGTH]))
+            poses.append(StudyPose(f"{mass:.1f} kg", "fit", LEVEL, markers=marks, noise=NOISE, change_from="unloaded"))
+            effects.append(EffectDeclaration("point_mass", {"position": LENGTH, "mass": mass}, (poses[-1].name,)))
+    for mass, z, twist in twists(series):
+        name, role = f"{mass:.1f} kg beside", "fit" if mass <= LIGHT else "validate"
+        marks = Markers(np.array([[np.nan, np.nan, z]]), np.array([LENGTH]))
+        angle = Angle(LENGTH, twist, TWIST_NOISE, about=np.array([-1.0, 0.0, 0.0]), of="d2")
+        given = {"markers": marks, "angle": (angle,), "change_from": "unloaded", "noise": NOISE}
+        poses.append(StudyPose(name, role, LEVEL, **given))
+        hung = {"position": LENGTH, "mass": mass, "arm": np.array([0.0, ARMS[series], 0.0])}
+        effects.append(EffectDeclaration("eccentric_mass", hung, (name,)))
+    effects.append(EffectDeclaration("point_mass", {"position": LENGTH, "mass": ROD}))
+    ratio = IN_PLANE / SERIES[series][1]
+    effects.append(EffectDeclaration("anisotropic_bending", {"ratio": ratio, "angle": 0.5 * np.pi}))  # EI is that about d2
+    cable = {"length": LENGTH, "length_density": (SERIES[series][0] - ROD) / LENGTH}
+    unknowns = [Unknown("bending_stiffness"), Unknown("torsional_stiffness")]
+    return Study.from_arrays(cable, poses, unknowns, effects=effects, title=f"wing, {series}, bending and torsion")
+
+
+def in_torsion(series):
+    """The figures of a series in torsion."""
+    found = fit(torsion(series))
+    EI, GJ = (found.estimates[name] for name in ("bending_stiffness", "torsional_stiffness"))
+    read = {name: p.readings[0] for name, p in found.poses.items() if p.readings}
+    heavy = [name for name in read if found.poses[name].role == "validate"]
+    off = np.degrees([read[name].modelled[0] - read[name].measured[0] for name in heavy])
+    light = [m * G * ARMS[series] * LENGTH / twist for m, _, twist in twists(series) if m <= LIGHT]
+    return {
+        "series": series,
+        "EI": [EI.value, EI.low, EI.high],
+        "GJ": [GJ.value, GJ.low, GJ.high],
+        "GJ_published": GJ_PUBLISHED[series],
+        "GJ_first_order": light,
+        "believed": found.valid,
+        "judgement": found.judgement,
+        "rms_heavy_deg": float(np.sqrt(np.mean(off**2))),
+        "rms_heavy_mm": 1e3 * float(np.sqrt(np.mean([found.poses[name].rms ** 2 for name in heavy]))),
+        "twists": {name: np.degrees([one.measured[0], one.modelled[0]]).tolist() for name, one in read.items()},
+    }
+
+
+def torsion_picture(rows):
+    """Twists measured and predicted, from the light weights."""
+    figure, ax = plt.subplots(figsize=(5.2, 3.6), layout="constrained")
+    for colour, row in zip(("C0", "C1"), rows, strict=True):
+        mass = [float(name.split()[0]) for name in row["twists"]]
+        measured, modelled = np.array(list(row["twists"].values())).T
+        ax.plot(mass, measured, "o", color=colour, ms=4, label=f"{row['series']}, measured")
+        ax.plot(mass, modelled, color=colour, lw=1, label="from the light weights")
+        linear = np.degrees(np.array(mass) * G * ARMS[row["series"]] * LENGTH / row["GJ"][0])
+        ax.plot(mass, linear, ":", color=colour, lw=1, label="to first order")
+    ax.axvspan(0.0, LIGHT + 0.1, color="0.9", zorder=0)
+    ax.set(xlabel="weight behind the trailing edge (kg)", ylabel="twist of the tip (degrees)", ylim=(0, 14))
+    ax.legend(fontsize=8)
+    figure.savefig(PICTURE.with_name("wing-torsion.png"), dpi=110)
+
+
 def picture(rows):
     """Displacements and predictions, and the weights estimated beside the weights hung."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.5, 3.6), layout="constrained")
@@ -97,6 +194,15 @@ def main():
     rows = [one_series(series) for series in SERIES]
     picture(rows)
     record("wing", {"light_kg": LIGHT, "noise_mm": 1e3 * NOISE, "rows": rows})
+    twisted()
+
+
+def twisted():
+    """The part in torsion, by itself."""
+    rows = [in_torsion(series) for series in SERIES]
+    torsion_picture(rows)
+    figures = {"light_kg": LIGHT, "noise_mm": 1e3 * NOISE, "noise_deg": float(np.degrees(TWIST_NOISE))}
+    record("wing_torsion", {**figures, "rows": rows})
 
 
 if __name__ == "__main__":

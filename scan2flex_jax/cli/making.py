@@ -73,8 +73,9 @@ def new(
 ) -> None:
     """Make a study from a folder of scans, centre curves or markers, or from a bending test; prompts for missing values.
 
-    Examples: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka;
-    scan2flex new tests.csv --test three-point --span '200 mm' --out rod
+    Example: scan2flex new scans --units mm --length '900 mm' --mass '302 g' --clamps clamps.csv --convention kuka
+
+    Example: scan2flex new tests.csv --test three-point --span '200 mm' --out rod
     """
     if test is not None:
         say(_of_test(given, test, length, density, mass, span, noise, validate, title, out))
@@ -163,6 +164,8 @@ def _of_test(given, test, length, density, mass, span, noise, validate, title, o
     bench = Bench(test, rows, names, long, heavy, apart, nearly, _noise(noise), judge, title or folder.name)
     toml = save_study(bench_study(bench), folder)
     closed = "" if bench.guess is None else f"closed form: EI = {bench.guess:.3g} N m^2, the start of the fit\n"
+    if "span" in needs:
+        say("  the span is taken as exact: 1 % of it is 3 % of EI")
     return f"{describe(load_study(toml))}\n{closed}written: {toml}; then: scan2flex fit {shlex.quote(str(toml.parent))}"
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from scan2flex_jax.convert.units import UNITS, G, unit_of_quantity
 from scan2flex_jax.errors import Scan2FlexError
@@ -28,6 +29,7 @@ _LEVEL = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])  # d3 along x, d1 alon
 _FLAT = 1000.0  # bending stiffness of a strip in its plane, over that across it: it stays in the plane of the test
 _SEEN = 0.1  # rad: a loop that leaves its plane by more is seen to
 _OVERHANG = 1.05  # length of the half beam over that to its support: what stands beyond carries nothing
+_SMALL, _STEEP = 1e-4, 1.5  # deflections over half the span: of small slopes, and of beams that slip through
 _LEAST = 1e-3  # of the length: least reading for a closed form
 _NAMED = re.compile(r"(.*?)[\s_]*[\[(]?\s*([A-Za-z\u00b0\u00b5]*)\s*[\])]?")
 _NUMBER = re.compile(r"([-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([A-Za-z\u00b0\u00b5]*)")
@@ -222,7 +224,7 @@ def _strip() -> EffectDeclaration:
 
 
 def _in_plane(b: Bench) -> list[Angle]:
-    """That the loop hangs in its plane, as who reads it sees: a shape out of it may have the same depth at another stiffness."""
+    """That the loop hangs in its plane, as is seen: a shape out of it may have the same depth at another stiffness."""
     return [Angle(0.25 * b.length, 0.0, _SEEN, axis, np.eye(3)[1], "d2") for axis in np.eye(3)[[0, 2]]]
 
 
@@ -264,19 +266,46 @@ def _hanging(b: Bench) -> Study:
 
 
 def _three_point(b: Bench) -> Study:
-    """Half of a beam on two supports, from its middle: the support pushes across the beam, at an arc length that grows with the
-    deflection ``d`` as ``a (1 + 3/5 (d / a)^2)``, ``a = span / 2``, where the slope is ``3/2 d / a``.
+    """Half of a beam on two supports, from its middle: the support pushes across the beam, at the arc length of `contact`.
 
     Deflections are changes, so that the weight of the beam has no influence of first order: the study has no gravity.
     """
     a, clamp, poses, effects = 0.5 * b.span, Clamp.of(([0, 0, 0], _LEVEL)), list[StudyPose](), list[EffectDeclaration]()
-    contact = [a * (1 + 0.6 * (row["deflection"] / a) ** 2) for row in b.rows]
-    for k, (row, s) in enumerate(zip(b.rows, contact, strict=True)):
-        push = 0.5 * _force(row) * np.array([-np.tan(1.5 * row["deflection"] / a), 0.0, 1.0])
+    places, slopes = np.transpose([contact(row["deflection"] / a) for row in b.rows])
+    for k, (row, s) in enumerate(zip(b.rows, a * places, strict=True)):
+        push = 0.5 * _force(row) * np.array([-np.tan(slopes[k]), 0.0, 1.0])
         poses.append(b.pose(k, clamp, markers=_tip(row["deflection"], s)))
         effects += [EffectDeclaration("point_load", {"position": s, "force": push}, (b.names[k],))] if np.any(push) else []
-    cable = {"length": _OVERHANG * max(contact), "length_density": 1.0}
+    cable = {"length": _OVERHANG * a * max(places), "length_density": 1.0}
     return b.study(poses, effects, gravity=[0.0, 0.0, 0.0], cable=cable)
+
+
+def contact(deflection: float) -> tuple[float, float]:
+    """Arc length from the middle of a beam to its support, over half the span, and the slope (rad) there, for a deflection over
+    half the span.
+
+    The support pushes across the beam with ``N``. For the angle ``p`` to the tangent there, ``EI/2 p'^2 = N sin(p)``: ``ds`` is
+    in proportion to ``dp / sqrt(sin p)``, from ``p = t`` in the middle, and the slope ``t`` at the support gives the shape.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    u = 0.5 * (nodes + 1)  # p = t u^2 has no singularity at the support
+
+    def shape(t: float) -> Any:
+        p = t * u**2
+        ds = weights * t * u / np.sqrt(np.sin(p))
+        return [np.sum(f * ds) for f in (1.0, np.cos(t - p), np.sin(t - p))]
+
+    def off(t: float) -> float:
+        _, x, z = shape(t)
+        return float(z / x - deflection)
+
+    if not 0 <= deflection < _STEEP:
+        raise Scan2FlexError(f"a deflection of {0.5 * deflection:.3g} times the span is no bending test between supports.")
+    if deflection < _SMALL:
+        return 1.0 + 0.6 * deflection**2, 1.5 * deflection
+    t = float(brentq(off, 0.5 * deflection, 1.5))
+    s, x, _ = shape(t)
+    return float(s / x), t
 
 
 def _force(row: Row) -> float:

@@ -165,8 +165,10 @@ def noise_in_words(noise: Noise, length: float) -> str:
 def rests_on(study: Study, influence: Influence | None, lost: Collection[str] = ()) -> str:
     """Length and mass with their tolerances, and the change of the estimates per cent of each, except those ``lost`` (symbols),
     which the poses do not determine."""
-    parts = [part for part in (_stated(study, name) for name in STATED) if part]
-    moved = [_sensitivity(study, name, influence, lost) for name in (STATED[1], STATED[0])] if influence is not None else []
+    heavy = any(np.any(study.gravity_in(pose)) for pose in study.poses)  # else the mass is without influence
+    names = [name for name in STATED if heavy or name != "length_density"]
+    parts = [part for part in (_stated(study, name) for name in names) if part]
+    moved = [_sensitivity(study, name, influence, lost) for name in names[::-1]] if influence is not None else []
     said = " and ".join(parts) or "neither a stated length nor a stated mass"
     return ": ".join([said, *filter(None, ["; ".join(filter(None, moved))])]) + _on_clamps(study, influence, lost)
 
