@@ -19,6 +19,7 @@ from scan2flex_jax.effects import (
     extensibility,
     friction,
     kink,
+    knife_edge,
     length_error,
     memory_set,
     natural_curvature,
@@ -32,6 +33,7 @@ from scan2flex_jax.effects import (
     stiffness_field,
     stiffness_profile,
     stiffness_taper,
+    support,
     support_plane,
     tension_stiffening,
     tension_twist_coupling,
@@ -84,6 +86,8 @@ EFFECTS: tuple[CatalogueEntry, ...] = tuple(
         friction,
         torsion_friction,
         relaxation,
+        support,
+        knife_edge,
     )
 )
 _CLASSES: dict[str, type[AbstractEffect]] = {entry.kind: entry.effect for entry in EFFECTS}

@@ -18,7 +18,7 @@ from scan2flex_jax.statics.solve import Equilibrium
 from scan2flex_jax.study.model import Study, StudyPose
 
 _ROWS, _GENTLEST = 40, 1e-4  # of a table of moments; its first strain over the last
-_OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "node_potential")
+_OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "node_potential", "element_potential")
 
 
 def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
@@ -58,7 +58,7 @@ def described(
 
 def _beyond(model: CableModel) -> tuple[str, ...]:
     """Types of effects that are neither in the sections, nor in the supports, nor in the observation."""
-    hooks = ("strain_energy", "node_potential", "dead_load")
+    hooks = ("strain_energy", "node_potential", "element_potential", "dead_load")
     return tuple(dict.fromkeys(effect.kind for hook in hooks for effect in overriding(model.effects, hook)))
 
 

@@ -136,6 +136,8 @@ def variations(study: Study) -> list[tuple[str, StudyPose]]:
     """``(words, pose)``: variations of the first fitted poses that need no other clamps."""
     out = [(f"{pose.name} again, last", pose) for pose in study.fit_poses] if study.remembers else []
     for pose in study.fit_poses[:3]:
+        if pose.start is None:  # supports hold it, which are effects of the study
+            continue
         if pose.end is None:
             out += _held_poses(pose, ((f"{pose.name}, start clamp rolled by {d} degrees", "start", d) for d in (90, 180)))
             continue

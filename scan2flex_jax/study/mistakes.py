@@ -322,7 +322,7 @@ def reversed_curve(pose: StudyPose) -> StudyPose:
 
 def exchanged_ends(pose: StudyPose) -> StudyPose:
     """The pose with its clamps exchanged; unchanged with a single clamp."""
-    return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
+    return pose if pose.start is None or pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
 def _inward(study):
@@ -356,7 +356,7 @@ def _conjugated(q):
 
 def _twisted(pose) -> bool:
     """Whether both ends are clamps, so that the twist of the cable is prescribed."""
-    return pose.end is not None and pose.end.quaternion is not None and pose.start.quaternion is not None
+    return all(clamp is not None and clamp.quaternion is not None for clamp in (pose.start, pose.end))
 
 
 def _rolled_end(pose, angle):

@@ -242,10 +242,11 @@ class Tolerance(Record):
 class StudyPose(Record):
     """One pose: its supports and its measurements.
 
-    `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns in addition to the quaternions; `scan` = file
-    of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
-    deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) of the
-    measurement, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose.
+    `role` "fit" or "validate"; `end` None = a free end, `start` None = a free start (supports hold the cable); `turns` = full
+    turns in addition to the quaternions; `scan` = file of a point cloud; `markers` = points tracked at known arc lengths;
+    `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown; `gravity` (m/s^2)
+    in this pose, None = the study's; `time` (s) of the measurement, None = only the order is known; `reset` True = the cable
+    was taken out and straightened before this pose.
 
     Examples:
         >>> held = Clamp([0, 0, 0], [0.7071068, 0, 0.7071068, 0])
@@ -255,7 +256,7 @@ class StudyPose(Record):
 
     name: str
     role: str
-    start: Clamp
+    start: Clamp | None = None
     end: Clamp | None = None
     turns: int = 0
     curve: MeasuredCurve | None = None

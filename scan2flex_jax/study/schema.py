@@ -138,6 +138,6 @@ def _effects() -> Schema:
 def _of_kind(form: KindFormat) -> Schema:
     """The parameters of an effect of one type."""
     own = {p.name: {**_numbers(p, p.shapes(1, _ANY_COUNT)), "description": p.unit} for p in form.parameters}
-    needed = [p.name for p in form.parameters if not p.estimable]
+    needed = [p.name for p in form.parameters if not p.estimable and not p.optional]
     then = {**_object({"kind": True, "poses": True, **own}, needed), "description": form.words}
     return {"if": {"properties": {"kind": {"const": form.kind}}, "required": ["kind"]}, "then": then}

@@ -95,7 +95,7 @@ def test_a_domain_that_does_not_exist_is_refused():
 
 @pytest.mark.parametrize("kind", kind_names())
 def test_there_and_back(kind):
-    given = {**scene.VALUES[kind][0], **scene.VALUES[kind][1]}
+    given = scene.GIVEN[kind]
     back = fx.parameters_of(fx.effect_of(kind, given))
     optional = {p.name: 0.0 for p in kind_format(kind).parameters if p.optional}
     assert back.keys() == (optional | given).keys()

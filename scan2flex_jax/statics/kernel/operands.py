@@ -28,7 +28,8 @@ def translated(rod: Rod, arrays: list) -> bool:
     """Whether a compiled solver solves this rod."""
     known = all(array is not None and array.dtype == jnp.float64 for array in arrays[:-1])
     known = known and rod.section.growth is None
-    return known and not [effect for hook in ("strain_energy", "node_potential") for effect in overriding(rod.effects, hook)]
+    energies = ("strain_energy", "node_potential", "element_potential")
+    return known and not [effect for hook in energies for effect in overriding(rod.effects, hook)]
 
 
 def check(solver: AbstractRodSolver, elements: int) -> None:
