@@ -30,6 +30,7 @@ from scan2flex_jax.effects.kink import Kink as Kink
 from scan2flex_jax.effects.knife_edge import KnifeEdge as KnifeEdge
 from scan2flex_jax.effects.length_error import LengthError as LengthError
 from scan2flex_jax.effects.memory_set import MemorySet as MemorySet
+from scan2flex_jax.effects.moment import Moment as Moment
 from scan2flex_jax.effects.natural_curvature import NaturalCurvature as NaturalCurvature
 from scan2flex_jax.effects.nonlinear_bending import NonlinearBending as NonlinearBending
 from scan2flex_jax.effects.point_load import PointLoad as PointLoad

@@ -22,6 +22,7 @@ from scan2flex_jax.effects import (
     knife_edge,
     length_error,
     memory_set,
+    moment,
     natural_curvature,
     nonlinear_bending,
     point_load,
@@ -88,6 +89,7 @@ EFFECTS: tuple[CatalogueEntry, ...] = tuple(
         relaxation,
         support,
         knife_edge,
+        moment,
     )
 )
 _CLASSES: dict[str, type[AbstractEffect]] = {entry.kind: entry.effect for entry in EFFECTS}

@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.noise import noise_ratio
-from scan2flex_jax.fitting.parameters import template
+from scan2flex_jax.fitting.parameters import guide_key, template
 from scan2flex_jax.fitting.states import AT_END
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import CableModel, Configuration, discretise
@@ -102,7 +102,14 @@ def boundary_of(pose: StudyPose) -> Boundary:
         >>> boundary_of(StudyPose("sag", "fit", Clamp([0, 0, 0]))).held.tolist()[0]
         [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     """
-    return Boundary.of(*(None if clamp is None else (clamp.position, clamp.quaternion) for clamp in (pose.start, pose.end)))
+    ends = (pose.start, pose.end)
+    found = Boundary.of(*(None if clamp is None else (clamp.position, clamp.quaternion) for clamp in ends))
+    held = np.array(found.held)
+    for clamp, own in zip(ends, held, strict=True):
+        if clamp is not None:  # the rest is held by `rod.support.Guide`
+            own[:3] *= clamp.free is None
+            own[3:] *= clamp.hinge is None
+    return replace(found, held=jnp.asarray(held))
 
 
 def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elements: int) -> Poses:
@@ -197,7 +204,7 @@ def check_distance(study: Study, distance: str) -> None:
 def _templates(study, study_poses):
     """The distinct models of the poses, and the index of each pose's model."""
     models: dict[tuple, CableModel] = {}
-    keys = [(study.gravity_in(p).tobytes(), *(e in study.acting(p) for e in study.effects)) for p in study_poses]
+    keys = [(study.gravity_in(p).tobytes(), guide_key(p), *(e in study.acting(p) for e in study.effects)) for p in study_poses]
     for key, pose in zip(keys, study_poses, strict=True):
         if key not in models:
             models[key] = template(study, pose)

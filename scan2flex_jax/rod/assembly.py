@@ -25,9 +25,9 @@ from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
-from scan2flex_jax.rod.effect import Node, overriding
+from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces, element_stiffness, tension_stiffness
-from scan2flex_jax.rod.energy import E3, elements, node_potential, node_weights, nudged, strains, supported
+from scan2flex_jax.rod.energy import E3, element_potential, elements, node_potential, node_weights, nudged, strains, supported
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.rod.support import AbstractSupport, Springs, springs, supports
 
@@ -202,12 +202,12 @@ def _material_loads(rod, c):
 def _between(rod, c):
     """Energy of one element that loads give to it, as a function of the twists of its nodes (from zero), with the arguments to
     map over; None without any. Supports are apart (`rod.support.springs`)."""
-    loads = [e for e in overriding(rod.effects, "element_potential") if not isinstance(e, AbstractSupport)]
-    if not loads:
+    potential = element_potential(rod, [e for e in rod.effects if not isinstance(e, AbstractSupport)])
+    if potential is None:
         return None
 
     def energy(twist, element):
-        return sum(load.element_potential(nudged(element, twist)) for load in loads)
+        return potential(nudged(element, twist))
 
     return energy, (jnp.zeros((rod.elements, 12)), elements(rod, c))
 

@@ -126,15 +126,11 @@ class AbstractEffect(eqx.Module):
         """Energy (J) of one element in an outer field: of what acts at a place between two nodes."""
         return 0.0
 
-    def uses(self, hook: str) -> bool:
-        """Whether ``hook`` does anything: by default, whether it is overridden."""
-        return getattr(type(self), hook) is not getattr(AbstractEffect, hook)
-
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:
         """Points of the centre line (m) as the scanner sees them."""
         return points
 
 
 def overriding(effects, hook: str) -> tuple:
-    """The effects that use ``hook``."""
-    return tuple(e for e in effects if e.uses(hook))
+    """The effects that override ``hook``."""
+    return tuple(e for e in effects if getattr(type(e), hook) is not getattr(AbstractEffect, hook))

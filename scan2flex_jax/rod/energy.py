@@ -8,6 +8,7 @@ require that factor and Eq. 6 lacks it: without it every fitted stiffness is hal
 add their terms.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -17,7 +18,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
-from scan2flex_jax.rod.effect import Element, Node, overriding
+from scan2flex_jax.rod.effect import AbstractEffect, Element, Node, overriding
 from scan2flex_jax.rod.element_law import element_energy
 from scan2flex_jax.rod.model import Configuration, Rod
 
@@ -50,10 +51,11 @@ def node_potential(rod: Rod):
     return (lambda node: sum(f.node_potential(node) for f in fields)) if fields else None
 
 
-def element_potential(rod: Rod):
-    """Function Element -> energy (J) of what acts between two nodes, or None without any."""
-    fields = overriding(rod.effects, "element_potential")
-    return (lambda element: sum(f.element_potential(element) for f in fields)) if fields else None
+def element_potential(rod: Rod, effects: Sequence[AbstractEffect] | None = None):
+    """Function Element -> energy (J) of what acts between two nodes, or None without any; of ``effects``, by default of all."""
+    fields = overriding(rod.effects if effects is None else effects, "element_potential")
+    each = [*(field.element_potential for field in fields), *(arm.potential for arm in rod.load.arms)]
+    return (lambda element: sum(potential(element) for potential in each)) if each else None
 
 
 def elements(rod: Rod, configuration: Configuration) -> Element:

@@ -7,7 +7,7 @@ larger.
 """
 
 import abc
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float
 
+from scan2flex_jax.geometry.small import matvec, vecmat
 from scan2flex_jax.rod.effect import AbstractEffect, Element
 from scan2flex_jax.rod.energy import elements, nudged, supported
 from scan2flex_jax.rod.model import Configuration, Rod
@@ -53,6 +54,25 @@ class AbstractSupport(AbstractEffect):
         """The gap (m) in an element; zero where it is not held."""
         u, own = self.held_at(element)
         return jnp.where(own, self.gap(element, u), 0.0)
+
+
+class Guide(AbstractEffect):
+    """What guided ends and hinges hold of the ends of a pose (`Boundary` says where): ``across`` (start, end) projects on the
+    directions in which a guide holds the position, ``axis`` is that of a hinge; both zero elsewhere."""
+
+    kind: ClassVar[str] = "guided end or hinge"
+    place: ClassVar[str] = "clamps"
+    across: Float[Array, "2 3 3"]
+    axis: Float[Array, "2 3"]
+
+    def element_potential(self, element: Element) -> Float[Array, ""]:
+        """Energy (J) of the springs at an end of the cable."""
+        b, k = element.boundary, rigid(element)
+        gap = matvec(self.across, element.r - b.position)
+        material = vecmat(self.axis, b.rotation)  # the axis in the section, which the hinge keeps on the axis in space
+        turned = matvec(element.R, material) - self.axis
+        each = 0.5 * k * jnp.sum(gap**2, axis=1) + 0.5 * k * element.ds**2 * jnp.sum(turned**2, axis=1)
+        return jnp.sum(jnp.where(jnp.stack([element.first, element.last]), each, 0.0))
 
 
 def supports(rod: Rod) -> tuple[AbstractSupport, ...]:

@@ -5,6 +5,8 @@ of any order come from the implicit function theorem at the solution (`implicit`
 itself is not differentiated.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,7 +23,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.energy import potential_energy, strains
 from scan2flex_jax.rod.memory import Left, left_by, memories, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
-from scan2flex_jax.rod.support import AbstractSupport, support_reactions
+from scan2flex_jax.rod.support import AbstractSupport, Guide, support_reactions
 from scan2flex_jax.statics.arguments import check_start, whole_number
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS, FEWEST_ELEMENTS
 from scan2flex_jax.statics.implicit import settled
@@ -112,6 +114,7 @@ _support_reactions = compiled(support_reactions)
 
 @compiled
 def _reactions(rod, configuration):
+    rod = replace(rod, effects=tuple(e for e in rod.effects if not isinstance(e, Guide)))  # what they hold, the support exerts
     ends = jnp.array([0, -1])
     R, g = configuration.R[ends], out_of_balance(rod, configuration)[ends]
     return matvec(R, g[:, :3]), matvec(R, g[:, 3:])

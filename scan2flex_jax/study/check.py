@@ -125,7 +125,10 @@ def _effects(study: Study) -> list[str]:
 
 
 def _held(clamp: Clamp | None) -> str:
-    return "free" if clamp is None else "ball joint" if clamp.quaternion is None else "clamp"
+    if clamp is None or clamp.quaternion is None:
+        return "free" if clamp is None else "ball joint"
+    along = "" if clamp.free is None else f" free along {' and '.join(map(_text, clamp.free))}"
+    return f"clamp{along}" if clamp.hinge is None else f"hinge about {_text(clamp.hinge)}"
 
 
 def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:

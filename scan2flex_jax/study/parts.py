@@ -19,19 +19,45 @@ from scan2flex_jax.study.values import Where
 
 Value = float | Annotated[np.ndarray, "..."]
 
+_SAME_DIRECTION = 1e-6  # sine of the angle below which two free directions are one
 FEWEST_POINTS = 2
 """Fewer points have no direction, and no order from start to end."""
 
 
 @record
 class Clamp(Record):
-    """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint."""
+    """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint.
+
+    A clamp with directions `free` (k, 3) is a guided end, which may move along them from its position; one with a `hinge` (3,)
+    turns freely about that axis. Both in the scan frame.
+    """
 
     position: Annotated[np.ndarray, "3"]
     quaternion: Annotated[np.ndarray, "4"] | None = None
+    free: Annotated[np.ndarray, "k 3"] | None = None
+    hinge: Annotated[np.ndarray, "3"] | None = None
 
     KEYS: ClassVar = KEYS["clamp"]
     AS = "a Clamp, as in Clamp.of((position, quaternion))"
+
+    def _check(self, where: Where) -> None:
+        """A guide and a hinge belong to a clamp, one of them to an end."""
+        for name in ("free", "hinge"):
+            if getattr(self, name) is not None and self.quaternion is None:
+                raise where.at(name).fail("the end turns freely: give its quaternion, or hold a place by the effect support.")
+        if self.free is not None and self.hinge is not None:
+            raise where.at("hinge").fail("the end has free directions too: leave one of them out, or use the effect support.")
+        if self.free is not None and np.any(np.linalg.norm(self.free, axis=1) == 0.0):
+            raise where.at("free").fail("a direction is zero: give the vectors along which the clamp may move.")
+
+    @property
+    def across(self) -> Annotated[np.ndarray, "3 3"]:
+        """Projection on the directions in which a guided end is held; zero for other ends."""
+        if self.free is None:
+            return np.zeros((3, 3))
+        _, sizes, axes = np.linalg.svd(self.free / np.linalg.norm(self.free, axis=1, keepdims=True))
+        free = axes[: np.sum(sizes > _SAME_DIRECTION)]
+        return np.eye(3) - free.T @ free
 
     @classmethod
     def of(cls, held: "Clamp | ArrayLike | tuple[ArrayLike, Any]") -> "Clamp":

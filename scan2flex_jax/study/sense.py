@@ -39,7 +39,7 @@ _NO_GRAVITY = 1e-9
 _ROUNDED = 1e-6  # of a length written with few digits
 _FORCES = {
     "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
-    "elastic_support": "stiffness", "distributed_load": "force",
+    "elastic_support": "stiffness", "distributed_load": "force", "moment": "moment",
 }  # fmt: skip
 """Parameter with the size of an effect that sets the scale of forces (a force, or a stiffness comparable to the cable's)."""
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1 / 0.0254, "feet": 1 / 0.3048}

@@ -15,7 +15,7 @@ from scan2flex_jax.study.curve_warnings import PLANE_LIMIT
 from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.facts import pose_facts
 from scan2flex_jax.study.mistakes import Mistake
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import unit_of
 
 _GAP, _ANGLE = 0.1, 45.0  # of L, and degrees: a curve is astray beyond this distance from its clamp, or this angle from d3
@@ -173,7 +173,7 @@ def scaled_clamps(study: Study, factor: float) -> Study:
     """The study with the positions of all clamps scaled about the origin of the scan frame."""
 
     def one(clamp):
-        return None if clamp is None else Clamp(factor * clamp.position, clamp.quaternion)
+        return None if clamp is None else replace(clamp, position=factor * clamp.position)
 
     return replace(study, poses=tuple(replace(p, start=one(p.start), end=one(p.end)) for p in study.poses))
 

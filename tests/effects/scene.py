@@ -70,6 +70,7 @@ VALUES = {
     "torsion_law": ({"twist": 0.5 * KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.6, 0.7, 1.5])}),
     "friction": ({"share": 0.0, "slip_curvature": 1.0}, {"share": 0.5}),
     "torsion_friction": ({"share": 0.0, "slip_twist": 0.5}, {"share": 0.4}),
+    "moment": ({"position": 0.55, "axis": np.array([0.0, 0.8, 0.6]), "moment": 0.0}, {"moment": 0.02}),
     "relaxation": ({"share": 0.0, "time_constant": 60.0}, {"share": 0.3}),
 }
 KINDS = tuple(VALUES)
