@@ -158,8 +158,9 @@ def _stated_length(cable: Any, unknowns: Any) -> float | None:
     """The length (m) of the cable, if it is given and not unknown."""
     known = isinstance(cable, dict) and not (isinstance(unknowns, dict) and "length" in unknowns)
     length = cable.get("length") if known else None
-    plain = isinstance(length, int | float) and not isinstance(length, bool)
-    return float(length) if plain and 0 < length <= v.LARGEST else None
+    if not isinstance(length, int | float) or isinstance(length, bool) or not 0 < length <= v.LARGEST:
+        return None
+    return float(length)
 
 
 def _place(value: Any, length: float | None, where: Where) -> Any:
