@@ -20,8 +20,10 @@ from scan2flex_jax.effects import (
     extensibility,
     friction,
     kink,
+    knife_edge,
     length_error,
     memory_set,
+    moment,
     natural_curvature,
     nonlinear_bending,
     point_load,
@@ -33,6 +35,7 @@ from scan2flex_jax.effects import (
     stiffness_field,
     stiffness_profile,
     stiffness_taper,
+    support,
     support_plane,
     tension_stiffening,
     tension_twist_coupling,
@@ -86,6 +89,9 @@ EFFECTS: tuple[CatalogueEntry, ...] = tuple(
         dahl,
         torsion_friction,
         relaxation,
+        support,
+        knife_edge,
+        moment,
     )
 )
 _CLASSES: dict[str, type[AbstractEffect]] = {entry.kind: entry.effect for entry in EFFECTS}

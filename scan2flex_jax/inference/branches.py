@@ -278,7 +278,7 @@ def _by_torques(f: Branch) -> list[_Choice]:
         return []
     found: dict[tuple[int, ...], _Choice] = {}
     phi = np.array([total_twist(R) for R in f.minimum.evaluation.configuration.R])
-    held = [p.end is not None and p.end.quaternion is not None and p.start.quaternion is not None for p in poses]
+    held = [all(c is not None and c.quaternion is not None for c in (p.start, p.end)) for p in poses]
     for stiffer in _TORSION:
         k = np.where(held, np.clip(np.round((phi / stiffer - phi) / (2 * np.pi)), -1, 1), 0)
         twist = phi + 2 * np.pi * k

@@ -199,7 +199,8 @@ class Program:
             return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], moved.rod.section)
         along = np.zeros((_padded(count), self._size))
         along[np.arange(count), self._full(components)] = 1.0
-        state, tangents = self._state(0, *self._vector(components, x, 0), along)
+        full, sites = self._vector(components, x, 0)
+        state, tangents = self._state(0, full, sites, along)
         return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], tangents.rod.section)
 
     def _state_of(self, components, x, i):
@@ -265,9 +266,9 @@ class Program:
         c = self.context
         scene = {"length": np.asarray(c.length), "centre": np.asarray(c.centre, float), "up": c.up}
         scene |= {"previous": self.previous[i]}
-        given = self.layout, self.elements, tuple(self.layout_of_effects.items())
-        given = *given, self.poses.template(i), one(self.poses.boundary, i), full, sites, scene
-        found = [_state(*given, part) for part in np.split(along, len(along) // FEW)]
+        given = self.layout, self.elements, tuple(self.layout_of_effects.items()), self.poses.template(i)
+        pose = one(self.poses.boundary, i), full, sites, scene
+        found = [_state(*given, *pose, part) for part in np.split(along, len(along) // FEW)]
         if len(found) == 1:
             return found[0]
         return found[0][0], jax.tree.map(lambda *t: np.concatenate([part[:FEW] for part in t]), *(moved for _, moved in found))

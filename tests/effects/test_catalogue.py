@@ -117,7 +117,7 @@ def test_entries_are_complete():
         assert entry.settle
         assert entry.kind in fx.kinds() or entry.kind == "memory_set"
     ours = {kind for kind in fx.kinds() if fx.effect_class(kind).__module__.startswith("scan2flex_jax.")}
-    assert ours <= set(ENTRIES) | {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES}
+    assert ours <= set(ENTRIES) | {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES, *scene.SUPPORTS, "moment"}
 
 
 def test_only_clamped_ends_can_yield():
