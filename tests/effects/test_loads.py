@@ -200,10 +200,11 @@ def test_what_a_bench_cannot_be(tmp_path):
 @pytest.mark.slow
 def test_three_point_bending_is_fitted_from_the_command_line(tmp_path):
     """One reading of the deflection gives EI: F L^3/(48 EI), and 0.12 % more as the elastica slides inwards."""
-    folder, into = write(tmp_path), [tmp_path / name for name in ("fit.json", "known", "out")]
-    done = CliRunner().invoke(app, ["fit", str(folder), "--json", str(into[0]), "--save", str(into[1])])
+    folder, into = write(tmp_path), [tmp_path / name for name in ("fit.json", "known", "out", "fit.png")]
+    files = ["--json", str(into[0]), "--save", str(into[1]), "--figure", str(into[3])]
+    done = CliRunner().invoke(app, ["fit", str(folder), *files])
     assert done.exit_code == 0, done.output
     found = json.loads(into[0].read_text())["estimates"]["bending_stiffness"]
     assert found["low"] < 1.0012 * SPAN**3 / (48 * 0.000536) < found["high"] < 1.02 * found["low"]
-    shown = CliRunner().invoke(app, ["simulate", str(into[1]), "-o", str(into[2])])
+    shown = CliRunner().invoke(app, ["simulate", str(into[1]), "--out", str(into[2])])
     assert "the knife edge at s = 0.05501 m exerts (-0.016, 0.000, 0.50" in shown.output
