@@ -1,8 +1,8 @@
 """Answers of this package to the data set: a plain fit, a fit that is told the true effect types, and `explain`.
 
-A plain fit finds EI and GJ and knows nothing else. An oracle is told which effects act (not how strong they are, nor where:
-only its start is the truth); outside the package's effect types it answers as the plain fit. The `explain` answers are those of
-a user of `scan2flex explain`.
+A plain fit finds EI and GJ and knows nothing else. An oracle is told which effects act, and which way a plane faces; strength
+and place are unknown to it, and only its start is the truth. Outside the package's effect types it answers as the plain fit.
+The `explain` answers are those of a user of `scan2flex explain`.
 """
 
 import json
@@ -18,6 +18,7 @@ from scan2flex_jax.study import Clamp, EffectDeclaration, MeasuredCurve, Study, 
 from scan2flex_jax.study.kinds import kind_format
 
 ELEMENTS = 80
+_TOLD = ("normal",)  # a direction: three numbers that are estimated one by one do not stay a unit vector
 STIFFNESSES = ("bending_stiffness", "torsional_stiffness")
 
 
@@ -30,15 +31,22 @@ def oracle(study: Study, asked: dict, truth: dict) -> dict:
     """The answer of a fit that is told the effect types."""
     effects = truth["effects"] if truth["class"] in ("one", "two") else []
     told, unknowns = [], []
-    for effect in effects:
+    for effect in map(_with_unit_normal, effects):
         form = kind_format(effect["kind"])
-        told.append(EffectDeclaration(effect["kind"], {p.name: effect[p.name] for p in form.parameters if not p.estimable}))
-        unknowns += [Unknown(f"{form.kind}.{p.name}", guess=effect[p.name]) for p in form.parameters
-                     if p.estimable and p.name in effect]  # fmt: skip
+        free = [p.name for p in form.parameters if p.estimable and p.name in effect and p.name not in _TOLD]
+        told.append(EffectDeclaration(form.kind, {p.name: effect[p.name] for p in form.parameters if p.name not in free}))
+        unknowns += [Unknown(f"{form.kind}.{name}", guess=effect[name]) for name in free]
     told_study = replace(study, effects=(*study.effects, *told), unknowns=(*study.unknowns, *unknowns))
     kinds = [e["kind"] for e in effects]
     named = {"named": kinds, "missing": bool(truth["truth"]) or truth["class"] == "off"}
     return named | _answered(*_fitted(told_study), asked)
+
+
+def _with_unit_normal(effect):
+    if "normal" not in effect:
+        return effect
+    size = float(np.linalg.norm(effect["normal"]))
+    return effect | {"normal": [x / size for x in effect["normal"]]}
 
 
 def explained(study: Study, asked: dict, truth: dict) -> dict:

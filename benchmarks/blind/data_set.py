@@ -89,10 +89,18 @@ def generated(case: Path, truth: dict, folder: Path, name: str) -> None:
     off = truth["off_catalogue"]
     kinds = [IN_CATALOGUE[off]] if off in IN_CATALOGUE else truth["kinds"]
     kind = "off" if off not in ("none", *IN_CATALOGUE) else ("none", "one", "two")[len(kinds)]
-    answer = {"class": kind, "truth": kinds, "accept": sorted({*kinds, *truth["accept"]}), "effects": truth.get("effect", [])}
+    answer = {"class": kind, "truth": kinds, "accept": sorted({*kinds, *truth["accept"]})}
+    answer["effects"] = [_listed(e) for e in truth.get("effect", [])]
     if kind != "off" and _ROTATED not in kinds:
         answer |= {k: truth[f"true_{k}"] for k in ("bending_stiffness", "torsional_stiffness")}
     _json(folder / "answers" / f"{name}.json", answer | {"noise": 2**0.5 * truth["noise_rms"], "unseen": unseen})
+
+
+def _listed(effect):
+    """An effect under its name in the list: tapers, which the generator counts as outside it."""
+    if effect["kind"] not in IN_CATALOGUE:
+        return effect
+    return {"kind": IN_CATALOGUE[effect["kind"]], "taper": effect["exponent"]}
 
 
 def measured(study: Study, folder: Path, name: str, **truth) -> None:
