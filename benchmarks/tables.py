@@ -146,6 +146,42 @@ def by_metric(rows):
     return [(words, measured(value), target) for words, value, target in blind_score.scored(rows)]
 
 
+def _lines_of_explain(rows):
+    """The rows of `explain` in the words of the data set's scorer; alarms are those of the test."""
+    for r in rows.values():
+        named = {"alarm": r["detected"], "in_tie_set": r["in_tie_set"], "both": r["both_tied"], "wrong": r["named_and_wrong"]}
+        covers = {k: v for k, v in r.items() if k.startswith("covers_")}
+        seen = {"unseen_over_noise": r["validate_over_floor"]} if "validate_over_floor" in r else {}
+        yield {"class": r["class"], **named, "unexplained": r["verdict"] == "unexplained", **covers, **seen}
+
+
+REACHED = (
+    ("nothing missing: `alarm`", ("none",), "alarm"),
+    ("one effect: `in_tie_set`", ("one",), "in_tie_set"),
+    ("two effects: `both`", ("two",), "both"),
+    ("an effect in no list: `unexplained`", ("off",), "unexplained"),
+    ("`wrong`", ("none", "one", "off"), "wrong"),
+    ("`covers_...`, nothing missing", ("none",), "covers_"),
+    ("`covers_...`, one effect or two", ("one", "two"), "covers_"),
+)
+
+
+@table("benchmark.md", "reached", ("", "plain fit", "oracle", "`explain`"), "blind", "blind_others")
+def reached(blind, others):
+    rows_of = [others.get(name, {}) for name in ("plain", "oracle")]
+    by = [*([*rows.values()] for rows in rows_of), [*_lines_of_explain(blind["rows"])]]
+    for words, classes, key in REACHED:
+        chosen = [[v for r in rows if r["class"] in classes for k, v in r.items() if k.startswith(key)] for rows in by]
+        yield words, *(measured(blind_score.share(values)) for values in chosen)
+    for words, classes in (("nothing missing", ("none",)), ("one effect or two", ("one", "two"))):
+        ratios = [[r["unseen_over_noise"] for r in rows if r["class"] in classes and "unseen_over_noise" in r] for rows in by]
+        cells = (f"{np.median(x):.2f}, {max(x):.1f} of {len(x)}" if x else None for x in ratios)
+        yield f"`unseen_over_noise`, {words}: median, most", *cells
+    for name in ("bamboo-rod", "wing-bare"):
+        cells = (f"{rows[name]['unseen_over_noise']:.2f}" if name in rows else None for rows in rows_of)
+        yield f"the same: {name}", *cells, None
+
+
 SBC_HEAD = ("noise", "parameter", "draws", "uniform ranks: p", "spread of the normal scores",
             *(f"in {c} % intervals" for c in (50, 80, 95)), "withheld")  # fmt: skip
 
@@ -293,6 +329,9 @@ def memory(r):
         yield words, f"{100 * s[key][0] / s[key][1]:.0f} % of {s[key][1]}", target
     for law, (held, of) in s["loop area within 15 %, by law"].items():
         yield f"the same, {law}", f"{held} of {of}", None
+    own = s.get("loop area within 15 %, Dahl fitted with dahl")
+    if own and own[1]:
+        yield "the same, Dahl, fitted with `dahl`", f"{own[0]} of {own[1]}", "all"
     yield "area of the loop over the true one, median", f"{s['loop area over the true one, median']:.2f}", "0.85 to 1.15"
 
 

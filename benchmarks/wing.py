@@ -11,19 +11,13 @@ pose has two readings, displacement and twist of the tip, both changes from the 
 
 import csv
 from pathlib import Path
-from typing import ClassVar
 
 import matplotlib.pyplot as plt
 import numpy as np
-from jax import Array
-from jaxtyping import Float
 
 from benchmarks.record import record
 from scan2flex_jax.cli.setup import prepare_jax
-from scan2flex_jax.effects import parameter, register_effect
-from scan2flex_jax.effects.tether import place_on_cable
 from scan2flex_jax.inference import fit
-from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.study import Angle, Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown
 
 DATA, PICTURE = Path(__file__).parent / "data", Path(__file__).parents[1] / "docs" / "real" / "wing.png"
@@ -36,22 +30,6 @@ LEVEL = Clamp(np.zeros(3), np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]))  # 
 # in torsion: metres from the axis of the beam, at 44 % of the chord, to the weights; GJ of the published beam, N m^2
 ARMS, GJ_PUBLISHED = {"bare": 0.096, "with skin": 0.136}, {"bare": 7.5, "with skin": 7.6}
 IN_PLANE, TWIST_NOISE, G = 3290.0, np.radians(0.2), 9.81  # N m^2, published; rad: read in steps of 0.6 degrees; m/s^2
-
-
-@register_effect
-class EccentricMass(AbstractEffect):
-    """A mass ``mass`` (kg) beside the axis at ``position`` (m), at ``arm`` (m) along d1, d2, d3; it weighs along -z."""
-
-    kind: ClassVar[str] = "eccentric_mass"
-    place: ClassVar[str] = "energy"
-    words: ClassVar[str] = "a mass hangs beside the axis"
-    position: Float[Array, ""] = parameter("m", domain="along_cable")
-    mass: Float[Array, ""] = parameter("kg", domain="nonnegative")
-    arm: Float[Array, "3"] = parameter("m", 3)
-
-    def node_potential(self, node):
-        point, weight = place_on_cable(node, self.position)
-        return weight * self.mass * G * (point + node.R @ self.arm)[2]
 
 
 def weights(series):
@@ -120,8 +98,8 @@ def torsion(series):
         angle = Angle(LENGTH, twist, TWIST_NOISE, about=np.array([-1.0, 0.0, 0.0]), of="d2")
         given = {"markers": marks, "angle": (angle,), "change_from": "unloaded", "noise": NOISE}
         poses.append(StudyPose(name, role, LEVEL, **given))
-        hung = {"position": LENGTH, "mass": mass, "arm": np.array([0.0, ARMS[series], 0.0])}
-        effects.append(EffectDeclaration("eccentric_mass", hung, (name,)))
+        hung = {"position": LENGTH, "mass": mass, "offset": np.array([0.0, ARMS[series], 0.0])}
+        effects.append(EffectDeclaration("point_mass", hung, (name,)))
     effects.append(EffectDeclaration("point_mass", {"position": LENGTH, "mass": ROD}))
     ratio = IN_PLANE / SERIES[series][1]
     effects.append(EffectDeclaration("anisotropic_bending", {"ratio": ratio, "angle": 0.5 * np.pi}))  # EI is that about d2

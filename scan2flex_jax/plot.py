@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.names import drawn
 from scan2flex_jax.study.outputs import write_file
+from scan2flex_jax.study.sense import SUPPORTS
 
 if TYPE_CHECKING:  # for annotations only: drawing needs no import of these types
     import xarray
@@ -82,6 +83,8 @@ def shapes(fit: "Fit | Explanation", pose: str | None = None, ax: Axes | None = 
             ax.plot(*(p.modelled @ axes.T).T, color=colour, lw=1.5, label=_modelled_as(fit, name, pose))
             if before is not None:
                 _in_place(ax, fit, p.modelled, axes)
+    for i, name in enumerate(names):
+        _supports(ax, fit.study, name, axes, label=i == 0)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set(xlabel=labels[0], ylabel=labels[1])
     rows = _legend(ax)
@@ -112,6 +115,14 @@ def _in_place(ax, explanation, curve, axes):
             tip = _ARROW * at[-1] * axes @ np.asarray(force) / np.linalg.norm(force)
             arrow = {"arrowstyle": "->", "color": f"C{i}", "lw": 1.8}
             ax.annotate("", (x[12] + tip[0], y[12] + tip[1]), (x[12], y[12]), arrowprops=arrow, annotation_clip=False)
+
+
+def _supports(ax, study, pose, axes, label):
+    """Triangles at the supports of a pose."""
+    held = [e.parameters["anchor"] for e in study.acting(study.pose(pose)) if e.kind in SUPPORTS and "anchor" in e.parameters]
+    if held:
+        x, y = axes @ np.transpose(held)
+        ax.plot(x, y, ls="", marker="^", ms=_BROADEST, mfc="none", mec=MEASURED, label="supports" if label else None)
 
 
 def measured(study: "Study", pose: str, ax: Axes | None = None) -> Axes:

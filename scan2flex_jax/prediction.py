@@ -44,6 +44,7 @@ class Prediction:
     arc length ``bend_at``; infinite for a straight cable. ``touches``: arc lengths (m) of two places where the cable penetrates
     itself, which contact would prevent but the model ignores; None if there are none, or the study has no radius. ``mesh``:
     sentences on the number of elements. ``readings``: the angles and wrenches of the pose, measured and predicted.
+    ``supports``: of each support between the ends its kind, the arc length (m) that it holds, and its force (N) on the cable.
     """
 
     s: np.ndarray
@@ -60,6 +61,7 @@ class Prediction:
     touches: tuple[float, float] | None = None
     mesh: tuple[str, ...] = ()
     readings: tuple[Reading, ...] = ()
+    supports: tuple[tuple[str, float, np.ndarray], ...] = ()
 
     def sentence(self) -> str:
         """The status in words, whether the cable passes through itself, and unusual numbers of elements."""
@@ -75,10 +77,14 @@ class Prediction:
             f"smallest bend radius {self.bend_radius:.3g} m at s = {self.bend_at:.3g} m",
             f"tension {self.tension.min():.3g} to {self.tension.max():.3g} N (negative: compression)",
         ]
+        forces = [f for *_, f in self.supports]
+        most = max(map(np.linalg.norm, (self.reaction_force, self.reaction_moment, *forces)))
         for end, f, m in zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True):
             size = max(np.linalg.norm(f), np.linalg.norm(m))
-            if size > _NOTHING * max(np.linalg.norm(self.reaction_force), np.linalg.norm(self.reaction_moment)):
+            if size > _NOTHING * most:
                 out.append(f"the {end} exerts {_vector(f)} N and {_vector(m)} N m on the cable")
+        for kind, s, f in self.supports:
+            out.append(f"the {kind.replace('_', ' ')} at s = {s:.4g} m exerts {_vector(f)} N on the cable")
         return [*out, *(one.sentence() for one in self.readings)]
 
     def to_json(self) -> dict:
@@ -92,7 +98,9 @@ class Prediction:
         out |= {"bend_radius": self.bend_radius if np.isfinite(self.bend_radius) else None, "bend_at": self.bend_at}
         out |= {"tension": [float(self.tension.min()), float(self.tension.max())]}
         ends = zip(("start", "end"), self.reaction_force, self.reaction_moment, strict=True)
-        return out | {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
+        out |= {e: {"force": f.tolist(), "moment": m.tolist()} for e, f, m in ends}
+        supports = [{"kind": kind, "s": s, "force": f.tolist()} for kind, s, f in self.supports]
+        return out | ({"supports": supports} if supports else {})
 
 
 def settled(study: Study, pose: StudyPose, elements: int) -> tuple[CableModel, Equilibrium]:
@@ -209,7 +217,8 @@ def _one_pose(model, e, radius, mesh):
     tension = np.sum(force * tangents, axis=1) / np.linalg.norm(tangents, axis=1)
     sharpest, at = _sharpest(e)
     solved = (section_s, force, moment, push, turn, tension, sharpest, at, e.verdict)
-    return Prediction(np.asarray(e.s), points, *solved, touches, mesh.sentences())
+    held = [(e.rod.effects[i].kind, float(s), np.asarray(f)) for i, s, f in e.support_reactions()]
+    return Prediction(np.asarray(e.s), points, *solved, touches, mesh.sentences(), supports=tuple(held))
 
 
 def _sharpest(e):

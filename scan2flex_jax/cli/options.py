@@ -88,7 +88,7 @@ JsonFile = Annotated[
     ),
 ]
 Force = Annotated[
-    bool, typer.Option("--force", help="Replace files that scan2flex did not write; files of a study are never replaced.")
+    bool, typer.Option("--force", help="Replace results that are there already; files of a study are never replaced.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on standard error.")]
 Elements = Annotated[

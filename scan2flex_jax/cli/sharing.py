@@ -9,7 +9,7 @@ from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile,
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import complain, say
 
-_TO = ("mujoco", "pyelastica", "usd", "abaqus", "orcaflex", "moordyn", "moduli", "json")
+_TO = ("mujoco", "pyelastica", "usd", "abaqus", "orcaflex", "moordyn", "cabledyn", "moduli", "json")
 
 
 def report(

@@ -17,6 +17,7 @@ from scan2flex_jax.effects.clamp_offset import ClampOffset as ClampOffset
 from scan2flex_jax.effects.clamp_rotation import ClampRotation as ClampRotation
 from scan2flex_jax.effects.conversion import effect_of, ordered
 from scan2flex_jax.effects.curvature_profile import CurvatureProfile as CurvatureProfile
+from scan2flex_jax.effects.dahl import Dahl as Dahl
 from scan2flex_jax.effects.density_profile import DensityProfile as DensityProfile
 from scan2flex_jax.effects.density_taper import DensityTaper as DensityTaper
 from scan2flex_jax.effects.distributed_load import DistributedLoad as DistributedLoad
@@ -27,8 +28,10 @@ from scan2flex_jax.effects.extensibility import Extensibility as Extensibility
 from scan2flex_jax.effects.format import parameter, parameters_of
 from scan2flex_jax.effects.friction import Friction as Friction
 from scan2flex_jax.effects.kink import Kink as Kink
+from scan2flex_jax.effects.knife_edge import KnifeEdge as KnifeEdge
 from scan2flex_jax.effects.length_error import LengthError as LengthError
 from scan2flex_jax.effects.memory_set import MemorySet as MemorySet
+from scan2flex_jax.effects.moment import Moment as Moment
 from scan2flex_jax.effects.natural_curvature import NaturalCurvature as NaturalCurvature
 from scan2flex_jax.effects.nonlinear_bending import NonlinearBending as NonlinearBending
 from scan2flex_jax.effects.point_load import PointLoad as PointLoad
@@ -40,6 +43,7 @@ from scan2flex_jax.effects.section_profile import SectionProfile as SectionProfi
 from scan2flex_jax.effects.stiffness_field import StiffnessField as StiffnessField
 from scan2flex_jax.effects.stiffness_profile import StiffnessProfile as StiffnessProfile
 from scan2flex_jax.effects.stiffness_taper import StiffnessTaper as StiffnessTaper
+from scan2flex_jax.effects.support import Support as Support
 from scan2flex_jax.effects.support_plane import SupportPlane as SupportPlane
 from scan2flex_jax.effects.tension_stiffening import TensionStiffening as TensionStiffening
 from scan2flex_jax.effects.tension_twist_coupling import TensionTwistCoupling as TensionTwistCoupling

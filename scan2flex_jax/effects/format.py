@@ -38,7 +38,8 @@ def parameter(
     """A field that a study may declare: its ``unit``, the shape of one value, and the rest as in `ParameterFormat`.
 
     ``per_end``: the field has leading axis 2 (start, end). ``per_point``: its number of rows is arbitrary. A ``default`` may
-    be a scalar that fills the field, or None, which stays None; such a field is keyword-only. That of an ``optional`` one is 0.
+    be a scalar that fills the field, or None, which stays None; such a field is keyword-only. That of an ``optional`` one is 0
+    unless given.
     Raises `Scan2FlexError` for an unknown domain.
     """
     _check("domain of a parameter", domain, get_args(Domain))
@@ -46,7 +47,7 @@ def parameter(
         "unit": unit, "shape": shape, "domain": domain, "per_end": per_end, "per_point": per_point, "estimable": estimable,
         "walk": walk, "smooth": smooth, "optional": optional,
     }  # fmt: skip
-    default = 0.0 if optional else default
+    default = 0.0 if optional and default is MISSING else default
     convert = _of_rows(shape) if per_point else _of_shape((2, *shape) if per_end else shape)
     return eqx.field(converter=convert, default=default, kw_only=default is None, metadata={_FORMAT: said})
 
@@ -114,6 +115,8 @@ def parameters_of(
     form = format_of(cls or type(effect))
     names = () if form is None else form.names
     fields = effect.reported(context) if hasattr(effect, "reported") else {n: getattr(effect, n) for n in names}
+    left_out = () if form is None else tuple(p.name for p in form.parameters if p.optional and fields.get(p.name) is None)
+    fields = {name: x for name, x in fields.items() if name not in left_out}
     rows = [ENDS.index(end) for end in clamped_ends]
     per_end = () if form is None else tuple(p.name for p in form.parameters if p.per_end)
     arrays = {name: np.asarray(x)[rows] if name in per_end else np.asarray(x) for name, x in fields.items()}

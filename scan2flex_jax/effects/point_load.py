@@ -1,7 +1,8 @@
 """Point load: a dead force at one place, the same in every pose (a tie wrap, a hanging connector's lead, a finger).
 
 ``force`` (N, scan frame) acts at arc length ``position`` (m) by Hermite interpolation. A vertical one is a
-`point_mass`. Null: force 0.
+`point_mass`. With an ``offset`` (m, along d1, d2, d3) it acts beside the cable, on an arm that turns with the section; two
+opposite forces on opposite arms are a couple (a quasi-tangential moment). Null: force 0.
 """
 
 from typing import ClassVar
@@ -25,10 +26,11 @@ class PointLoad(AbstractEffect):
     words: ClassVar[str] = "a dead force at one place"
     position: Float[Array, ""] = parameter("m", domain="along_cable")
     force: Float[Array, "3"] = parameter("N", 3)
+    offset: Float[Array, "3"] | None = parameter("m", 3, default=None, optional=True)
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The force."""
-        return point_load(section, self.position, self.force)
+        return point_load(section, self.position, self.force, self.offset)
 
 
 ENTRY = CatalogueEntry(

@@ -1,7 +1,8 @@
 """Point mass: a clip, a ferrite or a marker hangs on the cable.
 
 ``mass`` (kg) at arc length ``position`` (m) is a dead force ``mass * g`` on the centre line, distributed to the two nearest
-nodes by Hermite interpolation, with a continuous derivative in ``position``. Null: mass 0.
+nodes by Hermite interpolation, with a continuous derivative in ``position``. With an ``offset`` (m, along d1, d2, d3) its
+centre is beside the cable, on an arm that turns with the section. Null: mass 0.
 """
 
 from typing import ClassVar
@@ -25,10 +26,11 @@ class PointMass(AbstractEffect):
     words: ClassVar[str] = "a mass hangs on the cable"
     position: Float[Array, ""] = parameter("m", domain="along_cable")
     mass: Float[Array, ""] = parameter("kg", domain="nonnegative")
+    offset: Float[Array, "3"] | None = parameter("m", 3, default=None, optional=True)
 
     def dead_load(self, section: Section, gravity: Float[Array, "3"]) -> DeadLoad:
         """The weight of the mass."""
-        return point_load(section, self.position, self.mass * gravity)
+        return point_load(section, self.position, self.mass * gravity, self.offset)
 
 
 ENTRY = CatalogueEntry(

@@ -34,6 +34,7 @@ NATURAL_STRETCH = "natural stretch or shear"
 GIVES = "stretch or shear of more than 0.1 %"
 MASSES = "a point mass"
 LAWS = frozenset({"nonlinear_bending", "bending_law", "torsion_law"})  # effect types whose moments `HungCable.laws` tabulates
+DAHL = "dahl"  # effect type whose law Newton has
 FEATURES = (STIFFNESS, CURVED, NATURAL, DENSITY, BENDINGS, SHEARS, BEND_TWIST, COUPLED, NATURAL_STRETCH, GIVES, MASSES)
 
 
@@ -139,7 +140,7 @@ class HungCable:
 
     def require(self, simulator: str, holds: frozenset[str], *, ball_joints: bool = True) -> None:
         """Raises `Scan2FlexError` if the cable has an effect or a feature that the simulator does not support (``holds``)."""
-        kept = {PointMass.kind, *(LAWS & holds)}  # in `masses` and `laws`
+        kept = {PointMass.kind, *({*LAWS, DAHL} & holds)}  # in `masses`, `laws` and `effects`
         if beyond := [kind for kind in self.beyond if kind not in kept]:
             raise Scan2FlexError(
                 f"The export to {simulator} cannot represent {', '.join(beyond)}: leave it out of the study, or export to json."

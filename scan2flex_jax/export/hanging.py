@@ -6,19 +6,20 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.effects import parameters_of
+from scan2flex_jax.effects.point_load import PointLoad
 from scan2flex_jax.effects.point_mass import PointMass
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.export.cable import GIVES, LAWS, MASSES, THIN, HungCable, features_of
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.prediction import settled
-from scan2flex_jax.rod.effect import Section, overriding
+from scan2flex_jax.rod.effect import AbstractEffect, Section, overriding
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
 from scan2flex_jax.statics.solve import Equilibrium
 from scan2flex_jax.study.model import Study, StudyPose
 
 _ROWS, _GENTLEST = 40, 1e-4  # of a table of moments; its first strain over the last
-_OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "node_potential")
+_OF_THE_CABLE = ("cable", "clamps", "section", "dead_load", "strain_energy", "node_potential", "element_potential")
 
 
 def hung(study: Study, pose: str | None = None, elements: int = 40) -> HungCable:
@@ -58,8 +59,13 @@ def described(
 
 def _beyond(model: CableModel) -> tuple[str, ...]:
     """Types of effects that are neither in the sections, nor in the supports, nor in the observation."""
-    hooks = ("strain_energy", "node_potential", "dead_load")
-    return tuple(dict.fromkeys(effect.kind for hook in hooks for effect in overriding(model.effects, hook)))
+    hooks = ("strain_energy", "node_potential", "element_potential", "dead_load")
+    found = (effect for hook in hooks for effect in overriding(model.effects, hook))
+    return tuple(dict.fromkeys(f"{e.kind} with an offset" if _on_an_arm(e) else e.kind for e in found))
+
+
+def _on_an_arm(effect: AbstractEffect) -> bool:
+    return isinstance(effect, PointMass | PointLoad) and effect.offset is not None
 
 
 def _laws(model: CableModel, section: Section, radius: float | None) -> dict[str, tuple[np.ndarray, np.ndarray]]:

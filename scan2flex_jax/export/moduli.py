@@ -2,12 +2,16 @@
 
 CATIA, Isaac Lab, SOFA's BeamAdapter and others take a diameter and a Young's modulus. One modulus cannot give bending and
 stretch of a cable, whose wires slide: ``E_bend = 4 EI/(pi r^4)`` is the one for shapes, ``E_stretch = EA/(pi r^2)``.
+
+The cable of Ansys Motion is a beam of one isotropic material whose stiffness is multiplied by three factors (Ansys Motion 2025
+R1, Beta Features, 14.1 *Cable Definition*): ``motion_...`` for a material of ``E_stretch`` and Poisson's ratio `_RATIO`.
 """
 
 import numpy as np
 
 from scan2flex_jax.export.cable import GIVES, HungCable, printable
 
+_RATIO = 0.3
 _ROWS = (
     ("diameter", "m", "outer diameter"),
     ("length", "m", "length"),
@@ -17,6 +21,9 @@ _ROWS = (
     ("E_stretch", "Pa", "Young's modulus for stretch, EA/(pi r^2)"),
     ("G_shear", "Pa", "shear modulus for shear, GA/(pi r^2)"),
     ("poisson_ratio", "-", "E_bend/(2 G_twist) - 1; rarely that of a material: give E and G where both are taken"),
+    ("motion_bar", "-", f"Ansys Motion, Bar Scale Factor for a material of E_stretch and Poisson's ratio {_RATIO}"),
+    ("motion_bending", "-", "its Bending Scale Factor"),
+    ("motion_torsional", "-", "its Torsional Scale Factor"),
 )
 
 
@@ -25,7 +32,9 @@ def moduli(cable: HungCable) -> dict[str, float]:
     cable.require("a material", frozenset({GIVES}))
     r, K = cable.drawn_radius, np.diag(cable.softened[0])
     area, bend, twist = np.pi * r**2, 4.0 * K[3] / (np.pi * r**4), 2.0 * K[5] / (np.pi * r**4)
-    values = (2.0 * r, cable.length, cable.density[0] / area, bend, twist, K[2] / area, K[0] / area, bend / (2.0 * twist) - 1.0)
+    stretch, ratio = K[2] / area, bend / (2.0 * twist) - 1.0
+    factors = (1.0, bend / stretch, 2.0 * (1.0 + _RATIO) * twist / stretch)
+    values = (2.0 * r, cable.length, cable.density[0] / area, bend, twist, stretch, K[0] / area, ratio, *factors)
     return {name: float(v) for (name, _, _), v in zip(_ROWS, values, strict=True)}
 
 

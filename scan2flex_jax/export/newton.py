@@ -1,7 +1,14 @@
 """The calibrated cable in a `newton.ModelBuilder`, and as a material of Isaac Lab.
 
-Links, rest shape and rigidities are those of `export.usd` (Newton 1.8 gives both the same joints); an end that is clamped is a
-link without mass, which Newton does not move.
+Links, rest shape and rigidities are those of `export.usd` (Newton 1.8 gives both the same joints); a clamped end is a link
+without mass, which Newton does not move. Stiffness that varies along the cable is set joint by joint: the file has one.
+
+Of `effects.dahl` a joint, whose strain is the angle ``ds x``, takes
+
+    elastic stiffness (1 - share) B/ds, dahl_eps_max = ds slip share/(1 - share), dahl_tau = ds slip
+
+(Newton 1.8, `SolverVBD`: torque ``k a + sigma``, ``tau dsigma = k eps_max da - sigma |da|`` of an angle ``a``, in bending and
+twist). Newton begins without friction in whatever pose the rod has: one that friction held is left by it.
 """
 
 from importlib import import_module
@@ -11,10 +18,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.export.cable import DAHL, STIFFNESS
 from scan2flex_jax.export.hanging import hung
 from scan2flex_jax.export.moduli import moduli
-from scan2flex_jax.export.usd import HOLDS, closed, rest_points, unloaded
+from scan2flex_jax.export.usd import HOLDS as IN_FILES
+from scan2flex_jax.export.usd import closed, rest_points, unloaded
 from scan2flex_jax.study.model import Study
+
+HOLDS = IN_FILES | {STIFFNESS, DAHL}
+_FULL = 1.0 - 1e-6  # largest share of friction: Newton wants some elastic stiffness
 
 
 def to_newton(study: Study, builder: Any, *, pose: str | None = None, elements: int = 40, **options: Any) -> tuple[list, list]:
@@ -44,13 +56,27 @@ def to_newton(study: Study, builder: Any, *, pose: str | None = None, elements: 
         raise Scan2FlexError("Newton is not installed: pip install newton.") from error
     cable = hung(study, pose, elements)
     cable.require("Newton", HOLDS)
-    rest, K = unloaded(cable), cable.softened[0]
+    rest, stiffness = unloaded(cable), cable.softened.copy()
+    friction = dict(cable.effects).get(DAHL, {"share": 0.0, "slip_curvature": 1.0})
+    share = min(friction["share"], _FULL)
+    stiffness[:, 3:, 3:] *= 1.0 - share
+    K = stiffness[0]
     rod = newton.Rod(
         closed(cable), quaternions=_xyzw(cable.rotation), rest_points=rest_points(cable, rest), rest_quaternions=_xyzw(rest),
         radius=cable.drawn_radius, stretch_rigidity=K[2, 2], shear_rigidity=K[0, 0], bend_rigidity=K[3, 3],
         twist_rigidity=K[5, 5],
     )  # fmt: skip
     bodies, joints = builder.add_rod(rod=rod, **options)
+    ds = cable.element_length
+    for joint, k in zip(joints, stiffness, strict=True):
+        at = builder.joint_qd_start[joint]  # shear twice, stretch, bending twice, twist
+        builder.joint_target_ke[at : at + 6] = (k[[0, 0, 2, 3, 3, 5], [0, 0, 2, 3, 3, 5]] / ds).tolist()
+    if share:
+        newton.solvers.SolverVBD.register_custom_attributes(builder)
+        slip = ds * friction["slip_curvature"]
+        for name, value in (("dahl_eps_max", slip * share / (1.0 - share)), ("dahl_tau", slip)):
+            attribute = builder.custom_attributes[f"vbd:{name}"]
+            attribute.values = {**(attribute.values or {}), **dict.fromkeys(joints, value)}
     for body, mass in zip(bodies, cable.link_masses, strict=True):
         _weigh(builder, body, float(mass))
     for body, held, at in ((bodies[0], cable.held[0], cable.position[0]), (bodies[-1], cable.held[-1], cable.position[-1])):

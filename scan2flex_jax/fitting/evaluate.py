@@ -197,8 +197,7 @@ class Evaluator:
 
     def rod(self, i: int, shared, local) -> Rod:
         """The rod of pose ``i`` at these numbers, with its energy laws; without its history."""
-        given = self.poses.template(i), one(self.poses.boundary, i), np.concatenate([shared, local[i]]), self.slots
-        return _state(self.layout, *given, self.elements, 0)[0].rod
+        return self.state(i, shared, local)[0].rod
 
     def scatter(self, shared, local, start) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its discrepancy (`fitting.discrepancy`) at equilibria, in m per 1/m."""

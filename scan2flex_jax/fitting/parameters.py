@@ -24,6 +24,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.model import CableModel, with_rigid
+from scan2flex_jax.rod.support import Guide
 from scan2flex_jax.study.facts import measured_length
 from scan2flex_jax.study.kinds import CABLE, ENDS, kind_format, split_name
 from scan2flex_jax.study.model import Study, StudyPose, at_end
@@ -41,6 +42,7 @@ DEFAULT_RANGE = {
     "natural_stretch": (-0.5, 0.5),
 }
 LENGTH_RANGE = (0.5, 10.0)  # of the length that the shapes show: curves may stop short of a free end
+_NO_PLACE = -1  # of an effect that a study does not declare
 _ANY = {"positive": (1.0e-9, 1.0e9), "nonnegative": (0.0, 1.0e9), "fraction": (0.0, 0.99)}
 CLAMP_MOTIONS = 12  # per pose: position and rotation of the start, then of the end
 
@@ -290,6 +292,8 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
         effects.append(effect_of(declaration.kind, given, study.clamped_ends))
     in_order = ordered(effects)
     own = [next(p for p, e in zip(places, effects, strict=True) if e is one) for one in in_order]
+    if pose is not None and any(guide_key(pose)):
+        in_order, own = (*in_order, _guide(pose)), [*own, _NO_PLACE]
     some = any(slot_of_some(study, name) for name in study.unknown_names)
     ends = [_stays_at_end(study, place) for place in own]
     return CableModel(
@@ -298,8 +302,24 @@ def template(study, pose: StudyPose | None = None) -> CableModel:
     )  # fmt: skip
 
 
+def guide_key(pose: StudyPose) -> tuple[bytes | None, ...]:
+    """What distinguishes poses by their guided ends and hinges; None four times without any."""
+    held = [x for clamp in (pose.start, pose.end) for x in ((None, None) if clamp is None else (clamp.free, clamp.hinge))]
+    return tuple(None if x is None else x.tobytes() for x in held)
+
+
+def _guide(pose):
+    """What the guided ends and hinges of a pose hold."""
+    ends = (pose.start, pose.end)
+    across = [np.zeros((3, 3)) if clamp is None else clamp.across for clamp in ends]
+    axes = [np.zeros(3) if clamp is None or clamp.hinge is None else clamp.hinge for clamp in ends]
+    return Guide(jnp.asarray(np.array(across)), jnp.asarray(np.array(axes)))
+
+
 def _stays_at_end(study, place):
     """Whether the effect at a place among those of a study was stated at the end of the cable."""
+    if place == _NO_PLACE:
+        return False
     effect = study.effects[place]
     name = kind_format(effect.kind).position
     given = name in effect.parameters and study.unknown_of(place, name) is None
@@ -413,7 +433,7 @@ def boundary_at(layout: Layout, boundary: Boundary, z) -> Boundary:
     """A pose's supports, displaced by its nuisance parameters ``z`` (empty if the layout has none)."""
     if not layout.local:
         return boundary
-    z = z.reshape(2, 6) * boundary.held
+    z = z.reshape(2, 6) * jnp.any(boundary.held > 0, axis=1, keepdims=True)  # a guide holds more than its flags say
     if layout.roll_tolerance is None:
         turn = jax.vmap(lie.so3_exp)(layout.rotation_tolerance * z[:, 3:])
     else:  # roll first, then tilt: the tangent is independent of the roll

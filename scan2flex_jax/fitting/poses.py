@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
@@ -17,11 +18,11 @@ from scipy.interpolate import CubicSpline
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.noise import noise_ratio
-from scan2flex_jax.fitting.parameters import template
+from scan2flex_jax.fitting.parameters import guide_key, template
 from scan2flex_jax.fitting.readings import AT_END, POINT, Readings, components, rows_of, stacked
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.model import CableModel, Configuration
-from scan2flex_jax.statics.starts import complete_curve, curve_start, sagging_start
+from scan2flex_jax.rod.model import CableModel, Configuration, discretise
+from scan2flex_jax.statics.starts import complete_curve, curve_start, default_start, sagging_start
 from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.mistakes import on_axis
 from scan2flex_jax.study.model import Study, StudyPose, at_end
@@ -127,7 +128,7 @@ def boundary_of(pose: StudyPose) -> Boundary:
     """The supports of a study's pose, as `equilibrium` takes them.
 
     Args:
-        pose: Its clamps; one without a quaternion is a ball joint, a missing end is free.
+        pose: Its clamps; one without a quaternion is a ball joint, a missing start or end is free.
 
     Returns:
         Both supports, with positions (2, 3) in m, rotations (2, 3, 3), and the motions held (2, 6).
@@ -136,8 +137,14 @@ def boundary_of(pose: StudyPose) -> Boundary:
         >>> boundary_of(StudyPose("sag", "fit", Clamp([0, 0, 0]))).held.tolist()[0]
         [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     """
-    start = (pose.start.position, pose.start.quaternion)
-    return Boundary.of(start, None if pose.end is None else (pose.end.position, pose.end.quaternion))
+    ends = (pose.start, pose.end)
+    found = Boundary.of(*(None if clamp is None else (clamp.position, clamp.quaternion) for clamp in ends))
+    held = np.array(found.held)
+    for clamp, own in zip(ends, held, strict=True):
+        if clamp is not None:  # the rest is held by `rod.support.Guide`
+            own[:3] *= clamp.free is None
+            own[3:] *= clamp.hinge is None
+    return replace(found, held=jnp.asarray(held))
 
 
 def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elements: int) -> Poses:
@@ -206,8 +213,11 @@ def _start_of(study, pose, known, length, elements):
     """The start of a pose's solves: along the measured curve or markers, or a sagging cable if there is only one marker, or no
     clamp: between ball joints there is one branch, and noise of a curve would bend a soft cable in every element."""
     dense, boundary, turns = known
-    hangs = pose.end is not None and not np.any(boundary.held[:, 3]) and np.any(study.gravity_in(pose))
-    if hangs or (pose.curve is None and _no_shape(pose)):
+    joints = pose.start is not None and pose.end is not None and not np.any(boundary.held[:, 3])
+    hangs, shapeless = joints and np.any(study.gravity_in(pose)), pose.curve is None and _no_shape(pose)
+    if pose.start is None and shapeless:
+        return _generic(template(study, pose), boundary, np.asarray(length), turns, elements)
+    if hangs or shapeless:
         return _sag(boundary, np.asarray(length), np.asarray(study.gravity_in(pose)), turns, elements)
     return _start(dense, boundary, turns, elements)
 
@@ -249,7 +259,7 @@ def check_distance(study: Study, distance: str) -> None:
 def _templates(study, study_poses):
     """The distinct models of the poses, and the index of each pose's model."""
     models: dict[tuple, CableModel] = {}
-    keys = [(study.gravity_in(p).tobytes(), *(e in study.acting(p) for e in study.effects)) for p in study_poses]
+    keys = [(study.gravity_in(p).tobytes(), guide_key(p), *(e in study.acting(p) for e in study.effects)) for p in study_poses]
     for key, pose in zip(keys, study_poses, strict=True):
         if key not in models:
             models[key] = template(study, pose)
@@ -259,6 +269,12 @@ def _templates(study, study_poses):
 @compiled
 def _start(dense, boundary, turns, elements):
     return curve_start(dense, boundary, turns, elements)
+
+
+@compiled
+def _generic(model, boundary, length, turns, elements):
+    model = eqx.tree_at(lambda m: m.cable.length, model, jnp.broadcast_to(length, model.cable.length.shape))
+    return default_start(discretise(model, boundary, elements), model.gravity, turns)
 
 
 @compiled
@@ -334,18 +350,22 @@ def _thinned(points, given, most):
 def _through_markers(points, s, pose, boundary, length):
     """A smooth curve through supports and markers, with the clamps' tangents; straight beyond the last one to a free end."""
     near = 1e-6 * length
-    held = pose.end is not None
-    inside = (s > near) & ((s < length - near) | (not held))
-    knots, at = [np.asarray(pose.start.position), *points[inside]], [0.0, *s[inside]]
+    begun, held = pose.start is not None, pose.end is not None
+    inside = ((s > near) | (not begun)) & ((s < length - near) | (not held))
+    knots, at = [*points[inside]], [*s[inside]]
+    if begun:
+        knots, at = [np.asarray(pose.start.position), *knots], [0.0, *at]
     if held:
         knots, at = [*knots, np.asarray(pose.end.position)], [*at, max(length, at[-1] + near)]
+    if len(at) < _MARKED_SHAPE:  # one marker of a cable without clamps: its solves start elsewhere
+        return np.repeat(knots, _DENSE, axis=0)
     R, clamped = np.asarray(boundary.rotation), np.asarray(boundary.held)[:, 3] > 0
     free = (2, np.zeros(3))
     ends = [(1, R[end, :, 2]) if clamped[end] else free for end in (0, 1)]
     spline = CubicSpline(at, np.array(knots), bc_type=tuple(ends))
     along = np.linspace(0.0, max(length, at[-1]), _DENSE)
-    beyond = np.maximum(along - at[-1], 0.0)[:, None]
-    return spline(np.minimum(along, at[-1])) + beyond * spline(at[-1], 1)
+    before, beyond = np.minimum(along - at[0], 0.0)[:, None], np.maximum(along - at[-1], 0.0)[:, None]
+    return spline(np.clip(along, at[0], at[-1])) + before * spline(at[0], 1) + beyond * spline(at[-1], 1)
 
 
 def _dense(points, count=_DENSE):

@@ -47,7 +47,7 @@ DISTANCES: dict[str, Callable] = {
     "integrated": integrated_residuals,
     "hausdorff": hausdorff_residuals,
 }
-_ENERGY_HOOKS = ("strain_energy", "node_potential")
+_ENERGY_HOOKS = ("strain_energy", "node_potential", "element_potential")
 
 
 class State(eqx.Module):

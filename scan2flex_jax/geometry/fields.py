@@ -31,8 +31,15 @@ def smooth_root(points: int, per_point: int) -> Float[np.ndarray, "k k"]:
 
 def middle_root(t: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k k"]:
     """Root of the covariance at places ``t`` (-) of a random field that is zero in the middle: even growth from end to end, of
-    standard deviation `TREND` at both, and the difference to the middle of a smooth field of `WAVES`."""
+    standard deviation `TREND` at both, and the difference to the middle of a field of `WAVES` with the Matern kernel of order
+    3/2, since things have steps as well."""
     u = 2.0 * np.asarray(t, float) - 1.0
-    bell, middle = np.exp(-0.5 * ((t[:, None] - t) / WIDE) ** 2), np.exp(-0.5 * (0.5 * u / WIDE) ** 2)
+    bell, middle = _matern(t[:, None] - t), _matern(0.5 * u)
     K = TREND**2 * np.outer(u, u) + WAVES**2 * (bell - middle[:, None] - middle + 1.0)
     return np.linalg.cholesky(K + 1e-9 * np.eye(len(t)))
+
+
+def _matern(apart):
+    """Correlation (-) of the waves at two places so far (-) from one another."""
+    d = np.sqrt(3.0) * np.abs(apart) / WIDE
+    return (1.0 + d) * np.exp(-d)

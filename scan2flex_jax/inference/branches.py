@@ -78,7 +78,7 @@ def nearest(problem, study_poses, doubtful, shared, factor: float = 1.0, within:
 def _distance(problem, pose, shared):
     poses = poses_of(problem.study, [pose], problem.length, problem.elements)
     evaluator = problem.evaluator_of(poses)
-    found = evaluator(shared, derivative=False)
+    found = evaluator(shared)
     problem.evaluator.equilibria += evaluator.equilibria
     return float(distances(found, poses)[0])
 
@@ -243,7 +243,7 @@ def _on_a_grid(f: Branch) -> list[_Choice]:
         found = []
         for poses in near:
             evaluator = problem.evaluator_of(poses)
-            found.append(distances(evaluator(x, derivative=False), poses))
+            found.append(distances(evaluator(x), poses))
             problem.evaluator.equilibria += evaluator.equilibria
         least = np.min(found, axis=0)
         which, off = np.argmax(found <= _SAME * least, axis=0), float(np.sum(least**2))  # the study's turns if equal
@@ -278,7 +278,7 @@ def _by_torques(f: Branch) -> list[_Choice]:
         return []
     found: dict[tuple[int, ...], _Choice] = {}
     phi = np.array([total_twist(R) for R in f.minimum.evaluation.configuration.R])
-    held = [p.end is not None and p.end.quaternion is not None and p.start.quaternion is not None for p in poses]
+    held = [all(c is not None and c.quaternion is not None for c in (p.start, p.end)) for p in poses]
     for stiffer in _TORSION:
         k = np.where(held, np.clip(np.round((phi / stiffer - phi) / (2 * np.pi)), -1, 1), 0)
         twist = phi + 2 * np.pi * k

@@ -7,9 +7,10 @@ bound have a standard error, and three must agree. Fewer than three are compared
 
 1. Poses that are not solved, or a mesh whose error reaches the noise: not in equilibrium.
 2. Something is missing where a hypothesis with effects leads over the one without. A set of effects is needed where it leads
-   over each smaller set. A residual of scans that the error of their axis accounts for is nothing missing, whatever its nats.
-3. Tied: hypotheses of as many effects, each found by itself, over which the best does not lead, or which have the same shapes
-   by the catalogue.
+   over each smaller set, and an effect of any form (a law, the stiffness along the cable) where it leads over the forms that it
+   contains. A residual of scans that the error of their axis accounts for is nothing missing, whatever its nats.
+3. Tied: hypotheses of as many effects, each found by itself, over which the best does not lead, prior odds counted, or which
+   have the same shapes by the catalogue.
 4. Explained: no discrepancy is needed beside the noise, which is like a scanner's or stated (`smooth`), and no field leads;
    else partly explained, if the effects take most of the structure away.
 5. Unexplained: a field leads, or nothing does while a discrepancy is needed, or the noise is unlike a scanner's. The field is a
@@ -88,17 +89,17 @@ def lead(differences: np.ndarray, most: float) -> tuple[float, float]:
     return float(np.sum(d)), float(np.std(d, ddof=1) * np.sqrt(len(d)))
 
 
-def led(differences: np.ndarray, most: float, found: float) -> bool:
-    """Whether the poses lead together, by ``found`` nats or more."""
+def led(differences: np.ndarray, most: float, found: float, before: float = 0.0) -> bool:
+    """Whether the poses lead together, by ``found`` nats or more with those ``before`` any pose."""
     total, error = lead(differences, most)
-    return total > max(found, max(_ERRORS, float(special.stdtrit(len(differences), _SURE))) * error)
+    return total + before > max(found, max(_ERRORS, float(special.stdtrit(len(differences), _SURE))) * error)
 
 
-def leads(h: Fitted, other: Fitted, found: float) -> bool:
-    """Whether a hypothesis leads over another by ``found`` nats or more."""
+def leads(h: Fitted, other: Fitted, found: float, before: float = 0.0) -> bool:
+    """Whether a hypothesis leads over another by ``found`` nats or more; ``before``: its prior odds, which a score has."""
     if len(h.elpd) < FEWEST:
         return bool(h.score - other.score > found)
-    return led(h.elpd - other.elpd, h.variant.settings.mistake, found)
+    return led(h.elpd - other.elpd, h.variant.settings.mistake, found, before)
 
 
 def likeliest(hypotheses: Sequence[Fitted]) -> Fitted | None:
@@ -185,22 +186,28 @@ def errors_of_input(kinds) -> list[SameShapes]:
 
 
 def _needed(causes: list[Fitted], s) -> Fitted | None:
-    """The hypothesis with effects that predicts best, of which none is spare."""
+    """The hypothesis with effects that predicts best, of which none is spare, nor of a freer form than it need be."""
     best = likeliest(causes)
-    for width in range(_width(best) - 1 if best else 0, 0, -1):
-        fewer = likeliest([h for h in causes if _width(h) == width])
-        best = fewer if fewer is not None and best is not None and not leads(best, fewer, s.found) else best
-    return best
+    if best is None:
+        return None
+    smaller = ([h for h in causes if len(h.names) == count] for count in range(len(best.names) - 1, 0, -1))
+    for simpler in (likeliest(some) for some in smaller):
+        best = simpler if simpler is not None and not leads(best, simpler, s.found) else best
+    simpler = likeliest([h for h in causes if _freer(best, h)])
+    return simpler if simpler is not None and not leads(best, simpler, s.found) else best
 
 
-def _width(h: Fitted) -> int:
-    """Number of effects; one of any form, which contains others, counts as two: a law, or the stiffness along the cable."""
-    return len(h.names) + sum(c.entry.late or c.entry.varies for c in h.components)
+def _freer(h: Fitted, other: Fitted) -> bool:
+    """Whether a hypothesis is another one with an effect in a form of any kind that contains it: a law, the stiffness along."""
+    free = [c.kind for c in h.components if (c.entry.late or c.entry.varies) and c.kind not in other.names]
+    lost = [kind for kind in other.kinds if kind not in h.names]
+    same = len(h.names) == len(other.names) and len(lost) == len(set(h.names) - set(other.names)) > 0
+    return same and all(any(same_shapes(kind, k) for k in free) for kind in lost)
 
 
 def _tied(h: Fitted, best: Fitted, empty: Fitted, s) -> bool:
     """Whether two hypotheses of as many effects, each found by itself, cannot be told apart."""
-    if _width(h) != _width(best) or set(h.names) == set(best.names) or not leads(h, empty, s.found):
+    if len(h.names) != len(best.names) or set(h.names) == set(best.names) or _freer(h, best) or not leads(h, empty, s.found):
         return False
     alike = len(h.kinds) == len(best.kinds) == 1 and same_shapes(h.kinds[0], best.kinds[0])
-    return not leads(best, h, s.tied) or (alike and h.chi2 <= best.chi2 + s.same_misfit)
+    return not leads(best, h, s.tied, best.log_odds - h.log_odds) or (alike and h.chi2 <= best.chi2 + s.same_misfit)

@@ -135,7 +135,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
     field = d.description if d.verdict == UNEXPLAINED else None
     load, pose_loads = of.equivalent_loads(d.empty)
     discrepancy, laws = of.discrepancy_of(best), of.laws_of(best, d.p_value)
-    along = stiffness_along(best, d.averaged)
+    along, loops = stiffness_along(best, d.averaged), of.loops_in(best)
     noise = best.variant.likelihood.noise(best.u)
     told = (*told, *repeat_sentences(study), *fitted.turned, *fitted.in_doubt, *fitted.mesh)
     findings = _findings(d, chosen, poses, discrepancy, coarse)
@@ -153,7 +153,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         estimates=shapes.without({name: every[name] for name in fitted.estimates}, fitted.open),
         poses=poses,
         settle=_settle(d) if d.verdict == TIE else (),
-        sentences=(*map(str, findings), *(s for law in laws for s in law.sentences()), *told),
+        sentences=(*map(str, findings), *_read_off(laws, loops), *told),
         gates=gates,
         seconds=_since(began),
         load=load,
@@ -161,12 +161,18 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         description=None if field is None else _ranked(field, 0, field.score - d.empty.score, "description"),
         laws=laws,
         along=along,
+        loops=loops,
         decision=d,
         scored=tuple(h for h in search.ranked if h.variant is d.empty.variant),
         surprised=d.surprised,
         reservation=next(iter(fitted.in_doubt), "") or belief.reservation(best, discrepancy),
         settings=first.settings,
     )
+
+
+def _read_off(laws, loops) -> tuple[str, ...]:
+    """What is read off moment laws, and off effects with memory."""
+    return tuple(s for read in (laws, loops) for x in read for s in x.sentences())
 
 
 def _established(d: Decision) -> Study:

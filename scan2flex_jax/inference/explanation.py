@@ -27,6 +27,7 @@ from scan2flex_jax.inference.estimate import NORMAL_95, Estimate
 from scan2flex_jax.inference.fit_result import Fit, PoseFit, in_words, rms_over
 from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
+from scan2flex_jax.inference.loops import Loop
 from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.quantities import Field
 from scan2flex_jax.inference.settings import USUAL, Settings
@@ -126,7 +127,7 @@ class Explanation:
     findings in words, ``settle`` the measurements to decide a tie. ``load`` is the equivalent load (N/m) shared by all poses,
     ``pose_loads`` that of each fitted pose: where an effect acts, not which. ``description`` replaces an effect if none
     explains the shapes: a field that is not physics. ``laws``: the moment laws among the effects, with bands and readings.
-    ``along``: EI along the cable, where an effect lets it vary.
+    ``along``: EI along the cable, where an effect lets it vary. ``loops``: what is read off effects with memory.
     ``study`` has the effects declared; ``decision`` is what the verdict rests on, from which `plan` continues, and ``scored``
     every hypothesis at its mode. ``mistakes``: likely mistakes of the input that stand. ``reservation``: why it is believed
     with care at most. ``surprised``: by the name of each validate pose that contradicts the answer, its distance over the
@@ -156,6 +157,7 @@ class Explanation:
     description: Ranked | None = None
     laws: tuple[Law, ...] = ()
     along: StiffnessAlong | None = None
+    loops: tuple[Loop, ...] = ()
     decision: Decision | None = field(repr=False, default=None)
     scored: tuple[Fitted, ...] = field(repr=False, default=())
     mistakes: tuple[Mistake, ...] = ()
@@ -242,6 +244,7 @@ class Explanation:
             **({} if self.description is None else {"description": self.description.to_json()}),
             **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             **({} if self.along is None else {"stiffness_along": self.along.to_json()}),
+            **({"loops": [loop.to_json() for loop in self.loops]} if self.loops else {}),
             **({"contradicted_by": _finite(self.surprised)} if self.surprised else {}),
             "settle": list(self.settle),
             "messages": list(self.sentences),

@@ -25,6 +25,7 @@ from scan2flex_jax.inference.answer import (
 from scan2flex_jax.inference.estimate import Estimate
 from scan2flex_jax.inference.influence import Influence, influence_of
 from scan2flex_jax.inference.law import Law
+from scan2flex_jax.inference.loops import Loop
 from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.quantities import ratios, stable
 from scan2flex_jax.inference.settings import USUAL, Settings
@@ -116,7 +117,8 @@ class Fit:
     (`inference.mistakes`). ``cost`` is that of the mode of the ``posterior``, the ``minimum`` of the ``problem``: squares of
     residuals in units of noise and discrepancy, and priors. ``mesh``: sentences on the number of elements (`statics.mesh`).
     ``settings``: the thresholds of the validation. ``laws``: the declared laws of bending and torsion, with their bands.
-    ``along``: EI along the cable, where a declared effect lets it vary.
+    ``along``: EI along the cable, where a declared effect lets it vary. ``loops``: what is read off declared effects with
+    memory (`inference.loops`).
     """
 
     study: Study = field(repr=False)
@@ -148,6 +150,7 @@ class Fit:
     settings: Settings = USUAL
     laws: tuple[Law, ...] = ()
     along: StiffnessAlong | None = None
+    loops: tuple[Loop, ...] = ()
 
     def rms(self, role: str = "fit") -> float:
         """Root mean square distance (m) over all points of the poses of a role; NaN without such poses."""
@@ -221,6 +224,7 @@ class Fit:
             **({} if self.valid is None else {"valid": self.valid}),
             **({"laws": [law.to_json() for law in self.laws]} if self.laws else {}),
             **({} if self.along is None else {"stiffness_along": self.along.to_json()}),
+            **({"loops": [loop.to_json() for loop in self.loops]} if self.loops else {}),
             "mistakes": [m.to_json() for m in self.mistakes],
             "messages": list(self.sentences),
             "equilibria": self.equilibria,

@@ -131,7 +131,7 @@ def fitted(
     estimates = profiled(posterior, of.estimates(posterior, (posterior,)))
     open_ = (*open_, *(name for x, _ in rival for name in _beyond(estimates, values_of(problem.layout, x))))
     estimates = shapes.without(estimates, open_)
-    along = stiffness_along(posterior, (posterior,))
+    along, loops = stiffness_along(posterior, (posterior,)), of.loops_in(posterior)
     misfits = belief.misfits(whole, poses, problem.length, settings)
     valid, judgement = belief.validity(poses, noise, discrepancy.curvature > 0, stated, problem.length, bool(misfits), settings)
     reservation = belief.reservation(posterior, discrepancy)
@@ -152,7 +152,7 @@ def fitted(
         poses=poses,
         noise=noise,
         discrepancy=discrepancy,
-        sentences=(*map(str, likely), *misfits, *said, *_known(known, laws, estimates), *verdict),
+        sentences=(*map(str, likely), *misfits, *said, *_known(known, (*laws, *loops), estimates), *verdict),
         valid=valid,
         judgement=judgement,
         reservation=reservation,
@@ -169,6 +169,7 @@ def fitted(
         settings=settings,
         laws=laws,
         along=along,
+        loops=loops,
     )
     return result if result.believable else withheld(result)
 

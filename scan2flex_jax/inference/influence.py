@@ -62,7 +62,7 @@ class Influence:
         weight = np.asarray(points, float)
         if len(self.poses) < 2 or not np.any(weight):
             return float("nan")
-        return float(np.sqrt(np.sum((weight * self.left_out**2)[weight > 0]) / np.sum(weight)))
+        return float(np.sqrt(np.sum(np.where(weight > 0, weight * self.left_out**2, 0.0)) / np.sum(weight)))
 
 
 def influence_of(h: Fitted) -> Influence:

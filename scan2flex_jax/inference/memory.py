@@ -86,7 +86,7 @@ def memory_test(
 
     Args:
         study: One cable with unknowns; its poses stand in the order of measurement. An effect of this ``kind`` may be declared.
-        kind: The effect with memory: "friction", "torsion_friction" or "relaxation".
+        kind: The effect with memory: "friction", "dahl", "torsion_friction" or "relaxation".
         orders: Different random orders to compare with, or all there are; 19 or more can name memory.
         elements: Elements of the rod.
         seed: Draws the orders.
@@ -137,7 +137,7 @@ def declaring(study: Study, kind: str, guesses: Mapping[str, float] | None = Non
     guesses = guesses or {}
     form = kind_format(kind)
     if form.memory == "none":
-        raise Scan2FlexError(f"{kind} has no memory: test friction, torsion_friction or relaxation.")
+        raise Scan2FlexError(f"{kind} has no memory: test friction, dahl, torsion_friction or relaxation.")
     if all(e.kind != kind for e in study.effects):
         own = [p.name for p in form.parameters if p.estimable and not p.optional]
         unknowns = tuple(Unknown(f"{kind}.{name}", guess=guesses.get(name)) for name in own)

@@ -208,7 +208,7 @@ class _Search:
     def _once(self, rest, study, name) -> float:
         """Distance (m) of a pose solved at the values of the others."""
         poses = poses_of(study, [study.pose(name)], self.problem.length, self.problem.elements)
-        found = rest.problem.evaluator_of(poses)(rest.minimum.shared, derivative=False)
+        found = rest.problem.evaluator_of(poses)(rest.minimum.shared)
         return float(branches.distances(found, poses)[0])
 
     def refitted(self, mistake: Mistake) -> Refit | None:
@@ -247,5 +247,5 @@ def _at(problem, x) -> Minimum:
     goal = problem.goal(problem.first_scale())
     shared = np.clip(np.r_[x, np.zeros(problem.layout.shared - problem.layout.unknowns)], goal.low, goal.high)
     local = np.zeros((problem.poses.count, problem.layout.local))
-    evaluation = problem.evaluator(shared, derivative=False)
+    evaluation = problem.evaluator(shared)
     return Minimum(shared, local, evaluation, goal.cost(evaluation, shared, local), 0, False)

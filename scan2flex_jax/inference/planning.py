@@ -25,7 +25,7 @@ from scan2flex_jax.inference.program import Component, Index, Program
 from scan2flex_jax.inference.rows import Rows
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SENTENCES
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 
 _RIVALS = 4  # largest number of rivals that are compared
 _ALIKE = "no pose below tells {} from {}: look at the cable itself, or try poses of your own (`scan2flex_jax.plan`)"
@@ -136,16 +136,18 @@ def variations(study: Study) -> list[tuple[str, StudyPose]]:
     """``(words, pose)``: variations of the first fitted poses that need no other clamps."""
     out = [(f"{pose.name} again, last", pose) for pose in study.fit_poses] if study.remembers else []
     for pose in study.fit_poses[:3]:
+        if pose.start is None:  # supports hold it, which are effects of the study
+            continue
         if pose.end is None:
             out += _held_poses(pose, ((f"{pose.name}, start clamp rolled by {d} degrees", "start", d) for d in (90, 180)))
             continue
         turned = [(f"{pose.name}, end clamp twisted by {d:+d} degrees", "end", d) for d in (90, -90)]
         out += _held_poses(pose, [*turned, (f"{pose.name}, both clamps rolled by 180 degrees", "both", 180)])
         chord = pose.end.position - pose.start.position
-        near = Clamp(pose.start.position + 0.8 * chord, pose.end.quaternion)
+        near = replace(pose.end, position=pose.start.position + 0.8 * chord)
         side = np.cross(chord, study.gravity_in(pose))
         side = side / max(np.linalg.norm(side), 1e-12) * 0.25 * np.linalg.norm(chord)
-        aside = Clamp(pose.end.position + side, pose.end.quaternion)
+        aside = replace(pose.end, position=pose.end.position + side)
         out.append((f"{pose.name}, end clamp a fifth nearer", replace(pose, end=near)))
         out.append((f"{pose.name}, end clamp {np.linalg.norm(side):.2f} m aside", replace(pose, end=aside)))
     return out
@@ -167,7 +169,7 @@ def _rolled(clamp, degrees):
     h = np.deg2rad(degrees) / 2
     w, x, y, z = clamp.quaternion
     a, b = np.cos(h), np.sin(h)
-    return Clamp(clamp.position, np.array([w * a - z * b, x * a + y * b, y * a - x * b, z * a + w * b]))
+    return replace(clamp, quaternion=np.array([w * a - z * b, x * a + y * b, y * a - x * b, z * a + w * b]))
 
 
 def _rivals(explanation) -> list[tuple[Component, np.ndarray]]:

@@ -372,7 +372,7 @@ class Variant:
         n, out = Index(self.program, components), []
         for k, c in enumerate(components):
             a = np.sqrt(np.mean((x[n.amplitudes(k)] / c.entry.size(self.context)) ** 2))
-            out.append(float(min(SIZES, key=lambda t: abs(np.log(max(a, 0.2) / t)))))
+            out.append(float(min(_sizes_of(c), key=lambda t: abs(np.log(max(a, 0.2) / t)))))
         return tuple(out)
 
     def _finished(self, components, x, shapes, u, converged, linear: Linear | None = None) -> Fitted:
@@ -387,7 +387,7 @@ class Variant:
         inside = (x > prior.low) & (x < prior.high) | (np.arange(n.count) < n.base)
         free, known = ~prior.frozen & inside, linear.precision
         values = []
-        for sizes in product(SIZES, repeat=len(components)):
+        for sizes in product(*map(_sizes_of, components)):
             change = np.zeros(n.count)
             for k, t in enumerate(sizes):
                 at = n.amplitudes(k)
@@ -430,6 +430,11 @@ class Variant:
                 end = self.refitted(components, amplitudes, base, *begun, plain=True, nearest=found.squares, others=False)
                 if end is not None:
                     yield end
+
+
+def _sizes_of(component: Component) -> tuple[float, ...]:
+    """Factors on its usual size; a form with one slow part has waves of the usual size at least, however small the rest is."""
+    return SIZES[SIZES.index(1.0) :] if component.entry.varies else SIZES
 
 
 def price(entry: CatalogueEntry, context, settings: Settings) -> float:

@@ -200,9 +200,8 @@ class Program:
         along = np.zeros((_padded(count), self._size))
         along[np.arange(count), self._full(components)] = 1.0
         full, sites = self._vector(components, x, 0)
-        found = [self._state(0, full, sites, part) for part in np.split(along, max(len(along) // WIDTH, 1))]
-        moved = [tangents.rod.section for _, tangents in found]
-        return found[0][0].rod.section, jax.tree.map(lambda *t: np.concatenate([p[:WIDTH] for p in t])[:count], *moved)
+        state, tangents = self._state(0, full, sites, along)
+        return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], tangents.rod.section)
 
     def _state_of(self, components, x, i):
         full, sites = self._vector(components, x, i)
@@ -267,8 +266,12 @@ class Program:
         c = self.context
         scene = {"length": np.asarray(c.length), "centre": np.asarray(c.centre, float), "up": c.up}
         scene |= {"previous": self.previous[i]}
-        given = self.layout, self.elements, tuple(self.layout_of_effects.items())
-        return _state(*given, self.poses.template(i), one(self.poses.boundary, i), full, sites, scene, along)
+        given = self.layout, self.elements, tuple(self.layout_of_effects.items()), self.poses.template(i)
+        pose = one(self.poses.boundary, i), full, sites, scene
+        found = [_state(*given, *pose, part) for part in np.split(along, len(along) // FEW)]
+        if len(found) == 1:
+            return found[0]
+        return found[0][0], jax.tree.map(lambda *t: np.concatenate([part[:FEW] for part in t]), *(moved for _, moved in found))
 
     def _solve(self, i, full, sites, along, start, near=True):
         found = []
@@ -329,7 +332,7 @@ def _state(layout, elements, kinds, template, boundary, x, sites, scene, along):
         return states.state_of(model, boundary_at(layout, boundary, x[layout.shared : base]), elements, slots)
 
     tangents = jax.vmap(partial(_pushed, state, x))(along)
-    rest = max(WIDTH - len(along), 0)
+    rest = WIDTH - len(along)  # `states.evaluate` takes so many
     return state(x), jax.tree.map(lambda t: jnp.pad(t, ((0, rest), *[(0, 0)] * (t.ndim - 1))), tangents)
 
 

@@ -15,6 +15,7 @@ from scan2flex_jax.inference.determined import Uncertainty, ends, listed, uncert
 from scan2flex_jax.inference.estimate import NORMAL_95, Estimate, estimate_of
 from scan2flex_jax.inference.law import KINDS, STIFFNESS, Law, law_at
 from scan2flex_jax.inference.likelihood import inverted, without
+from scan2flex_jax.inference.loops import Loop, loops_of
 from scan2flex_jax.inference.posterior import Fitted, configuration, solved
 from scan2flex_jax.inference.priors import Prior
 from scan2flex_jax.inference.program import Component
@@ -121,7 +122,7 @@ def _held_by_size(h: Fitted, A: np.ndarray, prior: Prior) -> np.ndarray:
     The amplitudes of fields and laws are many, and defined by their prior."""
     n, change = h.index, np.zeros(len(A))
     for k, c in enumerate(h.components):
-        if not c.entry.field:
+        if not (c.entry.field or c.entry.varies):
             at = n.amplitudes(k)
             change[at] = np.where(prior.frozen[at], 0.0, (1.0 - _ANY) * prior.precision[at])
     own = slice(h.variant.program.layout.unknowns)
@@ -303,6 +304,11 @@ def laws_of(h: Fitted, p_value: float = 0.0) -> tuple[Law, ...]:
         at = np.r_[base, h.index.amplitudes(k)]
         out.append(law_at(c.kind, whole, layout_of(whole), h.x[at], h.covariance[np.ix_(at, at)], rods, lambda secant: p_value))
     return tuple(out)
+
+
+def loops_in(h: Fitted) -> tuple[Loop, ...]:
+    """What is read off the effects with memory of a hypothesis."""
+    return loops_of(h.variant.program.rods(h.components, h.x, h.shapes)) if h.variant.study.remembers else ()
 
 
 def linear_p_value(h: Fitted, kind: str, secant: float) -> float | None:

@@ -202,7 +202,7 @@ def _expected(screen: _Screen, mistake: Mistake, refit: Any) -> tuple[Mistake, f
     name, k = mistake.place or ("", 0)
     pose, problem = screen.study.pose(name), screen.problem
     poses = poses_of(screen.study, [pose], problem.length, problem.elements)
-    found = refit.problem.evaluator_of(poses)(refit.minimum.shared, derivative=False)
+    found = refit.problem.evaluator_of(poses)(refit.minimum.shared)
     row = int(np.sum(poses.seen[0])) - (0 if pose.markers is None else len(pose.markers.points)) + k
     off = _axes(poses, found, 0, row).T @ found.residual[0, row]
     return mistakes.of_reading(mistake, pose, k, off), float(np.max(np.abs(off)))

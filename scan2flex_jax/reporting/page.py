@@ -93,6 +93,7 @@ def _sections(c: Contents, found: Fit | Explanation, interactive: bool) -> Itera
         yield section("space", "Shapes in space", *_in_space(c), class_="screen")
     yield from parts.errors(c, found)
     yield from parts.laws(c)
+    yield from parts.loops(c)
     yield from parts.stiffness(c)
     yield from parts.missing(c)
     yield from parts.forces(c)

@@ -176,6 +176,17 @@ def laws(c: Contents) -> Iterator[Html]:
     yield section("laws", "Moment over strain", said, tag("div", panels, class_="grid"), *read)
 
 
+def loops(c: Contents) -> Iterator[Html]:
+    """Stick and slip stiffness, and the energy of a cycle, of effects with memory."""
+    told = next((x for x in (c.explanation, c.fit) if x is not None and x.loops), None)
+    if told is None:
+        return
+    rows = [(x.kind, x.of, name, number(value, 3), unit) for x in told.loops for name, (value, unit) in x.values.items()]
+    said = "Of a section in pure bending or twist, to and fro between the largest strains of the fitted poses."
+    head = ("effect", "in", "read off it", "value", "unit")
+    yield section("loops", "Hysteresis", tag("p", said, class_="soft"), table(head, rows, (3,)))
+
+
 def stiffness(c: Contents) -> Iterator[Html]:
     """EI along the cable with its band, where it varies."""
     told = next((x for x in (c.explanation, c.fit) if x is not None and x.along is not None), None)

@@ -27,8 +27,9 @@ from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces, element_stiffness, tension_stiffness
-from scan2flex_jax.rod.energy import E3, node_potential, node_weights, strains, supported
+from scan2flex_jax.rod.energy import E3, element_potential, elements, node_potential, node_weights, nudged, strains, supported
 from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.rod.support import AbstractSupport, Springs, springs, supports
 
 
 class Elements(NamedTuple):
@@ -46,7 +47,7 @@ class Derivatives(NamedTuple):
     """Gradient (N, N m) and Hessian blocks: ``diagonal[i]`` of node i, ``upper[i]`` between nodes i and i+1.
 
     Rows and columns of held motions are eliminated; ``ends`` keeps the original blocks ``(diagonal, upper)`` of the first and
-    of the last node and element.
+    of the last node and element. ``springs``: of a rod with supports.
     """
 
     gradient: Float[Array, "nodes 6"]
@@ -54,6 +55,7 @@ class Derivatives(NamedTuple):
     upper: Float[Array, "nodes-1 6 6"]
     ends: Float[Array, "2 2 6 6"]
     elements: Elements
+    springs: Springs | None = None
 
 
 def no_derivatives(rod: Rod) -> Derivatives:
@@ -63,8 +65,9 @@ def no_derivatives(rod: Rod) -> Derivatives:
     def zeros(*shape):
         return jnp.zeros(shape, rod.section.ds.dtype)
 
-    elements = Elements(zeros(n, 6), zeros(n, 6), zeros(n, 6, 6), zeros(n, 6, 6), zeros(n, 6, 6))
-    return Derivatives(zeros(n + 1, 6), zeros(n + 1, 6, 6), zeros(n, 6, 6), zeros(2, 2, 6, 6), elements)
+    each, held = Elements(zeros(n, 6), zeros(n, 6), zeros(n, 6, 6), zeros(n, 6, 6), zeros(n, 6, 6)), len(supports(rod))
+    still = Springs(zeros(held, n, 3), zeros(held, n, 3, 12), None, zeros()) if held else None
+    return Derivatives(zeros(n + 1, 6), zeros(n + 1, 6, 6), zeros(n, 6, 6), zeros(2, 2, 6, 6), each, still)
 
 
 def section_forces(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
@@ -101,12 +104,17 @@ def node_forces(rod: Rod, configuration: Configuration) -> Float[Array, "nodes 6
 
 
 def derivatives(
-    rod: Rod, configuration: Configuration, damping: Float[Array, "6 6"] | None = None, predict: Callable = lambda n: n
+    rod: Rod,
+    configuration: Configuration,
+    damping: Float[Array, "6 6"] | None = None,
+    predict: Callable = lambda n: n,
+    pull: Callable = lambda force: force,
 ) -> Derivatives:
     """Gradient and Hessian blocks at a supported configuration.
 
     ``predict`` maps the section forces of the strains (N, N m) to those of the geometric stiffness; ``damping`` is added
-    to the tangent stiffness of all sections in the Hessian only. Held motions are eliminated: zero gradient, unit diagonal.
+    to the tangent stiffness of all sections in the Hessian only. ``pull`` does for the
+    forces of supports (N) what ``predict`` does for sections. Held motions are eliminated: zero gradient, unit diagonal.
     """
     c = configuration
     strain = strains(rod, c)
@@ -119,12 +127,19 @@ def derivatives(
     near = matmul(At, stiffness)
     diagonal = to_nodes(matmul(near, A), stiffness)
     upper = -(near + 0.5 * matmul(At, bracket))
-    gradient = to_nodes(-matvec(At, p), p) + _outer_gradient(rod, c)
+    held = springs(rod, c, bends=True) if supports(rod) else None
+    gradient = to_nodes(-matvec(At, p), p) + _outer_gradient(rod, c, held)
     diagonal = diagonal + _outer_hessian(rod, c)
+    between = _between(rod, c)
+    blocks = [] if between is None else [jax.vmap(jax.hessian(between[0]))(*between[1])]
+    blocks += [] if held is None else [held.hessian(pull(held.forces()))]
+    for block in blocks:
+        diagonal, upper = diagonal + to_nodes(block[:, :6, :6], block[:, 6:, 6:]), upper + block[:, :6, 6:]
     free, ends = free_motions(rod), jnp.stack([jnp.stack([diagonal[i], upper[i]]) for i in (0, -1)])
     diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
     upper = upper * free[:-1, :, None] * free[1:, None, :]
-    return Derivatives(gradient * free, diagonal, upper, ends, Elements(x, n, K, T, A))
+    held = None if held is None else held._replace(bend=None)
+    return Derivatives(gradient * free, diagonal, upper, ends, Elements(x, n, K, T, A), held)
 
 
 def strain_increment(rod: Rod, elements: Elements, twist: Float[Array, "nodes 6"]) -> Float[Array, "n 6"]:
@@ -153,9 +168,15 @@ def to_nodes(near, far):
     return jnp.concatenate([near, pad]) + jnp.concatenate([pad, far])
 
 
-def _outer_gradient(rod, c):
+def _outer_gradient(rod, c, held=None):
     f, q = _material_loads(rod, c)
     dead = -jnp.concatenate([f, jnp.cross(jnp.array(E3[:3]), q)], axis=1)
+    between = _between(rod, c)
+    blocks = [] if between is None else [jax.vmap(jax.grad(between[0]))(*between[1])]
+    held = springs(rod, c) if held is None and supports(rod) else held
+    blocks += [] if held is None else [held.gradient]
+    for block in blocks:
+        dead = dead + to_nodes(block[:, :6], block[:, 6:])
     field = _outer_field(rod, c)
     return dead if field is None else dead + jax.vmap(jax.grad(field[0]), in_axes=(0, 0))(*field[1])
 
@@ -176,6 +197,19 @@ def _outer_hessian(rod, c):
 
 def _material_loads(rod, c):
     return tuple(vecmat(x, c.R) for x in (rod.load.force, rod.load.lever))
+
+
+def _between(rod, c):
+    """Energy of one element that loads give to it, as a function of the twists of its nodes (from zero), with the arguments to
+    map over; None without any. Supports are apart (`rod.support.springs`)."""
+    potential = element_potential(rod, [e for e in rod.effects if not isinstance(e, AbstractSupport)])
+    if potential is None:
+        return None
+
+    def energy(twist, element):
+        return potential(nudged(element, twist))
+
+    return energy, (jnp.zeros((rod.elements, 12)), elements(rod, c))
 
 
 def _outer_field(rod, c):

@@ -48,8 +48,8 @@ class Boundary(eqx.Module):
 
         Args:
             start: Position (3,) in m, and rotation: a matrix (3, 3) with columns d1, d2, d3, a quaternion [w, x, y, z], or None
-                for a ball joint.
-            end: The same; None is a free end.
+                for a ball joint; None is a free start.
+            end: The same.
 
         Returns:
             Both supports.

@@ -5,8 +5,8 @@ hooks it needs. Hooks are pure JAX functions of the effect's own leaves, so ever
 can be an unknown of a fit and can be swept with `jax.vmap`; at its null value an effect leaves the model exactly
 unchanged.
 
-Order of use: `cable`, `clamps`, `section`, `dead_load`, then inside the energy `strain_energy` and `node_potential`, and
-after the equilibrium `observe`. Effects are applied in the order in which they are declared.
+Order of use: `cable`, `clamps`, `section`, `dead_load`, then inside the energy `strain_energy`, `node_potential` and
+`element_potential`, and after the equilibrium `observe`. Effects are applied in the order in which they are declared.
 
 A new effect type needs a catalogue entry as well (`effects.entry`).
 """
@@ -14,8 +14,9 @@ A new effect type needs a catalogue entry as well (`effects.entry`).
 from typing import ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable
@@ -47,6 +48,43 @@ class Node(eqx.Module):
     weight: Float[Array, ""]
     ds: Float[Array, ""]
     boundary: Boundary
+
+
+class Element(eqx.Module):
+    """One element of the rod, the argument of `AbstractEffect.element_potential`: positions ``r`` (m), rotations ``R`` and arc
+    lengths ``s`` (m) of its two nodes, its length ``ds`` (m), whether it is the ``first`` or the ``last`` one, the mean
+    ``bending`` stiffness of the rod (N m^2), and the supports."""
+
+    r: Float[Array, "2 3"]
+    R: Float[Array, "2 3 3"]
+    s: Float[Array, "2"]
+    first: Bool[Array, ""]
+    last: Bool[Array, ""]
+    ds: Float[Array, ""]
+    bending: Float[Array, ""]
+    boundary: Boundary
+
+    def share(self, position: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
+        """``(u, own)``: how far along the element the arc length ``position`` (m) is (0..1), and whether it is in this one."""
+        own = ((self.s[0] <= position) | self.first) & ((position < self.s[1]) | self.last)
+        return jnp.where(own, (position - self.s[0]) / self.ds, 0.5), own
+
+    def point(self, u: Float[Array, ""]) -> Float[Array, "3"]:
+        """Point of the centre line (m): the cubic Hermite curve of the dead loads (`rod.loads`)."""
+        h01 = u**2 * (3.0 - 2.0 * u)
+        slope = (u**3 - 2.0 * u**2 + u) * self.R[0, :, 2] + (u**3 - u**2) * self.R[1, :, 2]
+        return self.r[0] + h01 * (self.r[1] - self.r[0]) + self.ds * slope
+
+    def tangent(self, u: Float[Array, ""]) -> Float[Array, "3"]:
+        """Derivative of `point` by arc length (-)."""
+        slope = (3.0 * u**2 - 4.0 * u + 1.0) * self.R[0, :, 2] + (3.0 * u**2 - 2.0 * u) * self.R[1, :, 2]
+        return 6.0 * u * (1.0 - u) * (self.r[1] - self.r[0]) / self.ds + slope
+
+    def arm(self, u: Float[Array, ""], lever: Float[Array, "3"]) -> Float[Array, "3"]:
+        """A material vector ``lever`` (along d1, d2, d3) of the section at ``u`` in the scan frame, in the unit of the
+        lever."""
+        across = lever.at[2].set(0.0)
+        return (1.0 - u) * self.R[0] @ across + u * self.R[1] @ across + lever[2] * self.tangent(u)
 
 
 class AbstractEffect(eqx.Module):
@@ -82,6 +120,10 @@ class AbstractEffect(eqx.Module):
 
     def node_potential(self, node: Node):
         """Energy (J) of one node in an outer field that is not a dead load."""
+        return 0.0
+
+    def element_potential(self, element: Element):
+        """Energy (J) of one element in an outer field: of what acts at a place between two nodes."""
         return 0.0
 
     def observe(self, points: Float[Array, "*m 3"]) -> Float[Array, "*m 3"]:

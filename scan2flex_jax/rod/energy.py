@@ -8,6 +8,9 @@ require that factor and Eq. 6 lacks it: without it every fitted stiffness is hal
 add their terms.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -15,7 +18,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
-from scan2flex_jax.rod.effect import Node, overriding
+from scan2flex_jax.rod.effect import AbstractEffect, Element, Node, overriding
 from scan2flex_jax.rod.element_law import element_energy
 from scan2flex_jax.rod.model import Configuration, Rod
 
@@ -48,6 +51,27 @@ def node_potential(rod: Rod):
     return (lambda node: sum(f.node_potential(node) for f in fields)) if fields else None
 
 
+def element_potential(rod: Rod, effects: Sequence[AbstractEffect] | None = None):
+    """Function Element -> energy (J) of what acts between two nodes, or None without any; of ``effects``, by default of all."""
+    fields = overriding(rod.effects if effects is None else effects, "element_potential")
+    each = [*(field.element_potential for field in fields), *(arm.potential for arm in rod.load.arms)]
+    return (lambda element: sum(potential(element) for potential in each)) if each else None
+
+
+def elements(rod: Rod, configuration: Configuration) -> Element:
+    """All elements of a configuration, along the first axis of each array."""
+
+    def pairs(x):
+        return jnp.stack([x[:-1], x[1:]], axis=1)
+
+    def one(r, R, s, first, last):
+        return Element(r, R, s, first, last, rod.section.ds, bending, rod.boundary)
+
+    at, bending = jnp.arange(rod.elements), jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:5])
+    r, R, s = map(pairs, (*configuration, rod.node_s))
+    return jax.vmap(one)(r, R, s, at == 0, at == rod.elements - 1)
+
+
 def node_weights(rod: Rod) -> Float[Array, " nodes"]:
     """Share of the cable length of each node (m), by the trapezoidal rule."""
     w = jnp.ones(rod.elements + 1).at[0].set(0.5).at[-1].set(0.5)
@@ -64,7 +88,17 @@ def potential_energy(configuration: Configuration, rod: Rod) -> Float[Array, ""]
     if field is not None:
         nodes = (c.r, c.R, rod.node_s, node_weights(rod))
         total = total + jnp.sum(jax.vmap(lambda r, R, s, w: field(Node(r, R, s, w, rod.section.ds, rod.boundary)))(*nodes))
+    between = element_potential(rod)
+    if between is not None:
+        total = total + jnp.sum(jax.vmap(between)(elements(rod, c)))
     return total
+
+
+def nudged(element: Element, twist: Float[Array, "12"]) -> Element:
+    """The element with its two nodes moved by small body twists, exactly to second order: what derivatives at rest need."""
+    v, w = twist.reshape(2, 6)[:, :3], jax.vmap(lie.hat)(twist.reshape(2, 6)[:, 3:])
+    r = element.r + matvec(element.R, v + 0.5 * matvec(w, v))
+    return replace(element, r=r, R=element.R + matmul(element.R, w + 0.5 * matmul(w, w)))
 
 
 def retract(configuration: Configuration, twist: Float[Array, "nodes 6"]) -> Configuration:

@@ -11,17 +11,34 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.rod.effect import Section
+from scan2flex_jax.rod.effect import Element, Section
+
+
+class Arm(eqx.Module):
+    """What a dead ``force`` (N) at the tip of an arm does more than on the centre line: the arm ``offset`` (m, along d1, d2,
+    d3) is fixed in the section at ``position`` (m), and the couple of the force has the energy ``-force . R offset``."""
+
+    position: Float[Array, ""]
+    force: Float[Array, "3"]
+    offset: Float[Array, "3"]
+
+    def potential(self, element: Element) -> Float[Array, ""]:
+        """Energy (J) of one element."""
+        u, own = element.share(self.position)
+        return jnp.where(own, -self.force @ element.arm(u, self.offset), 0.0)
 
 
 class DeadLoad(eqx.Module):
-    """``force`` (N) on node positions and ``lever`` (N m) on node tangents d3."""
+    """``force`` (N) on node positions, ``lever`` (N m) on node tangents d3, and ``arms`` beside the centre line."""
 
     force: Float[Array, "nodes 3"]
     lever: Float[Array, "nodes 3"]
+    arms: tuple[Arm, ...] = ()
 
     def __add__(self, other: "DeadLoad | None") -> "DeadLoad":
-        return self if other is None else DeadLoad(self.force + other.force, self.lever + other.lever)
+        if other is None:
+            return self
+        return DeadLoad(self.force + other.force, self.lever + other.lever, self.arms + other.arms)
 
 
 def distributed_load(section: Section, per_length: Float[Array, "n 3"]) -> DeadLoad:
@@ -31,8 +48,11 @@ def distributed_load(section: Section, per_length: Float[Array, "n 3"]) -> DeadL
     return DeadLoad(_to_nodes(half, half), _to_nodes(lever + couple, couple - lever))
 
 
-def point_load(section: Section, position: Float[Array, ""], force: Float[Array, "3"]) -> DeadLoad:
-    """A force (N) at arc length ``position`` (m); smooth in ``position`` (continuous first derivative)."""
+def point_load(
+    section: Section, position: Float[Array, ""], force: Float[Array, "3"], offset: Float[Array, "3"] | None = None
+) -> DeadLoad:
+    """A force (N) at arc length ``position`` (m), on the centre line or ``offset`` (m, along d1, d2, d3) from it; smooth in
+    ``position`` (continuous first derivative)."""
     n = section.s.shape[0]
     element = jnp.clip(jnp.floor(position / section.ds), 0, n - 1)
     t = position / section.ds - element
@@ -40,7 +60,8 @@ def point_load(section: Section, position: Float[Array, ""], force: Float[Array,
     h00, h10 = 2 * t**3 - 3 * t**2 + 1, t**3 - 2 * t**2 + t
     h01, h11 = 1 - h00, t**3 - t**2
     ds = section.ds
-    return DeadLoad(_to_nodes(w * h00 * force, w * h01 * force), _to_nodes(w * ds * h10 * force, w * ds * h11 * force))
+    arms = () if offset is None else (Arm(position, force, offset),)
+    return DeadLoad(_to_nodes(w * h00 * force, w * h01 * force), _to_nodes(w * ds * h10 * force, w * ds * h11 * force), arms)
 
 
 def _to_nodes(first, second):

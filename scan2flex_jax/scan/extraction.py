@@ -311,7 +311,7 @@ def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -
             clouds.load_cloud(name),
             float(radius),
             length=None if length is None else float(length),
-            start=End(pose.start.position, pose.start.tangent),
+            start=None if pose.start is None else End(pose.start.position, pose.start.tangent),
             end=None if pose.end is None else End(pose.end.position, pose.end.tangent),
             guide_points=pose.guide_points,
             viewpoints=pose.viewpoints,

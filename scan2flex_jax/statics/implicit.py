@@ -24,7 +24,7 @@ from scan2flex_jax.rod.assembly import derivatives, free_motions, node_forces
 from scan2flex_jax.rod.model import Configuration
 from scan2flex_jax.statics import blocktridiagonal as bt
 from scan2flex_jax.statics.solver import Settled
-from scan2flex_jax.statics.starts import sagging_start
+from scan2flex_jax.statics.starts import default_start
 
 
 @eqx.filter_custom_jvp
@@ -59,7 +59,7 @@ def _or_zeros(parameter, tangent):
 @compiled
 def _settle(rod, start, turns, down, solver, max_steps):
     if start is None:
-        start = sagging_start(rod.boundary, rod.length, down, turns, rod.elements)
+        start = default_start(rod, down, turns)
     return solver.settle(rod, start, max_steps)
 
 

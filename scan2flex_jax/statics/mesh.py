@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scan2flex_jax.compilation import compiled
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.model import CableModel, discretise
+from scan2flex_jax.rod.support import supports
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
 
 MOST_ELEMENTS = 1280  # EI/(w L^3) of 6e-7; an equilibrium then takes some 50 ms
@@ -34,7 +35,7 @@ def shortest_bend(model: CableModel, boundary: Boundary) -> Float[Array, ""]:
     force = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) + _FORCE * softest / rod.length**2
     natural = jnp.max(jnp.linalg.norm(rod.section.natural[:, 3:], axis=1))
     loads = jnp.linalg.norm(rod.load.force, axis=1)
-    sharp = jnp.any(boundary.held[:, 3] > 0) | (jnp.max(loads) > _LOCAL * jnp.mean(loads))
+    sharp = bool(supports(rod)) | jnp.any(boundary.held[:, 3] > 0) | (jnp.max(loads) > _LOCAL * jnp.mean(loads))
     return 1.0 / jnp.maximum(jnp.where(sharp, jnp.sqrt(force / softest), 1.0 / rod.length), natural)
 
 

@@ -34,6 +34,7 @@ from scan2flex_jax.rod.assembly import (
 )
 from scan2flex_jax.rod.energy import retract, supported
 from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.rod.support import supports
 from scan2flex_jax.statics import blocktridiagonal as bt
 from scan2flex_jax.statics.solver import AbstractRodSolver, Settled, Steps
 
@@ -49,13 +50,14 @@ _FIRST, _GROW, _SHRINK, _NONE = 0.05, 4.0, 4.0, 1.0e-2  # regularising bending s
 
 
 class NewtonState(eqx.Module):
-    """State between steps: the derivatives at the last configuration, predicted section forces, the softest mode, the
-    regularising stiffness ``lent``, whether the last step that moved was small (``settling``), whether the elements have their
-    ``own`` law or a stiffened one, and whether all is ``finite``. After the last step, which does not move, ``last`` belongs
-    to the solution."""
+    """State between steps: the derivatives at the last configuration, predicted section forces and forces of supports, the
+    softest mode, the regularising stiffness ``lent``, whether the last step that moved was small (``settling``), whether the
+    elements have their ``own`` law or a stiffened one, and whether all is ``finite``. After the last step, which does not move,
+    ``last`` belongs to the solution."""
 
     last: Derivatives
     forces: Float[Array, "n 6"]
+    pulls: Float[Array, "supports 3"]
     mode: Float[Array, "nodes 6"]
     start: Float[Array, "nodes 3"]
     lent: Float[Array, ""]
@@ -101,8 +103,9 @@ class MixedNewton(AbstractRodSolver):
         wave = jnp.sin(jnp.arange(6.0 * (rod.elements + 1)) ** 2).reshape(-1, 6)
         no, one = jnp.array(False), jnp.array(1.0)
         return NewtonState(
-            empty, empty.elements.n, wave * free_motions(rod), start.r, 0.0 * one, ~no, no, no, one, ~no, jnp.array(0), no, ~no
-        )
+            empty, empty.elements.n, jnp.zeros((len(supports(rod)), 3)), wave * free_motions(rod), start.r,
+            0.0 * one, ~no, no, no, one, ~no, jnp.array(0), no, ~no,
+        )  # fmt: skip
 
     def step(self, rod: Rod, y: Configuration, state: NewtonState) -> tuple[Configuration, NewtonState]:
         """One factorisation: a step if the Hessian is positive definite, more regularisation if not."""
@@ -110,9 +113,10 @@ class MixedNewton(AbstractRodSolver):
         looking = state.size < self.atol
         within, own = stiffened(rod, state.own)
         law = eqx.tree_at(lambda r: r.section.within, rod, within)
-        d = derivatives(law, y, state.lent * lendable_stiffness(rod), partial(self._forces, rod, y, state, looking))
+        predicted = partial(self._forces, rod, y, state, looking), lambda own: jnp.where(looking, own, state.pulls)
+        d = derivatives(law, y, state.lent * lendable_stiffness(rod), *predicted)
         # rounding must not dominate a zero-energy mode (a rod that spins between ball joints)
-        diagonal = d.diagonal + _hold(rod, d.diagonal)
+        diagonal = d.diagonal + _hold(rod, d.diagonal) + _lent_hold(rod, state.lent)
         followed = lent_forces(rod, lendable_stiffness(rod), d.elements, state.mode) * free_motions(rod)
         both, negative = bt.factor_and_solve(diagonal, d.upper, jnp.stack([-d.gradient, followed], axis=-1))
         twist, mode = both[..., 0], both[..., 1]
@@ -135,6 +139,7 @@ class MixedNewton(AbstractRodSolver):
         state = NewtonState(
             last=d,
             forces=jnp.where(definite, d.elements.n + increment, state.forces),
+            pulls=jnp.where(definite, d.springs.forces(twist), state.pulls) if d.springs else state.pulls,
             mode=jnp.where(jnp.isfinite(mode), mode, state.mode),
             start=state.start,
             lent=jnp.where(definite, less, jnp.maximum(_GROW * state.lent, _FIRST)),
@@ -188,6 +193,16 @@ def _hold(rod, diagonal):
     unit = jnp.array([1.0, 1.0, 1.0, ds, ds, ds]) / ds
     largest = jnp.max(jnp.abs(diagonal) / jnp.outer(unit, unit))
     return _HOLD * largest * jnp.diag(unit**2)
+
+
+def _lent_hold(rod, lent):
+    """Regularisation of the rigid motions that supports along the cable leave free, which no bending stiffness raises: springs
+    (N/m, N m/rad) on the nodes that carry what the lent bending stiffness does over the length. None between clamps."""
+    if not supports(rod):
+        return 0.0
+    L = rod.length
+    unit = jnp.array([1.0, 1.0, 1.0, L, L, L]) / L
+    return lent * lendable_stiffness(rod)[5, 5] / (L * (rod.elements + 1)) * jnp.diag(unit**2)
 
 
 def lent_forces(

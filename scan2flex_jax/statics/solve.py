@@ -5,6 +5,8 @@ of any order come from the implicit function theorem at the solution (`implicit`
 itself is not differentiated.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,6 +23,7 @@ from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.energy import potential_energy, strains
 from scan2flex_jax.rod.memory import Left, left_by, memories, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration, Rod, discretise
+from scan2flex_jax.rod.support import AbstractSupport, Guide, support_reactions
 from scan2flex_jax.statics.arguments import check_start, whole_number
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS, FEWEST_ELEMENTS
 from scan2flex_jax.statics.implicit import settled
@@ -73,6 +76,13 @@ class Equilibrium(eqx.Module):
         """``(force, moment)`` of the supports on start and end, N and N m, scan frame."""
         return _reactions(self.rod, self.configuration)
 
+    def support_reactions(self) -> tuple[tuple[int, Float[Array, ""], Float[Array, "3"]], ...]:
+        """Of each support between the ends: its place among the effects, the arc length that it holds (m), and its force (N) on
+        the cable in the scan frame."""
+        places = [i for i, effect in enumerate(self.rod.effects) if isinstance(effect, AbstractSupport)]
+        at, force = _support_reactions(self.rod, self.configuration) if places else ((), ())
+        return tuple(zip(places, at, force, strict=True))
+
     def leaves(self, held: Float[Array, ""] | float = 0.0) -> Left:
         """State of every effect with memory when the pose is left after ``held`` (s); empty without such effects."""
         return _left(self.rod, self.configuration, jnp.asarray(held, float))
@@ -99,8 +109,12 @@ def _left(rod, configuration, held):
     return left_by(rod, strains(rod, configuration) - rod.section.natural, held)
 
 
+_support_reactions = compiled(support_reactions)
+
+
 @compiled
 def _reactions(rod, configuration):
+    rod = replace(rod, effects=tuple(e for e in rod.effects if not isinstance(e, Guide)))  # what they hold, the support exerts
     ends = jnp.array([0, -1])
     R, g = configuration.R[ends], out_of_balance(rod, configuration)[ends]
     return matvec(R, g[:, :3]), matvec(R, g[:, 3:])

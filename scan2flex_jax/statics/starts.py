@@ -14,10 +14,58 @@ from jaxtyping import Float, Int
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.geometry.small import matmul, matvec, vecdot
 from scan2flex_jax.rod.boundary import Boundary
-from scan2flex_jax.rod.model import Configuration
+from scan2flex_jax.rod.model import Configuration, Rod
+from scan2flex_jax.rod.support import AbstractSupport
 
 _OPEN = 0.45  # of the length: speed of a loop at its top, from one end (0) to the other (1)
 _DENSE = 257  # points of the curve that is cut into nodes: its polygon is too short by less than 1e-4 of its length
+
+
+def default_start(rod: Rod, down: Float[Array, "3"], turns: Int[Array, ""] | int = 0) -> Configuration:
+    """The generic start of a rod: a sag between its ends, or through its supports where the start is free."""
+    sag = sagging_start(rod.boundary, rod.length, down, turns, rod.elements)
+    hints = [(e.anchor, *e.hint(rod.length)) for e in rod.effects if isinstance(e, AbstractSupport)]
+    if not hints:
+        return sag
+    free = rod.boundary.held[0, 0] == 0
+    through = curve_start(_through(hints, rod.boundary, rod.length, down), rod.boundary, turns, rod.elements)
+    return jax.tree.map(lambda a, b: jnp.where(free, a, b), through, sag)
+
+
+def _through(hints, boundary, length, down):
+    """Points of a curve through supports, each ``(anchor, s, direction)`` (`AbstractSupport.hint`), and the end if it is held.
+
+    Places that are not known follow from the anchors along the mean direction of the cable, centred if none is known. Between
+    two places the curve sags until it is about as long as the cable there; beyond the first and the last it is straight.
+    """
+    held, first = boundary.held[1, 0] > 0, hints[0][0]
+    anchors = jnp.stack([*(a for a, _, _ in hints), jnp.where(held, boundary.position[1], first)])
+    s = jnp.stack([*(s for _, s, _ in hints), jnp.where(held, length, hints[0][1])])
+    known = ~jnp.isnan(s)
+    s = jnp.where(known, s, 0.0)
+    there = jnp.append(jnp.ones(len(hints), bool), held)
+    both = (known[:, None] & known[None, :])[:, :, None] * (s[:, None] - s[None, :])[:, :, None]
+    along = sum(direction for *_, direction in hints)
+    along = along + jnp.sum(both * (anchors[:, None] - anchors[None, :]), axis=(0, 1)) / length**2
+    size = jnp.linalg.norm(along)
+    along = jnp.where(size > 0, along / jnp.where(size > 0, size, 1.0), boundary.rotation[0, :, 2])
+    at = anchors @ along
+    of = jnp.where(jnp.any(known), known, there)  # the places that determine where the cable begins
+    shift = jnp.sum(of * (jnp.where(known, s, 0.5 * length) - at)) / jnp.sum(of)
+    s = jnp.where(known, s, at + shift)
+    order = jnp.argsort(s)
+    s, anchors = s[order], anchors[order]
+    t = length * jnp.linspace(0.0, 1.0, _DENSE)
+    k = jnp.clip(jnp.searchsorted(s, t, side="right") - 1, 0, len(s) - 2)
+    long, chord = s[k + 1] - s[k], anchors[k + 1] - anchors[k]
+    part = jnp.where(long > 0, jnp.clip((t - s[k]) / jnp.where(long > 0, long, 1.0), 0.0, 1.0), 1.0)
+    straight = jnp.linalg.norm(chord, axis=1)
+    depth = jnp.sqrt(0.375 * straight * jnp.clip(long - straight, 0.0, long))  # of a flat parabola that is ``long``
+    weight = jnp.linalg.norm(down)
+    side = jnp.where(weight > 0, down / jnp.where(weight > 0, weight, 1.0), curves.frame_on(along)[:, 0])
+    beyond = jnp.minimum(t - s[0], 0.0) + jnp.maximum(t - s[-1], 0.0)
+    sag = (4.0 * depth * part * (1.0 - part))[:, None] * side
+    return anchors[k] + part[:, None] * chord + sag + beyond[:, None] * along
 
 
 def sagging_start(

@@ -6,13 +6,14 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from scan2flex_jax.rod.model import Rod
+from scan2flex_jax.rod.support import lost
 from scan2flex_jax.statics.balance import BALANCE, imbalance
 from scan2flex_jax.statics.solver import Settled
 
 TURN = 2.0  # rad between neighbouring nodes, above which the mesh cannot resolve the sense of the rotation
 SKEW = 0.5  # largest non-constitutive shear of an element's chord; above it the mesh is too coarse (error 1e-2 L at 0.8)
 
-SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE = range(6)
+SOLVED, MAX_STEPS_REACHED, NON_FINITE, UNSTABLE, UNBALANCED, TOO_COARSE, OFF_SUPPORT = range(7)
 SENTENCES = {
     SOLVED: "stable equilibrium",
     MAX_STEPS_REACHED: "no equilibrium found within the allowed steps",
@@ -20,6 +21,7 @@ SENTENCES = {
     UNSTABLE: "the equilibrium found is unstable",
     UNBALANCED: "the forces do not balance",
     TOO_COARSE: f"an element turns by more than {TURN} rad or is longer than the bends: more elements are needed",
+    OFF_SUPPORT: "the cable does not cross a knife edge exactly once: it has slid off, or winds about it",
 }
 
 
@@ -61,8 +63,8 @@ def judge(rod: Rod, found: Settled) -> Verdict:
     skew = jnp.max(jnp.abs(shear - d.elements.n[:, :2] / rigidity))
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
     code = jnp.select(  # during the iteration any element may be skew
-        [~finite, turn > TURN, found.exhausted, skew > SKEW, found.negative > 0, ~(left < BALANCE)],
-        [NON_FINITE, TOO_COARSE, MAX_STEPS_REACHED, TOO_COARSE, UNSTABLE, UNBALANCED],
+        [~finite, turn > TURN, lost(rod, c.r), found.exhausted, skew > SKEW, found.negative > 0, ~(left < BALANCE)],
+        [NON_FINITE, TOO_COARSE, OFF_SUPPORT, MAX_STEPS_REACHED, TOO_COARSE, UNSTABLE, UNBALANCED],
         SOLVED,
     )
     return Verdict(code, left, found.negative, found.steps)

@@ -126,19 +126,24 @@ def _effects(study: Study) -> list[str]:
 
 
 def _held(clamp: Clamp | None) -> str:
-    return "free" if clamp is None else "ball joint" if clamp.quaternion is None else "clamp"
+    if clamp is None or clamp.quaternion is None:
+        return "free" if clamp is None else "ball joint"
+    along = "" if clamp.free is None else f" free along {' and '.join(map(_text, clamp.free))}"
+    return f"clamp{along}" if clamp.hinge is None else f"hinge about {_text(clamp.hinge)}"
 
 
 def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:
     """The block of one pose, with the number of points and the box of its scan."""
     held = f"start {_held(pose.start)}, end {_held(pose.end)}"
-    held += "" if pose.end is None else f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
+    if pose.start is not None and pose.end is not None:
+        held += f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
     said = {"held": f"{held}; turns {pose.turns}"}
     if (facts := pose_facts(pose)) is not None:
         length = None if "length" not in study.cable else float(np.max(study.cable["length"]))
         ratio = "" if length is None else f" ({facts.arc_length / length:.4f} of the length)"
         said["curve"] = f"{facts.points} points, arc length {facts.arc_length:.4g} m{ratio}"
-        said["at start"] = _end(facts.start)
+        if facts.start is not None:
+            said["at start"] = _end(facts.start)
         if facts.end is not None:
             said["at end"] = _end(facts.end)
         elif length is not None:

@@ -50,14 +50,14 @@ class PoseFacts:
 
     `covered`: arc length with the gaps to the clamps; `unseen`: possible excess of the curve over its chords.
     `off_plane` and `off_line`: RMS distance from the best-fitting plane and line. `backwards`: the curve seems to
-    run from end to start. `end` is None for a free end.
+    run from end to start. `start` and `end` are None for free ends.
     """
 
     points: int
     arc_length: float
     covered: float
     unseen: float
-    start: EndFacts
+    start: EndFacts | None
     end: EndFacts | None
     off_plane: float
     off_line: float
@@ -70,9 +70,9 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
         return None
     points, s = pose.curve.points, pose.curve.arc_length
     length = curve_length(points) if s is None else float(s[-1] - s[0])
-    start = _end_facts(points, pose.start, 1.0)
+    start = None if pose.start is None else _end_facts(points, pose.start, 1.0)
     end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
-    gaps = start.gap + (0.0 if end is None else end.gap)
+    gaps = sum(one.gap for one in (start, end) if one is not None)
     spread = np.zeros(3)
     spread[: len(points)] = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     return PoseFacts(
@@ -120,7 +120,7 @@ def measured_length(study: Study) -> float | None:
     or the arc length of the last marker.
     """
     facts = [one for pose in study.poses if (one := pose_facts(pose)) is not None]
-    held = [f.covered for f in facts if f.end is not None]
+    held = [f.covered for f in facts if f.start is not None and f.end is not None]
     if held:
         return float(np.median(held))
     reached = [f.covered for f in facts]
@@ -143,9 +143,11 @@ def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
     """Whether the reversed curve agrees much better with its clamps."""
     ends = points[[0, -1]]
-    if pose.end is None:
-        gaps = np.linalg.norm(ends - pose.start.position, axis=1)
-        return bool(gaps[1] < 0.2 * gaps[0])
+    if pose.start is None or pose.end is None:
+        one = pose.end if pose.start is None else pose.start
+        near, far = np.zeros(2) if one is None else np.linalg.norm(ends - one.position, axis=1)
+        near, far = (near, far) if pose.start is not None else (far, near)
+        return bool(far < 0.2 * near)
     clamps = np.stack([pose.start.position, pose.end.position])
     right = np.linalg.norm(ends - clamps, axis=1).sum()
     turned = np.linalg.norm(ends[::-1] - clamps, axis=1).sum()

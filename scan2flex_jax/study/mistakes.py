@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from scan2flex_jax.study.kinds import kind_format
-from scan2flex_jax.study.model import Clamp, Study, StudyPose
+from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.parts import Markers
 from scan2flex_jax.study.rotations import product, rolled, twist_along
 from scan2flex_jax.study.sense import knows_a_force
@@ -328,7 +328,7 @@ def reversed_curve(pose: StudyPose) -> StudyPose:
 
 def exchanged_ends(pose: StudyPose) -> StudyPose:
     """The pose with its clamps exchanged; unchanged with a single clamp."""
-    return pose if pose.end is None else replace(pose, start=pose.end, end=pose.start)
+    return pose if pose.start is None or pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
 def _inward(study):
@@ -350,7 +350,7 @@ def _each_clamp(change, ends=("start", "end")):
 
     def one(pose):
         held = {end: getattr(pose, end) for end in ends if getattr(pose, end) is not None}
-        new = {end: Clamp(c.position, change(c.quaternion)) for end, c in held.items() if c.quaternion is not None}
+        new = {end: replace(c, quaternion=change(c.quaternion)) for end, c in held.items() if c.quaternion is not None}
         return replace(pose, **new) if new else pose
 
     return one
@@ -362,14 +362,14 @@ def _conjugated(q):
 
 def _twisted(pose) -> bool:
     """Whether both ends are clamps, so that the twist of the cable is prescribed."""
-    return pose.end is not None and pose.end.quaternion is not None and pose.start.quaternion is not None
+    return all(clamp is not None and clamp.quaternion is not None for clamp in (pose.start, pose.end))
 
 
 def _rolled_end(pose, angle):
     """The end clamp rolled about its d3 by an angle (rad); unchanged without a prescribed twist."""
     if not _twisted(pose) or abs(angle) < _SMALL:
         return pose
-    return replace(pose, end=Clamp(pose.end.position, rolled(pose.end.quaternion, angle)))
+    return replace(pose, end=replace(pose.end, quaternion=rolled(pose.end.quaternion, angle)))
 
 
 def _untwisted(pose):

@@ -104,7 +104,7 @@ class Study(Record):
         Args:
             cable: Known parameters, by the keys of `[cable]`, in SI units.
             poses: Each a `StudyPose` or a dict: ``points`` (n, 3) in m of its centre curve, and their ``arc_length`` (n,) if
-                measured; ``start`` and ``end`` in the forms of `Clamp.of` (no ``end``: a free end); any other field of
+                measured; ``start`` and ``end`` in the forms of `Clamp.of` (left out: free); any other field of
                 `StudyPose`. Its ``name`` defaults to p1, p2, ... and its ``role`` to "fit".
             unknowns: Names, or `Unknown` with a guess or a range.
             title: Shown in every result.
@@ -282,7 +282,6 @@ def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> Stud
     given = {"name": name, "role": "fit", **entry}
     where = where.item(given["name"])
     v.table(given, ("points", "arc_length", *(f.name for f in fields(StudyPose))), where, "")
-    v.required(given, "start", where, "start=(position, quaternion)")
     for end in ENDS:
         if given.get(end) is not None:
             with where.at(end).placed():

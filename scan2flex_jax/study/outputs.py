@@ -1,14 +1,10 @@
-"""Rules for writing results: which files may be overwritten, and by whom.
+"""Rules for writing results: a command replaces no file that is there already, unless forced, and never a measured one.
 
-A measured file is never overwritten: no `study.toml`, and no file named by a study in a folder above, by whatever
-path. This holds for all writers (`write_file`, `write_json_atomic`). A command writes more files than its
-user names, and rewrites them at every run; `Outputs` therefore replaces only files written by the program itself, unless
-forced. A folder of results keeps a list of them, ``.scan2flex-written``: one line of JSON per file, with its name and
-SHA-256. A file that was changed since is the user's.
+A measured file is a `study.toml`, or a file named by a study in a folder above, by whatever path; that holds for all writers
+(`write_file`, `write_json_atomic`).
 """
 
 import contextlib
-import hashlib
 import json
 import os
 import tomllib
@@ -25,7 +21,6 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.version import __version__
 
-LIST = ".scan2flex-written"
 _LONGEST_LINE = 20_000  # of a TOML that is searched
 _FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links
 
@@ -34,8 +29,8 @@ class Outputs:
     """The files that one command writes."""
 
     def __init__(self, study: Study | None = None, *, source: Path | None = None, force: bool = False):
-        """`study` was read from `source`; `force` replaces files not written by the program (measured ones never)."""
-        self.force = force
+        """`study` was read from `source`; `force` replaces files that are there (measured ones never)."""
+        self.force, self.written = force, set[Path]()
         self.measured = [] if study is None else measured_files(study)
         self.measured += [] if source is None else [source]
 
@@ -52,12 +47,11 @@ class Outputs:
             if any(_same(path, other) for other in others):
                 raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
             keep_measured(path, self.measured)
-            if self.force or not path.exists() or path.stat().st_size == 0 or _written_here(path):
+            if self.force or path in self.written or not path.exists() or path.stat().st_size == 0:
                 return
         except _FAULTS as error:
             raise writing_error(path, error) from error
-        said = "it is there already, and scan2flex did not write it (or it was changed since)"
-        raise StudyError(one_line(str(path), 300), None, f"{said}: name another file, or replace it with --force.")
+        raise StudyError(one_line(str(path), 300), None, "it is there already: name another file, or replace it with --force.")
 
     def write(self, path: Path, data: bytes) -> None:
         """Make `path` contain `data`, in one step; raises `StudyError`."""
@@ -65,8 +59,8 @@ class Outputs:
         try:
             if not is_stream(path):
                 path.resolve().parent.mkdir(parents=True, exist_ok=True)
-                _note(path.resolve(), data)
             write_atomic(path, data)
+            self.written.add(path)
         except _FAULTS as error:
             raise writing_error(path, error) from error
 
@@ -152,33 +146,6 @@ def _folded(path: Path) -> str:
     except _FAULTS:
         path = path.absolute()
     return unicodedata.normalize("NFC", str(path)).casefold()
-
-
-def _written_here(path: Path) -> bool:
-    """Whether the program wrote this file, and it is unchanged since."""
-    path = path.resolve()
-    with contextlib.suppress(OSError), path.open("rb") as stream:
-        entry = _entry(path.name, hashlib.file_digest(stream, "sha256").hexdigest())
-        return entry in (path.parent / LIST).read_text("utf-8", errors="replace").splitlines()
-    return False
-
-
-def _entry(name: str, digest: str) -> str:
-    return json.dumps({"sha256": digest, "file": name})
-
-
-def _note(path: Path, data: bytes) -> None:
-    """List a file before it is written: a killed process then leaves a file that is known.
-
-    A list that cannot be written never loses a result: the file is then treated as the user's.
-    """
-    line, listed = _entry(path.name, hashlib.sha256(data).hexdigest()), path.parent / LIST
-    with contextlib.suppress(OSError):
-        if listed.exists() and line in listed.read_text("utf-8", errors="replace").splitlines():
-            return
-        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
-        with open(os.open(listed, flags, 0o666), "ab") as stream:
-            stream.write(f"{line}\n".encode())
 
 
 def json_bytes(path: str | Path, obj: Any) -> bytes:

@@ -26,13 +26,38 @@ FEWEST_POINTS = 2
 
 @record
 class Clamp(Record):
-    """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint."""
+    """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint.
+
+    A clamp with directions `free` (k, 3) is a guided end, which may move along them from its position; one with a `hinge` (3,)
+    turns freely about that axis. Both in the scan frame.
+    """
 
     position: Annotated[np.ndarray, "3"]
     quaternion: Annotated[np.ndarray, "4"] | None = None
+    free: Annotated[np.ndarray, "k 3"] | None = None
+    hinge: Annotated[np.ndarray, "3"] | None = None
 
     KEYS: ClassVar = KEYS["clamp"]
     AS = "a Clamp, as in Clamp.of((position, quaternion))"
+
+    def _check(self, where: Where) -> None:
+        """A guide and a hinge belong to a clamp, one of them to an end."""
+        for name in ("free", "hinge"):
+            if getattr(self, name) is not None and self.quaternion is None:
+                raise where.at(name).fail("the end turns freely: give its quaternion, or hold a place by the effect support.")
+        if self.free is not None and self.hinge is not None:
+            raise where.at("hinge").fail("the end has free directions too: leave one of them out, or use the effect support.")
+        if self.free is not None and np.any(np.linalg.norm(self.free, axis=1) == 0.0):
+            raise where.at("free").fail("a direction is zero: give the vectors along which the clamp may move.")
+
+    @property
+    def across(self) -> Annotated[np.ndarray, "3 3"]:
+        """Projection on the directions in which a guided end is held; zero for other ends."""
+        if self.free is None:
+            return np.zeros((3, 3))
+        _, sizes, axes = np.linalg.svd(self.free / np.linalg.norm(self.free, axis=1, keepdims=True))
+        free = axes[: np.sum(sizes > _ACROSS)]
+        return np.eye(3) - free.T @ free
 
     @classmethod
     def of(cls, held: "Clamp | ArrayLike | tuple[ArrayLike, Any]") -> "Clamp":
@@ -332,12 +357,12 @@ class Tolerance(Record):
 class StudyPose(Record):
     """One pose: its supports and its measurements.
 
-    `role` "fit" or "validate"; `end` None = a free end; `turns` = full turns in addition to the quaternions; `scan` = file
-    of a point cloud; `markers` = points tracked at known arc lengths; `guide_points` and `viewpoints` in m; `noise` = standard
-    deviation of one coordinate (m), None = unknown; `gravity` (m/s^2) in this pose, None = the study's; `time` (s) of the
-    measurement, None = only the order is known; `reset` True = the cable was taken out and straightened before this pose;
-    `angle` and `wrench` = readings of angles and at clamps; `change_from` = name of the pose from whose equilibrium markers,
-    angles and wrenches are changes.
+    `role` "fit" or "validate"; `end` None = a free end, `start` None = a free start (supports hold the cable); `turns` = full
+    turns in addition to the quaternions; `scan` = file of a point cloud; `markers` = points tracked at known arc lengths;
+    `guide_points` and `viewpoints` in m; `noise` = standard deviation of one coordinate (m), None = unknown; `gravity` (m/s^2)
+    in this pose, None = the study's; `time` (s) of the measurement, None = only the order is known; `reset` True = the cable
+    was taken out and straightened before this pose; `angle` and `wrench` = readings of angles and at clamps; `change_from` =
+    name of the pose from whose equilibrium markers, angles and wrenches are changes.
 
     Examples:
         >>> held = Clamp([0, 0, 0], [0.7071068, 0, 0.7071068, 0])
@@ -347,7 +372,7 @@ class StudyPose(Record):
 
     name: str
     role: str
-    start: Clamp
+    start: Clamp | None = None
     end: Clamp | None = None
     turns: int = 0
     curve: MeasuredCurve | None = None

@@ -17,13 +17,14 @@ from scan2flex_jax.study import values as v
 from scan2flex_jax.study.curves import read_curve, read_guide_points, read_markers
 from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, existing, read_text
-from scan2flex_jax.study.kinds import ENDS, KEYS
+from scan2flex_jax.study.kinds import ENDS, KEYS, kind_format, kind_names
 from scan2flex_jax.study.model import Clamp, EffectDeclaration, Study, StudyPose, Tolerance, Unknown
 from scan2flex_jax.study.parts import Angle, Wrench
 from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
 
+_SHARE = re.compile(r"\s*(\d{1,3}(?:\.\d*)?)\s*%\s*")
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
@@ -97,7 +98,8 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     data = _given("study", data, where)
     tolerance = _record(Tolerance, "tolerance", data.get("tolerance", {}), where.at("tolerance"))
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
-    effects, cable = tuple(_effects(data.get("effects", []), where.at("effect"))), data["cable"]
+    cable = data["cable"]
+    effects = tuple(_effects(data.get("effects", []), where.at("effect"), _stated_length(cable, data.get("unknowns"))))
     if isinstance(cable, dict) and "section" in cable:
         named, here = cable["section"], where.at("cable.section")
         path = existing(folder, v.text(named, here), here)
@@ -161,13 +163,35 @@ def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[St
             yield StudyPose(**given)
 
 
-def _effects(entries: Any, where: Where) -> Iterator[EffectDeclaration]:
-    """All `[[effect]]`."""
+def _stated_length(cable: Any, unknowns: Any) -> float | None:
+    """The length (m) of the cable, if it is given and not unknown."""
+    known = isinstance(cable, dict) and not (isinstance(unknowns, dict) and "length" in unknowns)
+    length = cable.get("length") if known else None
+    if not isinstance(length, int | float) or isinstance(length, bool) or not 0 < length <= v.LARGEST:
+        return None
+    return float(length)
+
+
+def _place(value: Any, length: float | None, where: Where) -> Any:
+    """A place along the cable (m); one in per cent of the length too."""
+    share = _SHARE.fullmatch(value) if isinstance(value, str) else None
+    if share is None:
+        return value
+    if length is None:
+        raise where.fail(f"got {v.shown(value)} of a length that is unknown: write the place in m from the start.")
+    return length if float(share[1]) == 100 else 0.01 * float(share[1]) * length
+
+
+def _effects(entries: Any, where: Where, length: float | None) -> Iterator[EffectDeclaration]:
+    """All `[[effect]]` of a cable of this length (m)."""
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
         kind = v.required(table, "kind", here, KEYS["effect"]["kind"].written)
         with here.placed():
-            yield EffectDeclaration(kind, {key: table[key] for key in table if key not in KEYS["effect"]}, table.get("poses"))
+            given = {key: table[key] for key in table if key not in KEYS["effect"]}
+            if isinstance(kind, str) and kind in kind_names() and (name := kind_format(kind).position) in given:
+                given[name] = _place(given[name], length, here.at(name))
+            yield EffectDeclaration(kind, given, table.get("poses"))
 
 
 def _unknowns(study: Study, table: Any, where: Where) -> Iterator[Unknown]:

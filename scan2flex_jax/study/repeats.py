@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
+from scan2flex_jax.study.records import same
 
 HANDLING = 0.02
 """Of L, RMS: poses that are held alike and differ by more are no repeats; two photographs of a limp strip differ by 1.9 %."""
@@ -96,6 +97,8 @@ def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:
     if a is None or b is None:
         return a is b
     if (a.quaternion is None) != (b.quaternion is None) or not np.allclose(a.position, b.position, rtol=0.0, atol=_SAME):
+        return False
+    if not (same(a.free, b.free) and same(a.hinge, b.hinge)):
         return False
     return a.quaternion is None or 1.0 - abs(float(a.quaternion @ b.quaternion)) < _SAME
 

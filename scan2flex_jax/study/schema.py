@@ -44,6 +44,7 @@ _TYPES: dict[str, Schema] = {
                "items": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}}},
     "names": {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}},
 }  # fmt: skip
+_SHARE_OF_LENGTH: Schema = {"type": "string", "pattern": r"^\s*\d{1,3}(\.\d*)?\s*%\s*$"}
 _SECTION = "CSV with s (m) and stiffness, mass per length or diameters along the cable. Left out: the same sections everywhere."
 
 
@@ -153,6 +154,8 @@ def _effects() -> Schema:
 def _of_kind(form: KindFormat) -> Schema:
     """The parameters of an effect of one type."""
     own = {p.name: {**_numbers(p, p.shapes(1, _ANY_COUNT)), "description": p.unit} for p in form.parameters}
-    needed = [p.name for p in form.parameters if not p.estimable]
+    if form.position is not None:
+        own[form.position] = {"anyOf": [own[form.position], _SHARE_OF_LENGTH], "description": "m, or per cent of the length"}
+    needed = [p.name for p in form.parameters if not p.estimable and not p.optional]
     then = {**_object({"kind": True, "poses": True, **own}, needed), "description": form.words}
     return {"if": {"properties": {"kind": {"const": form.kind}}, "required": ["kind"]}, "then": then}

@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_declared, longest_cable
-from scan2flex_jax.study.kinds import kind_format
+from scan2flex_jax.study.kinds import KEYS, kind_format
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Value
 from scan2flex_jax.study.rotations import columns
 from scan2flex_jax.study.values import Where, shown, suggestion
@@ -29,6 +29,8 @@ MARKER_SLACK = 0.1
 """Of the arc length of the last marker: largest distance of a marker beyond the taut cable, in a scan with errors."""
 THICK = 0.5
 """Radius over L, above which its unit differs from that of L."""
+SUPPORTS = ("support", "knife_edge")
+"""Effect types that hold a cable between its ends."""
 STIFF_AXIAL = 1e3
 """N. A cable of smaller axial stiffness may stretch by more than SPAN_SLACK in use, and spans are not checked."""
 ASTRAY, ALONG = 60.0, 30.0
@@ -37,7 +39,7 @@ _NO_GRAVITY = 1e-9
 _ROUNDED = 1e-6  # of a length written with few digits
 _FORCES = {
     "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
-    "elastic_support": "stiffness", "distributed_load": "force",
+    "elastic_support": "stiffness", "distributed_load": "force", "moment": "moment",
 }  # fmt: skip
 """Parameter with the size of an effect that sets the scale of forces (a force, or a stiffness comparable to the cable's)."""
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1 / 0.0254, "feet": 1 / 0.3048}
@@ -63,6 +65,7 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
         if purpose == "fit" and not pose.measured and not study.only_compared(pose):
             raise here.fail("it has no shape: give it a centre curve, a scan, markers, or readings.")
         _check_readings(study, pose, here)
+        _check_held(study, pose, here)
         if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
             said = f"got {pose.turns}, but an end turns freely: write turns only between two clamps."
             raise here.at("turns").fail(said)
@@ -75,13 +78,20 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     _check_order(study, where.at("pose"))
 
 
+def _check_held(study: Study, pose: StudyPose, where: Where) -> None:
+    """A pose without a start has supports, which may hold it in place of clamps."""
+    if pose.start is None and not any(effect.kind in SUPPORTS for effect in study.acting(pose)):
+        said = f"it is missing, and nothing else holds the cable: write {KEYS['pose']['start'].written}"
+        raise where.at("start").fail(f"{said}, or declare the effects {' or '.join(SUPPORTS)} in this pose.")
+
+
 def _check_markers(study: Study, pose: StudyPose, markers: Markers, reach: float | None, where: Where) -> None:
     """Markers lie on the cable, and no further from the start than their arc length."""
     longest, s = longest_cable(study), markers.arc_length
     if longest is not None and s[-1] > longest * (1 + _ROUNDED):
         hint = unit_hint(s[-1] / longest)
         raise where.at("s").fail(f"a marker is at s = {s[-1]:g} m on a cable of at most {longest:g} m: {hint}.")
-    if reach is None or _moved(study) or pose.change_from is not None:
+    if reach is None or _moved(study) or pose.start is None or pose.change_from is not None:
         return
     away = np.linalg.norm(np.nan_to_num(markers.points - pose.start.position), axis=1)
     far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1] + np.linalg.norm(markers.aside, axis=1))
@@ -207,7 +217,7 @@ def unit_hint(ratio: float, equal: bool = False) -> str:
 
 def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
     """The two ends, and the guide points, are no further apart than the cable is long."""
-    span = 0.0 if pose.end is None else float(np.linalg.norm(pose.end.position - pose.start.position))
+    span = 0.0 if pose.start is None or pose.end is None else float(np.linalg.norm(pose.end.position - pose.start.position))
     if span > SPAN_SLACK * reach:
         chord = reach if pose.curve is None else float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
         measured = 0.0 < chord < reach  # a curve that fits the cable gives the true distance of the ends

@@ -15,7 +15,7 @@ from scan2flex_jax.study.curve_warnings import PLANE_LIMIT
 from scan2flex_jax.study.curves import curve_length
 from scan2flex_jax.study.facts import pose_facts
 from scan2flex_jax.study.mistakes import Mistake
-from scan2flex_jax.study.model import Clamp, MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import unit_of
 
 _GAP, _ANGLE = 0.1, 45.0  # of L, and degrees: a curve is astray beyond this distance from its clamp, or this angle from d3
@@ -88,14 +88,14 @@ def _off(study, pose) -> float:
     scale = facts.covered if length is None else float(np.max(length))
     ends = [end for end in (facts.start, facts.end) if end is not None]
     angles = [end.angle - 2 * (end.angle_sd or 0.0) for end in ends if end.angle is not None]
-    return max(max(end.gap for end in ends) / (_GAP * scale), max(angles, default=0.0) / _ANGLE)
+    return max(max((end.gap for end in ends), default=0.0) / (_GAP * scale), max(angles, default=0.0) / _ANGLE)
 
 
 def stands(study: Study, pose: StudyPose) -> bool:
     """Whether a curve rises against gravity: above its chord, or above the initial tangent of a cable with a free end."""
     gravity, length = study.gravity_in(pose), study.known("length")
     size = float(np.linalg.norm(gravity))
-    if pose.curve is None or length is None or not size > 0:
+    if pose.curve is None or pose.start is None or length is None or not size > 0:
         return False
     line = 0.5 * (pose.start.position + (pose.start.position if pose.end is None else pose.end.position))
     if pose.end is None and pose.start.tangent is not None:
@@ -150,7 +150,7 @@ def _of_units(study) -> Iterator[Mistake]:
 
 def _span_ratio(pose) -> float | None:
     """Distance between the ends of a curve over that of its clamps."""
-    if pose.end is None:
+    if pose.start is None or pose.end is None:
         return None
     span = float(np.linalg.norm(pose.end.position - pose.start.position))
     chord = float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
@@ -173,7 +173,7 @@ def scaled_clamps(study: Study, factor: float) -> Study:
     """The study with the positions of all clamps scaled about the origin of the scan frame."""
 
     def one(clamp):
-        return None if clamp is None else Clamp(factor * clamp.position, clamp.quaternion)
+        return None if clamp is None else replace(clamp, position=factor * clamp.position)
 
     return replace(study, poses=tuple(replace(p, start=one(p.start), end=one(p.end)) for p in study.poses))
 
@@ -186,7 +186,10 @@ def scale_between(study: Study) -> Mistake | None:
     length, poses = study.known("length"), [pose for pose in study.poses if pose.curve is not None]
     if length is None or not poses:
         return None
-    p, g = (np.ravel(vectors) for vectors in zip(*(_gap(*end) for pose in poses for end in _held(pose)), strict=True))
+    gaps = [_gap(*end) for pose in poses for end in _held(pose)]
+    if not gaps:
+        return None
+    p, g = (np.ravel(vectors) for vectors in zip(*gaps, strict=True))
     more = float(g @ p / (p @ p)) if np.any(p) else 0.0
     if not _SCALES[0] < abs(more) < _SCALES[1] or np.linalg.norm(g - more * p) > _CLEAR * np.linalg.norm(g):
         return None

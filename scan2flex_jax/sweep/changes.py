@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study import Clamp, MeasuredCurve, Study
+from scan2flex_jax.study import MeasuredCurve, Study
 
 _ENDS = ("start", "end")
 
@@ -40,7 +40,7 @@ def _turned(pose, *turns):
         clamp = getattr(pose, end)
         if clamp is not None and clamp.quaternion is not None:
             R = Rotation.from_quat(clamp.quaternion, scalar_first=True) * Rotation.from_rotvec(vector)
-            ends[end] = Clamp(clamp.position, R.as_quat(scalar_first=True))
+            ends[end] = replace(clamp, quaternion=R.as_quat(scalar_first=True))
     return replace(pose, **ends)
 
 

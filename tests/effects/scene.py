@@ -69,10 +69,18 @@ VALUES = {
     "bending_law": ({"curvature": KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.8, 0.4, 0.5])}),
     "torsion_law": ({"twist": 0.5 * KNOTS, "factor": np.ones(3)}, {"factor": np.array([0.6, 0.7, 1.5])}),
     "friction": ({"share": 0.0, "slip_curvature": 1.0}, {"share": 0.5}),
+    "dahl": ({"share": 0.0, "slip_curvature": 1.0}, {"share": 0.5}),
     "torsion_friction": ({"share": 0.0, "slip_twist": 0.5}, {"share": 0.4}),
+    "moment": ({"position": 0.55, "axis": np.array([0.0, 0.8, 0.6]), "moment": 0.0}, {"moment": 0.02}),
     "relaxation": ({"share": 0.0, "time_constant": 60.0}, {"share": 0.3}),
 }
 KINDS = tuple(VALUES)
+# without a null value: they hold the cable, or are not there
+SUPPORTS = {
+    "support": {"position": 0.4, "anchor": ANCHOR, "direction": np.array([0.6, 0.0, 0.8])},
+    "knife_edge": {"anchor": ANCHOR, "along": np.array([0.8, 0.6, 0.0]), "direction": np.array([0.0, 0.0, 1.0])},
+}
+GIVEN = {kind: {**null, **active} for kind, (null, active) in VALUES.items()} | SUPPORTS
 CONTEXT = Context(
     1.0, 0.02, 0.015, 0.1 * float(jnp.linalg.norm(DOWN)), np.asarray(DOWN), (1.0, 6.0), (-0.4, -0.2),
     axial_stiffness=1.0e4, centre=np.array([0.3, 0.0, -0.2]), previous=ROWS,

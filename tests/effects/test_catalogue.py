@@ -19,7 +19,7 @@ from . import scene
 
 ENTRIES = {entry.kind: entry for entry in catalogue()}
 LAWS = ("bending_law", "torsion_law")  # tried last, not scanned for
-MEMORIES = ("friction", "torsion_friction", "relaxation")  # declared only: they take the poses in their order
+MEMORIES = ("friction", "dahl", "torsion_friction", "relaxation")  # declared only: they take the poses in their order
 # kind -> amplitudes and a site whose parameters in the format the scene's table holds
 KNOWN = tuple(kind for kind in ENTRIES if kind not in ("tether", "support_plane", "elastic_support", "memory_set"))
 
@@ -117,7 +117,7 @@ def test_entries_are_complete():
         assert entry.settle
         assert entry.kind in fx.kinds() or entry.kind == "memory_set"
     ours = {kind for kind in fx.kinds() if fx.effect_class(kind).__module__.startswith("scan2flex_jax.")}
-    assert ours <= set(ENTRIES) | {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES}
+    assert ours <= set(ENTRIES) | {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES, *scene.SUPPORTS, "moment"}
 
 
 def test_only_clamped_ends_can_yield():

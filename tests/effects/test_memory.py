@@ -5,8 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from scan2flex_jax.effects import Friction, MemorySet, Relaxation, TorsionFriction
+from scan2flex_jax.effects import Dahl, Friction, MemorySet, Relaxation, TorsionFriction
+from scan2flex_jax.effects.dahl import ROUNDING
 from scan2flex_jax.effects.sliders import SPREAD
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.geometry import lie
@@ -96,7 +98,58 @@ def test_a_curvature_vector_returns_radially():
     np.testing.assert_allclose(found, (1 - SHARE) * k2 + SHARE * SLIP * pull, atol=1e-7)
 
 
-@pytest.mark.parametrize("effect", [Friction(SHARE, SLIP), Relaxation(SHARE, 60.0)])
+def integrated(path):
+    """Moments over the stiffness (m,) along a path of strains, by Dahl's differential equation slip dz = dx - z |dx|."""
+    out, x, z = [], 0.0, 0.0
+    for target in path:
+        way = np.sign(target - x)
+        z = solve_ivp(lambda s, z, w=way: (w - z) / SLIP, (0.0, abs(target - x)), [z], rtol=1e-11, atol=1e-13).y[0, -1]
+        out.append((1 - SHARE) * target + SHARE * SLIP * z)
+        x = target
+    return out
+
+
+@pytest.mark.parametrize("axis", [3, 4, 5])
+def test_dahls_law_is_its_differential_equation_on_the_first_way_and_back(axis):
+    path = [0.5, 2.0, 4.0, 3.9, 3.0, 1.5, -1.0, -4.0, -3.5, 0.0]
+    np.testing.assert_allclose(bent(Dahl(SHARE, SLIP, rounding=1e-6), path, axis), integrated(path), atol=1e-5)
+    np.testing.assert_allclose(bent(Dahl(SHARE, SLIP), path, axis), integrated(path), atol=0.5 * ROUNDING * SHARE * SLIP)
+
+
+def test_dahl_acts_about_each_axis_by_itself():
+    """As Newton has it: a bend about d1 leaves the friction about d2 as it was."""
+    effect = Dahl(SHARE, SLIP, rounding=1e-9)
+    strains = jnp.zeros((3, 6)).at[:, 3].set(jnp.array([1.0, 3.0, -1.0])).at[:, 4].set(0.7)
+    both, alone = np.asarray(driven(effect, strains)), integrated([1.0, 3.0, -1.0])
+    np.testing.assert_allclose(both[:, 3] / EI, alone, atol=1e-5)
+    np.testing.assert_allclose(both[:, 4] / EI, integrated([0.7])[0], atol=1e-5)
+
+
+def test_the_stiffness_at_a_turn_is_more_than_the_first_one():
+    """dm/dk = B (1 - share + share (1 + z)) on the way back from z: Masing's rule would give B."""
+    k0, step = 6.0, 1e-3
+    first, back = bent(Dahl(SHARE, SLIP, rounding=1e-5), [k0, k0 - step])
+    z = 1.0 - np.exp(-k0 / SLIP)
+    assert (first - back) / step == pytest.approx(1 + SHARE * z, rel=1e-3)
+
+
+def test_a_turn_is_rounded_so_that_the_stiffness_is_continuous():
+    """The tangent stiffness about a turn, over B: it jumps by 2 share z without the rounding, and by nothing with it."""
+    effect = Dahl(SHARE, SLIP)
+    left = effect.leaves(jnp.zeros(6).at[4].set(3.0), STIFFNESS, effect.without_history(1)[0], jnp.array(0.0))
+    at = jnp.asarray(3.0 + ROUNDING * SLIP * np.linspace(-1.5, 1.5, 301))
+
+    @jax.jit
+    @jax.vmap
+    def tangent(k):
+        return jax.hessian(lambda k: effect.energy_given(jnp.zeros(6).at[4].set(k), STIFFNESS, left))(k) / EI
+
+    slopes = np.asarray(tangent(at))
+    assert slopes.max() - slopes.min() == pytest.approx(2 * SHARE * (1 - np.exp(-3.0 / SLIP)), rel=0.05)
+    assert np.abs(np.diff(slopes)).max() < 0.02
+
+
+@pytest.mark.parametrize("effect", [Friction(SHARE, SLIP), Dahl(SHARE, SLIP), Relaxation(SHARE, 60.0)])
 def test_without_history_and_strain_there_is_no_force_and_no_nan(effect):
     left, still = effect.without_history(1)[0], jnp.zeros(6)
 
@@ -110,9 +163,10 @@ def test_without_history_and_strain_there_is_no_force_and_no_nan(effect):
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(others))
 
 
-def test_the_energy_stays_convex_however_the_cable_was_bent():
-    effect = Friction(SHARE, SLIP)
-    left = jnp.asarray(np.random.default_rng(0).normal(0.0, 2.0, (4, 2)))
+@pytest.mark.parametrize("cls", [Friction, Dahl])
+def test_the_energy_stays_convex_however_the_cable_was_bent(cls):
+    effect, rng = cls(SHARE, SLIP), np.random.default_rng(0)
+    left = jnp.asarray(rng.normal(0.0, 2.0, (4, 2)) if cls is Friction else [rng.normal(0.0, 2.0, 3), rng.uniform(-1, 1, 3)])
 
     def energy(k):
         strain = jnp.zeros(6).at[3:5].set(k)

@@ -114,7 +114,7 @@ def test_the_script_is_python_whatever_the_title_says():
 @pytest.mark.parametrize(
     ("change", "to", "words"),
     [
-        (lambda s: s, "ansys", "mujoco, pyelastica, usd, abaqus, orcaflex, moordyn, moduli, json"),
+        (lambda s: s, "ansys", "mujoco, pyelastica, usd, abaqus, orcaflex, moordyn, cabledyn, moduli, json"),
         (lambda s: load_study(example_path("simulated-cable")), "json", "no value"),
     ],
 )

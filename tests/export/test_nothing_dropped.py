@@ -14,7 +14,7 @@ from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of
 from scan2flex_jax.rod.model import Configuration, discretise
 from scan2flex_jax.study.kinds import kind_names
-from tests.effects.scene import VALUES
+from tests.effects.scene import GIVEN
 from tests.export.test_export import cable, effect
 
 ELEMENTS = 10
@@ -30,6 +30,7 @@ HELD = {
     "abaqus": ALONG | STIFF | {"extensibility", "nonlinear_bending", "bending_law", "torsion_law"},
     "orcaflex": STIFF | {"density_profile", "density_taper", "extensibility", "length_error"},
     "moordyn": {"extensibility", "length_error"},
+    "cabledyn": {"extensibility", "length_error"},
     "moduli": {"extensibility", "length_error"},
     "json": set(kind_names()) - SCANNER - POSE,
 }
@@ -51,9 +52,9 @@ def plain():
     return {to: write(straight()) for to, write in TO.items()}
 
 
-@pytest.mark.parametrize("kind", [kind for kind in kind_names() if kind in VALUES and kind != "memory_set"])
+@pytest.mark.parametrize("kind", [kind for kind in kind_names() if kind in GIVEN and kind != "memory_set"])
 def test_every_effect_goes_along_or_is_refused_by_name(kind, plain):
-    given = {**VALUES[kind][0], **VALUES[kind][1]}
+    given = dict(GIVEN[kind])
     if "normal" in given:
         given["normal"] = np.array([0.0, 0.0, 1.0])
     hanging = straight(effect(kind, **given), strain=1e-2 if kind == "extensibility" else 1e-6)
@@ -115,7 +116,7 @@ def test_a_mass_hangs_where_it_hangs(place):
 
 def test_natural_stretch_is_refused_by_rigid_links_and_kept_by_the_rest():
     hanging = straight(natural_stretch=np.array([0.0, 0.0, 0.01]))
-    for to in ("mujoco", "usd", "abaqus", "orcaflex", "moordyn", "moduli"):
+    for to in ("mujoco", "usd", "abaqus", "orcaflex", "moordyn", "cabledyn", "moduli"):
         with pytest.raises(Scan2FlexError, match="natural stretch"):
             TO[to](hanging)
     np.testing.assert_allclose(np.array(cable_of_script(TO["pyelastica"](hanging))["rest_sigma"])[:, 2], 0.01)

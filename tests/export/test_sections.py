@@ -1,7 +1,9 @@
 """Text exports of the sections: read back, in the units of the program, they have the stiffness and mass of the cable."""
 
+import subprocess
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,3 +147,59 @@ def test_moordyn_reads_the_row(tmp_path, monkeypatch):
     assert moordyn.GetLineUnstretchedLength(line) == 1.0
     assert moordyn.GetLineFairTen(line) == pytest.approx(0.01 * EA, rel=5e-3)
     moordyn.Close(system)
+
+
+TWISTED = """--------------------- CableDyn Input File ---------------------
+a taut cable, its end turned by 90 degrees
+{types}---------------------- POINTS ----------------------
+ID Type X Y Z
+(-) (-) (m) (m) (m)
+1 Coupled 0.0 0.0 -1.0
+2 Fixed 1.01 0.0 -1.0
+---------------------- LINES ----------------------
+ID NodeA NodeB Outputs
+(-) (-) (-) (-)
+1 1 2 -
+---------------------- SECTIONS ----------------------
+LineID LineType Length NumSegs
+(-) (-) (m) (-)
+1 {name} 1.0 40
+---------------------- END CONNECTIONS ----------------------
+LineID End Stiffness EzX EzY EzZ TorsStiffness NxX NxY NxZ Pretwist
+(-) (-) (N-m/rad) (-) (-) (-) (N-m/rad) (-) (-) (-) (deg)
+1 A Rigid 1.0 0.0 0.0 Rigid 0.0 1.0 0.0 0.0
+1 B Rigid 1.0 0.0 0.0 Rigid 0.0 1.0 0.0 90.0
+---------------------- OPTIONS ----------------------
+9.81 g
+0.1 rhoW
+10.0 WtrDpth
+0.01 dtM
+0.02 TMax
+---------------------- OUTPUTS ----------------------
+"FairTen1"
+"Torq1N1"
+---------------------- need this line ----------------------
+"""
+
+
+def test_cabledyn_pulls_and_twists_as_the_row_says(tmp_path):
+    """By CableDyn itself: a cable that is stretched by 1 % and turned by 90 degrees pulls with EA/100, and its torque is
+    GJ pi/2 per metre."""
+    cabledyn = pytest.importorskip("cabledyn", reason="pip install cabledyn: solves a deck with the row")
+    types = written(cable(radius=0.004), "cabledyn")
+    name = types.splitlines()[3].split()[0]
+    (tmp_path / "deck.dat").write_text(TWISTED.format(types=types, name=name))
+    driver = Path(cabledyn.__file__).parent / "bin" / "cabledyn"
+    subprocess.run([driver, tmp_path / "deck.dat", tmp_path / "out"], check=True, capture_output=True)
+    _, tension, torque = map(float, (tmp_path / "out.out").read_text().splitlines()[2].split())
+    assert tension == pytest.approx(0.01 * EA, rel=1e-3)
+    assert torque == pytest.approx(GJ * np.pi / 2, rel=1e-6)
+
+
+def test_the_factors_of_ansys_motion_scale_a_beam_of_its_material_to_the_cable():
+    """A round beam of E and G = E/(2 (1 + nu)), nu = 0.3, has E A, E pi r^4/4 and G pi r^4/2; each times its factor."""
+    m = tomllib.loads(written(cable(radius=0.004), "moduli"))
+    r, E = m["diameter"] / 2, m["E_stretch"]
+    beam = [E * np.pi * r**2, E * np.pi * r**4 / 4, E / 2.6 * np.pi * r**4 / 2]
+    factors = [m["motion_bar"], m["motion_bending"], m["motion_torsional"]]
+    np.testing.assert_allclose(np.multiply(beam, factors), [EA, EI, GJ], rtol=1e-6)

@@ -25,7 +25,7 @@ REFUSED = {
     "unknown method": (lambda s: s, {"method": "simplex"}, "method 'simplex' is not known: use one of least-squares"),
     "unknown distance": (lambda s: s, {"distance": "chamfer"}, "distance 'chamfer' is not known: use one of normal"),
     "no pose to fit": (all_validate, {}, 'no pose has the role "fit"'),
-    "no curve": (without_curves, {}, "it has no shape: give it a centre curve, a scan, or markers"),
+    "no curve": (without_curves, {}, "it has no shape: give it a centre curve, a scan, markers, or readings"),
     "guess of zero": (
         lambda s: replace(s, unknowns=(Unknown("bending_stiffness", guess=0.0), s.unknowns[1])),
         {},

@@ -51,7 +51,7 @@ def test_turns_that_leave_a_pose_far_from_its_curve_are_not_believed(right):
     """What else is wrong is not known then: a missing effect is made up for by a turn in every pose."""
     turned = Problem(branches.with_turns(right.study, {"plane": 1}), elements=right.problem.elements)
     found = turned.evaluator(right.minimum.shared)
-    off = branches.distances(found, turned.poses.mask)[0]
+    off = branches.distances(found, turned.poses)[0]
     assert off > branches.ASTRAY * turned.length
     minimum = replace(right.minimum, evaluation=found)
     assert branches.believed(turned, minimum, (right.problem, right.minimum))[0] is right.problem

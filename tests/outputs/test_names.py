@@ -54,7 +54,7 @@ def test_a_simulation_stays_in_its_folder_and_says_where(tmp_path):
     study = scenes.write_study(tmp_path / "study", names)
     found = scenes.run("simulate", study, "--out", tmp_path / "out" / "deep", "--elements", "8", "--json", tmp_path / "s.json")
     assert found.exit_code == 0, found.exception
-    assert {path.name for path in tmp_path.iterdir()} == {"study", "out", "s.json", ".scan2flex-written"}
+    assert {path.name for path in tmp_path.iterdir()} == {"study", "out", "s.json"}
     written = sorted(path for path in (tmp_path / "out").rglob("*.csv"))
     assert len(written) == 2 * len(names) and {path.parent for path in written} == {tmp_path / "out" / "deep"}
     headers = [path.read_text().partition("\n")[0] for path in written]
@@ -75,11 +75,8 @@ def test_pictures_of_an_extraction_stay_in_their_folder(tmp_path, monkeypatch):
     pictures = list((tmp_path / "a" / "b").glob("*.png"))
     assert len(pictures) == 2
     assert all(str(path) in found.output for path in pictures if path.stem != "$-frac{$")
-    before = scenes.contents(tmp_path / "a")
-    (pictures[0]).write_bytes(b"mine")
     again = scenes.run("extract", study, "--save", tmp_path / "saved", "--figures", tmp_path / "a" / "b")
-    assert pictures[0].name in str(again.exception) and "--force" in str(again.exception)
-    assert len(before) == 3
+    assert any(path.name in str(again.exception) for path in pictures) and "--force" in str(again.exception)
 
 
 def _curve():

@@ -14,7 +14,7 @@ from scan2flex_jax import plot
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.prediction import predict, write_csv
 from scan2flex_jax.study import load_study, write_json_atomic
-from scan2flex_jax.study.outputs import LIST, Outputs, write_file
+from scan2flex_jax.study.outputs import write_file
 
 from . import scenes
 
@@ -77,16 +77,11 @@ def test_a_file_of_the_user_is_replaced_by_force_alone(study, tmp_path):
     assert json.loads(file.read_text())["unknown"] == []
 
 
-def test_the_same_command_twice_replaces_its_result(study, tmp_path):
+def test_a_result_is_replaced_by_force_alone(study, tmp_path):
     file = tmp_path / "deep" / "check.json"
-    for title in ("one", "two"):
-        lines = (study / "study.toml").read_text().splitlines()
-        lines[1] = f'title = "{title}"'
-        (study / "study.toml").write_text("\n".join(lines))
-        assert scenes.run("check", study, "--json", file).exit_code == 0
-        assert json.loads(file.read_text())["title"] == title
-    file.write_text(file.read_text().replace("two", "my note"))  # from now on it is the user's
-    refused(scenes.run("check", study, "--json", file), "--force")
+    assert scenes.run("check", study, "--json", file).exit_code == 0
+    refused(scenes.run("check", study, "--json", file), "there already", "--force")
+    assert scenes.run("check", study, "--json", file, "--force").exit_code == 0
     (tmp_path / "empty.json").touch()  # as mktemp makes it: there is nothing to lose
     assert scenes.run("check", study, "--json", tmp_path / "empty.json").exit_code == 0
 
@@ -139,7 +134,7 @@ def test_two_processes_that_write_one_file_leave_it_whole(tmp_path):
         assert set(data) <= {ord("a")} or set(data) <= {ord("b")}
         assert len(data) in (0, 300_000)
     assert [writer.returncode for writer in writers] == [0, 0]
-    assert {path.name for path in tmp_path.iterdir()} == {"result.json", LIST}
+    assert {path.name for path in tmp_path.iterdir()} == {"result.json"}
 
 
 KILLED = """
@@ -148,12 +143,12 @@ from pathlib import Path
 from scan2flex_jax.study.outputs import Outputs
 print("begun", flush=True)
 for i in range(10**9):
-    Outputs().write(Path(sys.argv[1]), str(i % 10).encode() * 200_000)
+    Outputs(force=True).write(Path(sys.argv[1]), str(i % 10).encode() * 200_000)
 """
 
 
-def test_a_process_killed_while_it_writes_leaves_a_whole_file_that_is_known(tmp_path):
-    """What is there is an old or a new result, and the next run may replace it without being told to."""
+def test_a_process_killed_while_it_writes_leaves_a_whole_file(tmp_path):
+    """What is there is an old or a new result."""
     file = tmp_path / "result.json"
     for k in range(2):
         process = subprocess.Popen([sys.executable, "-c", KILLED, str(file)], stdout=subprocess.PIPE)
@@ -163,17 +158,6 @@ def test_a_process_killed_while_it_writes_leaves_a_whole_file_that_is_known(tmp_
         process.communicate()
         data = file.read_bytes()
         assert len(data) == 200_000 and len(set(data)) == 1
-        Outputs().claim(file)
-
-
-def test_a_list_that_cannot_be_written_costs_no_result(tmp_path):
-    victim = tmp_path / "victim"
-    victim.write_text("mine")
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / LIST).symlink_to(victim)  # a folder that somebody else prepared
-    write = Outputs().write
-    write(tmp_path / "out" / "a.json", b"{}")
-    assert victim.read_text() == "mine" and (tmp_path / "out" / "a.json").read_bytes() == b"{}"
 
 
 def test_a_write_protected_file_stays(tmp_path):

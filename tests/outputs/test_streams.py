@@ -14,7 +14,7 @@ import pytest
 from scan2flex_jax.cli import main
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study import files, load_study, write_json_atomic
-from scan2flex_jax.study.outputs import LIST, Outputs, write_file
+from scan2flex_jax.study.outputs import Outputs, write_file
 
 from . import scenes
 
@@ -95,11 +95,11 @@ def test_a_full_disk_leaves_the_old_result(study, tmp_path):
     old = file.read_bytes()
     limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (50, 50)); {scenes.PROGRAM[-1]}"
     for target in (file, tmp_path / "new.json"):
-        command = [*scenes.PROGRAM[:-1], limited, "check", str(study), "--json", str(target)]
+        command = [*scenes.PROGRAM[:-1], limited, "check", str(study), "--json", str(target), "--force"]
         found = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
         one_sentence(found, target.name, "File too large")
     assert file.read_bytes() == old
-    assert {p.name for p in tmp_path.iterdir()} == {"out.json", LIST}
+    assert {p.name for p in tmp_path.iterdir()} == {"out.json"}
 
 
 def test_links_that_lead_in_a_circle_are_one_sentence(study, tmp_path):

@@ -113,8 +113,9 @@ def sample(folder):
 
 UNSEEN = {  # faults that show in several parts of a study together, or in its files
     "effect in a pose that is not", "prior outside", "guess outside", "range reversed", "start outside", "no length",
-    "no density", "no torsion", "scan without radius", "unknown effect", "unknown twice", "pose twice", "pose empty name",
-    "no fit", "turns of a ball joint", "no shape", "quaternion", "far clamps", "clamps in mm", "repeat of none",
+    "no density", "no torsion", "no start", "scan without radius", "unknown effect", "unknown twice", "pose twice",
+    "pose empty name", "no fit",
+    "turns of a ball joint", "no shape", "quaternion", "far clamps", "clamps in mm", "repeat of none",
     "repeat of itself",
     "absolute", "upward", "drive", "backslash", "null byte", "long name", "no such file", "a folder", "no scan", "vast integer",
     "field of other places", "field backwards", "field off the cable", "effect lacks", "effect off the cable", "inf", "nan",

@@ -27,8 +27,9 @@ def operands(rod: Rod, start: Configuration, newton: MixedNewton, max_steps: Ste
 def translated(rod: Rod, arrays: list) -> bool:
     """Whether a compiled solver solves this rod."""
     known = all(array is not None and array.dtype == jnp.float64 for array in arrays[:-1])
-    known = known and rod.section.growth is None
-    return known and not [effect for hook in ("strain_energy", "node_potential") for effect in overriding(rod.effects, hook)]
+    known = known and rod.section.growth is None and not rod.load.arms
+    energies = ("strain_energy", "node_potential", "element_potential")
+    return known and not [effect for hook in energies for effect in overriding(rod.effects, hook)]
 
 
 def check(solver: AbstractRodSolver, elements: int) -> None:
