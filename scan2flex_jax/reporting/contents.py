@@ -158,7 +158,8 @@ def _sections(study, found, elements):
     whole = []
     for pose in study.poses:
         modelled = found[pose.name].modelled if pose.name in found and found[pose.name].stable else None
-        whole.append(pose if modelled is None else replace(pose, curve=MeasuredCurve(modelled)))
+        shape = replace(pose, markers=None, angle=(), wrench=(), change_from=None)  # of which the curve chooses the branch
+        whole.append(pose if modelled is None else replace(shape, curve=MeasuredCurve(modelled)))
     try:
         predictions = predict(replace(study, poses=tuple(whole)), elements=elements)
     except Scan2FlexError as error:
