@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from scan2flex_jax.convert.units import UNITS, G, unit_of_quantity
+from scan2flex_jax.convert.units import NUMBER, UNITS, G, decimal, unit_of_quantity
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.model import Angle, Clamp, EffectDeclaration, Markers, Study, StudyPose, Tolerance, Unknown
@@ -32,7 +32,7 @@ _OVERHANG = 1.05  # length of the half beam over that to its support: what stand
 _SMALL, _STEEP = 1e-4, 1.5  # deflections over half the span: of small slopes, and of beams that slip through
 _LEAST = 1e-3  # of the length: least reading for a closed form
 _NAMED = re.compile(r"(.*?)[\s_]*[\[(]?\s*([A-Za-z\u00b0\u00b5]*)\s*[\])]?")
-_NUMBER = re.compile(r"([-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?)\s*([A-Za-z\u00b0\u00b5]*)")
+_NUMBER = re.compile(rf"({NUMBER})\s*([A-Za-z\u00b0\u00b5]*)")
 
 Row = dict[str, float]
 
@@ -114,6 +114,8 @@ def read_table(path: Path, test: str) -> tuple[list[Row], list[str]]:
     if len(lines) < 2:
         raise where.fail("it has no row below its header: write one for each reading.")
     mark = max(";\t,", key=lines[0].count)
+    if mark == ";":  # where cells end with a semicolon, decimals begin with a comma
+        lines = [re.sub(r"(?<=[0-9]),(?=[0-9])", ".", line) for line in lines]
     header, *rows = list(csv.reader(lines, delimiter=mark))
     return table_of(header, rows, test, where)
 
@@ -163,7 +165,11 @@ def _value(cell: str, unit: str, what: str, where: Where) -> float:
     found = _NUMBER.fullmatch(cell.strip().strip('"'))
     if found is None:
         raise where.fail(f"got {cell.strip()[:40]!r}: write a number, as in 12.5 or '12.5 {UNITS[what][0]}'.")
-    return float(found[1].replace(",", ".")) * unit_of_quantity(found[2] or unit or UNITS[what][-1], what)
+    try:
+        value = decimal(found[1], cell.strip())
+    except Scan2FlexError as error:
+        raise where.fail(str(error)) from None
+    return value * unit_of_quantity(found[2] or unit or UNITS[what][-1], what)
 
 
 # The tests

@@ -27,8 +27,8 @@ UNITS = {"length": ("mm", "cm", "in", "m"), "mass": ("g", "lb", "N", "kg"), "for
 """Usual units of a quantity; the last one is that of a bare number."""
 _SI = {"length": "m", "mass": "kg", "length density": "kg/m"}
 _SOME = {"length": "mm, cm, in, ft", "mass": "g, lb, oz, N", "length density": "g/m, kg/km, lb/ft, lb/1000ft, tex, N/m"}
-_NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
-_PART = re.compile(rf"\s*({_NUMBER})\s*((?:[A-Za-z\u00b5'\"]+(?:\s*/\s*[0-9]*\s*[A-Za-z]+)?)?)\s*")
+NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
+_PART = re.compile(rf"\s*({NUMBER})\s*((?:[A-Za-z\u00b5'\"]+(?:\s*/\s*[0-9]*\s*[A-Za-z]+)?)?)\s*")
 _GROUPED = re.compile(r"[-+]?[1-9][0-9]{0,2},[0-9]{3}")  # 1,200 is 1200 in one country, 1.2 in another
 _PER = re.compile(r"\s*([1-9][0-9]{0,5})?\s*([A-Za-z\u00b5]+)")
 _MARK = re.compile(r"\+\s*/?\s*[-\u2212]|\u00b1")
@@ -89,15 +89,20 @@ def _stated(text: str) -> str:
     return next((found[2] for found in reversed(list(_PART.finditer(text))) if found[2]), "")
 
 
+def decimal(number: str, shown: str) -> float:
+    """The value of a `NUMBER`, whose decimals may begin with a comma; an error shows the text in which it stands."""
+    if _GROUPED.fullmatch(number):
+        both = f"{number.replace(',', '')} or {number.replace(',', '.')}"
+        raise Scan2FlexError(f"{shown[:40]!r} may be {both}: write the one that is meant.")
+    return float(number.replace(",", "."))
+
+
 def _read(text: str, shown: str, what: str) -> float:
     """The sum of the parts of a quantity, each smaller than the one before; errors show the whole of the text."""
     parts, at = list[float](), 0
     while at < len(text) and (found := _PART.match(text, at)):
-        if _GROUPED.fullmatch(found[1]):
-            both = f"{found[1].replace(',', '')} or {found[1].replace(',', '.')}"
-            raise Scan2FlexError(f"{shown[:40]!r} may be {both}: write the one that is meant.")
         alone = found.span() == (0, len(text))
-        parts.append(float(found[1].replace(",", ".")) * _unit(found[2] or alone * _SI[what], what))
+        parts.append(decimal(found[1], shown) * _unit(found[2] or alone * _SI[what], what))
         at = found.end()
     total = sum(parts) if at == len(text) and all(a > b for a, b in pairwise(parts)) else math.nan
     if not (math.isfinite(total) and min(parts, default=0.0) > 0):

@@ -67,8 +67,8 @@ class ResidualFunction(eqx.Module):
 
     def __call__(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
         """Measured minus modelled: three components of every point and reading of every pose, in m (readings in other units by
-        their noise), or over the noise and followed by the
-        priors. Infinite for a pose without a stable equilibrium, so that a line search or a sampler rejects ``x``."""
+        their noise), or over the noise and followed by the priors. Infinite for a pose without a stable equilibrium, so that
+        a line search or a sampler rejects ``x``."""
         residual, verdict = self._solved(x)
         solved = verdict.solved[:, None, None]
         flat = jnp.where(solved, residual, jnp.inf).ravel()[self.real]

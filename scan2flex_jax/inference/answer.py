@@ -28,6 +28,7 @@ _EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _LINEAR = 10.0  # factor beyond which a formula of first order says nothing
 _LEAST = 1e-3  # that is printed of a share, in per cent, or of a sensitivity
+_IDLE = 1e-2  # relative change of an estimate for one of a stated value, below which nothing rests on it
 _MOSTLY = 0.5  # of an interval: exact clamps would leave less
 _SAME = 0.05  # relative difference of sensitivities that are reported as one
 
@@ -163,10 +164,10 @@ def noise_in_words(noise: Noise, length: float) -> str:
 
 
 def rests_on(study: Study, influence: Influence | None, lost: Collection[str] = ()) -> str:
-    """Length and mass with their tolerances, and the change of the estimates per cent of each, except those ``lost`` (symbols),
-    which the poses do not determine."""
+    """Length and mass that matter, with their tolerances, and the change of the estimates per cent of each, except those
+    ``lost`` (symbols), which the poses do not determine."""
     heavy = any(np.any(study.gravity_in(pose)) for pose in study.poses)  # else the mass is without influence
-    names = [name for name in STATED if heavy or name != "length_density"]
+    names = [name for name in STATED if (heavy or name != "length_density") and not _idle(name, influence, lost)]
     parts = [part for part in (_stated(study, name) for name in names) if part]
     moved = [_sensitivity(study, name, influence, lost) for name in names[::-1]] if influence is not None else []
     said = " and ".join(parts) or "neither a stated length nor a stated mass"
@@ -207,15 +208,8 @@ def _elsewhere(study, name):
 
 def _sensitivity(study, name, influence, lost):
     """``1 % of mass is 1 % of EI and GJ``."""
-    if name not in influence.stated:
-        return ""
-    found = [
-        (_label(label), float(s))
-        for label, s, log in zip(influence.labels, influence.stated[name], influence.logs, strict=True)
-        if log and np.isfinite(s) and "." not in label and _label(label) not in lost
-    ]
     groups: list[tuple[list[str], float]] = []
-    for symbol, s in found:
+    for symbol, s in _moved(name, influence, lost):
         near = next((names for names, own in groups if abs(own - s) < _SAME * max(abs(own), abs(s), 0.1)), None)
         if near is None:
             groups.append(([symbol], s))
@@ -225,6 +219,19 @@ def _sensitivity(study, name, influence, lost):
         return ""
     of = " (at this mass per metre)" if name == "length" and study.known("length_density") is not None else ""
     return f"1 % of {_WORDS[name]}{of} is " + ", ".join(f"{two_digits(s)} % of {' and '.join(names)}" for names, s in groups)
+
+
+def _moved(name, influence, lost):
+    """Symbols of the estimates with their relative change for one of a stated value."""
+    changes = zip(influence.labels, influence.stated.get(name, ()), influence.logs, strict=False)
+    kept = [(_label(label), float(s)) for label, s, log in changes if log and np.isfinite(s) and "." not in label]
+    return [(symbol, s) for symbol, s in kept if symbol not in lost]
+
+
+def _idle(name, influence, lost):
+    """Whether a stated value changes no estimate."""
+    moved = [] if influence is None else _moved(name, influence, lost)
+    return bool(moved) and all(abs(s) < _IDLE for _, s in moved)
 
 
 def _label(label: str) -> str:

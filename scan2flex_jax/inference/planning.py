@@ -26,6 +26,7 @@ from scan2flex_jax.inference.rows import Rows
 from scan2flex_jax.statics.solve import equilibrium
 from scan2flex_jax.statics.verdict import SENTENCES
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
+from scan2flex_jax.study.rotations import rolled
 
 _RIVALS = 4  # largest number of rivals that are compared
 _ALIKE = "no pose below tells {} from {}: look at the cable itself, or try poses of your own (`scan2flex_jax.plan`)"
@@ -166,10 +167,7 @@ def _rolled(clamp, degrees):
     """The clamp rotated about its tangent d3; a ball joint is unchanged."""
     if clamp.quaternion is None:
         return clamp
-    h = np.deg2rad(degrees) / 2
-    w, x, y, z = clamp.quaternion
-    a, b = np.cos(h), np.sin(h)
-    return replace(clamp, quaternion=np.array([w * a - z * b, x * a + y * b, y * a - x * b, z * a + w * b]))
+    return replace(clamp, quaternion=rolled(clamp.quaternion, np.deg2rad(degrees)))
 
 
 def _rivals(explanation) -> list[tuple[Component, np.ndarray]]:

@@ -38,7 +38,10 @@ MISTAKES = {
     "cable list": (lambda: made([0.9, 0.3]), "Study: cable: got [0.9, 0.3]: give a dict"),
     "role": (lambda: made(poses=[pose(role="fitt")]), 'Study: pose[p1].role: got \'fitt\': write "fit" or "validate"'),
     "pose key": (lambda: made(poses=[pose(rolle="fit")]), "Study: pose[p1].rolle: unknown key 'rolle': did you mean role?"),
-    "no start": (lambda: made(poses=[{"points": POINTS}]), "Study: pose[p1].start: it is missing, and nothing else"),
+    "no start": (
+        lambda: made(poses=[{"points": POINTS}]),
+        "Study: pose[p1].start: it is missing, and nothing else holds the cable: write it, as in start =",
+    ),
     "one pose": (lambda: made(poses=pose()), "Study: poses: got {"),
     "one StudyPose": (lambda: replace(made(), poses=made().poses[0]), "Study: poses: got StudyPose(name='p1'"),
     "pose of arrays": (lambda: made(poses=[POINTS]), "Study: poses[1]: got array("),

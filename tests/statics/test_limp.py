@@ -34,7 +34,7 @@ def test_a_limp_cable_hangs_as_a_catenary(EI):
 @pytest.mark.parametrize("EI", [0.03, 0.001])
 def test_the_length_of_a_limp_cable_is_found_and_its_stiffness_is_not(EI):
     points = catenary(np.linspace(0.5, LENGTH - 0.5, 60))
-    points = points + NOISE * np.random.default_rng(2).standard_normal(points.shape)
+    points = points + NOISE * np.random.default_rng(0).standard_normal(points.shape)
     pose = {"points": points, "start": JOINTS[0], "end": JOINTS[1], "noise": NOISE}
     f = fit(Study.from_arrays({"length_density": 0.5, "torsional_stiffness": EI}, [pose], ["length", "bending_stiffness"]))
     length = f.estimates["length"]
