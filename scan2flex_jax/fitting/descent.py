@@ -135,7 +135,7 @@ def descend(model: Model, point: Point, rules: Rules, damping: float | None = No
         if stopped:
             break
     if not (rules.judged and np.isfinite(point.cost)):
-        return Descent(point, iteration, stopped or (np.isfinite(point.cost) and bool(model.about(point).stationary())))
+        return Descent(point, iteration, stopped or bool(np.isfinite(point.cost) and model.about(point).stationary()))
     converged = bool(model.about(point).converged())
     return Descent(point, iteration, converged, stopped and not converged)
 
