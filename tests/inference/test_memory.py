@@ -89,7 +89,7 @@ def test_another_pose_is_planned_after_all_of_the_study():
 @pytest.mark.parametrize(("share", "named"), [(0.6, True), (0.0, False)])
 def test_friction_of_another_solver_is_named_and_none_where_there_is_none(share, named):
     said = []
-    tested = memory_test(study_with(share), orders=19 if named else 3, progress=said.append)
+    tested = memory_test(study_with(share, 5), orders=19 if named else 3, elements=20, progress=said.append)
     assert tested.named is named
     assert said[:2] == ["with friction", "without friction"] and len(said) == 2 + len(tested.others)
     assert set(tested.parameters) == {"share", "slip_curvature"}
