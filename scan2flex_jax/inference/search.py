@@ -239,7 +239,9 @@ class Search:
         for kind, s in others[:_MORE]:
             key = h.variant.name, frozenset((*h.kinds, kind))
             if s.gain > -h.variant.settings.tied and not (key in self.found and self.found[key].converged):
-                self._refit(h, s, plain=False, u=h.u)
+                end = self._refit(h, s, plain=False, u=h.u)
+                if end is None or end.squares > h.squares:  # farther off than without it: the start was too far for the weights
+                    self._refit(h, s, plain=True, nearest=h.squares, u=h.u)
 
     def _part(self, h: Fitted, dropped: int) -> Fitted | None:
         """The hypothesis without one of its effects."""
