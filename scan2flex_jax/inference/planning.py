@@ -67,6 +67,8 @@ class Plan:
 
     def summary(self) -> str:
         """In plain text."""
+        if not self.candidates:
+            return "no pose to rank: poses are varied by their clamps, and supports alone hold these"
         pairs = list(self.candidates[0].lead_now) if self.candidates else []
         lines = ["next poses to scan, the most informative first", ""]
         if pairs:

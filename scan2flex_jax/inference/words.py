@@ -16,7 +16,7 @@ from scan2flex_jax.inference.answer import (
     unseen_in_words,
     warnings_of,
 )
-from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.inference.decision import EXPLAINED, FEWEST, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
 
 Severity = Literal["fine", "doubt", "fault"]
 
@@ -110,6 +110,8 @@ def belief_of(explanation) -> tuple[str, str]:
     if e.verdict in (NONE, EXPLAINED) and e.reservation:
         first = f"{found} explains much, but" if found else "no missing effect shows, but"
         return FAIR, f"with care: {first} {e.reservation}"
+    if e.verdict == NONE and len(e.decision.empty.elpd) < FEWEST and not any(p.role == "validate" for p in e.poses.values()):
+        return FAIR, "with care: the baseline model explains the shapes within the noise, and so few poses cannot test it"
     return {
         NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"),
         EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),

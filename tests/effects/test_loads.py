@@ -14,6 +14,7 @@ import scan2flex_jax.effects as fx
 from scan2flex_jax import predict
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import StudyError
+from scan2flex_jax.inference.planning import Plan, variations
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.solve import equilibrium
@@ -188,6 +189,11 @@ def test_a_bench_is_read_and_written(tmp_path):
     assert [e.parameters.get("position") for e in study.effects] == [0.005, None, 0.03, 0.06]
     save_study(study, tmp_path / "again")
     assert load_study(tmp_path / "again") == study
+
+
+def test_a_plan_has_no_pose_without_clamps(tmp_path):
+    assert variations(load_study(write(tmp_path))) == []
+    assert Plan((), ()).summary().startswith("no pose to rank")
 
 
 def test_what_a_bench_cannot_be(tmp_path):

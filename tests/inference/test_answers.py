@@ -60,6 +60,13 @@ def test_a_single_pose_is_never_explained():
     assert found.study.cable["bending_stiffness"] == pytest.approx(found.fit.estimates["bending_stiffness"].value, rel=1e-6)
 
 
+def test_nothing_missing_in_a_single_pose_is_no_plain_yes():
+    whole = scenes.study()
+    found = explain(replace(whole, poses=whole.poses[:1]), elements=40, mesh=False)
+    assert found.verdict == "no missing effect" and found.answer.tone == "fair"
+    assert "so few poses cannot test it" in found.answer.belief
+
+
 def test_a_smooth_residual_of_a_single_photograph_is_no_good_answer():
     """13.8 mm on a wire of 1.5 m: physics or a smooth error of the photograph, and no test on another pose."""
     found = explain(load_study(example_path("red-wire")))
