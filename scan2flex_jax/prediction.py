@@ -106,7 +106,7 @@ class Prediction:
 def settled(study: Study, pose: StudyPose, elements: int) -> tuple[CableModel, Equilibrium]:
     """Model and equilibrium of one study pose, on the branch nearest to its measured curve if there is one, and with memory
     after the poses before it."""
-    if not study.remembers:
+    if not study.history_dependent:
         return _settled(study, pose, elements)
     return next((model, e) for other, model, e in in_order(study, [elements] * len(study.poses)) if other is pose)
 
@@ -117,7 +117,7 @@ def in_order(study: Study, elements: Iterable[int]) -> Iterator[tuple[StudyPose,
     before, last = None, None
     for pose, count in zip(study.poses, elements, strict=True):
         held = 0.0 if last is None or last.time is None or pose.time is None else pose.time - last.time
-        model, before = _settled(study, pose, count, before if study.remembers and not pose.reset else None, held)
+        model, before = _settled(study, pose, count, before if study.history_dependent and not pose.reset else None, held)
         last = pose
         yield pose, model, before
 
@@ -205,7 +205,7 @@ def _meshes(study, elements):
     if elements is None:
         found = [mesh._replace(elements=mesh.enough) for mesh in found]
     finest = max((mesh.elements for mesh in found), default=0)
-    return [mesh._replace(elements=finest) for mesh in found] if study.remembers else found
+    return [mesh._replace(elements=finest) for mesh in found] if study.history_dependent else found
 
 
 def _one_pose(model, e, radius, mesh):

@@ -1,6 +1,6 @@
 """The program ``scan2flex``: its commands in the order in which a user meets them, its entry point and its exit codes.
 
-Faults of the input and of files end in exit code 2 here; a command ends in 3 itself if its result is not to be believed.
+Faults of the input and of files end in exit code 2 here; a command ends in 3 itself if its result is not reliable.
 """
 
 import io

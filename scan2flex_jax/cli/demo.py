@@ -105,7 +105,7 @@ def _find(e, truth) -> Iterator[str]:
             yield f"  {name:<20}{parameter_in_words(e.study, r.kind, name, value, r.std.get(name))}{beside}"
     others = [r for r in e.ranking if r.kind not in {c.kind for c in e.chosen}]
     rivals = [f"{_spaced(r.kind)} by {e.ranking[0].log_evidence - r.log_evidence:.0f} nats" for r in others[:_RIVALS]]
-    yield f"told from   {', '.join(rivals)} of log evidence, and {len(others) - len(rivals)} more effects"
+    yield f"less likely {', '.join(rivals)} of log evidence, and {len(others) - len(rivals)} more effects"
     yield "values      without -> with what was found"
     for name, value in truth["cable"].items():
         after = in_words(e.estimates[name])

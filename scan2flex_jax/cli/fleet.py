@@ -20,7 +20,7 @@ Workers = Annotated[
 
 
 def each(studies: list[Path], command: Callable[..., bool], workers: int | None, **files: Path | None) -> None:
-    """Run ``command(study, say=..., **files)``, which returns whether its result is to be believed, for every study.
+    """Run ``command(study, say=..., **files)``, which returns whether its result is reliable, for every study.
 
     ``{}`` in the name of a file stands for the study's name. Of several studies a refused one does not stop the others; the
     exit code is then that of a refused input.

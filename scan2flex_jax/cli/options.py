@@ -16,7 +16,7 @@ BAD_INPUT, NOT_TO_BELIEVE = 2, 3
 PICTURES = (".png", ".svg", ".pdf")
 EXIT_CODES = (
     "Exit codes: 0 done; 1 a fault of the program itself; 2 input or options that cannot be used, one sentence on standard "
-    "error; 3 computed, and `believe it?` is answered no; 130 interrupted."
+    "error; 3 computed, and `reliable?` is answered no; 130 interrupted."
 )
 
 

@@ -153,7 +153,7 @@ def poses_of(study: Study, study_poses: Sequence[StudyPose], length: float, elem
     A pose that is changed keeps its place in the history of a study with memory, by its name.
     """
     found = _without_history(study, study_poses, length, elements)
-    if not study.remembers:
+    if not study.history_dependent:
         return found
     whole = found if tuple(study_poses) == study.poses else _without_history(study, study.poses, length, elements)
     return replace(found, history=History(whole, *places_of(study, study_poses)))

@@ -17,7 +17,7 @@ from scan2flex_jax.study.check import NO_VALIDATE, study_warnings
 from scan2flex_jax.study.model import Study
 
 GOOD, FAIR, BAD = "good", "fair", "bad"
-UNBELIEVED = "(no interval: not to be believed)"
+UNBELIEVED = "(no interval: not reliable)"
 SYMBOLS = {
     "bending_stiffness": "EI", "torsional_stiffness": "GJ", "axial_stiffness": "EA", "shear_stiffness": "GA",
     "length_density": "rho A", "length": "L",
@@ -36,7 +36,7 @@ _SAME = 0.05  # relative difference of sensitivities that are reported as one
 @dataclass(frozen=True)
 class Row:
     """One estimate in words: its ``name`` in the format, ``symbol``, ``value`` with unit, 95 % ``interval`` relative to it, and
-    a ``note``. ``value`` and ``interval`` are empty if the poses do not determine it; an answer that is not to be believed has
+    a ``note``. ``value`` and ``interval`` are empty if the poses do not determine it; an answer that is not reliable has
     no intervals."""
 
     name: str
@@ -65,7 +65,7 @@ class Answer:
         values = max((len(row.value) for row in self.rows), default=0)
         spans = max((len(row.interval) for row in self.rows), default=0)
         rows = [f"  {r.symbol:<{wide}}  {r.value:<{values}}  {r.interval:<{spans}}  {r.note}".rstrip() for r in self.rows]
-        belief = [("believe it?", self.belief), *(("", doubt) for doubt in self.doubts)]
+        belief = [("reliable?", self.belief), *(("", doubt) for doubt in self.doubts)]
         first, last = ([], belief) if self.tone == GOOD else (belief, [])
         said = [("rests on", self.rest), ("unseen poses", self.unseen), *last]
         said += [("check" if i == 0 else "", f"- {warning}") for i, warning in enumerate(self.warnings)]

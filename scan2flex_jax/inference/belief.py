@@ -30,7 +30,7 @@ def misfits(study, poses, length, settings: Settings = USUAL) -> tuple[str, ...]
     return tuple(said)
 
 
-_NO_NOISE = "something is missing or misread, and the values are not to be believed"
+_NO_NOISE = "something is missing or misread, and the values are not reliable"
 
 
 def reservation(h: Fitted, discrepancy: Discrepancy) -> str:

@@ -135,16 +135,16 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
     likely = [h for h in search.ranked if h.score > search.ranked[0].score - s.averaged]
     field = description is not None and leads(description, cause or empty, s.found) and leads(description, empty, s.found)
     gain = cause.gain() if cause is not None else alone
-    takes = cause is not None and (gain <= s.slab or cause.structured() < s.explains * empty.structured())
+    takes = cause is not None and (gain <= s.discrepancy or cause.structured() < s.explains * empty.structured())
     if cause is None or not ahead or not takes or field or len(empty.elpd) < FEWEST:
-        missing = ahead or field or alone > s.slab or smooth(empty)
+        missing = ahead or field or alone > s.discrepancy or smooth(empty)
         if not missing:
             return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
         shown = cause if cause is not None and cause.score > empty.score + s.found else empty
         return Decision(UNEXPLAINED, shown, empty, (), tuple(dict.fromkeys((shown, empty, *likely))), gain=alone, **rest)
     tied = tuple(h for h in causes if h is not cause and _tied(h, cause, empty, s))
     surprised = surprise(cause)
-    partly = gain > s.slab or smooth(cause) or bool(surprised)
+    partly = gain > s.discrepancy or smooth(cause) or bool(surprised)
     verdict = TIE if tied or errors_of_input(cause.kinds) else PARTLY if partly else EXPLAINED
     averaged = tuple(dict.fromkeys((cause, *tied, *(h for h in likely if h is not empty))))
     return Decision(verdict, cause, empty, tied, averaged, gain=gain, surprised=surprised, **rest)

@@ -14,7 +14,7 @@ from scan2flex_jax.inference.estimate import VAGUE, vague
 from scan2flex_jax.study.model import Study
 
 _OPEN = 1.0e-4  # singular value over the largest of the unit-column Jacobian: "not determined" (density: 6e-5 by stretching)
-_PART = 0.05  # of the largest component of an open direction: entries with a larger one are not determined
+_PART = 0.05  # of the largest component of an unidentifiable direction: entries with a larger one are not determined
 _ALIKE = 0.999  # correlation of two unknowns, all stated values fixed, from which on one can replace the other
 
 
@@ -30,7 +30,7 @@ class Uncertainty:
 
 
 def uncertainty(layout: Layout, A: np.ndarray, meaningless: np.ndarray | bool = False) -> Uncertainty:
-    """Covariance and open directions of the unknowns from the precision ``A`` (b, b) of all parameters.
+    """Covariance and unidentifiable directions of the unknowns from the precision ``A`` (b, b) of all parameters.
 
     ``meaningless``: mask of unknowns that are not determined for another reason (`ends`), which is said elsewhere.
     """
@@ -82,7 +82,7 @@ def ends(study: Study, layout: Layout, x: np.ndarray, length: float) -> tuple[np
 
 
 def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Inverse of a precision (b, b) in the directions that are determined, the open directions (b, k), and the mask of entries
+    """Inverse of a precision (b, b) in the directions that are determined, the others (b, k), and the mask of entries
     without influence on any residual."""
     scale = np.sqrt(np.maximum(np.diag(A), 0.0))
     hidden = scale <= UNSEEN * np.max(scale)
@@ -97,7 +97,7 @@ def _decomposed(A: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _involved(directions: np.ndarray) -> np.ndarray:
-    """Mask of the entries that contribute to any of the open directions (b, k)."""
+    """Mask of the entries that contribute to any of the unidentifiable directions (b, k)."""
     weight = np.abs(directions)
     return np.any(weight > _PART * weight.max(axis=0, initial=0.0), axis=1)
 

@@ -1,8 +1,8 @@
 """The estimate of one unknown, and whether the poses determine it: the rules of `fit` and of `explain`.
 
 A positive unknown is estimated by its logarithm, so its 95 % interval is log-normal. It is *vague* where the standard error of
-the logarithm exceeds `VAGUE`: such a value is not determined, and the numbers of an open direction (`quantities.known`)
-are not determined either. `answer` and `fit_result` round estimates and intervals for print.
+the logarithm exceeds `VAGUE`: such a value is not determined, nor are the numbers of an unidentifiable direction
+(`quantities.known`). `answer` and `fit_result` round estimates and intervals for print.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ _LARGEST = 700.0  # logarithm of the largest number
 @dataclass(frozen=True)
 class Estimate:
     """One unknown: value, standard error and 95 % interval in its own unit; no error where the poses determine none, or where
-    the fit is not to be believed (`withheld`)."""
+    the fit is not reliable (`withheld`)."""
 
     value: float | np.ndarray
     std: float | np.ndarray | None

@@ -105,14 +105,14 @@ def expect(
 
     Raises:
         Scan2FlexError: ``noise`` is not positive, a guess is missing, nothing is unknown, a pose does not settle at the
-            guesses, or the cable remembers.
+            guesses, or shapes depend on the poses before.
 
     Examples:
         >>> print(expect(load_study("planned")).summary())  # doctest: +SKIP
     """
     check_study(study, "predict")
-    if study.remembers or not study.unknowns:
-        why = "the cable remembers its poses" if study.remembers else "nothing is unknown"
+    if study.history_dependent or not study.unknowns:
+        why = "the shapes depend on the poses before" if study.history_dependent else "nothing is unknown"
         raise Scan2FlexError(f"There is nothing to expect of this study: {why}.")
     if noise is not None and not 0.0 < noise < np.inf:
         raise Scan2FlexError(f"The noise is {noise}; it must be a positive number of metres.")

@@ -258,9 +258,9 @@ class Fit:
         return lines
 
 
-UNSETTLED = "the fit has not settled within its iterations: its values and intervals are not to be believed"
-STALLED = "the fit has stalled: no step lowers its cost as predicted; its values and intervals are not to be believed"
-_AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not to be believed"
+UNSETTLED = "the fit has not converged within its iterations: its values and intervals are not reliable"
+STALLED = "the fit has stalled: no step lowers its cost as predicted; its values and intervals are not reliable"
+_AS_IT_STANDS = "values and intervals below are those of the study as it stands, and are not reliable"
 _ONE_TURNED = "one pose fits only with another number of full turns than the study states"
 _SEVERAL_TURNED = (
     "{} poses fit only with other turns than the study states: look at the rolls of their clamps before believing the values"

@@ -62,7 +62,7 @@ def fit(
 
     Returns:
         Estimates with their intervals, the errors of all poses (m), the noise, and sentences on their validity. A fit that is
-        not to be believed (`Fit.believable`) has no intervals.
+        not reliable (`Fit.believable`) has no intervals.
 
     Raises:
         Scan2FlexError: There is nothing to fit.

@@ -12,7 +12,7 @@ noise of `Settings.largest_noise` of the length besides. The sizes
 ``u = (log white, log correlated, log length, log b, logit of the share of Matern)`` are those of the largest restricted
 likelihood times their prior (Patterson and Thompson 1971), for each hypothesis at its own ``x``, with exact gradients: 8 to 15
 evaluations of 3 ms. The discrepancy has a spike and a slab (Mitchell and Beauchamp 1988): ``b`` is zero, or half-Cauchy, which
-costs `Settings.slab`.
+costs `Settings.discrepancy`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -206,14 +206,14 @@ class Likelihood:
         """The likeliest sizes under spike and slab, and the value with the cost of a slab."""
         u, value = self.mode(lin, starts, most)
         bare, alone = self.without(lin, u, most)
-        return (bare, alone) if alone > value - self.settings.slab else (u, value - self.settings.slab)
+        return (bare, alone) if alone > value - self.settings.discrepancy else (u, value - self.settings.discrepancy)
 
     def nearest(self, lin: Linear, u) -> tuple[np.ndarray, float]:
         """The likeliest sizes near others, in their part of spike and slab, and the value with the cost of a slab."""
         if not self.discrepant(u):
             return self.without(lin, u)
         u, value = self.mode(lin, [u])
-        return u, value - self.settings.slab
+        return u, value - self.settings.discrepancy
 
     def gain(self, lin: Linear, u) -> float:
         """Nats that a discrepancy gains."""

@@ -1,4 +1,4 @@
-"""What laboratories print of a cable that remembers: its stiffness while it sticks and slips, and the energy of a cycle.
+"""What laboratories print of a history-dependent cable: its stiffness while it sticks and slips, and the energy of a cycle.
 
 Of friction, with ``B`` (N m^2) the stiffness before anything slips, EI or GJ:
 

@@ -60,7 +60,7 @@ class MemoryTest:
         best = f"the best of {orders} gains {max(self.others, default=0.0):.1f}"
         tested = f"{self.kind} gains {self.gain:.1f} nats in the order of measurement, {best} (p = {self.p_value:.2f})"
         if self.named:
-            return f"the cable remembers: {tested}"
+            return f"the shapes depend on the poses before: {tested}"
         if self.gain < LEAD:
             return f"no memory is seen: {tested}"
         return f"memory is not established, other orders of the poses fit as well: {tested}"

@@ -119,7 +119,7 @@ def mesh_error(problem, minimum) -> np.ndarray:
 
     def of_pose(i):
         model = model_at(problem.layout, problem.poses.template(i), jnp.asarray(minimum.shared))
-        if before[i]:  # each half of an element remembers what the whole does
+        if before[i]:  # each half of an element has the history of the whole
             halves = tuple(np.repeat(left, 2, axis=0) for left in before[i])
             model = CableModel(model.cable, model.gravity, remembering(model.effects, halves))
         stated = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))

@@ -137,7 +137,7 @@ def ranked_poses(base: Fitted, rivals: list[tuple[Component, np.ndarray]], given
 
 def variations(study: Study) -> list[tuple[str, StudyPose]]:
     """``(words, pose)``: variations of the first fitted poses that need no other clamps."""
-    out = [(f"{pose.name} again, last", pose) for pose in study.fit_poses] if study.remembers else []
+    out = [(f"{pose.name} again, last", pose) for pose in study.fit_poses] if study.history_dependent else []
     for pose in study.fit_poses[:3]:
         if pose.start is None:  # supports hold it, which are effects of the study
             continue
@@ -223,7 +223,7 @@ def _measured(base: Fitted, pose: StudyPose) -> Program:
     """A program of the one pose, with its predicted equilibrium as the measurement; with memory after all others."""
     problem, program, shared = base.variant.problem, base.variant.program, base.x[: base.index.shared]
     study, elements = problem.study, program.elements
-    if study.remembers:
+    if study.history_dependent:
         later = None if study.poses[-1].time is None else study.poses[-1].time + _pause(study)
         pose = replace(pose, name=f"{pose.name}, next", role="fit", repeat_of=None, reset=False, time=later)
         whole = replace(study, poses=(*study.poses, pose))
@@ -239,7 +239,7 @@ def _measured(base: Fitted, pose: StudyPose) -> Program:
         points, settled = np.asarray(e.points), jax.tree.map(lambda x: np.asarray(x)[None], e.configuration)
     keep = np.unique(np.linspace(0, elements, min(POINTS, elements + 1)).round().astype(int))[1:-1]
     seen = measured_in_simulation(pose, points[keep])
-    whole = replace(study, poses=(*study.poses, seen)) if study.remembers else study
+    whole = replace(study, poses=(*study.poses, seen)) if study.history_dependent else study
     return Program(problem, base.variant.minimum, replace(poses_of(whole, [seen], problem.length, elements), start=settled))
 
 

@@ -314,7 +314,7 @@ class Variant:
             wider = self._sizes(components, x)
             linear = self.linear(shapes, x, components, Prior(self.program, components, wider))
             u, value = law.nearest(linear, u) if turn else law.likeliest(linear, starts)
-            here = law(u, linear, gradient=False, shift=False) - self.settings.slab * law.discrepant(u)
+            here = law(u, linear, gradient=False, shift=False) - self.settings.discrepancy * law.discrepant(u)
             if here < height - _SETTLED:  # the sizes before took the step for a gain
                 break
             likeliest, height = (x, shapes, u, converged, linear), here if solved(shapes) else -np.inf
@@ -398,7 +398,7 @@ class Variant:
             value = -0.5 * (linear.quad + change @ x**2 - lost) - 0.5 * log_det
             values.append(value + 0.5 * np.sum(np.log((known + change)[free & (known + change > 0)])))
         score += special.logsumexp(values) - np.log(len(values)) + self.log_prior_of(components)
-        score -= self.settings.slab * self.likelihood.discrepant(u) + np.log(2.0) * np.sum(~inside & (prior.width > 0))
+        score -= self.settings.discrepancy * self.likelihood.discrepant(u) + np.log(2.0) * np.sum(~inside & (prior.width > 0))
         one = [o for c in components for o in (*c.entry.one_sided, *(False,) * len(c.moving))]
         score += np.log(2.0) * sum(o and f for o, f in zip(one, free[n.base :], strict=True))
         told = np.diag(A) > (1.0 + _INFORMED) * prior.weak  # rounding is all that is left of the precision of the others

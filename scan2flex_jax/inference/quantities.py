@@ -308,7 +308,7 @@ def laws_of(h: Fitted, p_value: float = 0.0) -> tuple[Law, ...]:
 
 def loops_in(h: Fitted) -> tuple[Loop, ...]:
     """What is read off the effects with memory of a hypothesis."""
-    return loops_of(h.variant.program.rods(h.components, h.x, h.shapes)) if h.variant.study.remembers else ()
+    return loops_of(h.variant.program.rods(h.components, h.x, h.shapes)) if h.variant.study.history_dependent else ()
 
 
 def linear_p_value(h: Fitted, kind: str, secant: float) -> float | None:

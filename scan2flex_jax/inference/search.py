@@ -331,7 +331,7 @@ class Screen:
         for fb, fc in product(_DISCREPANCY, _NOISE):
             change = np.array([0.0, np.log(fc), 0.0, np.log(fb) if fb else -20.0, 0.0])
             u = np.clip(h.u + change, *np.transpose(v.likelihood.bounds))
-            alone = v.likelihood(u, lin, gradient=False) - v.settings.slab * v.likelihood.discrepant(u)
+            alone = v.likelihood(u, lin, gradient=False) - v.settings.discrepancy * v.likelihood.discrepant(u)
             wr, wX, wS = v.likelihood.white(u, lin, S)
             A, g = lin.normal(wr, wX)
             cross = np.zeros((len(A), wS.shape[2]))

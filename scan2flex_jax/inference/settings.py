@@ -37,7 +37,7 @@ class Settings:
     of the length (`benchmarks.scan_alarms`).
 
     Discrepancy of each pose: its size is half-Cauchy of ``usual_discrepancy`` of the curvature of the poses, and it costs
-    ``slab`` to have one at all: prior odds of e^-2, and the width of its size's posterior over that of its prior.
+    ``discrepancy`` to have one at all: prior odds of e^-2, and the width of its size's posterior over that of its prior.
 
     Validation: a residual is no noise above ``beyond_noise`` times the noise that is stated or shown by the points, and above
     ``largest_noise`` of the length if none is stated; above ``moved`` of what a factor of e in the values moves the points, it
@@ -70,7 +70,7 @@ class Settings:
     axis: float = 0.01
     axis_length: float = 0.2
     usual_discrepancy: float = 0.03
-    slab: float = 8.0
+    discrepancy: float = 8.0
     beyond_noise: float = 3.0
     largest_noise: float = 0.01
     moved: float = 0.2

@@ -31,7 +31,7 @@ _APART = 0.02  # an unknown, or its logarithm, differs by more
 def others(problem: Problem, minimum: Minimum, progress: Progress) -> list[np.ndarray]:
     """Unknowns ``x`` (k,) of other stable shapes that fit the readings as well as a minimum, and differ from its own."""
     study, layout, found = problem.study, problem.layout, list[np.ndarray]()
-    if study.remembers or any(pose.curve is not None for pose in study.fit_poses) or _readings(study) > FEW:
+    if study.history_dependent or any(pose.curve is not None for pose in study.fit_poses) or _readings(study) > FEW:
         return []
     known = [minimum.shared[: layout.unknowns]]
     for start in _elsewhere(problem, minimum):

@@ -136,7 +136,7 @@ def remembering(search: Search, say: Progress) -> Iterator[Variant]:
     v, study = best.variant, best.variant.study
     kept = any(MemorySet.kind in h.kinds for h in search.causes if h.score > best.score - v.settings.named)
     unstated = v.likelihood.stated is None and bool(best.components)
-    if study.remembers or len(study.fit_poses) < _FEWEST or not (kept or unstated or best.discrepant):
+    if study.history_dependent or len(study.fit_poses) < _FEWEST or not (kept or unstated or best.discrepant):
         return
     excess, stiffness = _strained(v)
     twist = np.sqrt(np.mean(np.mean(excess[..., 5], axis=1) ** 2)) * v.length

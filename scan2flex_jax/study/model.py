@@ -209,7 +209,7 @@ class Study(Record):
         return tuple(e for e in self.effects if e.poses is None or (pose is not None and pose.name in e.poses))
 
     @property
-    def remembers(self) -> bool:
+    def history_dependent(self) -> bool:
         """Whether an effect makes poses depend on those before them."""
         return any(kind_format(effect.kind).memory != "none" for effect in self.effects)
 

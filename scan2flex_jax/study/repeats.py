@@ -82,10 +82,10 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
 
 
 def _repeat(study, a, b) -> bool:
-    """Whether two poses repeat one another; of a cable that remembers, only where it has no history in either."""
-    if study.remembers and not all(p.reset or p is study.poses[0] for p in (a, b)):
+    """Whether two poses repeat one another; of a history-dependent cable only where neither has a history."""
+    if study.history_dependent and not all(p.reset or p is study.poses[0] for p in (a, b)):
         return False
-    settings = [(p.turns, study.remembers or p.reset, study.acting(p), *study.gravity_in(p)) for p in (a, b)]
+    settings = [(p.turns, study.history_dependent or p.reset, study.acting(p), *study.gravity_in(p)) for p in (a, b)]
     return _marked(a, b) or (settings[0] == settings[1] and _same_clamp(a.start, b.start) and _same_clamp(a.end, b.end))
 
 

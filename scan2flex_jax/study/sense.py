@@ -122,7 +122,7 @@ def _check_readings(study: Study, pose: StudyPose, where: Where) -> None:
         raise here.fail(f"no other pose is called {shown(pose.change_from)}: {suggestion(pose.change_from, others)}")
     if study.pose(pose.change_from).change_from is not None:
         raise here.fail(f"pose {shown(pose.change_from)} holds changes itself: name a pose that does not.")
-    if study.remembers:
+    if study.history_dependent:
         raise here.fail("an effect of the study has memory, and the pose would have two shapes before it: measure places.")
 
 

@@ -1,4 +1,4 @@
-"""What a summary opens with: stiffnesses with relative intervals, what they rest on, unseen poses, whether to believe it."""
+"""What a summary opens with: stiffnesses with relative intervals, what they rest on, unseen poses, whether it is reliable."""
 
 import re
 from dataclasses import replace
@@ -128,7 +128,7 @@ def test_whether_to_believe_it():
     lost = replace(f, poses={**f.poses, name: replace(f.poses[name], stable=False, verdict="no equilibrium found")})
     for bad in (lost, replace(f, converged=False), replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
         assert bad.answer.tone == BAD and bad.answer.belief.startswith("no: ")
-        assert bad.answer.lines()[0].startswith("  believe it?   no: ")  # before any value
+        assert bad.answer.lines()[0].startswith("  reliable?     no: ")  # before any value
     assert f.answer.lines()[0].startswith("  EI")
     for what_next in (replace(f, misfits=("pose plane is off",)), replace(f, valid=False)):
         assert what_next.answer.belief.endswith("`scan2flex explain` looks for what is missing")

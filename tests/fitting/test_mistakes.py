@@ -50,7 +50,7 @@ def test_a_mistake_is_named_first_with_its_mend_and_the_command_ends_with_code_t
     title, first, second = told.stdout.splitlines()[:3]
     assert title == made(kind).title
     assert "likely mistake: " in first and HIDDEN[kind] in first
-    assert "are not to be believed" in second
+    assert "are not reliable" in second
     result = json.loads((tmp_path / "result.json").read_text())
     assert result["mistakes"][0]["mend"] in result["messages"][0] and result["believable"] is False
 

@@ -34,7 +34,7 @@ def test_a_fit_that_has_not_settled_is_not_to_be_believed(real):
     near = replace(real, misfits=(), valid=None)
     assert near.believable
     assert not replace(near, converged=False).believable
-    assert "has not settled within its iterations" in replace(near, converged=False).doubts[0]
+    assert "has not converged within its iterations" in replace(near, converged=False).doubts[0]
     stalled = replace(near, converged=False, minimum=replace(near.minimum, stalled=True))
     assert "has stalled: no step lowers its cost as predicted" in stalled.doubts[0]
     name, pose = next(iter(near.poses.items()))
@@ -48,7 +48,7 @@ def test_a_pose_far_from_its_curve_is_not_to_be_believed(real):
     assert told["believable"] is False
     for name, e in real.estimates.items():
         assert e.low is e.high is e.std is None and set(told["estimates"][name]) == {"value", "identifiable", "at_bound"}
-    assert "(no interval: not to be believed)" in real.summary()
+    assert "(no interval: not reliable)" in real.summary()
     assert set(real.misfits) <= set(real.sentences)
     assert all("% of the length, too much for noise" in s for s in real.misfits)
 

@@ -57,7 +57,7 @@ def test_a_band_is_told_at_a_few_places_and_withheld_where_it_is_open():
     assert said.startswith("EI along the cable (N m^2): 1 [0.5, 2] at 0.05 m")
     assert said.endswith("1 (not determined) at 0.95 m")
     (said,) = along.withheld().sentences()
-    assert said.endswith("1 (no interval: not to be believed) at 0.95 m")
+    assert said.endswith("1 (no interval: not reliable) at 0.95 m")
     assert set(along.withheld().to_json()) == {"s", "bending", "factor", "absolute"}
 
 

@@ -54,7 +54,7 @@ def test_what_one_pose_says_is_bounded():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"slab": 0.0}, "slab is 0.0; it must be positive"),
+        ({"discrepancy": 0.0}, "discrepancy is 0.0; it must be positive"),
         ({"surprise": float("nan")}, "surprise is nan"),
         ({"stated": -1.0}, "stated is -1.0"),
         ({"found": 6.0, "named": 5.0}, "found exceeds named"),

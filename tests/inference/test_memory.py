@@ -37,7 +37,7 @@ def found(gain, *others):
 @pytest.mark.parametrize(
     ("test", "named", "words"),
     [
-        (found(80.0, *[20.0] * 19), True, "the cable remembers: friction gains 80.0 nats"),
+        (found(80.0, *[20.0] * 19), True, "the shapes depend on the poses before: friction gains 80.0 nats"),
         (found(80.0, *[20.0] * 18, 79.0), False, "other orders of the poses fit as well"),
         (found(80.0, *[20.0] * 9), False, "other orders of the poses fit as well"),
         (found(2.0, *[-20.0] * 19), False, "no memory is seen"),

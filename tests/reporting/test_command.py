@@ -27,7 +27,7 @@ def test_report_of_the_fit_alone(fitted, tmp_path, monkeypatch):
     assert found.exit_code == 0, found.exception
     text = (tmp_path / "r.html").read_text("utf-8")
     assert "yes: validate poses are predicted to within the noise" in text
-    assert f"believe it?   {fitted.answer.belief}" in " ".join(found.output.split()).replace("believe it? ", "believe it?   ")
+    assert f"reliable?     {fitted.answer.belief}" in " ".join(found.output.split()).replace("reliable? ", "reliable?     ")
     assert "--no-explain" in text
     assert json.loads((tmp_path / "r.json").read_text())["estimates"]["bending_stiffness"]["value"] == pytest.approx(
         0.1, rel=1e-3

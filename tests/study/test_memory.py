@@ -30,8 +30,8 @@ def test_memory_is_read_and_written_back(study, tmp_path):
     check_study(whole)
     save_study(whole, tmp_path / "b")
     assert load_study(tmp_path / "b") == whole
-    assert whole.remembers
-    assert not study.remembers
+    assert whole.history_dependent
+    assert not study.history_dependent
 
 
 @pytest.mark.parametrize(
