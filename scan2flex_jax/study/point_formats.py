@@ -20,7 +20,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.files import UTF_16
 from scan2flex_jax.study.limits import Limit
 from scan2flex_jax.study.tables import scanned
@@ -40,7 +39,6 @@ _PTX_HEAD = 10  # lines: columns, rows, position and axes of the scanner, and it
 _HEADER = 100_000  # bytes of a header in text
 _RECORDS = 10_000  # most records before the points of a LAS
 _BEFORE = 1000  # lines of a text before its points
-_INSTALL = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
 
 
 def _scans(parts: list[np.ndarray], declared: int = 0) -> Points:
@@ -49,8 +47,8 @@ def _scans(parts: list[np.ndarray], declared: int = 0) -> Points:
 
 
 def _e57(stream: Any, path: Path, limit: Limit) -> Points:
-    with _library(path, "E57"):
-        import pye57  # noqa: PLC0415
+    import pye57  # noqa: PLC0415
+
     with _on_disk(stream) as name, pye57.E57(name) as file:
         limit.check(path, sum(file.get_header(i).point_count for i in range(file.scan_count)))
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
@@ -58,9 +56,9 @@ def _e57(stream: Any, path: Path, limit: Limit) -> Points:
 
 
 def _las(stream: Any, path: Path, limit: Limit) -> Points:
-    with _library(path, "LAS"):
-        import laspy  # noqa: PLC0415
-        import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
+    import laspy  # noqa: PLC0415
+    import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
+
     if int.from_bytes(stream.read(104)[100:], "little") > _RECORDS:
         raise ValueError("its header is damaged")
     stream.seek(0)
@@ -222,14 +220,6 @@ def _shaped(array: np.ndarray) -> bool:
     if array.dtype.names:
         return array.ndim == 1 and {"x", "y", "z"} <= set(array.dtype.names)
     return array.ndim == 2 and array.shape[1] >= 3 and array.shape != (3, 3) and array.dtype.kind in "fiu"
-
-
-@contextmanager
-def _library(path: Path, kind: str) -> Iterator[None]:
-    try:
-        yield
-    except ImportError as fault:
-        raise StudyError(path, None, f"{kind} needs a library that is not installed ({fault.name}): {_INSTALL}") from fault
 
 
 @contextmanager

@@ -10,7 +10,6 @@ import gzip
 import io
 import logging
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.study.limits import Limit, scan_limit
 from scan2flex_jax.study.point_formats import READERS
-from scan2flex_jax.study.survey import SURVEYS, Survey, survey
+from scan2flex_jax.study.survey import SURVEYS, Survey
 
 KINDS = (*SURVEYS, *READERS)
 """The kinds of scans that are read, by ending."""
@@ -38,53 +37,43 @@ def load_geometry(path: Path) -> Any:
             raise StudyError(path, None, "the scan is not there: put it back, or correct its name.")
         with path.open("rb") as stream:
             kind, data = _unpacked(path, stream, limit)
-            return _read_points(path, kind, data, limit) if kind in READERS else _read_mesh(path, kind, data, limit)
-    except (OSError, ValueError) as fault:
+            return _read_points(path, kind, data, limit) if kind in READERS else _read_mesh(path, kind, data.read(), limit)
+    except Scan2FlexError:
+        raise
+    except ImportError as fault:
+        advice = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
+        raise StudyError(path, None, f"it needs a library that is not installed ({fault.name}): {advice}") from fault
+    except Exception as fault:  # each library fails in its own way
         raise unreadable(path, fault) from fault
 
 
-def _unpacked(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, io.BufferedIOBase]:
-    """The kind of a scan, and its bytes as a stream."""
-    ending = path.suffix.lower()
+def _unpacked(path: Path, stream: Any, limit: Limit) -> tuple[str, io.BufferedIOBase]:
+    """The kind of a scan, and its bytes as a stream; those of an archive are counted up to the limit."""
+    name, ending, size = path.name, path.suffix.lower(), path.stat().st_size
     if ending == ".zip":
-        name, stream = _only_scan(path, stream, limit)
-        data = _counted(path, stream, limit)
-    elif ending == ".gz":
-        name, data = path.stem, _counted(path, gzip.GzipFile(fileobj=stream), limit)
-    else:
-        name, data = path.name, stream
-        limit.check_bytes(path, path.stat().st_size)
-    kind = Path(name).suffix.lower().removeprefix(".")
-    if kind not in KINDS:
-        raise StudyError(path, None, f"it is none of the kinds of scans that are read ({_NAMES}): {_ADVICE}")
-    return kind, data
-
-
-def _only_scan(path: Path, stream: io.BufferedIOBase, limit: Limit) -> tuple[str, Any]:
-    """The one scan in an archive: its name, and its stream."""
-    try:
         archive = zipfile.ZipFile(stream)
-        kinds = {m: Path(m.filename).suffix.lower().removeprefix(".") for m in archive.infolist()}
+        kinds = {m: _kind(m.filename) for m in archive.infolist()}
         scans = [m for m, kind in kinds.items() if kind in set(KINDS) - _NOTES] or [m for m in kinds if kinds[m] in KINDS]
         if len(scans) != 1:
             raise StudyError(path, None, f"the archive holds {len(scans)} scans ({_NAMES}): pack one.")
-        limit.check_bytes(path, scans[0].file_size)
-        return scans[0].filename, archive.open(scans[0])
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OverflowError) as fault:  # damaged, unknown, encrypted
-        raise unreadable(path, fault) from fault
-
-
-def _counted(path: Path, stream: Any, limit: Limit) -> io.BufferedIOBase:
-    """The unpacked content of a stream, up to the limit."""
+        name, size, stream = scans[0].filename, scans[0].file_size, archive.open(scans[0])
+    elif ending == ".gz":
+        name, size, stream = path.stem, 0, gzip.GzipFile(fileobj=stream)
+    limit.check_bytes(path, size)
+    if (kind := _kind(name)) not in KINDS:
+        raise StudyError(path, None, f"it is none of the kinds of scans that are read ({_NAMES}): {_ADVICE}")
+    if ending not in (".zip", ".gz"):
+        return kind, stream
     data = io.BytesIO()
-    try:
-        while block := stream.read(_BLOCK):
-            data.write(block)
-            limit.check_bytes(path, data.tell())
-    except (EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError) as fault:
-        raise unreadable(path, fault) from fault
+    while block := stream.read(_BLOCK):
+        data.write(block)
+        limit.check_bytes(path, data.tell())
     data.seek(0)
-    return data
+    return kind, data
+
+
+def _kind(name: str) -> str:
+    return Path(name).suffix.lower().removeprefix(".")
 
 
 def _check(path: Path, counts: Survey, limit: Limit) -> None:
@@ -103,28 +92,20 @@ def _check(path: Path, counts: Survey, limit: Limit) -> None:
 def _read_points(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:
     import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
 
-    try:
-        cloud = READERS[kind](data, path, limit)
-    except Scan2FlexError:
-        raise
-    except Exception as fault:  # each library fails in its own way
-        raise unreadable(path, fault) from fault
+    cloud = READERS[kind](data, path, limit)
     _check(path, Survey(len(cloud.points), max(len(cloud.points), cloud.declared)), limit)
     return trimesh.PointCloud(cloud.points, metadata={"notes": cloud.notes, "unit": cloud.unit})
 
 
-def _read_mesh(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:
+def _read_mesh(path: Path, kind: str, data: bytes, limit: Limit) -> Any:
     import trimesh  # noqa: PLC0415
 
-    _check(path, survey(kind, data, limit), limit)
-    data.seek(0)
+    _check(path, SURVEYS[kind](data, limit), limit)
     log = logging.getLogger("trimesh")
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
     try:
-        return trimesh.load(io.BytesIO(data.read()), file_type=kind)
-    except Exception as fault:  # each of trimesh's readers fails in its own way
-        raise unreadable(path, fault) from fault
+        return trimesh.load(io.BytesIO(data), file_type=kind)
     finally:
         log.setLevel(level)
 
