@@ -21,10 +21,8 @@ TANGENT_LEAST = 6
 """Fewest points of the parabola, if the curve has as many: twice its coefficients."""
 UNEVEN = 3.0
 """Allowed factor between a chord's shortfall and that of an arc: bends are not even along it."""
-STEEPEST = 3.0
-"""Largest growth of curvature over the first chord, as a logarithm: a factor of 20."""
-
-
+TURN, RESOLVED = 0.8, 0.5
+"""Of the turn between chords, and rad of it: error of a tangent at the end of arcs, helices and elasticas of few points."""
 FEWEST_BENT = 4
 """Fewest points of a space curve with curvature and torsion: fewer do not determine tangents, bends or plane."""
 _NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
@@ -173,14 +171,17 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
     """Slope at s = -gap of a parabola through the beginning of a curve, and the standard deviation of its direction.
 
     The window is the widest one whose slope agrees with those of all shorter ones (Lepski's rule): wide if noise
-    dominates, short if the cable bends sharply behind its clamp. If the points are so far apart that even the shortest window
-    exceeds `TANGENT_SPAN`, the error estimate of `_unresolved` is added.
+    dominates, short if the cable bends sharply behind its clamp. Where the points are so far apart that even the shortest
+    window exceeds `TANGENT_SPAN`, the turn between their chords is added: `TURN` times, falling with its square below
+    `RESOLVED`, and the turn over the gap.
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
     if most <= TANGENT_LEAST:
         slope, sd = _parabola(points[:most], gap)
-        return slope, float(np.hypot(sd, np.linalg.norm(slope) * _unresolved(points, s, slope, gap)))
+        turn = max(_between(a, b) for a, b in pairwise(np.diff(points[:most], axis=0)))
+        unseen = turn * (TURN * min(1.0, turn / RESOLVED) + gap / s[1])
+        return slope, float(np.hypot(sd, np.linalg.norm(slope) * unseen))
     count = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1]))))
     kept: list[tuple[np.ndarray, float]] = []
     while True:
@@ -192,32 +193,6 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
         if count == most:
             return kept[-1]
         count = min(most, count + max(1, count // 3))
-
-
-def _unresolved(
-    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], slope: Annotated[np.ndarray, "3"], gap: float
-) -> float:
-    """Possible error (rad) of a tangent at s = -gap due to the spacing of the points.
-
-    The curvature k at a point is the turn between its chords over their mean length. The growth from the second point to the
-    first is extrapolated towards the clamp, as exp(-s / l), in a heavy cable with l = sqrt(EI / tension); the turn from the
-    clamp to the mean of the first chord is then k l (exp((h + gap) / l) - (exp(h / l) - 1) l / h), with h that chord's
-    length and k the largest curvature of the first points. With `TANGENT_LEAST` points, half of the turn at constant curvature
-    is subtracted, since parabolas follow it. The difference between ``slope`` and that of the parabola through the first
-    three points is added in quadrature.
-    """
-    chords, h = np.diff(points[:TANGENT_LEAST], axis=0), np.diff(s[:TANGENT_LEAST])
-    turns = np.array([_between(a, b) for a, b in pairwise(chords)])
-    k = turns / (0.5 * (h[1:] + h[:-1]))
-    growth = STEEPEST if k[1] <= 0 else np.log(max(k[0], k[1]) / k[1]) * h[0] / h[1]
-    x = float(np.clip(growth, 1e-3, STEEPEST))  # h / l
-    beyond = float(np.clip(x * gap / h[0], 0.0, STEEPEST))
-    turn = np.max(k) * h[0] / x * (np.exp(x + beyond) - np.expm1(x) / x)
-    if len(points) >= TANGENT_LEAST:
-        turn -= 0.5 * k[0] * (0.5 * h[0] + gap)
-    bend = (chords[1] / h[1] - chords[0] / h[0]) / (h[0] + h[1])  # second divided difference
-    through_three = chords[0] / h[0] - (h[0] + 2.0 * gap) * bend
-    return float(np.hypot(turn, _between(slope, through_three)))
 
 
 def _between(a: Annotated[np.ndarray, "3"], b: Annotated[np.ndarray, "3"]) -> float:

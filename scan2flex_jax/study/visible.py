@@ -161,12 +161,10 @@ def scaled_curves(study: Study, factor: float) -> Study:
     """The study with every curve scaled about the origin of the scan frame."""
 
     def one(pose):
-        if pose.curve is None:
-            return pose
-        s = None if pose.curve.arc_length is None else factor * pose.curve.arc_length
-        return replace(pose, curve=MeasuredCurve(factor * pose.curve.points, s))
+        s = None if pose.curve is None or pose.curve.arc_length is None else factor * pose.curve.arc_length
+        return pose if pose.curve is None else replace(pose, curve=MeasuredCurve(factor * pose.curve.points, s))
 
-    return replace(study, poses=tuple(one(pose) for pose in study.poses))
+    return replace(study, poses=tuple(map(one, study.poses)))
 
 
 def scaled_clamps(study: Study, factor: float) -> Study:
