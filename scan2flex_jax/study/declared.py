@@ -13,8 +13,6 @@ from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterForma
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.values import Where
 
-FEWEST_PLACES = 2
-"""Of a field along the cable: with fewer it would not vary, and is an effect type of its own."""
 _ROUNDING = 1e-9
 """Of a bound: tolerance for a start beyond it. An estimate at its bound changes by rounding through a logarithm."""
 
@@ -49,7 +47,7 @@ def _check_effects(study: Study, where: Where) -> None:
     longest, names = longest_cable(study), [pose.name for pose in study.poses]
     for i, effect in enumerate(study.effects):
         form, here = kind_format(effect.kind), where.item(i + 1)
-        ends, points = len(study.clamped_ends), _field_points(effect, form, here)
+        ends, points = len(study.clamped_ends), form.count(effect.parameters, here)
         if ends == 0 and any(parameter.per_end for parameter in form.parameters):
             raise here.fail(f"{form.kind} acts on clamps, and no pose has one: give a clamp its quaternion.")
         for parameter in form.parameters:
@@ -67,17 +65,6 @@ def _check_effects(study: Study, where: Where) -> None:
             raise here.at("poses").fail(f"no pose is called {v.shown(absent)}: {v.suggestion(absent, names)}")
         if form.memory != "none":
             _check_memory(effect, form, study, here)
-
-
-def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
-    """Number of points of a field; they increase."""
-    if form.grid is None or form.grid.name not in effect.parameters:
-        return 0
-    grid, here = effect.parameters[form.grid.name], where.at(form.grid.name)
-    count = int(np.size(grid))
-    if count < FEWEST_PLACES:
-        raise here.fail(f"got {v.counted(count, 'point')}: give at least {FEWEST_PLACES}.")
-    return len(v.growing(grid, count, here, f"number in {form.grid.unit}"))
 
 
 def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, where: Where) -> None:

@@ -144,7 +144,7 @@ def without_marker(study: Study, pose: StudyPose, k: int) -> Mistake | None:
     marks = _markers(pose)
     if len(marks.points) > 1:
         rows = {"points": marks.points, "arc_length": marks.arc_length, "offset": marks.offset}
-        rest = {name: np.delete(table, k, axis=0) for name, table in rows.items() if table is not None}
+        rest: dict[str, Any] = {name: np.delete(table, k, axis=0) for name, table in rows.items() if table is not None}
         other = replace(pose, markers=replace(marks, **rest))
     elif pose.curve is not None:
         other = replace(pose, markers=None)

@@ -127,6 +127,14 @@ def text(value: Any, where: Where) -> str:
     return str(of_kind(value, str, where, 'a text in quotation marks, as in "sag"'))
 
 
+def one_of(value: Any, names: tuple[str, ...], where: Where) -> str:
+    """One of some texts."""
+    if text(value, where) not in names:
+        first = ", ".join(f'"{name}"' for name in names[:-1])
+        raise where.fail(f'got {shown(value)}: write {first} or "{names[-1]}".')
+    return str(value)
+
+
 def boolean(value: Any, where: Where) -> bool:
     """True or false."""
     return bool(of_kind(value, (bool, np.bool_), where, "true or false"))
