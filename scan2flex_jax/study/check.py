@@ -214,8 +214,13 @@ def study_warnings(study: Study) -> list[str]:
     facts = {pose.name: one for pose in mended.poses if (one := pose_facts(pose)) is not None}
     warnings += curve_warnings(mended, facts)
     measured = len(facts) == len(study.poses)
-    if not mistakes:
-        warnings += [said for pose in study.poses for said in _far_markers(study, pose)]
+    for pose in () if mistakes else study.poses:
+        if pose.markers is not None and len(far := far_neighbours(study, pose)):
+            i = int(far[0])
+            apart, along = (np.diff(x[i : i + 2], axis=0) for x in (pose.markers.points, pose.markers.arc_length))
+            far_off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
+            said = f"markers {i + 1} and {i + 2} are {far_off} apart, and only {mm(float(along[0]))}"
+            warnings.append(f"{one_line(pose.name)}: {said} along the cable: correct their s, or their names in the tracking.")
     if carried(study):
         level = "every curve lies level, across gravity: something seems to carry the cable"
         warnings.append(f"{level}; if it lies on a table, declare the effect support_plane.")
@@ -223,18 +228,6 @@ def study_warnings(study: Study) -> list[str]:
         sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
         warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
     return warnings
-
-
-def _far_markers(study: Study, pose: StudyPose) -> list[str]:
-    """Warning about neighbouring markers of a pose that are farther apart than the cable between them is long."""
-    far, marks = far_neighbours(study, pose), pose.markers
-    if marks is None or not len(far):
-        return []
-    i = int(far[0])
-    apart = float(np.linalg.norm(np.nan_to_num(marks.points[i + 1] - marks.points[i])))
-    along = float(marks.arc_length[i + 1] - marks.arc_length[i])
-    said = f"markers {i + 1} and {i + 2} are {mm(apart)} apart, and only {mm(along)} along the cable"
-    return [f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking."]
 
 
 def _of_study(study: Study) -> list[str]:

@@ -55,14 +55,13 @@ def _check_effects(study: Study, where: Where) -> None:
             if name in effect.parameters:
                 parameter.take(effect.parameters[name], key, ends, longest, points)
             elif not parameter.optional and not study.unknown_of(i, name):
-                asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
+                asked = f', or declare unknown."{effect.kind}.{name}"' if parameter.estimable else ""
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
         size = float(np.linalg.norm(effect.parameters.get("coupling", 0.0)))
         if effect.kind == "bend_twist_coupling" and size >= 1:  # a singular or indefinite stiffness
             raise here.at("coupling").fail(f"got fractions of size {size:g}: give fractions whose squares sum below 1.")
-        absent = next((name for name in effect.poses or () if name not in names), None)
-        if absent is not None:
-            raise here.at("poses").fail(f"no pose is called {v.shown(absent)}: {v.suggestion(absent, names)}")
+        for name in effect.poses or ():
+            v.known(name, names, here.at("poses"), "pose")
         if form.memory != "none":
             _check_memory(effect, form, study, here)
 
@@ -131,20 +130,13 @@ def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: 
     if low is not None and high is not None and np.any(np.asarray(low) >= np.asarray(high)):
         said = f"got low {v.shown(v.plain(low))} and high {v.shown(v.plain(high))}"
         raise where.at("range").fail(f"{said}: give range = [low, high] with low below high.")
-    _check_start(unknown, study, where)
-
-
-def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
-    """The guess, or the value given in its place, lies in the range."""
     start, place, name = study.start_value(unknown.name), where.at("guess"), unknown.name
-    if start is None:
-        return
     if unknown.guess is None and study.given(name) is None:
         place = where.at("prior.mean")
     elif unknown.guess is None:
-        given = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
-        place = replace(where, key=given)
+        key = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
+        place = replace(where, key=key)
     for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
-        if bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
+        if start is not None and bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
             said = f"got {v.shown(v.plain(start))}, outside the range whose {side} end is {v.shown(v.plain(bound))}"
             raise place.fail(f"{said}: start inside it, or widen it.")

@@ -70,6 +70,8 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     length = curve_length(points) if s is None else float(s[-1] - s[0])
     start = None if pose.start is None else _end_facts(points, pose.start, 1.0)
     end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
+    ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
+    turns = (0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends)
     gaps = sum(one.gap for one in (start, end) if one is not None)
     spread = np.zeros(3)
     spread[: len(points)] = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
@@ -77,7 +79,7 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
         points=len(points),
         arc_length=length,
         covered=length + gaps,
-        unseen=0.0 if s is not None else UNEVEN * chord_deficit(points, *_end_angles(points, pose)),
+        unseen=0.0 if s is not None else UNEVEN * chord_deficit(points, *turns),
         start=start,
         end=end,
         off_plane=float(spread[2]),
@@ -127,15 +129,6 @@ def measured_length(study: Study) -> float | None:
             beyond = 0.0 if pose.end is None else np.linalg.norm(np.nan_to_num(pose.end.position - pose.markers.points[-1]))
             reached.append(float(pose.markers.arc_length[-1] + beyond))
     return max(reached, default=None)
-
-
-def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:
-    """Angles (rad) between the clamps' d3 and the first and last chord; 0 for an end without clamp."""
-    ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
-    first, last = (
-        0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends
-    )
-    return first, last
 
 
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:

@@ -66,13 +66,11 @@ class Mistake:
 
     def __str__(self) -> str:
         """``description: advice (improvement)``."""
-        return f"{self.sentence}: {self.mend}{self._better()}"
-
-    def _better(self) -> str:
+        said = f"{self.sentence}: {self.mend}"
         if self.before is None or self.after is None:
-            return ""
+            return said
         times, figures = self.before / self.after, f"{1e3 * self.after:.3g} mm in place of {1e3 * self.before:.3g} mm"
-        return f" (fits {times:.0f} times better, {figures})" if 2.0 < times < 1e3 else f" ({figures})"
+        return f"{said} (fits {times:.0f} times better, {figures})" if 2.0 < times < 1e3 else f"{said} ({figures})"
 
     def to_json(self) -> dict[str, Any]:
         """Sentence, advice and RMS distances (m)."""

@@ -71,9 +71,13 @@ class Study(Record):
 
     def _check(self, where: Where) -> None:
         """The cable has its quantities, and the rest are lists of parts; `check_study` checks them together."""
+        table = v.table(self.cable, CABLE, here := where.at("cable"), '{"length": 0.9}')
+        cable = {key: form.take(table[key], here.at(key)) for key, form in CABLE.items() if key in table}
+        if (stretch := cable.get("natural_stretch", np.zeros(3))[2]) <= -1:
+            raise here.at("natural_stretch").fail(f"got {stretch:g} along d3: give a stretch above -1.")
         keep(
             self,
-            cable=_cable(self.cable, where.at("cable")),
+            cable=cable,
             poses=v.all_of_kind(self.poses, StudyPose, where.at("poses"), "StudyPose(...)"),
             unknowns=v.all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
             effects=v.all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
@@ -263,16 +267,6 @@ def _moved_pose(pose: StudyPose, old: float, new: float) -> StudyPose:
         s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
         pose = replace(pose, markers=replace(marks, arc_length=s))
     return replace(pose, angle=tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle))
-
-
-def _cable(given: Any, where: Where) -> dict[str, Value]:
-    """Known parameters of the cable, in the order of `CABLE`."""
-    table = v.table(given, CABLE, where, '{"length": 0.9}')
-    cable = {key: form.take(table[key], where.at(key)) for key, form in CABLE.items() if key in table}
-    stretch = cable.get("natural_stretch")
-    if stretch is not None and stretch[2] <= -1:
-        raise where.at("natural_stretch").fail(f"got {stretch[2]:g} along d3: give a stretch above -1.")
-    return cable
 
 
 def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> StudyPose:

@@ -193,10 +193,6 @@ def _text(stream: Any, path: Path, limit: Limit) -> Points:
     return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit, declared)
 
 
-def _npy(stream: Any, path: Path, limit: Limit) -> Points:
-    return Points(columns(np.load(stream, allow_pickle=False)))
-
-
 def _npz(stream: Any, path: Path, limit: Limit) -> Points:
     limit.check(path, max((entry.file_size for entry in zipfile.ZipFile(stream).infolist()), default=0) // 24)
     stream.seek(0)
@@ -236,7 +232,8 @@ def _on_disk(stream: Any) -> Iterator[str]:
 
 
 READERS: dict[str, Callable[[Any, Path, Limit], Points]] = {
-    "e57": _e57, "las": _las, "laz": _las, "pcd": _pcd, "ptx": _ptx, "npy": _npy, "npz": _npz,
+    "e57": _e57, "las": _las, "laz": _las, "pcd": _pcd, "ptx": _ptx, "npz": _npz,
+    "npy": lambda stream, *_: Points(columns(np.load(stream, allow_pickle=False))),
     **dict.fromkeys(("xyz", "pts", "asc", "txt", "csv", "tsv", "dat"), _text),
 }  # fmt: skip
 """Readers of points by ending; other kinds are read by trimesh."""

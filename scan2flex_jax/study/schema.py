@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from scan2flex_jax.study.kinds import CABLE, KEYS, KindFormat, ParameterFormat, Schema, kind_format, kind_names
+from scan2flex_jax.study.kinds import CABLE, KEYS, ParameterFormat, Schema, kind_format, kind_names
 from scan2flex_jax.study.read import FORMAT
 
 _ANY_COUNT = -1  # in a shape: the points of a field
@@ -101,14 +101,13 @@ def _effects() -> Schema:
     for name, by_unit in units.items():
         said = "; ".join(f"{unit} (of {', '.join(kinds)})" for unit, kinds in by_unit.items())
         item["properties"][name] = {"description": said}
-    return {"type": "array", "items": item, "allOf": [{"items": _of_kind(form)} for form in forms]}
-
-
-def _of_kind(form: KindFormat) -> Schema:
-    """The parameters of an effect of one type."""
-    own = {p.name: {**p.schema(p.shapes(1, _ANY_COUNT)), "description": p.unit} for p in form.parameters}
-    if form.position is not None:
-        own[form.position] = {"anyOf": [own[form.position], _SHARE_OF_LENGTH], "description": "m, or per cent of the length"}
-    needed = [p.name for p in form.parameters if not p.estimable and not p.optional]
-    then = {**_object({"kind": True, "poses": True, **own}, needed), "description": form.words}
-    return {"if": {"properties": {"kind": {"const": form.kind}}, "required": ["kind"]}, "then": then}
+    each = []
+    for form in forms:
+        own = {p.name: {**p.schema(p.shapes(1, _ANY_COUNT)), "description": p.unit} for p in form.parameters}
+        if form.position is not None:
+            said = "m, or per cent of the length"
+            own[form.position] = {"anyOf": [own[form.position], _SHARE_OF_LENGTH], "description": said}
+        needed = [p.name for p in form.parameters if not p.estimable and not p.optional]
+        then = {**_object({"kind": True, "poses": True, **own}, needed), "description": form.words}
+        each.append({"items": {"if": {"properties": {"kind": {"const": form.kind}}, "required": ["kind"]}, "then": then}})
+    return {"type": "array", "items": item, "allOf": each}

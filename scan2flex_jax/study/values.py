@@ -88,15 +88,22 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"use one of {', '.join(names)}." if names else "leave it out."
 
 
+def known(name: str, names: Iterable[str], where: Where, noun: str) -> None:
+    """Refuse a name that is not among `names` of things called `noun`."""
+    names = list(names)
+    if name not in names:
+        raise where.fail(f"no {noun} is called {shown(name)}: {suggestion(name, names)}")
+
+
 def table(value: Any, names: Iterable[str] | None, where: Where, example: str) -> dict[str, Any]:
     """The contents of a table (a dict in memory) whose keys are among `names` (None: any)."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         what = "a dict" if example.startswith('{"') else "a table"
         raise where.fail(f"got {shown(value)}: give {what}, as in {example}.")
-    known = list(value if names is None else names)
+    keys = list(value if names is None else names)
     for key in value:
-        if key not in known:
-            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, known)}")
+        if key not in keys:
+            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, keys)}")
     return dict(value)
 
 

@@ -181,17 +181,21 @@ def scale_between(study: Study) -> Mistake | None:
 
     Only gaps across d3 count, since curves may stop short of their clamps. The cable's length decides which of them is wrong.
     """
-    length, poses = study.known("length"), [pose for pose in study.poses if pose.curve is not None]
-    if length is None or not poses:
+    length, positions, gaps = study.known("length"), [], []
+    curves = [(pose, pose.curve) for pose in study.poses if pose.curve is not None]
+    for pose, curve in curves:
+        for clamp, point in ((pose.start, curve.points[0]), (pose.end, curve.points[-1])):
+            if clamp is not None:
+                across = np.eye(3) - (0.0 if clamp.tangent is None else np.outer(clamp.tangent, clamp.tangent))
+                positions.append(across @ clamp.position)
+                gaps.append(across @ (point - clamp.position))
+    if length is None or not gaps:
         return None
-    gaps = [_gap(*end) for pose in poses for end in _held(pose)]
-    if not gaps:
-        return None
-    p, g = (np.ravel(vectors) for vectors in zip(*gaps, strict=True))
+    p, g = np.ravel(positions), np.ravel(gaps)
     more = float(g @ p / (p @ p)) if np.any(p) else 0.0
     if not _SCALES[0] < abs(more) < _SCALES[1] or np.linalg.norm(g - more * p) > _CLEAR * np.linalg.norm(g):
         return None
-    covered = [facts.covered for facts in map(pose_facts, poses) if facts is not None]
+    covered = [facts.covered for pose, _ in curves if (facts := pose_facts(pose)) is not None]
     along = float(np.median(covered)) / float(np.max(length)) - 1.0
     if abs(along - more) < abs(along):
         said = f"the curves look {abs(100 * more):.1f} % too {'large' if more > 0 else 'small'}"
@@ -199,18 +203,6 @@ def scale_between(study: Study) -> Mistake | None:
         return Mistake(said, mend, scaled_curves(study, 1.0 / (1.0 + more)))
     said = f"the clamps' positions look {abs(100 * more):.1f} % too {'small' if more > 0 else 'large'}"
     return Mistake(said, f"multiply them by {1 + more:.4f}", scaled_clamps(study, 1.0 + more))
-
-
-def _held(pose):
-    """Clamps of a pose with the ends of its curve."""
-    ends = ((pose.start, pose.curve.points[0]), (pose.end, pose.curve.points[-1]))
-    return [(clamp, point) for clamp, point in ends if clamp is not None]
-
-
-def _gap(clamp, point):
-    """A clamp's position and the gap from there to a point, across d3."""
-    d3 = np.zeros(3) if clamp.tangent is None else clamp.tangent
-    return clamp.position - (clamp.position @ d3) * d3, (point - clamp.position) - ((point - clamp.position) @ d3) * d3
 
 
 def clamps_scaled(study: Study) -> tuple[Mistake, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.curves import read_csv
-from scan2flex_jax.study.files import STUDY_FILE, backup, inside, write_atomic, writing_error
+from scan2flex_jax.study.files import STUDY_FILE, backup, inside, write_atomic, writing
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FIELDS, FORMAT, load_study
 from scan2flex_jax.study.records import Record, same
@@ -84,7 +84,7 @@ def save_study(study: Study, folder: str | Path) -> Path:
     folder = Path(folder)
     toml, files = folder / STUDY_FILE, NamedFiles(study, folder)
     text = study_text(study, files)
-    try:
+    with writing(toml):
         _check_written(study, text, files, Where(one_line(str(toml), 300)))
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.contents.items():
@@ -93,8 +93,6 @@ def save_study(study: Study, folder: str | Path) -> Path:
                 _put(path, content if isinstance(content, Path) else csv_text(content).encode("ascii"))
         if not (toml.exists() and _is_study(toml, study)):
             _put(toml, text.encode("utf-8"))
-    except (OSError, ValueError) as error:
-        raise writing_error(toml, error) from error
     return toml
 
 
