@@ -216,7 +216,7 @@ def of_rolls(study: Study) -> Iterator[Mistake]:
     first = next((pose.end for pose in study.poses if _twisted(pose)), None)
     if first is not None:
         said = "the roll of the end clamps, from pose to pose, has the wrong sign"
-        yield from _changed(study, said, mend, lambda pose: _unrolled(pose, first))
+        yield from _changed(study, said, mend, functools.partial(_untwisted, first=first))
 
 
 def of_gravity(study: Study) -> Iterator[Mistake]:
@@ -355,15 +355,9 @@ def _rolled_end(pose, angle):
     return replace(pose, end=replace(pose.end, quaternion=rolled(pose.end.quaternion, angle)))
 
 
-def _untwisted(pose):
-    """The end clamp rolled so that the twist along the measured curve changes sign."""
-    if not _twisted(pose) or pose.curve is None:
+def _untwisted(pose, first=None):
+    """The end clamp rolled so that the twist along the measured curve, or the roll from a ``first`` end, changes sign."""
+    if not _twisted(pose) or (first is None and pose.curve is None):
         return pose
-    return _rolled_end(pose, -2.0 * twist_along(pose.curve.points, pose.start.quaternion, pose.end.quaternion))
-
-
-def _unrolled(pose, first):
-    """The end clamp rolled so that its roll relative to the first pose changes sign."""
-    if not _twisted(pose):
-        return pose
-    return _rolled_end(pose, -2.0 * twist_along(np.zeros((0, 3)), first.quaternion, pose.end.quaternion))
+    points, other = (pose.curve.points, pose.start) if first is None else (np.zeros((0, 3)), first)
+    return _rolled_end(pose, -2.0 * twist_along(points, other.quaternion, pose.end.quaternion))

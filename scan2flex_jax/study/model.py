@@ -88,8 +88,7 @@ class Study(Record):
         old, new = self.stated_length, float(np.max(length))
         keep(self, stated_length=new)
         if old is not None and old != new:
-            effects = tuple(_moved_effect(effect, old, new) for effect in self.effects)
-            keep(self, effects=effects, poses=tuple(_moved_pose(pose, old, new) for pose in self.poses))
+            keep(self, **_stretched(self, old, new))
 
     @classmethod
     def from_arrays(
@@ -252,21 +251,23 @@ def at_end(place: Any, length: float | None) -> bool:
     return length is not None and np.size(place) == 1 and bool(abs(float(np.max(place)) - length) <= AT_END * length)
 
 
-def _moved_effect(effect: EffectDeclaration, old: float, new: float) -> EffectDeclaration:
-    """An effect whose place at the end of the cable, if it has one, is that of another length (m)."""
-    name = kind_format(effect.kind).position
-    if name is None or name not in effect.parameters or not at_end(effect.parameters[name], old):
-        return effect
-    return replace(effect, parameters={**effect.parameters, name: new})
-
-
-def _moved_pose(pose: StudyPose, old: float, new: float) -> StudyPose:
-    """A pose whose last marker and angles, if they are at the end of the cable, are at that of another length (m)."""
-    marks = pose.markers
-    if marks is not None and at_end(marks.arc_length[-1], old):
-        s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
-        pose = replace(pose, markers=replace(marks, arc_length=s))
-    return replace(pose, angle=tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle))
+def _stretched(study: Study, old: float, new: float) -> dict[str, Any]:
+    """Effects and poses whose places at the end of a cable of another length (m), if they have one there, stay at its end."""
+    effects, poses = [], []
+    for effect in study.effects:
+        name = kind_format(effect.kind).position
+        parameters = dict(effect.parameters)
+        if name is not None and at_end(parameters.get(name, np.nan), old):
+            parameters[name] = new
+        effects.append(replace(effect, parameters=parameters))
+    for pose in study.poses:
+        marks = pose.markers
+        if marks is not None and at_end(marks.arc_length[-1], old):
+            s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
+            marks = replace(marks, arc_length=s)
+        angles = tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle)
+        poses.append(replace(pose, markers=marks, angle=angles))
+    return {"effects": tuple(effects), "poses": tuple(poses)}
 
 
 def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> StudyPose:

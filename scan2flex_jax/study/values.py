@@ -190,16 +190,6 @@ def number(value: Any, where: Where) -> float:
     return float(value)
 
 
-def _shape(value: Any, depth: int = 3) -> tuple[int, ...] | None:
-    """Shape of nested lists; None if they are ragged or deeper than any value of a study."""
-    if not isinstance(value, list):
-        return ()
-    inner = {_shape(entry, depth - 1) for entry in value} if depth > 0 else set()
-    if len(inner) != 1 or None in inner:
-        return None
-    return (len(value), *(inner.pop() or ()))
-
-
 def _wanted(shape: tuple[int, ...]) -> str:
     lists = [counted(shape[0], "list")] if len(shape) > 1 else []
     return "one number" if not shape else f"a list of {' of '.join([*lists, counted(shape[-1], 'number')])}"
@@ -209,18 +199,16 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) ->
     """A number, or nested lists of numbers, of one of `shapes`; a float for shape (). With None any shape will do, and NaN."""
     value = plain(value)
     wanted = None if shapes is None else tuple(shapes)
-    shape = _shape(value)
-    if shape is None or (wanted is not None and shape not in wanted):
+    try:
+        shape = np.shape(value) if isinstance(value, list) else ()
+    except (TypeError, ValueError):  # ragged lists, tracers of JAX
+        shape = (0,)
+    if 0 in shape or (wanted is not None and shape not in wanted):
         said = "a number, or a list of numbers" if wanted is None else " or ".join(map(_wanted, wanted))
         raise where.fail(f"got {shown(value)}: write {said}.")
-
-    def numbers(inner: Any) -> Any:
-        if isinstance(inner, list):
-            return [numbers(entry) for entry in inner]
-        return inner if wanted is None and isinstance(inner, float) else number(inner, where)
-
-    checked = numbers(value)
-    return checked if isinstance(checked, float) else np.array(checked)
+    entries = np.array(value, object).ravel().tolist()
+    numbers = [x if wanted is None and isinstance(x, float) else number(x, where) for x in entries]
+    return np.array(numbers).reshape(shape) if shape else numbers[0]
 
 
 def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:

@@ -5,6 +5,7 @@ if it brings all astray poses back to their clamps and leads none astray: mistak
 poses and curves of two poses that are exchanged.
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -27,14 +28,17 @@ _SCALES, _CLEAR = (0.01, 0.15), 0.35  # reported changes of a scale; remaining g
 
 def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
     """The mistakes visible without a solve, each with the cumulatively corrected study; empty if no pose is astray."""
-    found = tuple(_of_units(study)) or tuple(_of_markers(study))
-    if found:
+    if found := tuple(_of_units(study)) or tuple(_of_markers(study)):
         return found
     astray = {pose.name for pose in study.poses if _off(study, pose) > 1.0}
-    for mistake in (*mistakes.of_frames(study), *mistakes.of_axes(study)) if astray else ():
-        if _mends(mistake, study, astray):
-            return (mistake,)
-    return tuple(_of_some_poses(study, astray)) or tuple(_upward(study))
+    hypotheses = itertools.chain(mistakes.of_frames(study), mistakes.of_axes(study))
+    if astray and (mistake := next((m for m in hypotheses if _mends(m, study, astray)), None)):
+        return (mistake,)
+    if found := tuple(_of_some_poses(study, astray)):
+        return found
+    upward = bool(study.poses) and all(stands(study, pose) for pose in study.poses)
+    said = "every curve rises against gravity, which must point the right way"
+    return tuple(replace(m, sentence=said) for m in itertools.islice(mistakes.of_gravity(study), 1) if upward)
 
 
 def _of_markers(study) -> Iterator[Mistake]:
@@ -114,15 +118,6 @@ def carried(study: Study) -> bool:
         return facts is not None and np.any(down) and np.std(heights) < flat < facts.off_line
 
     return bool(curves) and all(level(pose) for pose in curves)
-
-
-def _upward(study) -> Iterator[Mistake]:
-    """Gravity whose direction makes every curve rise against it."""
-    if study.poses and all(stands(study, pose) for pose in study.poses):
-        mistake = next(mistakes.of_gravity(study), None)
-        if mistake is not None:
-            said = "every curve rises against gravity, which must point the right way"
-            yield replace(mistake, sentence=said)
 
 
 def _of_units(study) -> Iterator[Mistake]:

@@ -170,19 +170,17 @@ def study_text(study: Study, files: NamedFiles | None = None) -> str:
     """The text of `study.toml` in the layout of the format: clamps on one line each, and what is assumed of the cable or of the
     noise in comments of their tables. Files get their names in `files`."""
     files = NamedFiles(study) if files is None else files
-    head = {"format": FORMAT, "title": study.title, "gravity": study.gravity}
     noisy = () if all(pose.noise is not None for pose in study.poses if pose.seen) else (_NO_NOISE,)
-    tables = [
+    tables: list[tuple[str, Mapping[str, Any], tuple[str, ...]]] = [
+        ("", {"format": FORMAT, "title": study.title, "gravity": study.gravity}, ()),
         ("[cable]", study.cable, study.assumptions),
-        ("[tolerance]", _of_record(study.tolerance), ()),
+        *(("[tolerance]", table, ()) for table in [_of_record(study.tolerance)] if table),
         *((f"[unknown.{_key(one.name)}]", _unknown(one), ()) for one in study.unknowns),
         *(("[[pose]]", _pose(pose, files), () if i else noisy) for i, pose in enumerate(study.poses)),
         *(("[[effect]]", {"kind": one.kind, **one.parameters, "poses": one.poses}, ()) for one in study.effects),
     ]
-    parts = [_entries(head)]
-    parts += [[name, *_entries(table), *(f"# {said}" for said in comments)] for name, table, comments in tables
-              if table or name != "[tolerance]"]  # fmt: skip
-    return "\n".join("\n".join([*part, ""]) for part in parts)
+    parts = ([name, *_entries(table), *(f"# {said}" for said in comments)] for name, table, comments in tables)
+    return "\n\n".join("\n".join(filter(None, lines)) for lines in parts) + "\n"
 
 
 def _unknown(unknown: Unknown) -> dict[str, Any]:
