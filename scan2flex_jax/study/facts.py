@@ -133,16 +133,9 @@ def measured_length(study: Study) -> float | None:
 
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
     """Whether the reversed curve agrees much better with its clamps."""
-    ends = points[[0, -1]]
-    if pose.start is None or pose.end is None:
-        one = pose.end if pose.start is None else pose.start
-        near, far = np.zeros(2) if one is None else np.linalg.norm(ends - one.position, axis=1)
-        near, far = (near, far) if pose.start is not None else (far, near)
-        return bool(far < 0.2 * near)
-    clamps = np.stack([pose.start.position, pose.end.position])
-    right = np.linalg.norm(ends - clamps, axis=1).sum()
-    turned = np.linalg.norm(ends[::-1] - clamps, axis=1).sum()
-    return bool(turned < 0.2 * right)
+    held = [(clamp.position, i) for clamp, i in ((pose.start, 0), (pose.end, -1)) if clamp is not None]
+    right = sum(np.linalg.norm(points[i] - x) for x, i in held)
+    return bool(sum(np.linalg.norm(points[-1 - i] - x) for x, i in held) < 0.2 * right)
 
 
 def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) -> EndFacts:
