@@ -37,22 +37,19 @@ class Outputs:
         """Refuse, before any computation, files that must not be written; None is an output that was not requested."""
         wanted = [path for path in paths if path is not None]
         for i, path in enumerate(wanted):
-            self._claim(path, wanted[:i])
-
-    def _claim(self, path: Path, others: Iterable[Path] = ()) -> None:
-        with writing(path):
-            if is_stream(path):
-                return
-            if any(_same(path, other) for other in others):
-                raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
-            keep_measured(path, self.measured)
-            if not self.force and path not in self.written and path.exists() and path.stat().st_size > 0:
-                said = "it is there already: name another file, or replace it with --force."
-                raise StudyError(one_line(str(path), 300), None, said)
+            with writing(path):
+                if is_stream(path):
+                    continue
+                if any(_same(path, other) for other in wanted[:i]):
+                    raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
+                keep_measured(path, self.measured)
+                if not self.force and path not in self.written and path.exists() and path.stat().st_size > 0:
+                    said = "it is there already: name another file, or replace it with --force."
+                    raise StudyError(one_line(str(path), 300), None, said)
 
     def write(self, path: Path, data: bytes) -> None:
         """Make `path` contain `data`, in one step; raises `StudyError`."""
-        self._claim(path)
+        self.claim(path)
         with writing(path):
             write_atomic(path, data)
             self.written.add(path)

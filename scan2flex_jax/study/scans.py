@@ -141,13 +141,23 @@ _NAMES = ", ".join(f".{kind}" for kind in KINDS)
 
 def load_geometry(path: Path) -> Any:
     """The trimesh object in a file; raises `StudyError` for a missing, too large, truncated or empty one."""
-    limit = scan_limit()
+    import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
+
+    limit, log = scan_limit(), logging.getLogger("trimesh")
+    level = log.level
     try:
         if not path.is_file():
             raise StudyError(path, None, "the scan is not there: put it back, or correct its name.")
         with path.open("rb") as stream:
             kind, data = _unpacked(path, stream, limit)
-            return _read_points(path, kind, data, limit) if kind in READERS else _read_mesh(path, kind, data.read(), limit)
+            if kind in READERS:
+                cloud = READERS[kind](data, path, limit)
+                _check(path, Survey(len(cloud.points), max(len(cloud.points), cloud.declared)), limit)
+                return trimesh.PointCloud(cloud.points, metadata={"notes": cloud.notes, "unit": cloud.unit})
+            content = data.read()
+        _check(path, SURVEYS[kind](content, limit), limit)
+        log.setLevel(logging.CRITICAL + 1)
+        return trimesh.load(io.BytesIO(content), file_type=kind)
     except Scan2FlexError:
         raise
     except ImportError as fault:
@@ -155,6 +165,8 @@ def load_geometry(path: Path) -> Any:
         raise StudyError(path, None, f"it needs a library that is not installed ({fault.name}): {advice}") from fault
     except Exception as fault:  # each library fails in its own way
         raise unreadable(path, fault) from fault
+    finally:
+        log.setLevel(level)
 
 
 def _unpacked(path: Path, stream: Any, limit: Limit) -> tuple[str, io.BufferedIOBase]:
@@ -197,27 +209,6 @@ def _check(path: Path, counts: Survey, limit: Limit) -> None:
         raise StudyError(path, None, f"the scan holds no points: {_ADVICE}")
     if counts.cut:
         raise StudyError(path, None, f"it ends before its {counts.faces} faces do: it was cut short; {_ADVICE}")
-
-
-def _read_points(path: Path, kind: str, data: io.BufferedIOBase, limit: Limit) -> Any:
-    import trimesh  # noqa: PLC0415  (it loads slowly, and studies of curves need none)
-
-    cloud = READERS[kind](data, path, limit)
-    _check(path, Survey(len(cloud.points), max(len(cloud.points), cloud.declared)), limit)
-    return trimesh.PointCloud(cloud.points, metadata={"notes": cloud.notes, "unit": cloud.unit})
-
-
-def _read_mesh(path: Path, kind: str, data: bytes, limit: Limit) -> Any:
-    import trimesh  # noqa: PLC0415
-
-    _check(path, SURVEYS[kind](data, limit), limit)
-    log = logging.getLogger("trimesh")
-    level = log.level
-    log.setLevel(logging.CRITICAL + 1)
-    try:
-        return trimesh.load(io.BytesIO(data), file_type=kind)
-    finally:
-        log.setLevel(level)
 
 
 def unreadable(path: Path, fault: Exception) -> StudyError:
