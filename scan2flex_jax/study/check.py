@@ -185,8 +185,7 @@ def _wrench(one: Wrench) -> str:
 def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
     """Points and box (m) of a scan, and whether it seems to be in another unit."""
     count, size = scan
-    length = study.known("length")
-    unit = None if length is None else looks_like(float(np.max(size)) / float(np.max(length)))
+    unit = None if study.length is None else looks_like(float(np.max(size)) / study.length)
     box = f"{count} points in a box of {' x '.join(f'{x:.3g}' for x in size)} m"
     return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres (new --units {_UNIT[unit[0]]})"
 
@@ -250,9 +249,9 @@ def unit_warnings(study: Study) -> list[str]:
     sizes = {of: float(np.linalg.norm(gravity)) for of, gravity in {"": study.gravity, **own}.items()}
     odd = {of: size for of, size in sizes.items() if size and abs(size - GRAVITY) > 0.01 * GRAVITY}  # none at all may be meant
     warnings = [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit." for of, size in odd.items()]
-    length, shown = study.cable.get("length"), 0.0 if study.clamped_ends else measured_length(study) or 0.0
-    if length is not None and float(np.max(length)) > max(LONG, shown / SHOWN):
-        warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
+    length, shown = float(np.max(study.cable.get("length", 0.0))), 0.0 if study.clamped_ends else measured_length(study) or 0.0
+    if length > max(LONG, shown / SHOWN):
+        warnings.append(f"the cable is {length:.4g} m long: write lengths in metres.")
     density, radius = study.known("length_density"), study.known("radius")
     if density is None or not any(np.any(study.gravity_in(pose)) for pose in study.poses):
         return warnings

@@ -231,6 +231,12 @@ class Study(Record):
         """The value of a key of `[cable]` that is not estimated; None if it is, or was not given."""
         return None if key in self.unknown_names else self.cable.get(key)
 
+    @property
+    def length(self) -> float | None:
+        """The length (m) of the cable, if it was given and is not estimated."""
+        length = self.known("length")
+        return None if length is None else float(np.max(length))
+
     def start_value(self, name: str) -> Value | None:
         """Start of an unknown: its guess, else the value given, else the mean of its prior, else None."""
         unknown = next((unknown for unknown in self.unknowns if unknown.name == name), None)

@@ -106,7 +106,7 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
         effects.append(sectioned)
     with where.placed():
         study = Study(data.get("title", ""), data["gravity"], cable, poses, data.get("tolerance", Tolerance()), folder=folder)
-    length = None if "length" in unknowns else study.cable.get("length")
+    length = None if "length" in unknowns else study.length
     effects += _effects(data.get("effects", []), where.at("effect"), length)
     study = replace(study, effects=tuple(effects))
     study = replace(study, unknowns=tuple(_unknowns(study, unknowns, here)))
@@ -163,7 +163,7 @@ def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[St
             yield StudyPose(**given)
 
 
-def _effects(entries: Any, where: Where, length: Any) -> Iterator[EffectDeclaration]:
+def _effects(entries: Any, where: Where, length: float | None) -> Iterator[EffectDeclaration]:
     """All `[[effect]]` of a cable of this length (m), of which a place may be a share."""
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
@@ -176,7 +176,7 @@ def _effects(entries: Any, where: Where, length: Any) -> Iterator[EffectDeclarat
                 if length is None:
                     said = f"got {v.shown(place)} of a length that is unknown: write the place in m from the start."
                     raise here.at(name).fail(said)
-                given[name] = float(np.max(length)) * (1.0 if float(share[1]) == 100 else 0.01 * float(share[1]))
+                given[name] = length * (1.0 if float(share[1]) == 100 else 0.01 * float(share[1]))
             yield EffectDeclaration(kind, given, table.get("poses"))
 
 

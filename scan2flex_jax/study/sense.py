@@ -239,7 +239,7 @@ def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: flo
     if length > CURVE_SLACK * reach:
         hint = unit_hint(length / reach, equal=True)
         raise where.fail(f"the curve is {length:g} m long, but the cable at most {reach:g} m: {hint}.")
-    if study.known("length") is not None and length < CURVE_LEAST * reach:
+    if study.length is not None and length < CURVE_LEAST * reach:
         unit = unit_of(reach / length)
         hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
         raise where.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")

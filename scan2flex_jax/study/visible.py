@@ -86,10 +86,9 @@ def _mended(study, pose) -> bool:
 
 def _off(study, pose) -> float:
     """Distance of a pose's curve from its clamps, in units of the astray threshold; 0 if undefined."""
-    facts, length = pose_facts(pose), study.known("length")
-    if facts is None:
+    if (facts := pose_facts(pose)) is None:
         return 0.0
-    scale = facts.covered if length is None else float(np.max(length))
+    scale = study.length or facts.covered
     ends = [end for end in (facts.start, facts.end) if end is not None]
     angles = [end.angle - 2 * (end.angle_sd or 0.0) for end in ends if end.angle is not None]
     return max(max((end.gap for end in ends), default=0.0) / (_GAP * scale), max(angles, default=0.0) / _ANGLE)
@@ -97,14 +96,14 @@ def _off(study, pose) -> float:
 
 def stands(study: Study, pose: StudyPose) -> bool:
     """Whether a curve rises against gravity: above its chord, or above the initial tangent of a cable with a free end."""
-    gravity, length = study.gravity_in(pose), study.known("length")
+    gravity, length = study.gravity_in(pose), study.length
     size = float(np.linalg.norm(gravity))
     if pose.curve is None or pose.start is None or length is None or not size > 0:
         return False
     line = 0.5 * (pose.start.position + (pose.start.position if pose.end is None else pose.end.position))
     if pose.end is None and pose.start.tangent is not None:
         line = line + 0.5 * curve_length(pose.curve.points) * pose.start.tangent
-    return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * float(np.max(length))
+    return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * length
 
 
 def carried(study: Study) -> bool:
@@ -122,11 +121,9 @@ def carried(study: Study) -> bool:
 
 def _of_units(study) -> Iterator[Mistake]:
     """One of length, curves and clamps in another unit than the two others, whose lengths agree."""
-    length = study.known("length")
     curves = [pose for pose in study.poses if pose.curve is not None]
-    if length is None or not curves:
+    if (whole := study.length) is None or not curves:
         return
-    whole = float(np.max(length))
     long = float(np.median([curve_length(pose.curve.points) for pose in curves]))
     spans = [ratio for ratio in map(_span_ratio, curves) if ratio is not None]
     across = float(np.median(spans)) if spans else None
@@ -176,7 +173,7 @@ def scale_between(study: Study) -> Mistake | None:
 
     Only gaps across d3 count, since curves may stop short of their clamps. The cable's length decides which of them is wrong.
     """
-    length, positions, gaps = study.known("length"), [], []
+    positions, gaps = [], []
     curves = [(pose, pose.curve) for pose in study.poses if pose.curve is not None]
     for pose, curve in curves:
         for clamp, point in ((pose.start, curve.points[0]), (pose.end, curve.points[-1])):
@@ -184,14 +181,14 @@ def scale_between(study: Study) -> Mistake | None:
                 across = np.eye(3) - (0.0 if clamp.tangent is None else np.outer(clamp.tangent, clamp.tangent))
                 positions.append(across @ clamp.position)
                 gaps.append(across @ (point - clamp.position))
-    if length is None or not gaps:
+    if study.length is None or not gaps:
         return None
     p, g = np.ravel(positions), np.ravel(gaps)
     more = float(g @ p / (p @ p)) if np.any(p) else 0.0
     if not _SCALES[0] < abs(more) < _SCALES[1] or np.linalg.norm(g - more * p) > _CLEAR * np.linalg.norm(g):
         return None
     covered = [facts.covered for pose, _ in curves if (facts := pose_facts(pose)) is not None]
-    along = float(np.median(covered)) / float(np.max(length)) - 1.0
+    along = float(np.median(covered)) / study.length - 1.0
     if abs(along - more) < abs(along):
         said = f"the curves look {abs(100 * more):.1f} % too {'large' if more > 0 else 'small'}"
         mend = f"divide them by {1 + more:.4f}, or declare the effect scan_scale"
