@@ -117,8 +117,9 @@ def _ply(data: bytes, limit: Limit) -> Survey:
         return Survey(declared, declared, faces)
     room = len(data) - end.end()
     if form[1] == "ascii":
-        rows = (line for line in io.BytesIO(data[end.end() :]) if not line.isspace())
-        room = sum(1 for _ in itertools.islice(rows, declared + faces))
+        stream = io.BytesIO(data)  # shares them
+        stream.seek(end.end())
+        room = sum(1 for _ in itertools.islice((line for line in stream if not line.isspace()), declared + faces))
     points, cut = declared, False
     for name, count, least in elements:
         there = min(count, room // max(least, 1))
