@@ -19,7 +19,7 @@ from scan2flex_jax.study.files import STUDY_FILE, read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
 from scan2flex_jax.study.outputs import measured_files
 from scan2flex_jax.study.values import Where
-from scan2flex_jax.study.write import NamedFiles, render, study_tables
+from scan2flex_jax.study.write import study_text
 
 LIBRARIES = ("scan2flex_jax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "scipy", "plotly")
 _MOST_TEXT = 200_000  # bytes of a study.toml that the page repeats
@@ -220,4 +220,4 @@ def _toml(study) -> str:
     path = None if study.folder is None else study.folder / STUDY_FILE
     if path is not None and path.is_file():
         return read_text(path, 10_000_000, Where(str(path)), "the file is gone.")[:_MOST_TEXT]
-    return render(study_tables(study, NamedFiles(study)))[:_MOST_TEXT]
+    return study_text(study)[:_MOST_TEXT]

@@ -185,8 +185,7 @@ def _wrench(one: Wrench) -> str:
 def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
     """Points and box (m) of a scan, and whether it seems to be in another unit."""
     count, size = scan
-    length = study.known("length")
-    unit = None if length is None else looks_like(float(np.max(size)) / float(np.max(length)))
+    unit = None if study.length is None else looks_like(float(np.max(size)) / study.length)
     box = f"{count} points in a box of {' x '.join(f'{x:.3g}' for x in size)} m"
     return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres (new --units {_UNIT[unit[0]]})"
 
@@ -214,8 +213,13 @@ def study_warnings(study: Study) -> list[str]:
     facts = {pose.name: one for pose in mended.poses if (one := pose_facts(pose)) is not None}
     warnings += curve_warnings(mended, facts)
     measured = len(facts) == len(study.poses)
-    if not mistakes:
-        warnings += [said for pose in study.poses for said in _far_markers(study, pose)]
+    for pose in () if mistakes else study.poses:
+        if pose.markers is not None and len(far := far_neighbours(study, pose)):
+            i = int(far[0])
+            apart, along = (np.diff(x[i : i + 2], axis=0) for x in (pose.markers.points, pose.markers.arc_length))
+            far_off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
+            said = f"markers {i + 1} and {i + 2} are {far_off} apart, and only {mm(float(along[0]))}"
+            warnings.append(f"{one_line(pose.name)}: {said} along the cable: correct their s, or their names in the tracking.")
     if carried(study):
         level = "every curve lies level, across gravity: something seems to carry the cable"
         warnings.append(f"{level}; if it lies on a table, declare the effect support_plane.")
@@ -223,18 +227,6 @@ def study_warnings(study: Study) -> list[str]:
         sideways = "torsional stiffness, and natural curvature or stiffness out of that plane, cannot show"
         warnings.append(f"all poses are plane: {sideways}; add a pose that is twisted or bent out of the plane.")
     return warnings
-
-
-def _far_markers(study: Study, pose: StudyPose) -> list[str]:
-    """Warning about neighbouring markers of a pose that are farther apart than the cable between them is long."""
-    far, marks = far_neighbours(study, pose), pose.markers
-    if marks is None or not len(far):
-        return []
-    i = int(far[0])
-    apart = float(np.linalg.norm(np.nan_to_num(marks.points[i + 1] - marks.points[i])))
-    along = float(marks.arc_length[i + 1] - marks.arc_length[i])
-    said = f"markers {i + 1} and {i + 2} are {mm(apart)} apart, and only {mm(along)} along the cable"
-    return [f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking."]
 
 
 def _of_study(study: Study) -> list[str]:
@@ -257,9 +249,9 @@ def unit_warnings(study: Study) -> list[str]:
     sizes = {of: float(np.linalg.norm(gravity)) for of, gravity in {"": study.gravity, **own}.items()}
     odd = {of: size for of, size in sizes.items() if size and abs(size - GRAVITY) > 0.01 * GRAVITY}  # none at all may be meant
     warnings = [f"{of}gravity is {size:.4g} m/s^2, not {GRAVITY}: check its unit." for of, size in odd.items()]
-    length, shown = study.cable.get("length"), 0.0 if study.clamped_ends else measured_length(study) or 0.0
-    if length is not None and float(np.max(length)) > max(LONG, shown / SHOWN):
-        warnings.append(f"the cable is {float(np.max(length)):.4g} m long: write lengths in metres.")
+    length, shown = float(np.max(study.cable.get("length", 0.0))), 0.0 if study.clamped_ends else measured_length(study) or 0.0
+    if length > max(LONG, shown / SHOWN):
+        warnings.append(f"the cable is {length:.4g} m long: write lengths in metres.")
     density, radius = study.known("length_density"), study.known("radius")
     if density is None or not any(np.any(study.gravity_in(pose)) for pose in study.poses):
         return warnings

@@ -97,15 +97,14 @@ def _span(least: float, most: float, form: str) -> str:
 
 def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> Iterator[_Fault]:
     """The faults of one measured curve."""
-    length = study.known("length")
-    scale = facts.covered if length is None else float(np.max(length))
+    scale = study.length or facts.covered
     for name, end in (("start", facts.start), ("end", facts.end)):
         if end is not None and end.gap > GAP_WARNING * scale:
             yield _Fault("gap", pose.name, end.gap, name)
         if end is not None and end.angle is not None and end.angle - 2 * (end.angle_sd or 0.0) > ANGLE_WARNING:
             yield _Fault("tangent", pose.name, end.angle, name)
     off, least = facts.covered / scale - 1, -FREE_WARNING if facts.end is None else -LENGTH_WARNING
-    if length is not None and not least - facts.unseen / scale <= off <= LENGTH_WARNING:
+    if study.length is not None and not least - facts.unseen / scale <= off <= LENGTH_WARNING:
         yield _Fault("longer" if off > 0 else "shorter", pose.name, facts.covered, off=abs(100 * off))
     if _straight(study, pose, facts):
         yield _Fault("straight", pose.name, facts.off_line)
@@ -113,7 +112,6 @@ def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> Iterator[_Fault
 
 def _straight(study: Study, pose: StudyPose, facts: PoseFacts) -> bool:
     """Whether a curve hardly deviates from a line: by less than `PLANE_LIMIT`, or than a few times its stated noise."""
-    length = study.known("length")
-    limit = PLANE_LIMIT * (facts.covered if length is None else float(np.max(length)))
+    limit = PLANE_LIMIT * (study.length or facts.covered)
     limit = limit if pose.noise is None else min(limit, STRAIGHT * pose.noise)
     return facts.points >= FEWEST_BENT and facts.off_line < limit

@@ -13,8 +13,6 @@ from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterForma
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.values import Where
 
-FEWEST_PLACES = 2
-"""Of a field along the cable: with fewer it would not vary, and is an effect type of its own."""
 _ROUNDING = 1e-9
 """Of a bound: tolerance for a start beyond it. An estimate at its bound changes by rounding through a logarithm."""
 
@@ -49,7 +47,7 @@ def _check_effects(study: Study, where: Where) -> None:
     longest, names = longest_cable(study), [pose.name for pose in study.poses]
     for i, effect in enumerate(study.effects):
         form, here = kind_format(effect.kind), where.item(i + 1)
-        ends, points = len(study.clamped_ends), _field_points(effect, form, here)
+        ends, points = len(study.clamped_ends), form.count(effect.parameters, here)
         if ends == 0 and any(parameter.per_end for parameter in form.parameters):
             raise here.fail(f"{form.kind} acts on clamps, and no pose has one: give a clamp its quaternion.")
         for parameter in form.parameters:
@@ -57,27 +55,15 @@ def _check_effects(study: Study, where: Where) -> None:
             if name in effect.parameters:
                 parameter.take(effect.parameters[name], key, ends, longest, points)
             elif not parameter.optional and not study.unknown_of(i, name):
-                asked = f", or declare unknown.\"{effect.kind}.{name}\"" if parameter.estimable else ""
+                asked = f', or declare unknown."{effect.kind}.{name}"' if parameter.estimable else ""
                 raise key.fail(f"{effect.kind} needs its {name} ({parameter.unit}): give it{asked}.")
         size = float(np.linalg.norm(effect.parameters.get("coupling", 0.0)))
         if effect.kind == "bend_twist_coupling" and size >= 1:  # a singular or indefinite stiffness
             raise here.at("coupling").fail(f"got fractions of size {size:g}: give fractions whose squares sum below 1.")
-        absent = next((name for name in effect.poses or () if name not in names), None)
-        if absent is not None:
-            raise here.at("poses").fail(f"no pose is called {v.shown(absent)}: {v.suggestion(absent, names)}")
+        for name in effect.poses or ():
+            v.known(name, names, here.at("poses"), "pose")
         if form.memory != "none":
             _check_memory(effect, form, study, here)
-
-
-def _field_points(effect: EffectDeclaration, form: KindFormat, where: Where) -> int:
-    """Number of points of a field; they increase."""
-    if form.grid is None or form.grid.name not in effect.parameters:
-        return 0
-    grid, here = effect.parameters[form.grid.name], where.at(form.grid.name)
-    count = int(np.size(grid))
-    if count < FEWEST_PLACES:
-        raise here.fail(f"got {v.counted(count, 'point')}: give at least {FEWEST_PLACES}.")
-    return len(v.growing(grid, count, here, f"number in {form.grid.unit}"))
 
 
 def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, where: Where) -> None:
@@ -144,20 +130,13 @@ def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: 
     if low is not None and high is not None and np.any(np.asarray(low) >= np.asarray(high)):
         said = f"got low {v.shown(v.plain(low))} and high {v.shown(v.plain(high))}"
         raise where.at("range").fail(f"{said}: give range = [low, high] with low below high.")
-    _check_start(unknown, study, where)
-
-
-def _check_start(unknown: Unknown, study: Study, where: Where) -> None:
-    """The guess, or the value given in its place, lies in the range."""
     start, place, name = study.start_value(unknown.name), where.at("guess"), unknown.name
-    if start is None:
-        return
     if unknown.guess is None and study.given(name) is None:
         place = where.at("prior.mean")
     elif unknown.guess is None:
-        given = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
-        place = replace(where, key=given)
+        key = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
+        place = replace(where, key=key)
     for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
-        if bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
+        if start is not None and bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
             said = f"got {v.shown(v.plain(start))}, outside the range whose {side} end is {v.shown(v.plain(bound))}"
             raise place.fail(f"{said}: start inside it, or widen it.")

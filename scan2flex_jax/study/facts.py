@@ -21,10 +21,8 @@ TANGENT_LEAST = 6
 """Fewest points of the parabola, if the curve has as many: twice its coefficients."""
 UNEVEN = 3.0
 """Allowed factor between a chord's shortfall and that of an arc: bends are not even along it."""
-STEEPEST = 3.0
-"""Largest growth of curvature over the first chord, as a logarithm: a factor of 20."""
-
-
+TURN, RESOLVED = 0.8, 0.5
+"""Of the turn between chords, and rad of it: error of a tangent at the end of arcs, helices and elasticas of few points."""
 FEWEST_BENT = 4
 """Fewest points of a space curve with curvature and torsion: fewer do not determine tangents, bends or plane."""
 _NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
@@ -72,6 +70,8 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     length = curve_length(points) if s is None else float(s[-1] - s[0])
     start = None if pose.start is None else _end_facts(points, pose.start, 1.0)
     end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
+    ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
+    turns = (0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends)
     gaps = sum(one.gap for one in (start, end) if one is not None)
     spread = np.zeros(3)
     spread[: len(points)] = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
@@ -79,7 +79,7 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
         points=len(points),
         arc_length=length,
         covered=length + gaps,
-        unseen=0.0 if s is not None else UNEVEN * chord_deficit(points, *_end_angles(points, pose)),
+        unseen=0.0 if s is not None else UNEVEN * chord_deficit(points, *turns),
         start=start,
         end=end,
         off_plane=float(spread[2]),
@@ -131,27 +131,11 @@ def measured_length(study: Study) -> float | None:
     return max(reached, default=None)
 
 
-def _end_angles(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> tuple[float, float]:
-    """Angles (rad) between the clamps' d3 and the first and last chord; 0 for an end without clamp."""
-    ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
-    first, last = (
-        0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends
-    )
-    return first, last
-
-
 def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
     """Whether the reversed curve agrees much better with its clamps."""
-    ends = points[[0, -1]]
-    if pose.start is None or pose.end is None:
-        one = pose.end if pose.start is None else pose.start
-        near, far = np.zeros(2) if one is None else np.linalg.norm(ends - one.position, axis=1)
-        near, far = (near, far) if pose.start is not None else (far, near)
-        return bool(far < 0.2 * near)
-    clamps = np.stack([pose.start.position, pose.end.position])
-    right = np.linalg.norm(ends - clamps, axis=1).sum()
-    turned = np.linalg.norm(ends[::-1] - clamps, axis=1).sum()
-    return bool(turned < 0.2 * right)
+    held = [(clamp.position, i) for clamp, i in ((pose.start, 0), (pose.end, -1)) if clamp is not None]
+    right = sum(np.linalg.norm(points[i] - x) for x, i in held)
+    return bool(sum(np.linalg.norm(points[-1 - i] - x) for x, i in held) < 0.2 * right)
 
 
 def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) -> EndFacts:
@@ -173,14 +157,17 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
     """Slope at s = -gap of a parabola through the beginning of a curve, and the standard deviation of its direction.
 
     The window is the widest one whose slope agrees with those of all shorter ones (Lepski's rule): wide if noise
-    dominates, short if the cable bends sharply behind its clamp. If the points are so far apart that even the shortest window
-    exceeds `TANGENT_SPAN`, the error estimate of `_unresolved` is added.
+    dominates, short if the cable bends sharply behind its clamp. Where the points are so far apart that even the shortest
+    window exceeds `TANGENT_SPAN`, the turn between their chords is added: `TURN` times, falling with its square below
+    `RESOLVED`, and the turn over the gap.
     """
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
     if most <= TANGENT_LEAST:
         slope, sd = _parabola(points[:most], gap)
-        return slope, float(np.hypot(sd, np.linalg.norm(slope) * _unresolved(points, s, slope, gap)))
+        turn = max(_between(a, b) for a, b in pairwise(np.diff(points[:most], axis=0)))
+        unseen = turn * (TURN * min(1.0, turn / RESOLVED) + gap / s[1])
+        return slope, float(np.hypot(sd, np.linalg.norm(slope) * unseen))
     count = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1]))))
     kept: list[tuple[np.ndarray, float]] = []
     while True:
@@ -192,32 +179,6 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
         if count == most:
             return kept[-1]
         count = min(most, count + max(1, count // 3))
-
-
-def _unresolved(
-    points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"], slope: Annotated[np.ndarray, "3"], gap: float
-) -> float:
-    """Possible error (rad) of a tangent at s = -gap due to the spacing of the points.
-
-    The curvature k at a point is the turn between its chords over their mean length. The growth from the second point to the
-    first is extrapolated towards the clamp, as exp(-s / l), in a heavy cable with l = sqrt(EI / tension); the turn from the
-    clamp to the mean of the first chord is then k l (exp((h + gap) / l) - (exp(h / l) - 1) l / h), with h that chord's
-    length and k the largest curvature of the first points. With `TANGENT_LEAST` points, half of the turn at constant curvature
-    is subtracted, since parabolas follow it. The difference between ``slope`` and that of the parabola through the first
-    three points is added in quadrature.
-    """
-    chords, h = np.diff(points[:TANGENT_LEAST], axis=0), np.diff(s[:TANGENT_LEAST])
-    turns = np.array([_between(a, b) for a, b in pairwise(chords)])
-    k = turns / (0.5 * (h[1:] + h[:-1]))
-    growth = STEEPEST if k[1] <= 0 else np.log(max(k[0], k[1]) / k[1]) * h[0] / h[1]
-    x = float(np.clip(growth, 1e-3, STEEPEST))  # h / l
-    beyond = float(np.clip(x * gap / h[0], 0.0, STEEPEST))
-    turn = np.max(k) * h[0] / x * (np.exp(x + beyond) - np.expm1(x) / x)
-    if len(points) >= TANGENT_LEAST:
-        turn -= 0.5 * k[0] * (0.5 * h[0] + gap)
-    bend = (chords[1] / h[1] - chords[0] / h[0]) / (h[0] + h[1])  # second divided difference
-    through_three = chords[0] / h[0] - (h[0] + 2.0 * gap) * bend
-    return float(np.hypot(turn, _between(slope, through_three)))
 
 
 def _between(a: Annotated[np.ndarray, "3"], b: Annotated[np.ndarray, "3"]) -> float:

@@ -15,6 +15,7 @@ import shutil
 import stat
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path, PureWindowsPath
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
@@ -178,27 +179,31 @@ def _own_stream(status: os.stat_result) -> int | None:
 def _write_through(path: Path, data: bytes) -> None:
     """Write to a device, a pipe (its reader is waited for a while) or a stream of this process (its reader may leave)."""
     own = 1 if path == STANDARD_OUTPUT else _own_stream(path.stat())
-    if own is None:
-        with open(_opened(path), "wb") as stream:
+    if own is not None:
+        sys.stdout.flush()
+        with contextlib.suppress(BrokenPipeError), open(os.dup(own), "wb") as stream:
             stream.write(data)
         return
-    sys.stdout.flush()
-    with contextlib.suppress(BrokenPipeError), open(os.dup(own), "wb") as stream:
-        stream.write(data)
-
-
-def _opened(path: Path) -> int:
-    """The descriptor of a device or a pipe."""
-    until = time.monotonic() + PATIENCE
-    while True:
+    handle, until = None, time.monotonic() + PATIENCE
+    while handle is None:
         try:
             handle = os.open(path, os.O_WRONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
-            os.set_blocking(handle, True)
-            return handle
         except OSError as error:
             if error.errno != errno.ENXIO or time.monotonic() > until:
                 raise
             time.sleep(0.05)
+    os.set_blocking(handle, True)
+    with open(handle, "wb") as stream:
+        stream.write(data)
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise what the system refuses inside (also a null byte, or a loop of links) as one sentence about the file."""
+    try:
+        yield
+    except (OSError, ValueError, RuntimeError) as error:
+        raise writing_error(path, error) from error
 
 
 def writing_error(path: Path, error: Exception) -> Scan2FlexError:

@@ -10,7 +10,7 @@ SI units; `s` is arc length from 0 to L.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -25,31 +25,28 @@ Place = Literal["clamps", "energy", "observation"]
 # fraction: 0 <= value <= 1. along_cable: 0 <= value <= L. unit: a vector of length one, normalised when read.
 Domain = Literal["any", "positive", "nonnegative", "fraction", "along_cable", "unit"]
 Memory = Literal["none", "order", "time"]
+Schema = dict[str, Any]
 ENDS = ("start", "end")
 INITIAL = "initial_set"
 """Parameter of effects with memory: the state before the first pose."""
 UNIT_TOLERANCE = 1e-3
 """Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
-ROLES = ("fit", "validate")
-AXES = ("d1", "d2", "d3")
-FRAMES = ("scan", "clamp")
 MOST_TURNS = 1000
+FEWEST_PLACES = 2
+"""Of a field along the cable: with fewer it would not vary, and is an effect type of its own."""
+DOMAINS: dict[str, tuple[Schema, str]] = {
+    "positive": ({"exclusiveMinimum": 0}, "a value above zero"),
+    "nonnegative": ({"minimum": 0}, "zero or a value above it"),
+    "along_cable": ({"minimum": 0}, "zero or a value above it"),
+    "fraction": ({"minimum": 0, "maximum": 1}, "a fraction, from 0 to 1"),
+}
+"""Bounds of the entries of a quantity, in the terms of JSON schema and in words."""
 
 
 def _name(value: Any, where: Where) -> str:
     if not v.text(value, where).strip():
         raise where.fail("the name is empty: give the pose a name.")
     return str(value)
-
-
-def _one_of(names: tuple[str, ...]) -> Callable[[Any, Where], str]:
-    def check(value: Any, where: Where) -> str:
-        if v.text(value, where) not in names:
-            first = ", ".join(f'"{name}"' for name in names[:-1])
-            raise where.fail(f'got {v.shown(value)}: write {first} or "{names[-1]}".')
-        return str(value)
-
-    return check
 
 
 def _components(value: Any, where: Where) -> Any:
@@ -60,15 +57,25 @@ def _components(value: Any, where: Where) -> Any:
     return found
 
 
-_TYPES: dict[str, Callable[[Any, Where], Any]] = {
-    "text": v.text, "name": _name, "role": _one_of(ROLES), "flag": v.boolean,
-    "turns": lambda value, where: v.integer(value, MOST_TURNS, where),
-    "numbers": lambda value, where: v.array(value, None, where),
-    "points": lambda value, where: v.points(value, 1, where),
-    "axis": _one_of(AXES), "end": _one_of(ENDS), "frame": _one_of(FRAMES), "components": _components,
-    "file": lambda value, _: value, "table": lambda value, _: value, "tables": lambda value, _: value,
+def _as_is(value: Any, _: Where) -> Any:
+    """Files, tables and names of poses are checked by the modules that know them."""
+    return value
+
+
+_ROW: Schema = {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}}
+TYPES: dict[str, tuple[Callable[[Any, Where], Any], Schema]] = {
+    "text": (v.text, {"type": "string"}),
+    "name": (_name, {"type": "string", "minLength": 1}),
+    "flag": (v.boolean, {"type": "boolean"}),
+    "turns": (lambda value, where: v.integer(value, MOST_TURNS, where),
+              {"type": "integer", "minimum": -MOST_TURNS, "maximum": MOST_TURNS}),
+    "numbers": (lambda value, where: v.array(value, None, where), {}),
+    "points": (lambda value, where: v.points(value, 1, where), {"type": "array", "minItems": 1, "items": _ROW}),
+    "components": (_components, _ROW),
+    "names": (_as_is, {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}}),
+    "file": (_as_is, {"type": "string", "minLength": 1}), "table": (_as_is, {}), "tables": (_as_is, {}),
 }  # fmt: skip
-"""Checks of keys that are no quantities; files and tables are read and checked by those who know them."""
+"""Check and JSON schema of keys that are no quantities."""
 
 
 @dataclass(frozen=True)
@@ -80,8 +87,8 @@ class ParameterFormat:
     `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
     of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
     `smooth`: for a field along the cable that is zero in its middle, the size of its prior as a smooth random field.
-    `optional`: a study may leave it out, and it is then zero. A key of `study.toml` has another `type` where it is no quantity,
-    the `default` where it is left out, an `example`, and its meaning in `words`.
+    `optional`: a study may leave it out, and it is then zero. A key of `study.toml` has another `type` or a list of `choices`
+    where it is no quantity, the `default` where it is left out, an `example`, and its meaning in `words`.
     """
 
     name: str
@@ -96,6 +103,7 @@ class ParameterFormat:
     smooth: float = 0.0
     optional: bool = False
     type: str = "quantity"
+    choices: tuple[str, ...] = ()
     default: str = ""
     example: str = ""
     words: str = ""
@@ -128,8 +136,10 @@ class ParameterFormat:
 
         `longest` (m) is the largest place on the cable, None if unknown.
         """
+        if self.choices:
+            return v.one_of(value, self.choices, where)
         if self.type != "quantity":
-            return _TYPES[self.type](value, where)
+            return TYPES[self.type][0](value, where)
         checked = v.array(value, self.shapes(ends, points), where)
         if self.domain != "unit":
             return self.check(checked, where, longest)
@@ -142,16 +152,30 @@ class ParameterFormat:
 
     def check(self, value: Any, where: Where, longest: float | None = None) -> Any:
         """`value`, whose entries must lie in the domain."""
+        bounds, words = DOMAINS.get(self.domain, ({}, ""))
         lowest, highest = float(np.min(value)), float(np.max(value))
-        if self.domain == "positive" and lowest <= 0:
-            raise where.fail(f"got {lowest:g}: give a value above zero.")
-        if self.domain in ("nonnegative", "along_cable") and lowest < 0:
-            raise where.fail(f"got {lowest:g}: give zero or a value above it.")
-        if self.domain == "fraction" and not 0 <= lowest <= highest <= 1:
-            raise where.fail(f"got {lowest if lowest < 0 else highest:g}: give a fraction, from 0 to 1.")
+        for entry in (lowest, highest):
+            within = bounds.get("minimum", -np.inf) <= entry <= bounds.get("maximum", np.inf)
+            if not within or entry <= bounds.get("exclusiveMinimum", -np.inf):
+                raise where.fail(f"got {entry:g}: give {words}.")
         if self.domain == "along_cable" and longest is not None and highest > longest:
             raise where.fail(f"got {highest:g} m: give a place on the cable, from 0 to {longest:g} m.")
         return value
+
+    def schema(self, shapes: Iterable[tuple[int, ...]] | None = None) -> Schema:
+        """The JSON schema of a value, of a quantity in one of the ``shapes``: a negative size is that of any field."""
+        if self.choices:
+            return {"enum": list(self.choices)}
+        if self.type != "quantity":
+            return TYPES[self.type][1]
+        arrays = [self._array(shape) for shape in (self.shapes() if shapes is None else shapes)]
+        return arrays[0] if len(arrays) == 1 else {"anyOf": arrays}
+
+    def _array(self, shape: tuple[int, ...]) -> Schema:
+        if not shape:
+            return {"type": "number", **DOMAINS.get(self.domain, ({},))[0]}
+        count = {"minItems": FEWEST_PLACES} if shape[0] < 0 else {"minItems": shape[0], "maxItems": shape[0]}
+        return {"type": "array", "items": self._array(shape[1:]), **count}
 
 
 @dataclass(frozen=True)
@@ -189,9 +213,19 @@ class KindFormat:
         """Of a field, the parameter that holds its points: places along the cable, or strains; None for other effect types."""
         return next((p for p in self.parameters if p.per_point and not p.estimable), None)
 
+    def count(self, parameters: Mapping[str, Any], where: Where) -> int:
+        """Number of points of a field; they increase."""
+        if self.grid is None or self.grid.name not in parameters:
+            return 0
+        grid, here = parameters[self.grid.name], where.at(self.grid.name)
+        if (count := int(np.size(grid))) < FEWEST_PLACES:
+            raise here.fail(f"got {v.counted(count, 'point')}: give at least {FEWEST_PLACES}.")
+        return len(v.growing(grid, count, here, f"number in {self.grid.unit}"))
+
 
 def _formats(given: dict[str, dict]) -> tuple[ParameterFormat, ...]:
-    return tuple(ParameterFormat(name, **{**said, "shape": tuple(said.get("shape", ()))}) for name, said in given.items())
+    lists = ("shape", "choices")
+    return tuple(ParameterFormat(name, **said | {k: tuple(said.get(k, ())) for k in lists}) for name, said in given.items())
 
 
 KEYS = {
@@ -199,8 +233,8 @@ KEYS = {
     for table, given in json.loads((Path(__file__).parent / "keys.json").read_text("utf-8")).items()
 }
 """The keys of each table of `study.toml`."""
-CABLE = KEYS["cable"]
-TOLERANCE = KEYS["tolerance"]
+CABLE, TOLERANCE = KEYS["cable"], KEYS["tolerance"]
+AXES, FRAMES = KEYS["angle"]["of"].choices, KEYS["wrench"]["frame"].choices
 
 _KINDS: dict[str, KindFormat] = {}
 

@@ -6,7 +6,7 @@ scan frame, d3 = R e3; a change of convention multiplies them from the right.
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Annotated, Any
@@ -31,20 +31,18 @@ _AXES = (  # a clamp's axis along which the cable leaves it, and the rotation of
     ("-d3, against its z axis,", (0.0, 1.0, 0.0, 0.0), "-z"),
 )
 _ABOUT = (("d1", (0.0, 1.0, 0.0, 0.0)), ("d2", (0.0, 0.0, 1.0, 0.0)))  # half turns that reverse the direction of an end
-_MAPS = (  # of measured shapes from other axes: the rows are x, y and z as they should be written
-    ("have their y axis up, and the clamps their z axis", "x, -z, y", ((1, 0, 0), (0, 0, -1), (0, 1, 0))),
-    ("have their z axis up, and the clamps their y axis", "x, z, -y", ((1, 0, 0), (0, 0, 1), (0, -1, 0))),
-    ("are mirrored: their x axis points the other way", "-x, y, z", ((-1, 0, 0), (0, 1, 0), (0, 0, 1))),
-    ("are mirrored: their y axis points the other way", "x, -y, z", ((1, 0, 0), (0, -1, 0), (0, 0, 1))),
-    ("are mirrored: their z axis points the other way", "x, y, -z", ((1, 0, 0), (0, 1, 0), (0, 0, -1))),
-    ("are mirrored: their y and z axes are exchanged", "x, z, y", ((1, 0, 0), (0, 0, 1), (0, 1, 0))),
+_MAPS = (  # measured shapes in other axes, and their x, y and z as they should be written
+    ("have their y axis up, and the clamps their z axis", "x, -z, y"),
+    ("have their z axis up, and the clamps their y axis", "x, z, -y"),
+    ("are mirrored: their x axis points the other way", "-x, y, z"),
+    ("are mirrored: their y axis points the other way", "x, -y, z"),
+    ("are mirrored: their z axis points the other way", "x, y, -z"),
+    ("are mirrored: their y and z axes are exchanged", "x, z, y"),
 )
 _WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # units of weight, and how many of them make a kg/m
 _ROLLS = (180, 90, -90)  # degrees
 _FLIPPED = 0.2  # of a reading: it is nearer to its expected value with the other sign than this
 _APART, _NOISY = 1.3, 0.01  # neighbouring markers are no farther apart than this many times their arc length, and so much of s
-
-Quaternion = Annotated[np.ndarray, "4"]
 
 
 @dataclass(frozen=True)
@@ -68,13 +66,11 @@ class Mistake:
 
     def __str__(self) -> str:
         """``description: advice (improvement)``."""
-        return f"{self.sentence}: {self.mend}{self._better()}"
-
-    def _better(self) -> str:
+        said = f"{self.sentence}: {self.mend}"
         if self.before is None or self.after is None:
-            return ""
+            return said
         times, figures = self.before / self.after, f"{1e3 * self.after:.3g} mm in place of {1e3 * self.before:.3g} mm"
-        return f" (fits {times:.0f} times better, {figures})" if 2.0 < times < 1e3 else f" ({figures})"
+        return f"{said} (fits {times:.0f} times better, {figures})" if 2.0 < times < 1e3 else f"{said} ({figures})"
 
     def to_json(self) -> dict[str, Any]:
         """Sentence, advice and RMS distances (m)."""
@@ -84,25 +80,29 @@ class Mistake:
 
 def of_frames(study: Study) -> Iterator[Mistake]:
     """Mistakes of all clamps or all curves that are visible in ends and tangents of the curves, simplest first."""
-    yield from _changed(study, reversed_curve, "every curve runs from end to start", "reverse the order of the points")
-    yield from _changed(study, exchanged_ends, "start and end of every pose are exchanged", "exchange the clamps of each pose")
-    yield from _inward(study)
+    yield from _changed(study, "every curve runs from end to start", "reverse the order of the points", reversed_curve)
+    yield from _changed(study, "start and end of every pose are exchanged", "exchange the clamps of each pose", exchanged_ends)
+    for about, turn in _ABOUT:
+        for end in ("end", "start"):
+            said = f"d3 of every {end} clamp points against the cable (about {about})"
+            mend = f"multiply the {end} quaternions from the right by {written(turn)}"
+            yield from _changed(study, said, mend, _each_clamp(_turned_by(turn), (end,)))
     for words, turn, axis in _AXES:
         said = f"the cable leaves every clamp along {words} not along d3"
-        for mistake in _turned_clamps(study, turn, said, ("start", "end")):
-            anew = f"{mistake.mend}, or make the study anew with --tangent {axis} in place of z"
-            yield replace(mistake, mend=anew, axis=axis)
-    words, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
-    yield from _changed(study, _each_clamp(_conjugated), words, mend)
-    words, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
-    yield from _changed(study, _each_clamp(lambda q: np.roll(q, 1)), words, mend)
+        mend = f"multiply the quaternions from the right by {written(turn)}"
+        mend = f"{mend}, or make the study anew with --tangent {axis} in place of z"
+        yield from _changed(study, said, mend, _each_clamp(_turned_by(turn)), axis=axis)
+    said, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
+    yield from _changed(study, said, mend, _each_clamp(lambda q: q * np.array([1.0, -1.0, -1.0, -1.0])))
+    said, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
+    yield from _changed(study, said, mend, _each_clamp(lambda q: np.roll(q, 1)))
 
 
 def of_axes(study: Study) -> Iterator[Mistake]:
     """Measured shapes in other axes than the clamps, or mirrored; visible in their ends and tangents."""
-    for words, xyz, rows in _MAPS:
-        mend = f"write {xyz} in place of x, y, z"
-        yield from _changed(study, functools.partial(_mapped, rows=np.array(rows, float)), f"the curves {words}", mend)
+    for words, xyz in _MAPS:
+        change = functools.partial(_mapped, axes=xyz.split(", "))
+        yield from _changed(study, f"the curves {words}", f"write {xyz} in place of x, y, z", change)
 
 
 def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
@@ -114,7 +114,7 @@ def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     for i in sorted({*far, *(far + 1)}):
         for j in range(len(marks.points)):
             other = _with_exchanged(pose, i, j)
-            around = _polygon(other)
+            around = float(np.sum(_chords(other)))
             if not len(far_neighbours(study, other)) and (best is None or around < best[0]):
                 best = around, int(min(i, j)), int(max(i, j))
     if best is not None:
@@ -125,29 +125,32 @@ def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake:
     """Markers ``i`` and ``j`` of a pose are exchanged."""
     at = " and ".join(f"{_markers(pose).arc_length[k]:.4g} m" for k in (i, j))
     said = f"markers {i + 1} and {j + 1} of pose {one_line(pose.name)} are exchanged (s = {at})"
-    mended = with_pose(study, _with_exchanged(pose, i, j))
+    mended = with_poses(study, _with_exchanged(pose, i, j))
     return Mistake(said, "exchange their coordinates", mended, reading=True)
 
 
 def exchanged_tables(study: Study, a: StudyPose, b: StudyPose) -> Mistake:
     """The markers of two poses are exchanged."""
     said = f"the markers of poses {one_line(a.name)} and {one_line(b.name)} are exchanged"
-    mended = with_pose(with_pose(study, replace(a, markers=b.markers)), replace(b, markers=a.markers))
+    mended = with_poses(study, replace(a, markers=b.markers), replace(b, markers=a.markers))
     return Mistake(said, "exchange their tables", mended, reading=True)
 
 
 def without_marker(study: Study, pose: StudyPose, k: int) -> Mistake | None:
     """Marker ``k`` of a pose is misread, so that the fit does without it; None if no fit remains."""
     said, mend = f"marker {k + 1} of pose {one_line(pose.name)} is misread", "read it again, or leave its row out"
-    marks, place = _markers(pose), (pose.name, k)
+    marks = _markers(pose)
     if len(marks.points) > 1:
-        rest = replace(marks, points=np.delete(marks.points, k, axis=0), arc_length=np.delete(marks.arc_length, k))
-        return Mistake(said, mend, with_pose(study, replace(pose, markers=rest)), reading=True, place=place)
-    if pose.curve is None and len(study.fit_poses) == 1:
+        rows = {"points": marks.points, "arc_length": marks.arc_length, "offset": marks.offset}
+        rest: dict[str, Any] = {name: np.delete(table, k, axis=0) for name, table in rows.items() if table is not None}
+        other = replace(pose, markers=replace(marks, **rest))
+    elif pose.curve is not None:
+        other = replace(pose, markers=None)
+    elif len(study.fit_poses) > 1:
+        other, mend = replace(pose, role="validate"), 'read it again, or give its pose role = "validate"'
+    else:
         return None
-    other = replace(pose, role="validate") if pose.curve is None else replace(pose, markers=None)
-    mend = 'read it again, or give its pose role = "validate"' if pose.curve is None else mend
-    return Mistake(said, mend, with_pose(study, other), reading=True, place=place)
+    return Mistake(said, mend, with_poses(study, other), reading=True, place=(pose.name, k))
 
 
 def of_reading(mistake: Mistake, pose: StudyPose, k: int, off: Annotated[np.ndarray, "3"]) -> Mistake:
@@ -163,7 +166,7 @@ def of_reading(mistake: Mistake, pose: StudyPose, k: int, off: Annotated[np.ndar
 
 
 def _with_exchanged(pose, i, j):
-    """The pose with two markers exchanged."""
+    """The pose with the points of two markers exchanged."""
     marks = _markers(pose)
     order = np.arange(len(marks.points))
     order[[i, j]] = order[[j, i]]
@@ -191,39 +194,29 @@ def on_axis(pose: StudyPose) -> bool:
     return pose.markers is not None and pose.markers.offset is None and pose.change_from is None
 
 
-def _polygon(pose) -> float:
-    """Length (m) of the polygon through the markers of a pose."""
-    return float(np.sum(_chords(pose)))
-
-
 def _chords(pose):
     return np.linalg.norm(np.nan_to_num(np.diff(pose.markers.points, axis=0)), axis=1)
 
 
-def _mapped(pose: StudyPose, rows: Annotated[np.ndarray, "3 3"]) -> StudyPose:
-    """The pose with its curve and its markers in other axes."""
-    of, sign = np.argmax(np.abs(rows), axis=1), np.sum(rows, axis=1)
-    curve, marks = pose.curve, pose.markers
-    return replace(
-        pose,
-        curve=None if curve is None else replace(curve, points=sign * curve.points[:, of]),
-        markers=None if marks is None else replace(marks, points=sign * marks.points[:, of]),
-    )
+def _mapped(pose, axes):
+    """The pose with its curve and its markers in other axes, as in ["x", "-z", "y"]."""
+    of, sign = ["xyz".index(axis[-1]) for axis in axes], [-1.0 if axis[0] == "-" else 1.0 for axis in axes]
+    measured = {"curve": pose.curve, "markers": pose.markers}
+    return replace(pose, **{n: one and replace(one, points=sign * one.points[:, of]) for n, one in measured.items()})
 
 
 def of_rolls(study: Study) -> Iterator[Mistake]:
     """Mistakes of the roll of all end clamps about d3: a constant offset, or the sign."""
     for degrees in _ROLLS:
-        said = f"the end clamp of every pose is rolled by {-degrees} degrees about d3"
-        said = said if abs(degrees) != 180 else "the end clamp of every pose is rolled by half a turn about d3"
-        mend = f"multiply the end quaternions from the right by {written(rolled(_ONE, np.radians(degrees)))}"
-        yield from _changed(study, lambda pose, d=degrees: _rolled_end(pose, np.radians(d)), said, mend)
+        by = "half a turn" if abs(degrees) == 180 else f"{-degrees} degrees"
+        mend = f"multiply the end quaternions from the right by {_roll(degrees)}"
+        yield from _changed(study, f"the end clamp of every pose is rolled by {by} about d3", mend, _rolled_by(degrees))
     mend = "turn the roll of the end clamps about d3 the other way"
-    yield from _changed(study, _untwisted, "the twist of every pose has the wrong sign", mend)
+    yield from _changed(study, "the twist of every pose has the wrong sign", mend, _untwisted)
     first = next((pose.end for pose in study.poses if _twisted(pose)), None)
     if first is not None:
         said = "the roll of the end clamps, from pose to pose, has the wrong sign"
-        yield from _changed(study, lambda pose: _unrolled(pose, first), said, mend)
+        yield from _changed(study, said, mend, functools.partial(_untwisted, first=first))
 
 
 def of_gravity(study: Study) -> Iterator[Mistake]:
@@ -234,9 +227,8 @@ def of_gravity(study: Study) -> Iterator[Mistake]:
     axes = [sign * size * axis for axis in np.eye(3)[::-1] for sign in (-1.0, 1.0)]
     across = [axis for axis in axes if abs(axis @ study.gravity) < _PARALLEL * size**2]
     for other in [-study.gravity, *across] if size > 0 else ():
-        said = "gravity points the other way" if np.allclose(other, -study.gravity) else "gravity points along another axis"
-        mend = f"write gravity = {written(other)}"
-        yield Mistake(said, mend, replace(study, gravity=other))
+        where = "the other way" if np.allclose(other, -study.gravity) else "along another axis"
+        yield Mistake(f"gravity points {where}", f"write gravity = {written(other)}", replace(study, gravity=other))
 
 
 def of_weight(study: Study) -> Iterator[Mistake]:
@@ -247,44 +239,41 @@ def of_weight(study: Study) -> Iterator[Mistake]:
         return
     for unit, factor in _WEIGHTS:
         right = float(np.max(density)) / factor
-        cable = {**study.cable, "length_density": right}
-        yield Mistake(
-            f"the weight per length looks like {unit}", f"write length_density = {right:.6g}", replace(study, cable=cable)
-        )
+        mended = replace(study, cable={**study.cable, "length_density": right})
+        yield Mistake(f"the weight per length looks like {unit}", f"write length_density = {right:.6g}", mended)
 
 
 def of_pose(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     """Mistakes of one pose alone."""
-    name = one_line(pose.name)
-    if _twisted(pose):
-        for turns in (pose.turns + 1, pose.turns - 1):
-            other = replace(pose, turns=turns)
-            yield Mistake(f"the turns of pose {name} are off by one", f"write turns = {turns}", with_pose(study, other))
-    yield of_reversed(study, pose)
+    who = f"pose {one_line(pose.name)}"
+    for turns in (pose.turns + 1, pose.turns - 1) if _twisted(pose) else ():
+        mended = with_poses(study, replace(pose, turns=turns))
+        yield Mistake(f"the turns of {who} are off by one", f"write turns = {turns}", mended)
+    if pose.curve is not None:
+        yield of_reversed(study, pose)
     changes = [
-        (exchanged_ends(pose), f"start and end of pose {name} are exchanged", "exchange its clamps"),
-        (_untwisted(pose), f"the twist of pose {name} has the wrong sign", "turn the roll of its end clamp the other way"),
+        (f"start and end of {who} are exchanged", "exchange its clamps", exchanged_ends),
+        (f"the twist of {who} has the wrong sign", "turn the roll of its end clamp the other way", _untwisted),
     ]
     for degrees in _ROLLS:
-        mend = f"multiply its end quaternion from the right by {written(rolled(_ONE, np.radians(degrees)))}"
-        said = f"the end clamp of pose {name} is rolled by {abs(degrees)} degrees about d3"
-        changes.append((_rolled_end(pose, np.radians(degrees)), said, mend))
-    for other, said, mend in changes:
-        if other is not pose:
-            yield Mistake(said, mend, with_pose(study, other))
+        said = f"the end clamp of {who} is rolled by {abs(degrees)} degrees about d3"
+        changes.append((said, f"multiply its end quaternion from the right by {_roll(degrees)}", _rolled_by(degrees)))
+    for said, mend, change in changes:
+        if (other := change(pose)) is not pose:
+            yield Mistake(said, mend, with_poses(study, other))
 
 
 def of_reversed(study: Study, pose: StudyPose) -> Mistake:
     """The curve of one pose runs from end to start."""
     said = f"the curve of pose {one_line(pose.name)} runs from end to start"
-    return Mistake(said, "reverse the order of its points", with_pose(study, reversed_curve(pose)))
+    return Mistake(said, "reverse the order of its points", with_poses(study, reversed_curve(pose)))
 
 
 def of_pairs(study: Study) -> Iterator[Mistake]:
     """Exchanged curves of two poses, at least one of them a pose of the fit."""
     for a, b in combinations([pose for pose in study.poses if pose.curve is not None], 2):
         if "fit" in (a.role, b.role):
-            mended = with_pose(with_pose(study, replace(a, curve=b.curve)), replace(b, curve=a.curve))
+            mended = with_poses(study, replace(a, curve=b.curve), replace(b, curve=a.curve))
             said = f"the curves of poses {one_line(a.name)} and {one_line(b.name)} are exchanged"
             yield Mistake(said, "exchange their centre_curve", mended)
 
@@ -294,27 +283,25 @@ def without(study: Study, pose: StudyPose) -> Mistake:
     name = one_line(pose.name)
     said = f"pose {name} does not fit, and the others fit without it"
     mend = 'look at its clamps, turns and curve, or give it role = "validate"'
-    return Mistake(said, mend, with_pose(study, replace(pose, role="validate")))
+    return Mistake(said, mend, with_poses(study, replace(pose, role="validate")))
 
 
-def with_pose(study: Study, pose: StudyPose) -> Study:
-    """The study with one pose replaced by name."""
-    return replace(study, poses=tuple(pose if p.name == pose.name else p for p in study.poses))
+def with_poses(study: Study, *poses: StudyPose) -> Study:
+    """The study with poses replaced by name."""
+    new = {pose.name: pose for pose in poses}
+    return replace(study, poses=tuple(new.get(pose.name, pose) for pose in study.poses))
 
 
-def written(values: Annotated[np.ndarray, " n"]) -> str:
+def written(values: Sequence[float] | Annotated[np.ndarray, " n"]) -> str:
     """Numbers in the notation of study.toml."""
     return "[" + ", ".join(f"{v:.7g}" for v in np.round(np.asarray(values), 12) + 0.0) + "]"
 
 
-_ONE = np.array([1.0, 0.0, 0.0, 0.0])
-
-
-def _changed(study, change, said, mend) -> Iterator[Mistake]:
+def _changed(study, said, mend, change, axis="") -> Iterator[Mistake]:
     """The study with every pose changed; nothing if no pose changes."""
-    poses = tuple(change(pose) for pose in study.poses)
+    poses = tuple(map(change, study.poses))
     if any(new is not old for new, old in zip(poses, study.poses, strict=True)):
-        yield Mistake(said, mend, replace(study, poses=poses))
+        yield Mistake(said, mend, replace(study, poses=poses), axis=axis)
 
 
 def reversed_curve(pose: StudyPose) -> StudyPose:
@@ -331,20 +318,6 @@ def exchanged_ends(pose: StudyPose) -> StudyPose:
     return pose if pose.start is None or pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
-def _inward(study):
-    for about, turn in _ABOUT:
-        for end in ("end", "start"):
-            said = f"d3 of every {end} clamp points against the cable (about {about})"
-            yield from _turned_clamps(study, turn, said, (end,))
-
-
-def _turned_clamps(study, turn, said, ends):
-    """The clamps of these ends rotated in their own frame."""
-    which = "the quaternions" if len(ends) == 2 else f"the {ends[0]} quaternions"
-    mend = f"multiply {which} from the right by {written(np.array(turn))}"
-    yield from _changed(study, _each_clamp(lambda q: product(q, np.array(turn)), ends), said, mend)
-
-
 def _each_clamp(change, ends=("start", "end")):
     """A change of poses that changes the quaternions of these ends."""
 
@@ -356,13 +329,23 @@ def _each_clamp(change, ends=("start", "end")):
     return one
 
 
-def _conjugated(q):
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
+def _turned_by(turn):
+    """A rotation of quaternions in their own frame."""
+    return lambda q: product(q, np.array(turn))
 
 
 def _twisted(pose) -> bool:
     """Whether both ends are clamps, so that the twist of the cable is prescribed."""
     return all(clamp is not None and clamp.quaternion is not None for clamp in (pose.start, pose.end))
+
+
+def _roll(degrees) -> str:
+    return written(rolled(np.array([1.0, 0.0, 0.0, 0.0]), np.radians(degrees)))
+
+
+def _rolled_by(degrees):
+    """A change of poses that rolls their end clamp."""
+    return lambda pose: _rolled_end(pose, np.radians(degrees))
 
 
 def _rolled_end(pose, angle):
@@ -372,15 +355,9 @@ def _rolled_end(pose, angle):
     return replace(pose, end=replace(pose.end, quaternion=rolled(pose.end.quaternion, angle)))
 
 
-def _untwisted(pose):
-    """The end clamp rolled so that the twist along the measured curve changes sign."""
-    if not _twisted(pose) or pose.curve is None:
+def _untwisted(pose, first=None):
+    """The end clamp rolled so that the twist along the measured curve, or the roll from a ``first`` end, changes sign."""
+    if not _twisted(pose) or (first is None and pose.curve is None):
         return pose
-    return _rolled_end(pose, -2.0 * twist_along(pose.curve.points, pose.start.quaternion, pose.end.quaternion))
-
-
-def _unrolled(pose, first):
-    """The end clamp rolled so that its roll relative to the first pose changes sign."""
-    if not _twisted(pose):
-        return pose
-    return _rolled_end(pose, -2.0 * twist_along(np.zeros((0, 3)), first.quaternion, pose.end.quaternion))
+    points, other = (pose.curve.points, pose.start) if first is None else (np.zeros((0, 3)), first)
+    return _rolled_end(pose, -2.0 * twist_along(points, other.quaternion, pose.end.quaternion))

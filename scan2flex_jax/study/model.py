@@ -71,9 +71,13 @@ class Study(Record):
 
     def _check(self, where: Where) -> None:
         """The cable has its quantities, and the rest are lists of parts; `check_study` checks them together."""
+        table = v.table(self.cable, CABLE, here := where.at("cable"), '{"length": 0.9}')
+        cable = {key: form.take(table[key], here.at(key)) for key, form in CABLE.items() if key in table}
+        if (stretch := cable.get("natural_stretch", np.zeros(3))[2]) <= -1:
+            raise here.at("natural_stretch").fail(f"got {stretch:g} along d3: give a stretch above -1.")
         keep(
             self,
-            cable=_cable(self.cable, where.at("cable")),
+            cable=cable,
             poses=v.all_of_kind(self.poses, StudyPose, where.at("poses"), "StudyPose(...)"),
             unknowns=v.all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
             effects=v.all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
@@ -84,8 +88,7 @@ class Study(Record):
         old, new = self.stated_length, float(np.max(length))
         keep(self, stated_length=new)
         if old is not None and old != new:
-            effects = tuple(_moved_effect(effect, old, new) for effect in self.effects)
-            keep(self, effects=effects, poses=tuple(_moved_pose(pose, old, new) for pose in self.poses))
+            keep(self, **_stretched(self, old, new))
 
     @classmethod
     def from_arrays(
@@ -228,6 +231,12 @@ class Study(Record):
         """The value of a key of `[cable]` that is not estimated; None if it is, or was not given."""
         return None if key in self.unknown_names else self.cable.get(key)
 
+    @property
+    def length(self) -> float | None:
+        """The length (m) of the cable, if it was given and is not estimated."""
+        length = self.known("length")
+        return None if length is None else float(np.max(length))
+
     def start_value(self, name: str) -> Value | None:
         """Start of an unknown: its guess, else the value given, else the mean of its prior, else None."""
         unknown = next((unknown for unknown in self.unknowns if unknown.name == name), None)
@@ -248,31 +257,23 @@ def at_end(place: Any, length: float | None) -> bool:
     return length is not None and np.size(place) == 1 and bool(abs(float(np.max(place)) - length) <= AT_END * length)
 
 
-def _moved_effect(effect: EffectDeclaration, old: float, new: float) -> EffectDeclaration:
-    """An effect whose place at the end of the cable, if it has one, is that of another length (m)."""
-    name = kind_format(effect.kind).position
-    if name is None or name not in effect.parameters or not at_end(effect.parameters[name], old):
-        return effect
-    return replace(effect, parameters={**effect.parameters, name: new})
-
-
-def _moved_pose(pose: StudyPose, old: float, new: float) -> StudyPose:
-    """A pose whose last marker and angles, if they are at the end of the cable, are at that of another length (m)."""
-    marks = pose.markers
-    if marks is not None and at_end(marks.arc_length[-1], old):
-        s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
-        pose = replace(pose, markers=replace(marks, arc_length=s))
-    return replace(pose, angle=tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle))
-
-
-def _cable(given: Any, where: Where) -> dict[str, Value]:
-    """Known parameters of the cable, in the order of `CABLE`."""
-    table = v.table(given, CABLE, where, '{"length": 0.9}')
-    cable = {key: form.take(table[key], where.at(key)) for key, form in CABLE.items() if key in table}
-    stretch = cable.get("natural_stretch")
-    if stretch is not None and stretch[2] <= -1:
-        raise where.at("natural_stretch").fail(f"got {stretch[2]:g} along d3: give a stretch above -1.")
-    return cable
+def _stretched(study: Study, old: float, new: float) -> dict[str, Any]:
+    """Effects and poses whose places at the end of a cable of another length (m), if they have one there, stay at its end."""
+    effects, poses = [], []
+    for effect in study.effects:
+        name = kind_format(effect.kind).position
+        parameters = dict(effect.parameters)
+        if name is not None and at_end(parameters.get(name, np.nan), old):
+            parameters[name] = new
+        effects.append(replace(effect, parameters=parameters))
+    for pose in study.poses:
+        marks = pose.markers
+        if marks is not None and at_end(marks.arc_length[-1], old):
+            s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
+            marks = replace(marks, arc_length=s)
+        angles = tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle)
+        poses.append(replace(pose, markers=marks, angle=angles))
+    return {"effects": tuple(effects), "poses": tuple(poses)}
 
 
 def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> StudyPose:

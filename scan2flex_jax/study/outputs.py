@@ -16,13 +16,12 @@ from typing import Any
 import numpy as np
 
 from scan2flex_jax.errors import StudyError
-from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, is_stream, write_atomic, writing_error
+from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, is_stream, write_atomic, writing, writing_error
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.version import __version__
 
 _LONGEST_LINE = 20_000  # of a TOML that is searched
-_FAULTS = (OSError, ValueError, RuntimeError)  # a null byte, a loop of links
 
 
 class Outputs:
@@ -38,31 +37,22 @@ class Outputs:
         """Refuse, before any computation, files that must not be written; None is an output that was not requested."""
         wanted = [path for path in paths if path is not None]
         for i, path in enumerate(wanted):
-            self._claim(path, wanted[:i])
-
-    def _claim(self, path: Path, others: Iterable[Path] = ()) -> None:
-        try:
-            if is_stream(path):
-                return
-            if any(_same(path, other) for other in others):
-                raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
-            keep_measured(path, self.measured)
-            if self.force or path in self.written or not path.exists() or path.stat().st_size == 0:
-                return
-        except _FAULTS as error:
-            raise writing_error(path, error) from error
-        raise StudyError(one_line(str(path), 300), None, "it is there already: name another file, or replace it with --force.")
+            with writing(path):
+                if is_stream(path):
+                    continue
+                if any(_same(path, other) for other in wanted[:i]):
+                    raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
+                keep_measured(path, self.measured)
+                if not self.force and path not in self.written and path.exists() and path.stat().st_size > 0:
+                    said = "it is there already: name another file, or replace it with --force."
+                    raise StudyError(one_line(str(path), 300), None, said)
 
     def write(self, path: Path, data: bytes) -> None:
         """Make `path` contain `data`, in one step; raises `StudyError`."""
-        self._claim(path)
-        try:
-            if not is_stream(path):
-                path.resolve().parent.mkdir(parents=True, exist_ok=True)
+        self.claim(path)
+        with writing(path):
             write_atomic(path, data)
             self.written.add(path)
-        except _FAULTS as error:
-            raise writing_error(path, error) from error
 
     def write_json(self, path: Path, obj: dict[str, Any], by_name: bool = False) -> None:
         """Write an object as JSON, with the version of the program, which objects `by_name` have each."""
@@ -84,11 +74,8 @@ def write_json_atomic(path: str | Path, obj: Any) -> None:
 
     Raises `StudyError`, also for a study's own file.
     """
-    data = json_bytes(path, obj)
-    try:
-        write_file(Path(path), data)
-    except OSError as error:
-        raise writing_error(Path(path), error) from error
+    with writing(Path(path)):
+        write_file(Path(path), json_bytes(path, obj))
 
 
 def measured_files(study: Study) -> list[Path]:
@@ -101,10 +88,8 @@ def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:
     """Refuse a file of `measured`, and one that belongs to a study in a folder above it."""
     if any(_same(path, other) for other in measured):
         raise _refused(path, "it is what this command reads")
-    try:
+    with writing(path):
         folders = path.resolve().parents
-    except (ValueError, RuntimeError) as error:  # a null byte, a loop of links
-        raise writing_error(path, error) from error
     for folder in folders:
         toml = folder / STUDY_FILE
         with contextlib.suppress(OSError):
@@ -143,7 +128,7 @@ def _same(path: Path, other: Path) -> bool:
 def _folded(path: Path) -> str:
     try:
         path = path.resolve()
-    except _FAULTS:
+    except (OSError, ValueError, RuntimeError):
         path = path.absolute()
     return unicodedata.normalize("NFC", str(path)).casefold()
 

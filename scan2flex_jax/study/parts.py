@@ -147,8 +147,16 @@ class Markers(Record):
 
     def _check(self, where: Where) -> None:
         """Points are finite and distinct, and the arc length grows from 0 on; marks on one section have their offsets."""
-        table, seen = _measured_columns(self.points, where.at("points"))
-        keep(self, points=table, measured="".join(name for name, own in zip("xyz", seen, strict=True) if own))
+        table = (
+            np.array(self.points, float) if np.ndim(self.points) == 2 and np.shape(self.points)[-1] == 3 else np.zeros((1, 3))
+        )
+        seen = ~np.all(np.isnan(table), axis=0)
+        if np.all(seen) or not np.any(seen):
+            keep(self, points=v.points(self.points, 1, where.at("points")))
+        else:
+            table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
+            keep(self, points=np.where(seen, v.points(table, 1, where.at("points")), np.nan))
+        keep(self, measured="".join(np.array(list("xyz"))[seen]))
         key = where.at("arc_length")
         if self.offset is None:
             keep(self, arc_length=v.growing(self.arc_length, len(self.points), key))
@@ -241,18 +249,6 @@ class Wrench(Record):
         return ("force", self.force, self.force_noise), ("moment", self.moment, self.moment_noise)
 
 
-def _measured_columns(value: Any, where: Where) -> tuple[Annotated[np.ndarray, "n 3"], Annotated[np.ndarray, "3"]]:
-    """Points of which some coordinates were not measured, NaN in all of them, and the mask of those that were."""
-    table = np.array(value, float) if np.ndim(value) == 2 and np.shape(value)[-1] == 3 else np.zeros((1, 3))
-    seen = ~np.all(np.isnan(table), axis=0)
-    if np.all(seen) or not np.any(seen):
-        return v.points(value, 1, where), seen
-    table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
-    table = v.points(table, 1, where).copy()
-    table[:, ~seen] = np.nan
-    return table, seen
-
-
 @record
 class Unknown(Record):
     """A quantity to estimate: a key of `[cable]` or "kind.parameter"; `guess`, `low` and `high` in its own unit.
@@ -305,19 +301,14 @@ class EffectDeclaration(Record):
         given = v.table(self.parameters, None, where.at("parameters"), '{"position": 0.4}')
         v.table(given, kind_format(self.kind).names, where, "")
         keep(self, parameters={name: v.array(value, None, where.at(name)) for name, value in given.items()})
-        if self.poses is not None:
-            keep(self, poses=_pose_names(self.poses, where.at("poses")))
-
-
-def _pose_names(value: Any, where: Where) -> tuple[str, ...]:
-    """Names of at least one pose, each once."""
-    names = v.all_of_kind(value, str, where, '"sag"')
-    if not names:
-        raise where.fail("got no pose: name the poses in which the effect acts, or leave the key out for all of them.")
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise where.fail(f"it names {v.shown(twice)} twice: leave one out.")
-    return names
+        if self.poses is None:
+            return
+        names = v.all_of_kind(self.poses, str, here := where.at("poses"), '"sag"')
+        if not names:
+            raise here.fail("got no pose: name the poses in which the effect acts, or leave the key out for all of them.")
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise here.fail(f"it names {v.shown(twice[0])} twice: leave one out.")
+        keep(self, poses=names)
 
 
 @record

@@ -20,7 +20,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.files import UTF_16
 from scan2flex_jax.study.limits import Limit
 from scan2flex_jax.study.tables import scanned
@@ -40,7 +39,6 @@ _PTX_HEAD = 10  # lines: columns, rows, position and axes of the scanner, and it
 _HEADER = 100_000  # bytes of a header in text
 _RECORDS = 10_000  # most records before the points of a LAS
 _BEFORE = 1000  # lines of a text before its points
-_INSTALL = "install it with: pip install 'scan2flex_jax[scans]', or export the scan as PLY."
 
 
 def _scans(parts: list[np.ndarray], declared: int = 0) -> Points:
@@ -49,8 +47,8 @@ def _scans(parts: list[np.ndarray], declared: int = 0) -> Points:
 
 
 def _e57(stream: Any, path: Path, limit: Limit) -> Points:
-    with _library(path, "E57"):
-        import pye57  # noqa: PLC0415
+    import pye57  # noqa: PLC0415
+
     with _on_disk(stream) as name, pye57.E57(name) as file:
         limit.check(path, sum(file.get_header(i).point_count for i in range(file.scan_count)))
         scans = [file.read_scan(i, ignore_missing_fields=True) for i in range(file.scan_count)]
@@ -58,9 +56,9 @@ def _e57(stream: Any, path: Path, limit: Limit) -> Points:
 
 
 def _las(stream: Any, path: Path, limit: Limit) -> Points:
-    with _library(path, "LAS"):
-        import laspy  # noqa: PLC0415
-        import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
+    import laspy  # noqa: PLC0415
+    import lazrs  # noqa: F401, PLC0415  (what laspy unpacks LAZ with)
+
     if int.from_bytes(stream.read(104)[100:], "little") > _RECORDS:
         raise ValueError("its header is damaged")
     stream.seek(0)
@@ -195,10 +193,6 @@ def _text(stream: Any, path: Path, limit: Limit) -> Points:
     return Points(points, (f"its lengths were in {unit}",) * (unit not in (None, "m")), unit, declared)
 
 
-def _npy(stream: Any, path: Path, limit: Limit) -> Points:
-    return Points(columns(np.load(stream, allow_pickle=False)))
-
-
 def _npz(stream: Any, path: Path, limit: Limit) -> Points:
     limit.check(path, max((entry.file_size for entry in zipfile.ZipFile(stream).infolist()), default=0) // 24)
     stream.seek(0)
@@ -225,14 +219,6 @@ def _shaped(array: np.ndarray) -> bool:
 
 
 @contextmanager
-def _library(path: Path, kind: str) -> Iterator[None]:
-    try:
-        yield
-    except ImportError as fault:
-        raise StudyError(path, None, f"{kind} needs a library that is not installed ({fault.name}): {_INSTALL}") from fault
-
-
-@contextmanager
 def _on_disk(stream: Any) -> Iterator[str]:
     """The name of a file with this content."""
     name = getattr(stream, "name", None)
@@ -246,7 +232,8 @@ def _on_disk(stream: Any) -> Iterator[str]:
 
 
 READERS: dict[str, Callable[[Any, Path, Limit], Points]] = {
-    "e57": _e57, "las": _las, "laz": _las, "pcd": _pcd, "ptx": _ptx, "npy": _npy, "npz": _npz,
+    "e57": _e57, "las": _las, "laz": _las, "pcd": _pcd, "ptx": _ptx, "npz": _npz,
+    "npy": lambda stream, *_: Points(columns(np.load(stream, allow_pickle=False))),
     **dict.fromkeys(("xyz", "pts", "asc", "txt", "csv", "tsv", "dat"), _text),
 }  # fmt: skip
 """Readers of points by ending; other kinds are read by trimesh."""

@@ -6,7 +6,7 @@ module converts TOML to the parts of a study, which check themselves, and adds t
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +17,8 @@ from scan2flex_jax.study import values as v
 from scan2flex_jax.study.curves import read_curve, read_guide_points, read_markers
 from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, existing, read_text
-from scan2flex_jax.study.kinds import ENDS, KEYS, kind_format, kind_names
-from scan2flex_jax.study.model import Clamp, EffectDeclaration, Study, StudyPose, Tolerance, Unknown
-from scan2flex_jax.study.parts import Angle, Wrench
+from scan2flex_jax.study.kinds import KEYS, ParameterFormat, kind_format, kind_names
+from scan2flex_jax.study.model import Angle, Clamp, EffectDeclaration, Study, StudyPose, Tolerance, Unknown, Wrench
 from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
@@ -28,8 +27,8 @@ _SHARE = re.compile(r"\s*(\d{1,3}(?:\.\d*)?)\s*%\s*")
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
-READINGS: dict[str, type[Any]] = {"angle": Angle, "wrench": Wrench}
-"""The records of readings, by their key in a pose."""
+RECORDS: dict[str, type[Any]] = {"tolerance": Tolerance, "start": Clamp, "end": Clamp, "angle": Angle, "wrench": Wrench}
+"""The records of tables, by their key."""
 MOST_PARTS = 32
 """Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
 # possessive, for a search in linear time
@@ -95,40 +94,48 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     if given != FORMAT:
         said = "it is missing" if given is None else f"got {v.shown(given)}"
         raise where.at("format").fail(f'{said}: write format = "{FORMAT}".')
-    data = _given("study", data, where)
-    tolerance = _record(Tolerance, "tolerance", data.get("tolerance", {}), where.at("tolerance"))
+    data = _given(KEYS["study"], data, where, "")
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
-    cable = data["cable"]
-    effects = tuple(_effects(data.get("effects", []), where.at("effect"), _stated_length(cable, data.get("unknowns"))))
+    unknowns, here = data.get("unknowns", {}), where.at("unknown")
+    v.table(unknowns, None, here, KEYS["study"]["unknown"].example)
+    cable, effects = data["cable"], list[EffectDeclaration]()
     if isinstance(cable, dict) and "section" in cable:
-        named, here = cable["section"], where.at("cable.section")
-        path = existing(folder, v.text(named, here), here)
-        rest = {name: value for name, value in cable.items() if name != "section"}
-        unknown = v.table(data.get("unknowns", {}), None, where.at("unknown"), "")
-        sectioned, cable = sections(path, Where(v.one_line(str(shown / named), 300)), rest, unknown)
-        effects = (sectioned, *effects)
+        path = existing(folder, v.text(cable["section"], at := where.at("cable.section")), at)
+        shown_path = Where(v.one_line(str(shown / cable["section"]), 300))
+        sectioned, cable = sections(path, shown_path, {name: cable[name] for name in cable if name != "section"}, unknowns)
+        effects.append(sectioned)
     with where.placed():
-        study = Study(data.get("title", ""), data["gravity"], cable, poses, tolerance, effects=effects, folder=folder)
-    study = replace(study, unknowns=tuple(_unknowns(study, data.get("unknowns", {}), where.at("unknown"))))
+        study = Study(data.get("title", ""), data["gravity"], cable, poses, data.get("tolerance", Tolerance()), folder=folder)
+    length = None if "length" in unknowns else study.length
+    effects += _effects(data.get("effects", []), where.at("effect"), length)
+    study = replace(study, effects=tuple(effects))
+    study = replace(study, unknowns=tuple(_unknowns(study, unknowns, here)))
     with where.placed({"curve": "centre_curve"}):
         check_study(study, purpose)
     return study
 
 
-def _given(table: str, given: Any, where: Where) -> dict[str, Any]:
-    """The values of a table by the fields of its record: all keys are known, and none that is required is missing."""
-    keys = KEYS[table]
-    written = {"clamp": KEYS["pose"]["start"], **{name: KEYS["pose"][name] for name in READINGS}}
-    given = v.table(given, keys, where, written[table].example if table in written else f"[{table}]")
+def _given(keys: Mapping[str, ParameterFormat], given: Any, where: Where, example: str) -> dict[str, Any]:
+    """The values of a table by the fields of its record, tables as records; all keys are known, and required ones are there."""
+    given = v.table(given, keys, where, example)
     for name, key in keys.items():
+        value, here = given.get(name), where.at(name)
+        record = RECORDS.get(name) if key.type in ("table", "tables") else None
         if key.required:
             v.required(given, name, where, key.written)
+        if name not in given or record is None:
+            continue
+        if key.type == "table":
+            given[name] = _record(record, value, here, key.example)
+        elif isinstance(value, list):
+            given[name] = tuple(_record(record, one, here.item(i), key.example) for i, one in enumerate(value, 1))
+        else:
+            raise here.fail(f"got {v.shown(value)}: write {key.written}.")
     return {FIELDS.get(name, name): value for name, value in given.items()}
 
 
-def _record(record: type[Any], table: str, given: Any, where: Where) -> Any:
-    """A record of the values of its table."""
-    values = _given(table, given, where)
+def _record(record: type[Any], given: Any, where: Where, example: str) -> Any:
+    values = _given(record.KEYS, given, where, example)
     with where.placed():
         return record(**values)
 
@@ -146,14 +153,7 @@ def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[St
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
         here = where.item(name.take(v.required(table, "name", here, name.written), here.at("name")))
-        given = _given("pose", table, here)
-        for end in set(ENDS) & given.keys():
-            given[end] = _record(Clamp, "clamp", given[end], here.at(end))
-        for key, record in READINGS.items():
-            if key in table:
-                if not isinstance(table[key], list):
-                    raise here.at(key).fail(f"got {v.shown(table[key])}: write {KEYS['pose'][key].written}.")
-                given[key] = tuple(_record(record, key, one, here.at(key).item(i + 1)) for i, one in enumerate(table[key]))
+        given = _given(KEYS["pose"], table, here, "[[pose]]")
         for key, reader in _READERS.items():
             if key in table:
                 path = existing(folder, v.text(table[key], here.at(key)), here.at(key))
@@ -163,60 +163,40 @@ def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[St
             yield StudyPose(**given)
 
 
-def _stated_length(cable: Any, unknowns: Any) -> float | None:
-    """The length (m) of the cable, if it is given and not unknown."""
-    known = isinstance(cable, dict) and not (isinstance(unknowns, dict) and "length" in unknowns)
-    length = cable.get("length") if known else None
-    if not isinstance(length, int | float) or isinstance(length, bool) or not 0 < length <= v.LARGEST:
-        return None
-    return float(length)
-
-
-def _place(value: Any, length: float | None, where: Where) -> Any:
-    """A place along the cable (m); one in per cent of the length too."""
-    share = _SHARE.fullmatch(value) if isinstance(value, str) else None
-    if share is None:
-        return value
-    if length is None:
-        raise where.fail(f"got {v.shown(value)} of a length that is unknown: write the place in m from the start.")
-    return length if float(share[1]) == 100 else 0.01 * float(share[1]) * length
-
-
 def _effects(entries: Any, where: Where, length: float | None) -> Iterator[EffectDeclaration]:
-    """All `[[effect]]` of a cable of this length (m)."""
+    """All `[[effect]]` of a cable of this length (m), of which a place may be a share."""
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
         kind = v.required(table, "kind", here, KEYS["effect"]["kind"].written)
         with here.placed():
             given = {key: table[key] for key in table if key not in KEYS["effect"]}
-            if isinstance(kind, str) and kind in kind_names() and (name := kind_format(kind).position) in given:
-                given[name] = _place(given[name], length, here.at(name))
+            name = kind_format(kind).position if isinstance(kind, str) and kind in kind_names() else None
+            place = given.get(name or "")
+            if name and isinstance(place, str) and (share := _SHARE.fullmatch(place)):
+                if length is None:
+                    said = f"got {v.shown(place)} of a length that is unknown: write the place in m from the start."
+                    raise here.at(name).fail(said)
+                given[name] = length * (1.0 if float(share[1]) == 100 else 0.01 * float(share[1]))
             yield EffectDeclaration(kind, given, table.get("poses"))
 
 
-def _unknowns(study: Study, table: Any, where: Where) -> Iterator[Unknown]:
+def _unknowns(study: Study, table: dict[str, Any], where: Where) -> Iterator[Unknown]:
     """The tables under `[unknown]`, for the study declared above them in the file.
 
     TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`.
     """
-    for name, body, here in _flat(v.table(table, None, where, KEYS["study"]["unknown"].example), where):
-        check_name(name, study, here)
-        v.table(body, ("guess", "range", "prior"), here, "")
-        bounds = body.get("range", [None, None])
-        if not isinstance(bounds, list) or len(bounds) != 2:
-            raise here.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
-        with here.placed({"low": "range", "high": "range"}):
-            yield Unknown(name, body.get("guess"), bounds[0], bounds[1], body.get("prior"))
-
-
-def _flat(table: dict[str, Any], where: Where) -> Iterator[tuple[str, dict[str, Any], Where]]:
-    """Name, body and place of each unknown, with nested tables flattened."""
     example = KEYS["study"]["unknown"].example
-    for name, entry in table.items():
-        here = where.at(name)
+    for first, entry in table.items():
+        here = where.at(first)
         body = v.table(entry, None, here, example)
-        if any(isinstance(value, dict) for key, value in body.items() if key != "prior"):
-            for parameter, inner in body.items():
-                yield f"{name}.{parameter}", v.table(inner, None, here.at(parameter), example), here.at(parameter)
-        else:
-            yield name, body, here
+        nested = any(isinstance(value, dict) for key, value in body.items() if key != "prior")
+        inner = {f"{first}.{key}": (value, here.at(key)) for key, value in body.items()} if nested else {first: (body, here)}
+        for name, (values, at) in inner.items():
+            given = v.table(values, None, at, example)
+            check_name(name, study, at)
+            v.table(given, ("guess", "range", "prior"), at, "")
+            bounds = given.get("range", [None, None])
+            if not isinstance(bounds, list) or len(bounds) != 2:
+                raise at.at("range").fail(f"got {v.shown(bounds)}: write range = [low, high].")
+            with at.placed({"low": "range", "high": "range"}):
+                yield Unknown(name, given.get("guess"), bounds[0], bounds[1], given.get("prior"))

@@ -39,17 +39,13 @@ def _apart(study, group) -> float:
     """Largest RMS distance (m) of poses that are not marked as repeats, if it exceeds that of handling, else 0."""
     pairs = [(a, b) for a, b in combinations(group, 2) if not _marked(a, b)]
     off = max((difference(a, b) or 0.0 for a, b in pairs), default=0.0)
-    return off if off > HANDLING * _length(study) else 0.0
-
-
-def _length(study) -> float:
-    return float(np.max(study.cable.get("length", np.inf)))
+    return off if off > HANDLING * float(np.max(study.cable.get("length", np.inf))) else 0.0
 
 
 def repeat_sentences(study: Study) -> tuple[str, ...]:
     """Differences between curves or markers of repeats, one sentence for each comparable pair, and of poses that have the same
     supports and differ."""
-    said, length = [], _length(study)
+    said, length = [], float(np.max(study.cable.get("length", np.inf)))
     for group in _groups(study):
         if off := _apart(study, group):
             said.append(
@@ -96,11 +92,12 @@ def _marked(a, b) -> bool:
 def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:
     if a is None or b is None:
         return a is b
-    if (a.quaternion is None) != (b.quaternion is None) or not np.allclose(a.position, b.position, rtol=0.0, atol=_SAME):
-        return False
-    if not (same(a.free, b.free) and same(a.hinge, b.hinge)):
-        return False
-    return a.quaternion is None or 1.0 - abs(float(a.quaternion @ b.quaternion)) < _SAME
+    if a.quaternion is None or b.quaternion is None:
+        turned = a.quaternion is not b.quaternion
+    else:
+        turned = 1.0 - abs(float(a.quaternion @ b.quaternion)) >= _SAME
+    moved = not np.allclose(a.position, b.position, rtol=0.0, atol=_SAME)
+    return not turned and not moved and same((a.free, a.hinge), (b.free, b.hinge))
 
 
 def _to_polyline(points, line):

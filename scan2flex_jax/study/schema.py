@@ -11,39 +11,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-from scan2flex_jax.study.declared import FEWEST_PLACES
-from scan2flex_jax.study.kinds import (
-    AXES,
-    CABLE,
-    ENDS,
-    FRAMES,
-    KEYS,
-    MOST_TURNS,
-    ROLES,
-    KindFormat,
-    ParameterFormat,
-    kind_format,
-    kind_names,
-)
+from scan2flex_jax.study.kinds import CABLE, KEYS, ParameterFormat, Schema, kind_format, kind_names
 from scan2flex_jax.study.read import FORMAT
 
-Schema = dict[str, Any]
-
 _ANY_COUNT = -1  # in a shape: the points of a field
-_DOMAINS: dict[str, Schema] = {
-    "positive": {"exclusiveMinimum": 0}, "nonnegative": {"minimum": 0}, "along_cable": {"minimum": 0},
-    "fraction": {"minimum": 0, "maximum": 1},
-}  # fmt: skip
-_TYPES: dict[str, Schema] = {
-    "text": {"type": "string"}, "name": {"type": "string", "minLength": 1}, "file": {"type": "string", "minLength": 1},
-    "role": {"enum": list(ROLES)}, "flag": {"type": "boolean"},
-    "axis": {"enum": list(AXES)}, "end": {"enum": list(ENDS)}, "frame": {"enum": list(FRAMES)},
-    "components": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}},
-    "turns": {"type": "integer", "minimum": -MOST_TURNS, "maximum": MOST_TURNS},
-    "points": {"type": "array", "minItems": 1,
-               "items": {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}}},
-    "names": {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}},
-}  # fmt: skip
 _SHARE_OF_LENGTH: Schema = {"type": "string", "pattern": r"^\s*\d{1,3}(\.\d*)?\s*%\s*$"}
 _SECTION = "CSV with s (m) and stiffness, mass per length or diameters along the cable. Left out: the same sections everywhere."
 
@@ -58,7 +29,7 @@ def study_schema() -> Schema:
     readings = {name: {"type": "array", "items": _table(name)} for name in ("angle", "wrench")}
     pose = _table("pose", start=_table("clamp"), end=_table("clamp"), **readings)
     parts = {name: _table(name) for name in ("cable", "tolerance")}
-    parts["cable"]["properties"]["section"] = {**_TYPES["file"], "description": _SECTION}
+    parts["cable"]["properties"]["section"] = {**KEYS["pose"]["scan"].schema(), "description": _SECTION}
     parts |= {"pose": {"type": "array", "items": pose}, "effect": _effects(), "unknown": _unknowns()}
     study = _table("study", format={"const": FORMAT}, **parts)
     head = {"$schema": "http://json-schema.org/draft-07/schema#", "title": "study.toml of scan2flex"}
@@ -68,7 +39,7 @@ def study_schema() -> Schema:
 def _table(name: str, **parts: Schema) -> Schema:
     """The schema of a table of the format; ``parts``: those of keys that are tables themselves."""
     keys = KEYS[name]
-    properties = {key.name: _described(parts.get(key.name) or _of_key(key), key) for key in keys.values()}
+    properties = {key.name: _described(parts.get(key.name) or key.schema(), key) for key in keys.values()}
     return _object(properties, [key.name for key in keys.values() if key.required])
 
 
@@ -76,28 +47,11 @@ def _object(properties: Schema, required: Iterable[str] = (), **more: Any) -> Sc
     return {"type": "object", "properties": properties, "required": list(required), **more, "additionalProperties": False}
 
 
-def _of_key(key: ParameterFormat) -> Schema:
-    return _numbers(key, key.shapes()) if key.type == "quantity" else _TYPES[key.type]
-
-
 def _described(schema: Schema, key: ParameterFormat) -> Schema:
     """The schema with the meaning of a key, its unit and its default, without the links of the page."""
     unit = "" if key.unit == "-" else f" ({key.unit})"
     said = f"{key.words}{unit}. " + ("Required." if key.default == "required" else f"Left out: {key.default}.")
     return {**schema, "description": re.sub(r"\[([^]]+)\]\([^)]+\)", r"\1", said)}
-
-
-def _numbers(form: ParameterFormat, shapes: Iterable[tuple[int, ...]]) -> Schema:
-    """A quantity of one of some shapes."""
-    arrays = [_array(form, shape) for shape in shapes]
-    return arrays[0] if len(arrays) == 1 else {"anyOf": arrays}
-
-
-def _array(form: ParameterFormat, shape: tuple[int, ...]) -> Schema:
-    if not shape:
-        return {"type": "number", **_DOMAINS.get(form.domain, {})}
-    count = {"minItems": FEWEST_PLACES} if shape[0] == _ANY_COUNT else {"minItems": shape[0], "maxItems": shape[0]}
-    return {"type": "array", "items": _array(form, shape[1:]), **count}
 
 
 def _unknowns() -> Schema:
@@ -122,8 +76,7 @@ def _unknowns_of(kind: str) -> Schema:
 def _unknown(form: ParameterFormat) -> Schema:
     """The table of an unknown: its values lie in the domain of its quantity."""
     shapes = form.bound_shapes(1, _ANY_COUNT)
-    value = _numbers(replace(form, domain="any") if form.domain == "unit" else form, shapes)
-    spread = _numbers(replace(form, domain="positive"), shapes)
+    value, spread = form.schema(shapes), replace(form, domain="positive").schema(shapes)
     parts = {"guess": value}
     if not (form.walk or form.smooth):
         prior = {"mean": value, "std": spread}
@@ -148,14 +101,13 @@ def _effects() -> Schema:
     for name, by_unit in units.items():
         said = "; ".join(f"{unit} (of {', '.join(kinds)})" for unit, kinds in by_unit.items())
         item["properties"][name] = {"description": said}
-    return {"type": "array", "items": item, "allOf": [{"items": _of_kind(form)} for form in forms]}
-
-
-def _of_kind(form: KindFormat) -> Schema:
-    """The parameters of an effect of one type."""
-    own = {p.name: {**_numbers(p, p.shapes(1, _ANY_COUNT)), "description": p.unit} for p in form.parameters}
-    if form.position is not None:
-        own[form.position] = {"anyOf": [own[form.position], _SHARE_OF_LENGTH], "description": "m, or per cent of the length"}
-    needed = [p.name for p in form.parameters if not p.estimable and not p.optional]
-    then = {**_object({"kind": True, "poses": True, **own}, needed), "description": form.words}
-    return {"if": {"properties": {"kind": {"const": form.kind}}, "required": ["kind"]}, "then": then}
+    each = []
+    for form in forms:
+        own = {p.name: {**p.schema(p.shapes(1, _ANY_COUNT)), "description": p.unit} for p in form.parameters}
+        if form.position is not None:
+            said = "m, or per cent of the length"
+            own[form.position] = {"anyOf": [own[form.position], _SHARE_OF_LENGTH], "description": said}
+        needed = [p.name for p in form.parameters if not p.estimable and not p.optional]
+        then = {**_object({"kind": True, "poses": True, **own}, needed), "description": form.words}
+        each.append({"items": {"if": {"properties": {"kind": {"const": form.kind}}, "required": ["kind"]}, "then": then}})
+    return {"type": "array", "items": item, "allOf": each}

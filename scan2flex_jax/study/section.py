@@ -39,7 +39,11 @@ def sections(
             raise where.at(name).fail("it has a value that is not positive: write positive numbers.")
     if np.any(columns.get("inner_diameter", np.zeros(1)) >= columns.get("diameter", np.inf)):
         raise where.at("inner_diameter").fail("the tube is wider inside than outside: exchange the columns.")
-    found = _of_calipers(columns) or {_STATED[name]: values for name, values in columns.items()}
+    found = {_STATED[name]: values for name, values in columns.items() if name in _STATED}
+    outer = columns.get("diameter", columns.get("across_flats"))
+    if outer is not None:  # sections of one material, up to a factor
+        inner = columns.get("inner_diameter", np.zeros_like(outer))
+        found = {"bending": outer**4 - inner**4, "density": outer**2 - inner**2}
     even = np.ones(len(s))
     profile = {"bending": found.get("bending", even), "density": found.get("density", even)}
     profile |= {"torsion": found.get("torsion", profile["bending"])}
@@ -51,12 +55,3 @@ def sections(
         along = np.exp(np.interp(fine, s, np.log(columns[name])))
         cable = {**cable, name: float(np.trapezoid(along, fine) / length if name == "length_density" else along[1000])}
     return EffectDeclaration("section_profile", {"s": s, **profile}), cable
-
-
-def _of_calipers(columns) -> dict[str, np.ndarray]:
-    """Stiffness and mass of sections of one material, up to a factor."""
-    outer = columns.get("diameter", columns.get("across_flats"))
-    if outer is None:
-        return {}
-    inner = columns.get("inner_diameter", np.zeros_like(outer))
-    return {"bending": outer**4 - inner**4, "density": outer**2 - inner**2}

@@ -11,9 +11,9 @@ import numpy as np
 from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_declared, longest_cable
 from scan2flex_jax.study.kinds import KEYS, kind_format
-from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Value
+from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.rotations import columns
-from scan2flex_jax.study.values import Where, shown, suggestion
+from scan2flex_jax.study.values import Where, known, shown
 
 Purpose = Literal["fit", "predict", "extract"]
 
@@ -65,7 +65,9 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
         if purpose == "fit" and not pose.measured and not study.only_compared(pose):
             raise here.fail("it has no shape: give it a centre curve, a scan, markers, or readings.")
         _check_readings(study, pose, here)
-        _check_held(study, pose, here)
+        if pose.start is None and not any(effect.kind in SUPPORTS for effect in study.acting(pose)):
+            said = f"it is missing, and nothing else holds the cable: write {KEYS['pose']['start'].written}"
+            raise here.at("start").fail(f"{said}, or declare the effects {' or '.join(SUPPORTS)} in this pose.")
         if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
             said = f"got {pose.turns}, but an end turns freely: write turns only between two clamps."
             raise here.at("turns").fail(said)
@@ -78,19 +80,10 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     _check_order(study, where.at("pose"))
 
 
-def _check_held(study: Study, pose: StudyPose, where: Where) -> None:
-    """A pose without a start has supports, which may hold it in place of clamps."""
-    if pose.start is None and not any(effect.kind in SUPPORTS for effect in study.acting(pose)):
-        said = f"it is missing, and nothing else holds the cable: write {KEYS['pose']['start'].written}"
-        raise where.at("start").fail(f"{said}, or declare the effects {' or '.join(SUPPORTS)} in this pose.")
-
-
 def _check_markers(study: Study, pose: StudyPose, markers: Markers, reach: float | None, where: Where) -> None:
     """Markers lie on the cable, and no further from the start than their arc length."""
-    longest, s = longest_cable(study), markers.arc_length
-    if longest is not None and s[-1] > longest * (1 + _ROUNDED):
-        hint = unit_hint(s[-1] / longest)
-        raise where.at("s").fail(f"a marker is at s = {s[-1]:g} m on a cable of at most {longest:g} m: {hint}.")
+    s = markers.arc_length
+    _check_on_cable(study, s[-1], where, "a marker is")
     if reach is None or _moved(study) or pose.start is None or pose.change_from is not None:
         return
     away = np.linalg.norm(np.nan_to_num(markers.points - pose.start.position), axis=1)
@@ -101,13 +94,17 @@ def _check_markers(study: Study, pose: StudyPose, markers: Markers, reach: float
         raise where.fail(f"{said}: {unit_hint(away[i] / max(s[i], 1e-12))}.")
 
 
+def _check_on_cable(study: Study, s: float, where: Where, what: str) -> None:
+    longest = longest_cable(study)
+    if longest is not None and s > longest * (1 + _ROUNDED):
+        said = f"{what} at s = {s:g} m on a cable of at most {longest:g} m"
+        raise where.at("s").fail(f"{said}: {unit_hint(s / longest)}.")
+
+
 def _check_readings(study: Study, pose: StudyPose, where: Where) -> None:
     """Angles are on the cable, wrenches at supports that exert them, and changes from a pose with its own shape."""
-    longest = longest_cable(study)
     for i, one in enumerate(pose.angle):
-        if longest is not None and one.s > longest * (1 + _ROUNDED):
-            said = f"the angle is read at s = {one.s:g} m on a cable of at most {longest:g} m"
-            raise where.at("angle").item(i + 1).at("s").fail(f"{said}: {unit_hint(one.s / longest)}.")
+        _check_on_cable(study, one.s, where.at("angle").item(i + 1), "the angle is read")
     for i, wrench in enumerate(pose.wrench):
         held, here, end = getattr(pose, wrench.end), where.at("wrench").item(i + 1), wrench.end
         if held is None:
@@ -117,9 +114,8 @@ def _check_readings(study: Study, pose: StudyPose, where: Where) -> None:
             raise here.at(key).fail(f"the {end} is a ball joint, which has no {none}: leave it out.")
     if pose.change_from is None:
         return
-    here, others = where.at("change_from"), [other.name for other in study.poses if other.name != pose.name]
-    if pose.change_from not in others:
-        raise here.fail(f"no other pose is called {shown(pose.change_from)}: {suggestion(pose.change_from, others)}")
+    here = where.at("change_from")
+    known(pose.change_from, (other.name for other in study.poses if other.name != pose.name), here, "other pose")
     if study.pose(pose.change_from).change_from is not None:
         raise here.fail(f"pose {shown(pose.change_from)} holds changes itself: name a pose that does not.")
     if study.history_dependent:
@@ -148,10 +144,9 @@ def _check_names(study: Study, where: Where) -> None:
         if pose.name in names[:i]:
             raise where.item(i + 1).at("name").fail(f"two poses are called {shown(pose.name)}: give each its own name.")
     for pose in study.poses:
-        others = [name for name in names if name != pose.name]
-        if pose.repeat_of is not None and pose.repeat_of not in others:
-            said = f"no other pose is called {shown(pose.repeat_of)}: {suggestion(pose.repeat_of, others)}"
-            raise where.item(pose.name).at("repeat_of").fail(said)
+        if pose.repeat_of is not None:
+            others = (name for name in names if name != pose.name)
+            known(pose.repeat_of, others, where.item(pose.name).at("repeat_of"), "other pose")
 
 
 def _check_scale(study: Study, where: Where) -> None:
@@ -186,17 +181,17 @@ def _has_gravity(study: Study, pose: StudyPose) -> bool:
 
 def _reach(study: Study) -> float | None:
     """Reach (m) of the straightened cable; None if it may stretch, or no length is known."""
-    unknown, longest, lengths = study.unknown_names, longest_cable(study), list[Value]()
-    axial = [study.known("axial_stiffness")] if "axial_stiffness" in (*study.cable, *unknown) else []
-    for effect in study.effects:
-        axial += [effect.parameters.get("axial_stiffness")] if effect.kind == "extensibility" else []
-        lengths += [effect.parameters["length"]] if "length" in effect.parameters and effect.kind == "length_error" else []
-    stretches = {"extensibility.axial_stiffness", "natural_stretch", "length_error.length"} & set(unknown)
+    longest, axial = longest_cable(study), [study.known("axial_stiffness")]
+    axial = axial if "axial_stiffness" in (*study.cable, *study.unknown_names) else []
+    declared = [(effect.kind, effect.parameters) for effect in study.effects]
+    axial += [given.get("axial_stiffness") for kind, given in declared if kind == "extensibility"]
+    stretches = {"extensibility.axial_stiffness", "natural_stretch", "length_error.length"} & set(study.unknown_names)
     if stretches or longest is None or any(value is None or float(np.min(value)) < STIFF_AXIAL for value in axial):
         return None
     stretch = study.cable.get("natural_stretch")
     along = 0.0 if stretch is None else float(np.ravel(stretch)[-1])
-    return max([longest, *(float(np.max(length)) for length in lengths)]) * (1 + max(along, 0.0))
+    lengths = [float(np.max(given["length"])) for kind, given in declared if kind == "length_error" and "length" in given]
+    return max([longest, *lengths]) * (1 + max(along, 0.0))
 
 
 def looks_like(ratio: float) -> tuple[str, float] | None:
@@ -244,7 +239,7 @@ def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: flo
     if length > CURVE_SLACK * reach:
         hint = unit_hint(length / reach, equal=True)
         raise where.fail(f"the curve is {length:g} m long, but the cable at most {reach:g} m: {hint}.")
-    if study.known("length") is not None and length < CURVE_LEAST * reach:
+    if study.length is not None and length < CURVE_LEAST * reach:
         unit = unit_of(reach / length)
         hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
         raise where.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")

@@ -88,15 +88,22 @@ def suggestion(name: str, names: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else f"use one of {', '.join(names)}." if names else "leave it out."
 
 
+def known(name: str, names: Iterable[str], where: Where, noun: str) -> None:
+    """Refuse a name that is not among `names` of things called `noun`."""
+    names = list(names)
+    if name not in names:
+        raise where.fail(f"no {noun} is called {shown(name)}: {suggestion(name, names)}")
+
+
 def table(value: Any, names: Iterable[str] | None, where: Where, example: str) -> dict[str, Any]:
     """The contents of a table (a dict in memory) whose keys are among `names` (None: any)."""
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         what = "a dict" if example.startswith('{"') else "a table"
         raise where.fail(f"got {shown(value)}: give {what}, as in {example}.")
-    known = list(value if names is None else names)
+    keys = list(value if names is None else names)
     for key in value:
-        if key not in known:
-            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, known)}")
+        if key not in keys:
+            raise where.at(key).fail(f"unknown key {shown(key)}: {suggestion(key, keys)}")
     return dict(value)
 
 
@@ -125,6 +132,14 @@ def all_of_kind(values: Any, kind: type | tuple[type, ...], where: Where, exampl
 def text(value: Any, where: Where) -> str:
     """A string."""
     return str(of_kind(value, str, where, 'a text in quotation marks, as in "sag"'))
+
+
+def one_of(value: Any, names: tuple[str, ...], where: Where) -> str:
+    """One of some texts."""
+    if text(value, where) not in names:
+        first = ", ".join(f'"{name}"' for name in names[:-1])
+        raise where.fail(f'got {shown(value)}: write {first} or "{names[-1]}".')
+    return str(value)
 
 
 def boolean(value: Any, where: Where) -> bool:
@@ -175,16 +190,6 @@ def number(value: Any, where: Where) -> float:
     return float(value)
 
 
-def _shape(value: Any, depth: int = 3) -> tuple[int, ...] | None:
-    """Shape of nested lists; None if they are ragged or deeper than any value of a study."""
-    if not isinstance(value, list):
-        return ()
-    inner = {_shape(entry, depth - 1) for entry in value} if depth > 0 else set()
-    if len(inner) != 1 or None in inner:
-        return None
-    return (len(value), *(inner.pop() or ()))
-
-
 def _wanted(shape: tuple[int, ...]) -> str:
     lists = [counted(shape[0], "list")] if len(shape) > 1 else []
     return "one number" if not shape else f"a list of {' of '.join([*lists, counted(shape[-1], 'number')])}"
@@ -194,18 +199,16 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) ->
     """A number, or nested lists of numbers, of one of `shapes`; a float for shape (). With None any shape will do, and NaN."""
     value = plain(value)
     wanted = None if shapes is None else tuple(shapes)
-    shape = _shape(value)
-    if shape is None or (wanted is not None and shape not in wanted):
+    try:
+        shape = np.shape(value) if isinstance(value, list) else ()
+    except (TypeError, ValueError):  # ragged lists, tracers of JAX
+        shape = (0,)
+    if 0 in shape or (wanted is not None and shape not in wanted):
         said = "a number, or a list of numbers" if wanted is None else " or ".join(map(_wanted, wanted))
         raise where.fail(f"got {shown(value)}: write {said}.")
-
-    def numbers(inner: Any) -> Any:
-        if isinstance(inner, list):
-            return [numbers(entry) for entry in inner]
-        return inner if wanted is None and isinstance(inner, float) else number(inner, where)
-
-    checked = numbers(value)
-    return checked if isinstance(checked, float) else np.array(checked)
+    entries = np.array(value, object).ravel().tolist()
+    numbers = [x if wanted is None and isinstance(x, float) else number(x, where) for x in entries]
+    return np.array(numbers).reshape(shape) if shape else numbers[0]
 
 
 def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:

@@ -5,6 +5,7 @@ if it brings all astray poses back to their clamps and leads none astray: mistak
 poses and curves of two poses that are exchanged.
 """
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -27,14 +28,17 @@ _SCALES, _CLEAR = (0.01, 0.15), 0.35  # reported changes of a scale; remaining g
 
 def visible_mistakes(study: Study) -> tuple[Mistake, ...]:
     """The mistakes visible without a solve, each with the cumulatively corrected study; empty if no pose is astray."""
-    found = tuple(_of_units(study)) or tuple(_of_markers(study))
-    if found:
+    if found := tuple(_of_units(study)) or tuple(_of_markers(study)):
         return found
     astray = {pose.name for pose in study.poses if _off(study, pose) > 1.0}
-    for mistake in (*mistakes.of_frames(study), *mistakes.of_axes(study)) if astray else ():
-        if _mends(mistake, study, astray):
-            return (mistake,)
-    return tuple(_of_some_poses(study, astray)) or tuple(_upward(study))
+    hypotheses = itertools.chain(mistakes.of_frames(study), mistakes.of_axes(study))
+    if astray and (mistake := next((m for m in hypotheses if _mends(m, study, astray)), None)):
+        return (mistake,)
+    if found := tuple(_of_some_poses(study, astray)):
+        return found
+    upward = bool(study.poses) and all(stands(study, pose) for pose in study.poses)
+    said = "every curve rises against gravity, which must point the right way"
+    return tuple(replace(m, sentence=said) for m in itertools.islice(mistakes.of_gravity(study), 1) if upward)
 
 
 def _of_markers(study) -> Iterator[Mistake]:
@@ -82,10 +86,9 @@ def _mended(study, pose) -> bool:
 
 def _off(study, pose) -> float:
     """Distance of a pose's curve from its clamps, in units of the astray threshold; 0 if undefined."""
-    facts, length = pose_facts(pose), study.known("length")
-    if facts is None:
+    if (facts := pose_facts(pose)) is None:
         return 0.0
-    scale = facts.covered if length is None else float(np.max(length))
+    scale = study.length or facts.covered
     ends = [end for end in (facts.start, facts.end) if end is not None]
     angles = [end.angle - 2 * (end.angle_sd or 0.0) for end in ends if end.angle is not None]
     return max(max((end.gap for end in ends), default=0.0) / (_GAP * scale), max(angles, default=0.0) / _ANGLE)
@@ -93,14 +96,14 @@ def _off(study, pose) -> float:
 
 def stands(study: Study, pose: StudyPose) -> bool:
     """Whether a curve rises against gravity: above its chord, or above the initial tangent of a cable with a free end."""
-    gravity, length = study.gravity_in(pose), study.known("length")
+    gravity, length = study.gravity_in(pose), study.length
     size = float(np.linalg.norm(gravity))
     if pose.curve is None or pose.start is None or length is None or not size > 0:
         return False
     line = 0.5 * (pose.start.position + (pose.start.position if pose.end is None else pose.end.position))
     if pose.end is None and pose.start.tangent is not None:
         line = line + 0.5 * curve_length(pose.curve.points) * pose.start.tangent
-    return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * float(np.max(length))
+    return float((pose.curve.points.mean(axis=0) - line) @ gravity) / size < -_ARCH * length
 
 
 def carried(study: Study) -> bool:
@@ -116,22 +119,11 @@ def carried(study: Study) -> bool:
     return bool(curves) and all(level(pose) for pose in curves)
 
 
-def _upward(study) -> Iterator[Mistake]:
-    """Gravity whose direction makes every curve rise against it."""
-    if study.poses and all(stands(study, pose) for pose in study.poses):
-        mistake = next(mistakes.of_gravity(study), None)
-        if mistake is not None:
-            said = "every curve rises against gravity, which must point the right way"
-            yield replace(mistake, sentence=said)
-
-
 def _of_units(study) -> Iterator[Mistake]:
     """One of length, curves and clamps in another unit than the two others, whose lengths agree."""
-    length = study.known("length")
     curves = [pose for pose in study.poses if pose.curve is not None]
-    if length is None or not curves:
+    if (whole := study.length) is None or not curves:
         return
-    whole = float(np.max(length))
     long = float(np.median([curve_length(pose.curve.points) for pose in curves]))
     spans = [ratio for ratio in map(_span_ratio, curves) if ratio is not None]
     across = float(np.median(spans)) if spans else None
@@ -161,12 +153,10 @@ def scaled_curves(study: Study, factor: float) -> Study:
     """The study with every curve scaled about the origin of the scan frame."""
 
     def one(pose):
-        if pose.curve is None:
-            return pose
-        s = None if pose.curve.arc_length is None else factor * pose.curve.arc_length
-        return replace(pose, curve=MeasuredCurve(factor * pose.curve.points, s))
+        s = None if pose.curve is None or pose.curve.arc_length is None else factor * pose.curve.arc_length
+        return pose if pose.curve is None else replace(pose, curve=MeasuredCurve(factor * pose.curve.points, s))
 
-    return replace(study, poses=tuple(one(pose) for pose in study.poses))
+    return replace(study, poses=tuple(map(one, study.poses)))
 
 
 def scaled_clamps(study: Study, factor: float) -> Study:
@@ -183,36 +173,28 @@ def scale_between(study: Study) -> Mistake | None:
 
     Only gaps across d3 count, since curves may stop short of their clamps. The cable's length decides which of them is wrong.
     """
-    length, poses = study.known("length"), [pose for pose in study.poses if pose.curve is not None]
-    if length is None or not poses:
+    positions, gaps = [], []
+    curves = [(pose, pose.curve) for pose in study.poses if pose.curve is not None]
+    for pose, curve in curves:
+        for clamp, point in ((pose.start, curve.points[0]), (pose.end, curve.points[-1])):
+            if clamp is not None:
+                across = np.eye(3) - (0.0 if clamp.tangent is None else np.outer(clamp.tangent, clamp.tangent))
+                positions.append(across @ clamp.position)
+                gaps.append(across @ (point - clamp.position))
+    if study.length is None or not gaps:
         return None
-    gaps = [_gap(*end) for pose in poses for end in _held(pose)]
-    if not gaps:
-        return None
-    p, g = (np.ravel(vectors) for vectors in zip(*gaps, strict=True))
+    p, g = np.ravel(positions), np.ravel(gaps)
     more = float(g @ p / (p @ p)) if np.any(p) else 0.0
     if not _SCALES[0] < abs(more) < _SCALES[1] or np.linalg.norm(g - more * p) > _CLEAR * np.linalg.norm(g):
         return None
-    covered = [facts.covered for facts in map(pose_facts, poses) if facts is not None]
-    along = float(np.median(covered)) / float(np.max(length)) - 1.0
+    covered = [facts.covered for pose, _ in curves if (facts := pose_facts(pose)) is not None]
+    along = float(np.median(covered)) / study.length - 1.0
     if abs(along - more) < abs(along):
         said = f"the curves look {abs(100 * more):.1f} % too {'large' if more > 0 else 'small'}"
         mend = f"divide them by {1 + more:.4f}, or declare the effect scan_scale"
         return Mistake(said, mend, scaled_curves(study, 1.0 / (1.0 + more)))
     said = f"the clamps' positions look {abs(100 * more):.1f} % too {'small' if more > 0 else 'large'}"
     return Mistake(said, f"multiply them by {1 + more:.4f}", scaled_clamps(study, 1.0 + more))
-
-
-def _held(pose):
-    """Clamps of a pose with the ends of its curve."""
-    ends = ((pose.start, pose.curve.points[0]), (pose.end, pose.curve.points[-1]))
-    return [(clamp, point) for clamp, point in ends if clamp is not None]
-
-
-def _gap(clamp, point):
-    """A clamp's position and the gap from there to a point, across d3."""
-    d3 = np.zeros(3) if clamp.tangent is None else clamp.tangent
-    return clamp.position - (clamp.position @ d3) * d3, (point - clamp.position) - ((point - clamp.position) @ d3) * d3
 
 
 def clamps_scaled(study: Study) -> tuple[Mistake, ...]:

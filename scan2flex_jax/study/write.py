@@ -6,20 +6,20 @@ NAME.bak, with the user's comments, which the new one lacks; a file with the sam
 """
 
 import filecmp
+import json
 import re
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
-import tomlkit
-from tomlkit.items import SingleKey
 
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.curves import read_csv
-from scan2flex_jax.study.files import STUDY_FILE, backup, inside, write_atomic, writing_error
-from scan2flex_jax.study.model import EffectDeclaration, Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
+from scan2flex_jax.study.files import STUDY_FILE, backup, inside, write_atomic, writing
+from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose, Unknown, relative_name
 from scan2flex_jax.study.read import FIELDS, FORMAT, load_study
 from scan2flex_jax.study.records import Record, same
 from scan2flex_jax.study.sense import Purpose
@@ -83,21 +83,20 @@ def save_study(study: Study, folder: str | Path) -> Path:
     """
     folder = Path(folder)
     toml, files = folder / STUDY_FILE, NamedFiles(study, folder)
-    tree = study_tables(study, files)
-    stated = all(pose.noise is not None for pose in study.poses if pose.seen)
-    text = render(tree, study.assumptions, () if stated else (_NO_NOISE,))
-    try:
-        _check_written(study, tree, text, files, Where(one_line(str(toml), 300)))
+    text = study_text(study, files)
+    with writing(toml):
+        _check_written(study, text, files, Where(one_line(str(toml), 300)))
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.contents.items():
-            _put_file(inside(folder, name, Where(one_line(str(folder / name), 300))), content)
-        _put_toml(toml, study, text)
-    except (OSError, ValueError) as error:
-        raise writing_error(toml, error) from error
+            path = inside(folder, name, Where(one_line(str(folder / name), 300)))
+            if not (path.exists() and _holds(path, content)):
+                _put(path, content if isinstance(content, Path) else csv_text(content).encode("ascii"))
+        if not (toml.exists() and _is_study(toml, study)):
+            _put(toml, text.encode("utf-8"))
     return toml
 
 
-def _check_written(study: Study, tree: dict[str, Any], text: str, files: NamedFiles, where: Where) -> None:
+def _check_written(study: Study, text: str, files: NamedFiles, where: Where) -> None:
     """Write a study to a temporary folder, an empty file for each scan, and read an equal one back."""
     with TemporaryDirectory() as name:
         folder = Path(name).resolve()
@@ -108,33 +107,30 @@ def _check_written(study: Study, tree: dict[str, Any], text: str, files: NamedFi
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("-" if isinstance(content, Path) else csv_text(content), "ascii")
         (folder / STUDY_FILE).write_text(text, "utf-8")
-        named = zip(study.poses, tree["pose"], strict=True)
-        poses = [replace(pose, scan=folder / table["scan"]) if "scan" in table else pose for pose, table in named]
-        planned = not any(pose.measured for pose in study.poses)
-        purpose: Purpose = "predict" if planned else "fit"
+        purpose: Purpose = "fit" if any(pose.measured for pose in study.poses) else "predict"
         with where.placed():
             again = load_study(folder, purpose=purpose)
-        if again != replace(study, poses=tuple(poses), folder=folder):
+        if _without_scans(again) != _without_scans(study):
             raise where.fail("the study would not read back as it is: use names and values of the format.")
 
 
-def _put_toml(path: Path, study: Study, text: str) -> None:
-    """Write study.toml, unless the existing one has the same content."""
+def _without_scans(study: Study) -> Study:
+    """The study up to its scans, which may get other names."""
+    return replace(study, poses=tuple(replace(pose, scan=None) for pose in study.poses))
+
+
+def _put(path: Path, data: bytes | Path) -> None:
+    """Write a file in one step, and keep the old one."""
+    backup(path)
+    write_atomic(path, data)
+
+
+def _is_study(path: Path, study: Study) -> bool:
+    """Whether a study.toml has the same content; one that cannot be read has not."""
     try:
-        if path.exists() and load_study(path, purpose="predict") == study:
-            return
+        return load_study(path, purpose="predict") == study
     except StudyError:
-        pass  # the existing file is no study, and is kept in the backup
-    backup(path)
-    write_atomic(path, text.encode("utf-8"))
-
-
-def _put_file(path: Path, content: Content) -> None:
-    """Write a CSV or copy a scan, unless the existing file has the same content."""
-    if path.exists() and _holds(path, content):
-        return
-    backup(path)
-    write_atomic(path, content if isinstance(content, Path) else csv_text(content).encode("ascii"))
+        return False
 
 
 def _holds(path: Path, content: Content) -> bool:
@@ -170,41 +166,26 @@ def _csv(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> tup
     return ",".join(names), table
 
 
-def study_tables(study: Study, files: NamedFiles) -> dict[str, Any]:
-    """The TOML tree of a study, as plain dicts, lists and numbers; files get their names in `files`."""
-    tree: dict[str, Any] = {"format": FORMAT, "title": study.title, "gravity": plain(study.gravity)}
-    tree["cable"] = {key: plain(value) for key, value in study.cable.items()}
-    tree["tolerance"] = _of_record(study.tolerance)
-    tree["unknown"] = {unknown.name: _unknown(unknown) for unknown in study.unknowns}
-    tree["pose"] = [_pose(pose, files) for pose in study.poses]
-    tree["effect"] = [_effect(effect) for effect in study.effects]
-    return {key: value for key, value in tree.items() if value or key in ("title", "cable", "pose")}
-
-
-def _of_record(record: Record) -> dict[str, Any]:
-    """The table of a record: its keys that differ from what holds where they are left out, in the order of the format."""
-    defaults = {field.name: field.default for field in fields(record)}  # type: ignore[arg-type]
-    table = {}
-    for key, form in record.KEYS.items():
-        name = FIELDS.get(key, key)
-        value = getattr(record, name)
-        if value is not None and form.type != "file" and not same(value, defaults[name]):
-            if isinstance(value, tuple) and value and isinstance(value[0], Record):
-                value = [_of_record(one) for one in value]
-            table[key] = _of_record(value) if isinstance(value, Record) else plain(value)
-    return table
-
-
-def _effect(effect: EffectDeclaration) -> dict[str, Any]:
-    table = {"kind": effect.kind, **{name: plain(value) for name, value in effect.parameters.items()}}
-    return table if effect.poses is None else {**table, "poses": list(effect.poses)}
+def study_text(study: Study, files: NamedFiles | None = None) -> str:
+    """The text of `study.toml` in the layout of the format: clamps on one line each, and what is assumed of the cable or of the
+    noise in comments of their tables. Files get their names in `files`."""
+    files = NamedFiles(study) if files is None else files
+    noisy = () if all(pose.noise is not None for pose in study.poses if pose.seen) else (_NO_NOISE,)
+    tables: list[tuple[str, Mapping[str, Any], tuple[str, ...]]] = [
+        ("", {"format": FORMAT, "title": study.title, "gravity": study.gravity}, ()),
+        ("[cable]", study.cable, study.assumptions),
+        *(("[tolerance]", table, ()) for table in [_of_record(study.tolerance)] if table),
+        *((f"[unknown.{_key(one.name)}]", _unknown(one), ()) for one in study.unknowns),
+        *(("[[pose]]", _pose(pose, files), () if i else noisy) for i, pose in enumerate(study.poses)),
+        *(("[[effect]]", {"kind": one.kind, **one.parameters, "poses": one.poses}, ()) for one in study.effects),
+    ]
+    parts = ([name, *_entries(table), *(f"# {said}" for said in comments)] for name, table, comments in tables)
+    return "\n\n".join("\n".join(filter(None, lines)) for lines in parts) + "\n"
 
 
 def _unknown(unknown: Unknown) -> dict[str, Any]:
-    table = {} if unknown.guess is None else {"guess": plain(unknown.guess)}
-    if unknown.low is not None and unknown.high is not None:
-        table["range"] = [plain(unknown.low), plain(unknown.high)]
-    return table if unknown.prior is None else {**table, "prior": {k: plain(x) for k, x in unknown.prior.items()}}
+    bounds = None if unknown.low is None or unknown.high is None else [unknown.low, unknown.high]
+    return {"guess": unknown.guess, "range": bounds, "prior": unknown.prior}
 
 
 def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
@@ -218,45 +199,27 @@ def _pose(pose: StudyPose, files: NamedFiles) -> dict[str, Any]:
     return {key: table[key] for key in pose.KEYS if key in table}
 
 
-def render(tree: dict[str, Any], assumptions: tuple[str, ...] = (), of_poses: tuple[str, ...] = ()) -> str:
-    """The TOML text of a study's tree, in the layout of the format: clamps on one line each, assumptions about the cable in
-    comments of its table, and those about poses in that of the first pose."""
-    document = tomlkit.document()
-    for key, value in tree.items():
-        if isinstance(value, list) and value and isinstance(value[0], dict):
-            array = tomlkit.aot()
-            for entry in value:
-                array.append(_table(entry))
-            for sentence in of_poses if key == "pose" else ():
-                array[0].add(tomlkit.comment(sentence))
-            document[key] = array
-        elif key == "unknown":
-            nested = tomlkit.table(is_super_table=True)
-            for name, body in value.items():
-                nested.append(SingleKey(name), _table(body))
-            document[key] = nested
-        else:
-            document[key] = _table(value) if isinstance(value, dict) else value
-        if key == "cable":
-            for sentence in assumptions:
-                document[key].add(tomlkit.comment(sentence))
-    return tomlkit.dumps(document)
+def _of_record(record: Record) -> dict[str, Any]:
+    """The table of a record: its keys, but files, that differ from what holds where they are left out."""
+    defaults = {field.name: field.default for field in fields(record)}  # type: ignore[arg-type]
+    names = {key: FIELDS.get(key, key) for key, form in record.KEYS.items() if form.type != "file"}
+    return {key: getattr(record, name) for key, name in names.items() if not same(getattr(record, name), defaults[name])}
 
 
-def _table(entries: dict[str, Any]) -> Any:
-    table = tomlkit.table()
-    for key, value in entries.items():
-        if isinstance(value, dict):
-            table[key] = _inline(value)
-        elif isinstance(value, list) and value and isinstance(value[0], dict):
-            table[key] = tomlkit.array()
-            table[key].extend(_inline(one) for one in value)
-        else:
-            table[key] = value
-    return table
+def _entries(table: Mapping[str, Any]) -> list[str]:
+    """The lines of a table's values, without those that are None."""
+    return [f"{_key(key)} = {_toml(value)}" for key, value in table.items() if value is not None]
 
 
-def _inline(entries: dict[str, Any]) -> Any:
-    inline = tomlkit.inline_table()
-    inline.update(entries)
-    return inline
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
+
+
+def _toml(value: Any) -> str:
+    """A value in the notation of TOML, numbers with all digits."""
+    value = plain(value)
+    if isinstance(value, Record | Mapping):
+        return f"{{{', '.join(_entries(value if isinstance(value, Mapping) else _of_record(value)))}}}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(value) if isinstance(value, float) else json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.mistakes import KINDS
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.examples import example_names, example_path
-from scan2flex_jax.study import EffectDeclaration, check_study, load_study, mistakes, study_warnings
+from scan2flex_jax.study import EffectDeclaration, Markers, check_study, load_study, mistakes, study_warnings
 from scan2flex_jax.study.rotations import columns, product, rolled, twist_along
 from scan2flex_jax.study.visible import scale_between, visible_mistakes
 
@@ -109,6 +109,15 @@ def test_a_weight_is_asked_only_where_something_sets_the_scale(study):
     held = replace(study, effects=(EffectDeclaration("point_mass", {"position": 0.4, "mass": 0.05}),))
     found = [m.study.cable["length_density"] for m in mistakes.of_weight(made(held, "density in lb/m"))]
     assert min(abs(np.array(found) / study.known("length_density") - 1.0)) < 1e-4
+
+
+def test_a_marker_beside_the_axis_is_left_out_with_its_place(study):
+    points, s = study.poses[0].curve.points[[10, 20, 30]], np.array([0.1, 0.2, 0.3])
+    marks = Markers(points, s, offset=[[0.01, 0.0], [0.02, 0.0], [0.03, 0.0]])
+    marked = replace(study, poses=(replace(study.poses[0], curve=None, markers=marks), *study.poses[1:]))
+    rest = mistakes.without_marker(marked, marked.poses[0], 1).study.poses[0].markers
+    np.testing.assert_array_equal(rest.offset, marks.offset[[0, 2]])
+    np.testing.assert_array_equal(rest.points, points[[0, 2]])
 
 
 def test_products_and_rolls_are_those_of_rotations():
