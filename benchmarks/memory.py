@@ -1,6 +1,7 @@
 """Cables that remember, recovered from ordered poses of an independent solver with another law of friction.
 
-`python -m benchmarks.memory 40` writes `benchmarks/results/memory.json`; a run with the seed of the record continues it. Each
+`OPENBLAS_NUM_THREADS=1 python -m benchmarks.memory 40` (with more threads drawing takes several times longer) writes
+`benchmarks/results/memory.json`; a run with the seed of the record continues it. Each
 case is a plane cable in six to ten poses between clamps that move to and fro (`benchmarks.blind.hysteresis`: the friction of
 Dahl and of Bouc and Wen in turn, neither of which is a Prandtl slider), with white noise of half a thousandth of its length;
 every second case has no memory. Poses that would leave the plane are not drawn: the fit is one in space. The last pose is kept

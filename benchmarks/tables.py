@@ -291,14 +291,26 @@ def peers(r):
         yield name, about.get("missing", about["what"]), runs, least, *(median_and_least(name, key) for key in keys)
 
 
-HUNG = "Largest distance of a link over the length, with 20 / 40 / 80 links. Newton {newton}, MuJoCo {mujoco}."
+def hung(r) -> str:
+    rod, strip = (100 * r["repeatability"][name] for name in ("bamboo-rod", "textile-strip"))
+    return (
+        f"Largest distance of a link over the length, with 20 / 40 / 80 links. Newton {r['newton']}, MuJoCo {r['mujoco']}.\n"
+        "Repeatability: the RMS distance over the length between two takes of one pose of a real cable. The unit is that\n"
+        f"of the bamboo rod, {rod:.2f} %; the strip of fabric has {strip:.1f} %."
+    )
 
 
-@table("export.md", "simulators", ("cable", "Newton", "MuJoCo"), "simulators", note=HUNG)
+@table("export.md", "simulators", (
+    "cable", "Newton", "MuJoCo", "Newton, in units of repeatability", "MuJoCo, in units of repeatability"
+), "simulators", note=hung)  # fmt: skip
 def simulators(r):
+    units, forms = (0.01, r["repeatability"]["bamboo-rod"]), ("{:.2f} %", "{:.1f}")
     for name in dict.fromkeys(row["cable"] for row in r["rows"]):
         rows = [[x for x in r["rows"] if x["cable"] == name and x["target"] == target] for target in ("newton", "mujoco")]
-        yield name, *(" / ".join(f"{100 * x['off']:.2f} %" if "off" in x else "refused" for x in row) for row in rows)
+        yield name, *(
+            " / ".join(form.format(x["off"] / unit) if "off" in x else "refused" for x in row)
+            for unit, form in zip(units, forms, strict=True) for row in rows
+        )  # fmt: skip
 
 
 # Laws and memory

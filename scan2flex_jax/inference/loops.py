@@ -27,6 +27,7 @@ from scan2flex_jax.rod.memory import AbstractMemory, memories
 from scan2flex_jax.rod.model import Configuration, Rod
 
 _STEADY = 20  # cycles after which a loop repeats itself: Dahl's state nears its limit by exp(-4 most/slip) in each
+_NONE = 1e-9  # of the largest strain: one that is zero but for rounding, as the twist of a plane cable
 _BENDING, _TWIST = ("bending", 4), ("twist", 5)
 _ACTS = {Friction: (_BENDING,), TorsionFriction: (_TWIST,), Dahl: (_BENDING, _TWIST), Relaxation: (_BENDING, _TWIST)}
 
@@ -60,7 +61,10 @@ def loops_of(poses: Sequence[tuple[Rod, Configuration]]) -> tuple[Loop, ...]:
     most = {4: float(np.nanmax(np.linalg.norm(excess[:, 3:5], axis=1))), 5: float(np.nanmax(np.abs(excess[:, 5])))}
     K = np.mean(np.asarray(poses[0][0].section.stiffness), axis=0)
     K[[3, 4], [3, 4]] = 0.5 * (K[3, 3] + K[4, 4])
-    return tuple(Loop(e.kind, of, _values(e, K, axis, most[axis])) for e in acting for of, axis in _ACTS[type(e)])
+    shown = {axis for axis in most if most[axis] > _NONE * max(most.values())}
+    return tuple(
+        Loop(e.kind, of, _values(e, K, axis, most[axis])) for e in acting for of, axis in _ACTS[type(e)] if axis in shown
+    )
 
 
 def _values(effect, K, axis, most):

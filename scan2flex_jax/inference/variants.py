@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.compilation import lightly_compiled
-from scan2flex_jax.effects import Friction, MemorySet, Relaxation, TorsionFriction, effect_class
+from scan2flex_jax.effects import Dahl, Friction, MemorySet, Relaxation, TorsionFriction, effect_class
 from scan2flex_jax.effects.catalogue import catalogue
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.least_squares import Progress
@@ -142,7 +142,8 @@ def remembering(search: Search, say: Progress) -> Iterator[Variant]:
     twist = np.sqrt(np.mean(np.mean(excess[..., 5], axis=1) ** 2)) * v.length
     timed = all(pose.time is not None for pose in study.poses)
     price = v.settings.effect + np.log(len(catalogue()))
-    for kind in (Friction.kind, *[TorsionFriction.kind] * bool(twist > _TWISTED), *[Relaxation.kind] * timed):
+    frictions = (Friction.kind, Dahl.kind, *[TorsionFriction.kind] * bool(twist > _TWISTED))
+    for kind in (*frictions, *[Relaxation.kind] * timed):
         say(f"score of {kind}")
         if _gain(best, kind, excess, stiffness) < price:
             continue
