@@ -49,7 +49,7 @@ class Row:
 @dataclass(frozen=True)
 class Answer:
     """``rows`` of the estimates, the stated values they ``rest`` on with sensitivities, the error on ``unseen`` poses, whether
-    to believe it (``belief``, with its ``tone``: good, fair or bad), the ``warnings`` of `check`, and further ``doubts``."""
+    it is reliable (``belief``, with its ``tone``: good, fair or bad), the ``warnings`` of `check`, and further ``doubts``."""
 
     rows: tuple[Row, ...]
     rest: str

@@ -26,7 +26,7 @@ def test_from_five_rows_to_the_stiffness_in_two_commands(tmp_path):
     assert "closed form: EI = 0.1" in out and "5 to fit" in out
     found = said("fit", tmp_path / "tests", "--json", tmp_path / "fit.json")
     e = json.loads((tmp_path / "fit.json").read_text())["estimates"]["bending_stiffness"]
-    assert "rests on neither a stated length nor a stated mass" in " ".join(found.split())  # nothing rests on what has no influence
+    assert "rests on neither a stated length nor a stated mass" in " ".join(found.split())
     assert e["low"] < STIFF < e["high"]
     assert e["value"] == pytest.approx(STIFF, rel=1e-3)
 
