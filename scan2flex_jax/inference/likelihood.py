@@ -66,10 +66,10 @@ class Likelihood:
 
     def __init__(
         self, rows: Rows, length: float, stated: float | None, axis: float, usual: float, settings: Settings,
-        apart: Sequence[int] = (),
+        outliers: Sequence[int] = (),
     ):  # fmt: skip
-        """Bounds of the sizes from the cable's ``length`` (m); poses ``apart`` have a wide discrepancy of their own."""
-        self.apart = np.isin(np.arange(rows.poses), list(apart)) * (_APART * usual) ** 2
+        """Bounds of the sizes from the cable's ``length`` (m); ``outliers`` have a wide discrepancy of their own."""
+        self.outliers = np.isin(np.arange(rows.poses), list(outliers)) * (_APART * usual) ** 2
         self.rows, self.length, self.stated, self.axis = rows, length, stated, axis
         self.usual, self.settings = usual, settings
         self.of_axis = axis**2 * rows.same * _correlation(rows.lag / (settings.axis_length * length), np.inf)[0]
@@ -126,8 +126,8 @@ class Likelihood:
         i = np.arange(p.rows)
         K[:, i, i] += _REGULAR * open_
         C = sc**2 * K + ZZ + self.of_axis
-        if np.any(self.apart):
-            C += self.apart[:, None, None] * ZZ / b**2
+        if np.any(self.outliers):
+            C += self.outliers[:, None, None] * ZZ / b**2
         C[:, i, i] += white + fore + p.pad + p.known**2 + p.across * (self.settings.largest_noise * self.length) ** 2
         return C, (2 * white, 2 * sc**2 * K, sc**2 * dK, 2 * ZZ, 4 * fore, sc**2 * dw)
 

@@ -169,13 +169,13 @@ def solved(shapes) -> bool:
 class Variant:
     """A variant of a study, from the minimum of its unweighted distances; refits hypotheses in it.
 
-    ``log_prior`` (nats) of the variant, the ``effect`` with memory that it declares, if any; poses ``apart`` have a wide
+    ``log_prior`` (nats) of the variant, the ``effect`` with memory that it declares, if any; ``outliers`` have a wide
     discrepancy of their own. ``held``: the hypothesis without effects keeps the parameters of the minimum.
     """
 
     def __init__(
         self, name: str, problem: Problem, minimum: Minimum, settings: Settings = USUAL, *, log_prior: float = 0.0,
-        effect: str | None = None, apart: Sequence[int] = (), held: bool = False,
+        effect: str | None = None, outliers: Sequence[int] = (), held: bool = False,
     ):  # fmt: skip
         """Refit the hypothesis without effects."""
         self.name, self.problem, self.minimum, self.settings, self.effect = name, problem, minimum, settings, effect
@@ -195,13 +195,13 @@ class Variant:
         axis = settings.axis * self.context.radius_or_guess if any(p.scan is not None for p in study.fit_poses) else 0.0
         usual = usual_size(self.program.start, settings.usual_discrepancy)
         stated = stated_noise(study, of_all=False)
-        self.likelihood = Likelihood(self.rows, self.length, stated, axis, usual, settings, apart)
+        self.likelihood = Likelihood(self.rows, self.length, stated, axis, usual, settings, outliers)
         at = {pose.name: i for i, pose in enumerate(study.fit_poses)}
         same = [[at[name] for name in group if name in at] for group in repeats(study)]
         alone = [[i] for i in at.values() if all(i not in group for group in same)]
         self.groups = sorted([*(g for g in same if g), *alone])
         self.refits, self.best = 0, -np.inf
-        found = self.refitted((), [], x, shapes, plain=False)
+        found = self.refitted((), [], x, shapes, unweighted=False)
         if found is None:
             raise ValueError("the baseline fit is solved")
         self.empty = found
@@ -241,12 +241,12 @@ class Variant:
         return Linear(r, X, Z, own, precision, prior.pull(x), prior.cost(x))
 
     def refitted(
-        self, components, amplitudes, base, shapes=None, u=None, *, plain: bool = True, nearest: float = np.inf,
+        self, components, amplitudes, base, shapes=None, u=None, *, unweighted: bool = True, nearest: float = np.inf,
         others: bool = True,
     ) -> Fitted | None:
         """A hypothesis at its mode, from amplitudes and base parameters; None where it is not solved or hopeless.
 
-        ``plain``: unweighted distances first, as far effects need; ``nearest``: squares (m^2) that these must come near.
+        ``unweighted``: unweighted distances first, as far effects need; ``nearest``: squares (m^2) that these must come near.
         ``u``: sizes to begin from. ``others``: also from further starts that the catalogue proposes.
         """
         components, self.refits = tuple(components), self.refits + 1
@@ -257,9 +257,9 @@ class Variant:
             for k, c in enumerate(components):
                 if c.entry.continuation:
                     x[n.amplitudes(k)] = c.entry.continued(step, self.context)
-            if plain or steps > 1:
+            if unweighted or steps > 1:
                 hopeless = 4 * nearest / (_SHARE * self.off) ** 2 if np.isfinite(nearest) and step == steps - 1 else np.inf
-                end = self._descend(components, x, begun, self._plain(), wider, hopeless=hopeless)
+                end = self._descend(components, x, begun, self._unweighted(), wider, hopeless=hopeless)
                 if end is None:
                     return None
                 x, begun, *_ = end
@@ -286,7 +286,7 @@ class Variant:
             x[n.amplitudes(k)], x[n.site(k)] = a, [float(site[name]) for name in c.moving]
         return x
 
-    def _plain(self):
+    def _unweighted(self):
         """White rows of unweighted distances."""
         sd = _SHARE * self.off / np.sqrt(self.rows.count)
         return np.eye(self.rows.rows) * np.where(self.rows.pad > 0, 1.0, 1.0 / sd)[:, :, None]
@@ -427,7 +427,7 @@ class Variant:
                 components = (*found.components[:k], Component(c.kind, site), *found.components[k + 1 :])
                 amplitudes = [a if j == k else found.amplitudes(j) for j in range(len(components))]
                 begun = found.shapes, found.u
-                end = self.refitted(components, amplitudes, base, *begun, plain=True, nearest=found.squares, others=False)
+                end = self.refitted(components, amplitudes, base, *begun, unweighted=True, nearest=found.squares, others=False)
                 if end is not None:
                     yield end
 

@@ -124,7 +124,7 @@ class Search:
             order = order[:_LEAST]
         keep = [k for k in order[:_SINGLES] if table[k].gain > top - _WORTH - _PART * max(top, 0)]
         for kind in keep:
-            self._refit(v.empty, table[kind], plain=far)
+            self._refit(v.empty, table[kind], unweighted=far)
         self._similar(v)
         if self._leaves_discrepancy(v):
             least = max(h.score for h in self.found.values() if h.variant is v) - v.empty.score
@@ -137,7 +137,7 @@ class Search:
             if not far and v.empty.scattered() > _NONLINEAR * v.length:
                 self._every(v, table, keep)
             for e in fields():
-                self._refit(v.empty, Scored(0.0, Component(e.kind, {}), e.null), plain=far)
+                self._refit(v.empty, Scored(0.0, Component(e.kind, {}), e.null), unweighted=far)
 
     def _empty_again(self, v: Variant):
         """The hypothesis without effects from where the best single effect ended: what a descent missed is no effect."""
@@ -146,7 +146,7 @@ class Search:
             return
         self.say(f"without {best.kinds[0]}")
         shapes = v.program.shapes((), best.x[: best.index.base], best.configuration)
-        again = v.refitted((), [], best.x, shapes, best.u, plain=False) if solved(shapes) else None
+        again = v.refitted((), [], best.x, shapes, best.u, unweighted=False) if solved(shapes) else None
         if again is not None and again.score > v.empty.score + v.settings.tied:
             v.empty = again
             self.add(again)
@@ -161,18 +161,18 @@ class Search:
         """Every other effect type, where first order says little."""
         nearest = min(h.squares for h in self.found.values() if h.variant is v)
         for kind in (k for k in table if k not in but):
-            h = self._refit(v.empty, table[kind], plain=True, nearest=nearest)
+            h = self._refit(v.empty, table[kind], unweighted=True, nearest=nearest)
             nearest = min(nearest, h.squares) if h else nearest
         self._elsewhere(v, table)
         self._similar(v)
 
-    def _refit(self, h: Fitted, s: Scored, *, plain: bool, nearest: float = np.inf, u=None) -> Fitted | None:
+    def _refit(self, h: Fitted, s: Scored, *, unweighted: bool, nearest: float = np.inf, u=None) -> Fitted | None:
         """A hypothesis with one more effect."""
         names = " and ".join((*h.kinds, s.component.kind))
         self.say(f"{names}: {s.gain:.1f} nats to first order" if np.isfinite(s.gain) and s.gain else names)
         begin = [*(h.amplitudes(k) for k in range(len(h.components))), s.amplitudes]
         components, shapes = (*h.components, s.component), h.shapes
-        end = h.variant.refitted(components, begin, h.x, shapes, u, plain=plain, nearest=nearest)
+        end = h.variant.refitted(components, begin, h.x, shapes, u, unweighted=unweighted, nearest=nearest)
         self.add(end)
         return end
 
@@ -181,7 +181,7 @@ class Search:
         components = (first.component, second.component)
         self.say(f"{' and '.join(c.kind for c in components)}: {first.gain:.1f} nats to first order")
         begin = [first.amplitudes, second.amplitudes]
-        self.add(v.refitted(components, begin, v.empty.x, v.empty.shapes, None, plain=False))
+        self.add(v.refitted(components, begin, v.empty.x, v.empty.shapes, None, unweighted=False))
 
     def _laws(self):
         """Moment laws of any form, alone and in the place of an effect of the best set that they contain: where that set leaves
@@ -202,7 +202,7 @@ class Search:
                 self.say(" and ".join(c.kind for c in components))
                 for a in begun:
                     begin = [*(best.amplitudes(k) for k in kept), a]
-                    self.add(v.refitted(components, begin, best.x, best.shapes, best.u, plain=False))
+                    self.add(v.refitted(components, begin, best.x, best.shapes, best.u, unweighted=False))
 
     def _similar(self, v: Variant):
         """The kinds that may give the shapes of the best single effect, from its place and its base parameters."""
@@ -217,8 +217,8 @@ class Search:
                 c = Component(kind, min(sites, key=lambda s: abs(s["position"] - place)))
                 start = next((s.amplitudes for k, s in self.scores.items() if k == kind), c.entry.null)
                 self.say(f"{kind} at the place of {first.kinds[0]}")
-                for u, plain in ((first.u, False), (None, True)):
-                    self.add(v.refitted([c], [start], first.x, first.shapes, u, plain=plain))
+                for u, unweighted in ((first.u, False), (None, True)):
+                    self.add(v.refitted([c], [start], first.x, first.shapes, u, unweighted=unweighted))
 
     def _elsewhere(self, v: Variant, table):
         """The best single effect from other places along the cable."""
@@ -230,7 +230,7 @@ class Search:
         for x in _ELSEWHERE:
             if abs(x - place) > _APART:
                 site = min(sites, key=lambda s: abs(s["position"] / v.length - x))
-                self._refit(v.empty, Scored(0.0, Component(entry.kind, site), table[entry.kind].amplitudes), plain=True)
+                self._refit(v.empty, Scored(0.0, Component(entry.kind, site), table[entry.kind].amplitudes), unweighted=True)
 
     def _grow(self, h: Fitted):
         """Refits with one more effect."""
@@ -239,9 +239,9 @@ class Search:
         for kind, s in others[:_MORE]:
             key = h.variant.name, frozenset((*h.kinds, kind))
             if s.gain > -h.variant.settings.tied and not (key in self.found and self.found[key].converged):
-                end = self._refit(h, s, plain=False, u=h.u)
+                end = self._refit(h, s, unweighted=False, u=h.u)
                 if end is None or end.squares > h.squares:  # farther off than without it: the start was too far for the weights
-                    self._refit(h, s, plain=True, nearest=h.squares, u=h.u)
+                    self._refit(h, s, unweighted=True, nearest=h.squares, u=h.u)
 
     def _part(self, h: Fitted, dropped: int) -> Fitted | None:
         """The hypothesis without one of its effects."""
@@ -250,7 +250,7 @@ class Search:
         if key not in self.found or key not in self.grown:
             self.say(f"without {h.kinds[dropped]}")
             begin = [h.amplitudes(k) for k in rest]
-            self.add(h.variant.refitted([h.components[k] for k in rest], begin, h.x, h.shapes, h.u, plain=False))
+            self.add(h.variant.refitted([h.components[k] for k in rest], begin, h.x, h.shapes, h.u, unweighted=False))
         return self.found.get(key)
 
     def _exchange(self, h: Fitted):

@@ -112,9 +112,9 @@ def corrected(first: Variant, say: Progress) -> Iterator[tuple[Mistake, Variant]
         name = f"mistake {k + 1}"
         if len(mistake.study.fit_poses) < len(study.fit_poses):
             left = {p.name for p in mistake.study.fit_poses}
-            apart = [i for i, p in enumerate(study.fit_poses) if p.name not in left]
+            outliers = [i for i, p in enumerate(study.fit_poses) if p.name not in left]
             log_prior -= np.log(len(study.fit_poses))
-            own = Variant(name, first.problem, first.minimum, first.settings, log_prior=log_prior, apart=apart)
+            own = Variant(name, first.problem, first.minimum, first.settings, log_prior=log_prior, outliers=outliers)
             own.fit = first.fit
             yield mistake, own
             continue
