@@ -63,6 +63,7 @@ def test_heights_alone_tell_the_stiffness():
     assert found.converged and found.rms() < 1e-6
 
 
+@pytest.mark.slow
 def test_masses_of_their_own_at_known_places():
     declared = [EffectDeclaration("point_mass", {"position": a}, (f"b{i}",)) for i, a in enumerate(PLACES)]
     names = [f"point_mass[{i + 1}].mass" for i in range(3)]
@@ -83,6 +84,7 @@ def test_one_mass_that_several_places_share():
     assert fit(found.calibrated).estimates["point_mass.mass"].value == pytest.approx(2e-3, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_places_of_their_own():
     declared = [EffectDeclaration("point_mass", {"mass": m}, (f"b{i}",)) for i, m in enumerate(MASSES)]
     names = [f"point_mass[{i + 1}].position" for i in range(3)]
@@ -142,6 +144,7 @@ def test_the_length_of_a_power_line():
     assert found.believable
 
 
+@pytest.mark.slow
 def test_a_chain_too_limp_for_any_mesh_is_no_mistake_of_its_weight():
     with pytest.raises(Scan2FlexError, match="no equilibrium found") as fault:
         fit(hung((0.8,), 1.0, 1e-4, length_density=1.0, bending_stiffness=1e-12, torsional_stiffness=1e-12), elements=40)

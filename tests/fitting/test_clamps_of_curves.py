@@ -37,8 +37,7 @@ def test_curves_with_half_a_millimetre_of_noise(curve, options, true, widest, tm
     assert e.low < true < e.high < (1 + widest) * e.value
 
 
-@pytest.mark.parametrize("noise", [1e-4, 5e-4])
-@pytest.mark.parametrize("flat", [True, False])
+@pytest.mark.parametrize(("noise", "flat"), [(1e-4, True), (5e-4, False)])
 def test_intervals_hold_the_truth(noise, flat, tmp_path):
     """Free and clamped ends, in space and in a plane. With clamps that are fitted, a level sag tells less than a steep one."""
     s, rng = np.linspace(0, 0.5, 60), np.random.default_rng(11)
@@ -88,6 +87,7 @@ def test_exact_clamps_would_leave_a_part_of_the_interval(tmp_path):
     assert "clamps are fitted within their tolerance" in wide.summary()
 
 
+@pytest.mark.slow
 def test_the_far_side_of_an_interval_is_as_unlikely_as_the_near_one(tmp_path):
     """Eight noises: a sag between fitted clamps says less of a stiff cable than of a limp one, and intervals hold the truth."""
     rng, points, skewed = np.random.default_rng(21), np.array(write_values.load("P1")["positions"]), 0

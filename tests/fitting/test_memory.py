@@ -73,6 +73,7 @@ def predicted(study, at):
     return predict(known, elements=scenes.ELEMENTS)
 
 
+@pytest.mark.slow
 def test_a_set_acts_from_the_first_pose_until_the_cable_is_straightened():
     """In fits as in predictions; after `reset` a pose is that of a cable without history, and before it nothing changes."""
     whole, bent = (evaluated(ordered(), at)[2].configuration.r for at in (NEW, BENT))

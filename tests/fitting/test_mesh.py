@@ -28,6 +28,7 @@ def soft():
     return Study.from_arrays(CABLE, [pose], ["bending_stiffness"], title="soft")
 
 
+@pytest.mark.slow
 def test_a_soft_cable_is_fitted_with_more_elements_which_the_fit_says(soft):
     f = fit(soft)
     assert f.problem.elements == 80

@@ -139,6 +139,7 @@ def test_derivatives_are_those_of_differences():
         np.testing.assert_allclose(J[..., k], slope, atol=1e-5 * scale)
 
 
+@pytest.mark.slow
 def test_traced_residuals_are_those_of_the_fit():
     own = study(("change",), ("bending_stiffness",))
     function, _ = residual_function(own, noise=2e-3, elements=ELEMENTS)
@@ -152,7 +153,7 @@ def test_traced_residuals_are_those_of_the_fit():
     )
 
 
-@pytest.mark.parametrize("which", [("bent",), ("change",), ("twisted", "bent", "change")])
+@pytest.mark.parametrize("which", [("change",), ("twisted", "bent", "change")])
 def test_stiffnesses_from_readings(which):
     names = NAMES if "twisted" in which else NAMES[:1]
     found = fit(study(which, names), elements=ELEMENTS)

@@ -29,6 +29,7 @@ def precision(found):
     return np.linalg.inv(found.correlation * np.outer(spread, spread))
 
 
+@pytest.mark.slow
 def test_poses_weigh_by_their_own_noise():
     """Information adds up: what two poses of 50 times the noise tell, and the fine one, each fitted alone."""
     whole, fine, rough = fitted((ROUGH, FINE, ROUGH)), fitted((FINE,), NAMES[1:2]), fitted((ROUGH, ROUGH), NAMES[::2])
