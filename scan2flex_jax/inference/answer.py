@@ -5,7 +5,7 @@ mass are those of `inference.influence`. A value has as many digits as its inter
 """
 
 import textwrap
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ SYMBOLS = {
 }  # fmt: skip
 _WORDS = {"length": "length", "length_density": "mass"}
 _MOST = 6  # largest number of entries of an estimate in the answer: a field along the cable is only in the details
-_EXPLAIN = "; `scan2flex explain` looks for what is missing"
+EXPLAIN = "; `scan2flex explain` looks for what is missing"
 _WIDTH = 116  # columns of the answer on a terminal
 _LINEAR = 10.0  # factor beyond which a formula of first order says nothing
 _LEAST = 1e-3  # that is printed of a share, in per cent, or of a sensitivity
@@ -263,7 +263,15 @@ def moved_in_words(influence: Influence | None, pose: str) -> str:
 def answer_of(fit) -> Answer:
     """The answer of a `Fit`."""
     doubts = () if fit.mistakes else fit.doubts
-    return compose(fit.study, fit.estimates, fit.influence, _unseen(fit), *_belief(fit), doubts)
+    said = reliability(fit.faults, fit.reasons_for_care, f"yes: {fit.judgement}")
+    return compose(fit.study, fit.estimates, fit.influence, _unseen(fit), *said, doubts)
+
+
+def reliability(faults: Sequence[str], doubts: Sequence[str], yes: str) -> tuple[str, str]:
+    """Tone and sentence on whether an answer is reliable: no by its first fault, with care by its first doubt, else ``yes``."""
+    if faults:
+        return BAD, f"no: {faults[0]}"
+    return (FAIR, f"with care: {doubts[0]}") if doubts else (GOOD, yes)
 
 
 def compose(
@@ -318,19 +326,3 @@ def readings_in_words(poses: Iterable[Any]) -> str:
     worst = max(one.off for p in unseen for one in p.readings)
     count = f"{len(unseen)} pose{'s' * (len(unseen) > 1)}"
     return f"readings off by up to {worst:.2g} times their noise in {count} that the fit never saw"
-
-
-def _belief(fit) -> tuple[str, str]:
-    """Tone and sentence: no, with care, or yes, each with its reason."""
-    unsolved = [name for name, p in fit.poses.items() if not p.stable]
-    if fit.mistakes:
-        return BAD, f"no: the input is likely mistaken: {fit.mistakes[0]}"
-    if unsolved:
-        return BAD, f"no: {', '.join(unsolved)} could not be solved ({fit.poses[unsolved[0]].verdict})"
-    if not fit.converged or fit.misfits:
-        return BAD, f"no: {fit.doubts[0]}{_EXPLAIN if fit.misfits else ''}"
-    if fit.valid is False:
-        return BAD, f"no: {fit.judgement}{_EXPLAIN}"
-    careful = [*fit.doubts, *([fit.reservation + _EXPLAIN] if fit.reservation else [])]
-    careful += [fit.judgement] if fit.valid is None else []
-    return (FAIR, f"with care: {careful[0]}") if careful else (GOOD, f"yes: {fit.judgement}")

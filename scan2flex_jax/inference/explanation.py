@@ -11,7 +11,6 @@ from scan2flex_jax.fitting.noise import Noise
 from scan2flex_jax.inference import belief
 from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import (
-    BAD,
     Answer,
     change_in_words,
     digits_of,
@@ -31,7 +30,7 @@ from scan2flex_jax.inference.loops import Loop
 from scan2flex_jax.inference.posterior import Fitted
 from scan2flex_jax.inference.quantities import Field
 from scan2flex_jax.inference.settings import USUAL, Settings
-from scan2flex_jax.inference.words import answer_of, belief_of
+from scan2flex_jax.inference.words import answer_of, faults_of
 from scan2flex_jax.study.kinds import kind_format, kind_names
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
@@ -177,7 +176,7 @@ class Explanation:
     @property
     def believable(self) -> bool:
         """Whether the answer is not "no"; otherwise the values are unusable, and have no intervals."""
-        return belief_of(self)[0] != BAD
+        return not faults_of(self)
 
     @property
     def singles(self) -> tuple[Fitted, ...]:

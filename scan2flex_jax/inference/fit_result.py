@@ -13,6 +13,7 @@ from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.fitting.readings import Reading, readings_of
 from scan2flex_jax.inference.along import StiffnessAlong
 from scan2flex_jax.inference.answer import (
+    EXPLAIN,
     UNBELIEVED,
     Answer,
     answer_of,
@@ -157,11 +158,26 @@ class Fit:
         return rms_over(p for p in self.poses.values() if p.role == role)
 
     @property
+    def faults(self) -> tuple[str, ...]:
+        """Why its values are unusable, and have no intervals: a mistake of the input, a pose that is not stable, no
+        convergence, a pose far off its curve, validate poses that are not predicted. Empty without a fault."""
+        unsolved = [name for name, p in self.poses.items() if not p.stable]
+        said = [f"the input is likely mistaken: {self.mistakes[0]}"] if self.mistakes else []
+        said += [f"{', '.join(unsolved)} could not be solved ({self.poses[unsolved[0]].verdict})"] if unsolved else []
+        said += [] if self.converged else [unsettled(self.minimum)]
+        said += [f"{misfit}{EXPLAIN}" for misfit in self.misfits[:1]]
+        return (*said, *([f"{self.judgement}{EXPLAIN}"] if self.valid is False else []))
+
+    @property
     def believable(self) -> bool:
-        """Whether the fit has converged, with every pose stable and near its curve and validate poses predicted; otherwise its
-        values are unusable, and have no intervals."""
-        sound = self.converged and not self.misfits and not self.mistakes and self.valid is not False
-        return bool(sound and all(p.stable for p in self.poses.values()))
+        """Whether it has no fault."""
+        return not self.faults
+
+    @property
+    def reasons_for_care(self) -> tuple[str, ...]:
+        """Why its values are reliable with care at most."""
+        careful = (*self.doubts, *([self.reservation + EXPLAIN] if self.reservation else []))
+        return (*careful, self.judgement) if self.valid is None else careful
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -6,12 +6,10 @@ from typing import Any, Literal
 import numpy as np
 
 from scan2flex_jax.inference.answer import (
-    BAD,
-    FAIR,
-    GOOD,
     Answer,
     compose,
     readings_in_words,
+    reliability,
     two_digits,
     unseen_in_words,
     warnings_of,
@@ -95,7 +93,7 @@ def _unseen(explanation):
     """The final error on unseen poses."""
     e, before = explanation, explanation.rms("validate", after=False)
     was = f", {1e3 * before:.3g} mm before," if e.chosen and np.isfinite(before) else ""
-    poses = sum(p.role == "validate" for p in e.poses.values())
+    poses = _unseen_poses(e)
     left_out, length = e.rms_left_out(), e.fit.problem.length
     alone = readings_in_words(e.poses.values())
     return alone or unseen_in_words(e.rms("validate"), poses, left_out, len(e.poses) - poses, length, was)
@@ -103,25 +101,24 @@ def _unseen(explanation):
 
 def belief_of(explanation) -> tuple[str, str]:
     """Tone and sentence: no, with care, or yes, each with its reason."""
-    e, found = explanation, found_in_words(explanation)
-    fault = _fault(e, found)
-    if fault:
-        return BAD, f"no: {fault}"
+    e, found, doubts = explanation, found_in_words(explanation), list[str]()
+    yes = f"yes, with {found}: the remaining error is noise"
+    if e.verdict == NONE:
+        yes = f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"
     if e.verdict in (NONE, EXPLAINED) and e.reservation:
-        first = f"{found} explains much, but" if found else "no missing effect shows, but"
-        return FAIR, f"with care: {first} {e.reservation}"
-    if e.verdict == NONE and len(e.decision.empty.elpd) < FEWEST and not any(p.role == "validate" for p in e.poses.values()):
-        return FAIR, "with care: the baseline model explains the shapes within the noise, and so few poses cannot test it"
-    return {
-        NONE: (GOOD, f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"),
-        EXPLAINED: (GOOD, f"yes, with {found}: the remaining error is noise"),
-        PARTLY: (FAIR, f"with care: {found} removes most of the error, but more than noise remains"),
-        TIE: (FAIR, f"with care: {found} explain the shapes alike; the intervals hold for all of them"),
-    }[e.verdict]
+        doubts.append(f"{f'{found} explains much' if found else 'no missing effect shows'}, but {e.reservation}")
+    elif e.verdict == NONE and e.decision is not None and len(e.decision.empty.elpd) < FEWEST and not _unseen_poses(e):
+        doubts.append("the baseline model explains the shapes within the noise, and so few poses cannot test it")
+    elif e.verdict == PARTLY:
+        doubts.append(f"{found} removes most of the error, but more than noise remains")
+    elif e.verdict == TIE:
+        doubts.append(f"{found} explain the shapes alike; the intervals hold for all of them")
+    return reliability(faults_of(e), doubts, yes)
 
 
-def _fault(e, found) -> str:
+def faults_of(explanation) -> list[str]:
     """What makes an answer a "no"; empty if nothing does."""
+    e, found = explanation, found_in_words(explanation)
     unsolved = [name for name, p in e.poses.items() if not p.stable]
     said = [f"the input is likely mistaken: {e.mistakes[0]}"] if e.mistakes else []
     said += ["not in equilibrium, nothing is concluded"] if e.fit is None or e.verdict == UNSOLVED else []
@@ -131,5 +128,8 @@ def _fault(e, found) -> str:
         pose, ratio = max(e.surprised.items(), key=lambda item: item[1])
         off = f"is off by {two_digits(ratio)} times what the model expects" if np.isfinite(ratio) else "could not be solved"
         said.append(f"{found + ' removes much of the error, but ' if found else ''}pose {pose}, which was not fitted, {off}")
-    return next(iter((*said, *([] if said else e.misfits))), "")
+    return said or list(e.misfits)
 
+
+def _unseen_poses(e) -> int:
+    return sum(p.role == "validate" for p in e.poses.values())
