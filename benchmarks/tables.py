@@ -356,8 +356,12 @@ TIP_QUESTIONS = {
     "with, alone": "with it, undeclared, nothing carried over",
     "both": "both series in one fit, with the effects found without the weight, mass unknown",
 }  # fmt: skip
-UNITS = {"mass": "kg", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "slip_curvature": "1/m"}
-SIZES = ("mass", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling", "taper")
+UNITS = {
+    "mass": "kg", "length": "m", "position": "m", "curvature": "1/m", "angle": "rad", "force": "N", "slip_curvature": "1/m",
+}  # fmt: skip
+SIZES = (
+    "mass", "length", "curvature", "angle", "force", "factor", "ratio", "position", "offset", "stiffness", "coupling", "taper",
+)  # fmt: skip
 
 
 @table("real/tip-weights.md", "weights", (
@@ -376,23 +380,32 @@ def _answer(told) -> str:
         return told["failed"]
     parts = [told["verdict"]] if "verdict" in told else []
     parts += [", ".join(map(_effect, told["added"]))] if told.get("added") else []
+    rivals = sorted({k for r in told.get("ranking", []) if r["kind"] in _kinds(told) for k in r["tied_with"]} - _kinds(told))
+    parts += [f"tied with {', '.join(f'`{kind}`' for kind in rivals)}"] if rivals else []
     for name, e in told.get("estimates", {}).items():
         if np.ndim(e["value"]) == 0:
             parts.append(f"{name} {e['value']:.3g}" + (f" ({e['low']:.3g} to {e['high']:.3g})" if "low" in e else ""))
     return "; ".join(parts) or "-"
 
 
+def _kinds(told) -> set[str]:
+    return {chosen["kind"] for chosen in told.get("added", [])}
+
+
 def _effect(chosen) -> str:
-    """An effect with its sizes and places; a moment law by its first and last secant factor."""
+    """An effect with its sizes and places; a moment law by its first and last secant factor, a field by EI at its ends."""
     given, parts = chosen["parameters"], []
     if np.ndim(given.get("factor", 0.0)):
         ends = (f"{given['factor'][k]:.2g} at {given['curvature'][k]:.2g} 1/m" for k in (0, -1))
         return f"`{chosen['kind']}` (secant factor {' to '.join(ends)})"
+    if "log_factor" in given:
+        ends = np.exp(np.array(given["log_factor"])[[0, -1]])
+        return f"`{chosen['kind']}` (EI times {ends[0]:.2g} at the clamp, {ends[1]:.2g} at the tip)"
     for name in (n for n in given if n in SIZES):
         size, std = float(np.linalg.norm(given[name])), chosen.get("std", {}).get(name)
         along = None if std is None or not size else abs(float(np.dot(np.ravel(given[name]), np.ravel(std)))) / size
         parts.append(f"{name} {size:.3g}{'' if along is None else f' ± {1.96 * along:.2g}'} {UNITS.get(name, '')}".strip())
-    return f"`{chosen['kind']}` ({', '.join(parts)})"
+    return f"`{chosen['kind']}`" + (f" ({', '.join(parts)})" if parts else "")
 
 
 def _before_after(told, role):
