@@ -10,7 +10,7 @@ bound have a standard error, and three must agree. Fewer than three are compared
    over each smaller set, and an effect of any form (a law, the stiffness along the cable) where it leads over the forms that it
    contains. A residual of scans that the error of their axis accounts for is nothing missing, whatever its nats.
 3. Tied: hypotheses of as many effects, each found by itself, over which the best does not lead, prior odds counted, or which
-   have the same shapes by the catalogue.
+   have the same shapes by the catalogue. One with an effect of any form stands first only where it is the likeliest.
 4. Explained: no discrepancy is needed beside the noise, which is like a scanner's or stated (`smooth`), and no field leads;
    else partly explained, if the effects take most of the structure away.
 5. Unexplained: a field leads, or nothing does while a discrepancy is needed, or the noise is unlike a scanner's. The field is a
@@ -142,8 +142,9 @@ def decide(search: Search, mistaken: list[tuple[Mistake, Fitted]], coarse: bool,
             return Decision(NONE, empty, empty, (), (empty,), gain=alone, surprised=surprise(empty), **rest)
         shown = cause if cause is not None and cause.score > empty.score + s.found else empty
         return Decision(UNEXPLAINED, shown, empty, (), tuple(dict.fromkeys((shown, empty, *likely))), gain=alone, **rest)
-    tied = tuple(h for h in causes if h is not cause and _tied(h, cause, empty, s))
-    surprised = surprise(cause)
+    found = [cause, *(h for h in causes if h is not cause and _tied(h, cause, empty, s))]
+    cause = _first_of(found)
+    tied, gain, surprised = tuple(h for h in found if h is not cause), cause.gain(), surprise(cause)
     partly = gain > s.discrepancy or smooth(cause) or bool(surprised)
     verdict = TIE if tied or errors_of_input(cause.kinds) else PARTLY if partly else EXPLAINED
     averaged = tuple(dict.fromkeys((cause, *tied, *(h for h in likely if h is not empty))))
@@ -195,6 +196,19 @@ def _needed(causes: list[Fitted], s) -> Fitted | None:
         best = simpler if simpler is not None and not leads(best, simpler, s.found) else best
     simpler = likeliest([h for h in causes if _freer(best, h)])
     return simpler if simpler is not None and not leads(best, simpler, s.found) else best
+
+
+def _first_of(tied):
+    """Which of tied hypotheses, the best predicting one before the others, stands first: that one, but an effect of any form
+    only where it is the likeliest too."""
+    best, *others = tied
+    simpler = [h for h in others if not _of_any_form(h) and h.score > best.score]
+    return max(simpler, key=lambda h: h.score) if simpler and _of_any_form(best) else best
+
+
+def _of_any_form(h):
+    """Whether an effect of a hypothesis has any form: a law, the stiffness along the cable."""
+    return any(c.entry.late or c.entry.varies for c in h.components)
 
 
 def _freer(h: Fitted, other: Fitted) -> bool:

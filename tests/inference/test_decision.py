@@ -1,13 +1,14 @@
 """Settings of a decision, errors of the input that act like effects, and poses that do not settle."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError, SettingsError
 from scan2flex_jax.inference import Settings, explain, fit
-from scan2flex_jax.inference.decision import errors_of_input, lead, led
+from scan2flex_jax.inference.decision import _first_of, errors_of_input, lead, led
+from scan2flex_jax.inference.program import Component
 from scan2flex_jax.inference.variants import mesh_figures, variant_of
 from scan2flex_jax.study import Unknown
 from tests.fitting import scenes as cables
@@ -90,6 +91,30 @@ def test_a_mesh_error_that_is_not_known_is_said_without_a_number():
     figures, coarse = mesh_figures(["a", "b", "c"], np.array([1e-6, np.nan, 3e-3]), 1e-4)
     assert figures == {} and coarse == ["b (not solved with more elements)", "c (3.00 mm)"]
     assert mesh_figures(["a"], np.array([1e-6]), 1e-4) == ({"mesh_error": 1e-6}, [])
+
+
+@dataclass
+class _Scored:
+    score: float
+    kinds: tuple[str, ...]
+
+    @property
+    def components(self):
+        return [Component(kind, {}) for kind in self.kinds]
+
+
+@pytest.mark.parametrize(
+    ("tied", "first"),
+    [
+        ([_Scored(92.0, ("stiffness_field",)), _Scored(98.0, ("point_mass",)), _Scored(97.0, ("density_profile",))], 1),
+        ([_Scored(98.0, ("stiffness_field",)), _Scored(92.0, ("tether",))], 0),
+        ([_Scored(92.0, ("kink", "stiffness_field")), _Scored(98.0, ("natural_curvature", "stiffness_field"))], 0),
+        ([_Scored(92.0, ("point_mass",)), _Scored(98.0, ("density_profile",))], 0),
+        ([_Scored(92.0, ("stiffness_field",))], 0),
+    ],
+)
+def test_of_tied_hypotheses_one_of_any_form_is_first_only_where_it_is_the_likeliest(tied, first):
+    assert _first_of(tied) is tied[first]
 
 
 def test_a_prior_is_that_which_was_given_last():
