@@ -70,7 +70,7 @@ def used_alone(wheel: Path, folder: Path, demo: bool) -> None:
     for command in (["--help"], ["check", example], ["fit", example, "--json", "result.json"]):
         run(scan2flex, *command, cwd=folder)
     run(scan2flex, "report", example, "--no-explain", cwd=folder)
-    said = run(scan2flex, "report", example, "--interactive", cwd=folder, code=2)
+    said = run(scan2flex, "report", example, "--interactive", "--force", cwd=folder, code=2)
     if "scan2flex_jax[report]" not in said:
         sys.exit(f"an interactive report without plotly does not name its extra: {said}")
     if demo:

@@ -233,7 +233,8 @@ KEYS = {
     for table, given in json.loads((Path(__file__).parent / "keys.json").read_text("utf-8")).items()
 }
 """The keys of each table of `study.toml`."""
-CABLE, TOLERANCE = KEYS["cable"], KEYS["tolerance"]
+CABLE = KEYS["cable"]
+TOLERANCE = KEYS["tolerance"]
 AXES, FRAMES = KEYS["angle"]["of"].choices, KEYS["wrench"]["frame"].choices
 
 _KINDS: dict[str, KindFormat] = {}
