@@ -107,7 +107,7 @@ def belief_of(explanation) -> tuple[str, str]:
         yes = f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"
     if e.verdict in (NONE, EXPLAINED) and e.reservation:
         doubts.append(f"{f'{found} explains much' if found else 'no missing effect shows'}, but {e.reservation}")
-    elif e.verdict == NONE and e.decision is not None and len(e.decision.empty.elpd) < FEWEST and not _unseen_poses(e):
+    elif e.verdict == NONE and len(e.decision.empty.elpd) < FEWEST and not _unseen_poses(e):
         doubts.append("the baseline model explains the shapes within the noise, and so few poses cannot test it")
     elif e.verdict == PARTLY:
         doubts.append(f"{found} removes most of the error, but more than noise remains")
