@@ -165,9 +165,15 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         decision=d,
         scored=tuple(h for h in search.ranked if h.variant is d.empty.variant),
         surprised=d.surprised,
-        reservation=next(iter(fitted.in_doubt), "") or belief.reservation(best, discrepancy),
+        reservation=next(iter(fitted.in_doubt), "") or belief.reservation(best, discrepancy) or _untested(d, poses),
         settings=first.settings,
     )
+
+
+def _untested(d: Decision, poses) -> str:
+    """That nothing tests the baseline model: hardly a pose beside those that it was fitted to."""
+    few = d.verdict == NONE and len(d.empty.elpd) < FEWEST and all(p.role != "validate" for p in poses.values())
+    return "so few poses cannot test the model" if few else ""
 
 
 def _read_off(laws, loops) -> tuple[str, ...]:

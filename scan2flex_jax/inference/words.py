@@ -14,7 +14,7 @@ from scan2flex_jax.inference.answer import (
     unseen_in_words,
     warnings_of,
 )
-from scan2flex_jax.inference.decision import EXPLAINED, FEWEST, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
+from scan2flex_jax.inference.decision import EXPLAINED, NONE, PARTLY, TIE, UNEXPLAINED, UNSOLVED
 
 Severity = Literal["fine", "doubt", "fault"]
 
@@ -107,8 +107,6 @@ def belief_of(explanation) -> tuple[str, str]:
         yes = f"yes: the baseline model explains the shapes within the noise (p = {e.p_value:.2g})"
     if e.verdict in (NONE, EXPLAINED) and e.reservation:
         doubts.append(f"{f'{found} explains much' if found else 'no missing effect shows'}, but {e.reservation}")
-    elif e.verdict == NONE and len(e.decision.empty.elpd) < FEWEST and not _unseen_poses(e):
-        doubts.append("the baseline model explains the shapes within the noise, and so few poses cannot test it")
     elif e.verdict == PARTLY:
         doubts.append(f"{found} removes most of the error, but more than noise remains")
     elif e.verdict == TIE:
