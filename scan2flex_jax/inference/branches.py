@@ -50,6 +50,7 @@ _RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiff
 _TRIED = 4  # largest number of choices of turns, the nearest ones, that a search fits
 _ALIKE = 0.4  # largest relative change of the torques by a choice of turns
 _TINY = 1.0e-9  # rad
+_IN_DOUBT = 3.0  # times the least sum of squares: beyond, a fit is not the likeliest
 _CLOSE = 5.0  # nats behind those kept: turns that are named beside them, if
 _APART = 0.02  # an unknown, or its logarithm, differs by more
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit
@@ -160,7 +161,8 @@ def on_its_branches(
             choices.setdefault(turns_of(with_turns(best.problem.study, choice.turns)), choice)
         new = [choice for turns, choice in choices.items() if turns not in known]
         fits += _branches(best, new, "least-squares" if squares else method, progress)
-        likeliest = max(fits, key=lambda f: f.log_posterior) if len(fits) > 1 else best
+        near = _near(fits)
+        likeliest = max(near, key=lambda f: f.log_posterior) if len(near) > 1 else near[0]
         best, k = likeliest, k + 1 if likeliest is best else 0
     if best is first:
         return problem, minimum, doubt(best, fits)
@@ -168,6 +170,12 @@ def on_its_branches(
     if squares and method != "least-squares":
         best.minimum = best.problem.minimise(method, progress, start=best.unknowns)
     return best.problem, best.minimum, doubt(best, fits)
+
+
+def _near(fits: Sequence[Branch]) -> list[Branch]:
+    """Those whose distances leave a doubt which is the likeliest."""
+    squares = [float(np.sum(f.off**2)) for f in fits]
+    return [f for f, own in zip(fits, squares, strict=True) if own <= _IN_DOUBT * min(squares)]
 
 
 def _branches(best: Branch, choices, method, progress) -> Iterator[Branch]:
@@ -183,7 +191,7 @@ def _branches(best: Branch, choices, method, progress) -> Iterator[Branch]:
 
 def doubt(best: Branch, fits) -> str:
     """A sentence on other values with turns that are about as likely; empty without such."""
-    near = [f for f in fits if f is not best and np.max(np.abs(f.unknowns - best.unknowns)) > _APART]
+    near = [f for f in _near(fits) if f is not best and np.max(np.abs(f.unknowns - best.unknowns)) > _APART]
     other = max(near, key=lambda f: f.log_posterior, default=None)
     if other is None or other.log_posterior < best.log_posterior - _CLOSE:
         return ""

@@ -274,16 +274,12 @@ class Program:
         return found[0][0], jax.tree.map(lambda *t: np.concatenate([part[:FEW] for part in t]), *(moved for _, moved in found))
 
     def _solve(self, i, full, sites, along, start, near=True):
-        found = []
-        for part in np.split(along, max(len(along) // WIDTH, 1)):
-            state, tangents = self._state(i, full, sites, part)
-            target = target_of(self.poses, i)
-            found.append(states.evaluate(state, tangents, start, target, near=near))
-            start = found[-1].configuration
-            if self._changes(i):
-                other = self._reference
-                found[-1] = states.compared(found[-1], other._solve(i, full, sites, part, one(other.start, i), False), target)
-        return found[-1]._replace(columns=np.concatenate([f.columns for f in found], axis=-1))
+        (state, tangents), target = self._state(i, full, sites, along), target_of(self.poses, i)
+        found = states.evaluate(state, tangents, start, target, near=near)
+        if not self._changes(i):
+            return found
+        other = self._reference
+        return states.compared(found, other._solve(i, full, sites, along, one(other.start, i), False), target)
 
     def _changes(self, i) -> bool:
         """Whether the readings of pose ``i`` are changes from another."""
@@ -342,7 +338,7 @@ def _pushed(function, x, direction):
 
 def _padded(count: int) -> int:
     """Number of directions of the calls for so many."""
-    return FEW if count <= FEW else -(-count // WIDTH) * WIDTH
+    return max(-(-count // FEW), 1) * FEW
 
 
 def _packed(wanted: list[Component]) -> list[list[int]]:
