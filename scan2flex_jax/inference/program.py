@@ -1,19 +1,18 @@
 """The poses of a study as one function of a vector that contains every effect of the catalogue at its null value.
 
-A hypothesis chooses which entries of that vector are free; it changes no program. Two functions are compiled, whatever is
-tried: the map from the vector to the discretised pose, with derivatives along given directions (once for a study's unknowns),
-and the equilibrium of the pose with the residual of its points (`fitting.states`, once for all studies). Each costs a few
-milliseconds a pose and call.
+A hypothesis chooses which entries of that vector are free; it changes no program. The poses are solved by the `Evaluator` of
+fits, with the effects of the hypothesis `Added`. Two functions are compiled, whatever is tried: the map from the vector to the
+discretised pose, with derivatives along given directions (once for a study's unknowns), and the equilibrium of the pose with
+the residual of its points (`fitting.states`, once for all studies). Each costs a few milliseconds a pose and call.
 
 Units: residuals in m; columns in m per unit of their parameter; amplitudes as in the catalogue (`effects.entry`).
 """
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
-from types import SimpleNamespace
-from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -21,18 +20,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from scan2flex_jax.compilation import compiled
-from scan2flex_jax.effects import ordered
 from scan2flex_jax.effects.catalogue import catalogue, entry_of, fields, laws
 from scan2flex_jax.effects.entry import CatalogueEntry, Context, Site
 from scan2flex_jax.fitting import discrepancy, states
-from scan2flex_jax.fitting.evaluate import one, target_of
-from scan2flex_jax.fitting.parameters import boundary_at, model_at, with_ends
-from scan2flex_jax.fitting.threads import each_pose
+from scan2flex_jax.fitting.evaluate import Added
+from scan2flex_jax.fitting.parameters import model_at
 from scan2flex_jax.rod.effect import AbstractEffect, Section
 from scan2flex_jax.rod.model import Configuration, Rod
 
-WIDTH, FEW = states.WIDTH, 8  # directions of one call, and of one for most hypotheses
 _HISTORY = 21  # points of the curvature of the pose before
 
 
@@ -86,7 +81,7 @@ class Program:
     """The poses of a fitted study; counts the equilibria that it ``solves``.
 
     ``problem`` and ``minimum`` are those of the fit, ``poses`` by default the fitted ones (others: for prediction), ``context``
-    the scales of the cable. With memory declared, poses keep the history that they have at the fit.
+    the scales of the cable. With memory declared, hypotheses with effects keep the history that poses have at the fit.
     """
 
     def __init__(self, problem, minimum, poses=None):
@@ -94,15 +89,20 @@ class Program:
         self.problem, self.minimum, self.layout, self.elements = problem, minimum, problem.layout, problem.elements
         self.poses = problem.poses if poses is None else poses
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
-        self.context, self.solves = context_of(problem, minimum), 0
+        self.context = context_of(problem, minimum)
         self.previous = _previous(problem, minimum, self.poses)
-        self.evaluator = problem.evaluator_of(self.poses)
+        self.evaluator = self.held = problem.evaluator_of(self.poses)
         if self.poses.history is not None:
             local = minimum.local if poses is None else np.zeros((self.poses.count, self.layout.local))
             self.poses = self.evaluator.remembered(minimum.shared, local, self.start)
+            self.held = problem.evaluator_of(self.poses)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
-        found = _entries(self.context)
-        self.sites = {e.kind: _arrays(e.sites(self.context)[0] | e.rest(self.context)) for e in found}
+        self.sites = {e.kind: _arrays(e.sites(self.context)[0] | e.rest(self.context)) for e in _entries(self.context)}
+
+    @property
+    def solves(self) -> int:
+        """Number of equilibria solved."""
+        return sum(e.equilibria for e in {id(e): e for e in (self.evaluator, self.held)}.values())
 
     @cached_property
     def layout_of_effects(self) -> dict[str, tuple[int, int, tuple[str, ...]]]:
@@ -117,8 +117,8 @@ class Program:
     def only(self, which) -> "Program":
         """The same study with the poses ``which``, in this order."""
         some = copy(self)
-        some.poses = self.poses.only(which)
-        some.evaluator = self.problem.evaluator_of(self.evaluator.poses.only(which))
+        some.poses, some.evaluator = self.poses.only(which), self.problem.evaluator_of(self.evaluator.poses.only(which))
+        some.held = some.evaluator if self.held is self.evaluator else self.problem.evaluator_of(some.poses)
         measured = self.start is self.poses.start
         some.start = some.poses.start if measured else jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
         some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
@@ -128,52 +128,28 @@ class Program:
 
     def shapes(self, components, x, start: Configuration | None = None) -> list[states.Shape]:
         """All poses solved at the vector ``x`` of a hypothesis, their columns in the order of `Index.of_pose`."""
-        index, start = Index(self, components), self.start if start is None else start
-        near = start is not self.poses.start
-        if not components:
-            return self._alone(x, index, start)
-
-        def solved(i):
-            own = index.of_pose(i)
-            sites, at = self._placed(components), self._full(components)
-            full, along = np.zeros(self._size), np.zeros((_padded(len(own)), self._size))
-            self._null(full, sites)
-            full[at] = x[own]
-            along[np.arange(len(own)), at] = 1.0
-            shape = self._solve(i, full, sites, along, one(start, i), near)
-            return shape._replace(columns=shape.columns[..., : len(own)])
-
-        return self._each(solved)
+        evaluator, *numbers, added = self._at(components, x)
+        found = evaluator.shapes(*numbers, start=self.start if start is None else start, added=added)
+        return [shape._replace(left=(), leaving=(), entered=()) for shape in found]
 
     def columns(self, components, x, start: Configuration, wanted: list[Component]) -> tuple[list[np.ndarray], np.ndarray]:
         """Per pose the columns (m, 3, K) of the components ``wanted`` at zero amplitude beside those of a hypothesis at its
         equilibrium ``start``, and the one that owns each column."""
-        index, calls = Index(self, components), _packed(wanted)
+        calls, out = _packed(wanted), []
         owner = np.concatenate([[k] * len(wanted[k].entry.amplitudes) for call in calls for k in call]).astype(int)
-
-        def of(i):
-            out = []
-            for call in calls:
-                sites = self._placed((*components, *(wanted[k] for k in call)))
-                rows: list[int] = []
-                full = np.zeros(self._size)
-                self._null(full, sites)
-                full[self._full(components)] = x[index.of_pose(i)]
-                for k in call:
-                    at, count, _ = self.layout_of_effects[wanted[k].kind]
-                    rows += range(at, at + count)
-                along = np.zeros((_padded(len(rows)), self._size))
-                along[np.arange(len(rows)), rows] = 1.0
-                out.append(self._solve(i, full, sites, along, one(start, i)).columns[..., : len(rows)])
-            return np.concatenate(out, axis=-1)
-
-        return self._each(of), owner
+        _, *numbers, _ = self._at(components, x)
+        for call in calls:
+            added = self._added(components, x, [wanted[k] for k in call])
+            own = (self.layout_of_effects[wanted[k].kind] for k in call)
+            along = np.concatenate([np.arange(at, at + count) for at, count, _ in own])
+            found = self.held.shapes(*numbers, start=start, added=added, along=along)
+            out.append([shape.columns for shape in found])
+        return [np.concatenate(each, axis=-1) for each in zip(*out, strict=True)], owner
 
     def scatter(self, components, x, start: Configuration) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its own discrepancy (`fitting.discrepancy`) at an equilibrium, in m per 1/m."""
-        if not components:
-            return self.evaluator.scatter(*self._split(x, Index(self, components)), start)
-        return self._along(components, x, start, lambda state, i: discrepancy.directions(state))
+        evaluator, *numbers, added = self._at(components, x)
+        return evaluator.along(lambda state, i: discrepancy.directions(state), *numbers, start, added)
 
     def natural_columns(self, components, x, natural, start: Configuration) -> list[np.ndarray]:
         """Per pose the columns (m, 3, K) of natural strains ``natural`` (poses, K, n, 6) at an equilibrium."""
@@ -181,121 +157,46 @@ class Program:
         def directions(state, i):
             return eqx.tree_at(lambda t: t.rod.section.natural, states.still(state, len(natural[i])), np.asarray(natural[i]))
 
-        return self._along(components, x, start, directions, of_changes=True)
+        evaluator, *numbers, added = self._at(components, x)
+        return evaluator.along(directions, *numbers, start, added, of_changes=True)
 
     def rods(self, components, x, shapes) -> list[tuple[Rod, Configuration]]:
         """The rod of each pose with its energy laws, and its equilibrium."""
-        if not components:
-            shared, local = self._split(x, Index(self, components))
-            return [(self.evaluator.rod(i, shared, local), s.configuration) for i, s in enumerate(shapes)]
-        return [(self._state_of(components, x, i).rod, shape.configuration) for i, shape in enumerate(shapes)]
+        evaluator, *numbers, added = self._at(components, x)
+        return [(evaluator.state(i, *numbers, added)[0].rod, shape.configuration) for i, shape in enumerate(shapes)]
 
     def section(self, components, x) -> tuple[Section, Section]:
         """The sections of the first pose, and their derivatives (leading axis) in the order of `Index.of_pose`."""
-        index = Index(self, components)
-        count = len(index.of_pose(0))
-        if not components:
-            state, moved = self.evaluator.state(0, *self._split(x, index))
-            return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], moved.rod.section)
-        along = np.zeros((_padded(count), self._size))
-        along[np.arange(count), self._full(components)] = 1.0
-        full, sites = self._vector(components, x, 0)
-        state, tangents = self._state(0, full, sites, along)
-        return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], tangents.rod.section)
-
-    def _state_of(self, components, x, i):
-        full, sites = self._vector(components, x, i)
-        return self._state(i, full, sites, np.zeros((FEW, self._size)))[0]
-
-    def _vector(self, components, x, i):
-        """The vector of a pose and the sites of all effect types."""
-        sites, full = self._placed(components), np.zeros(self._size)
-        self._null(full, sites)
-        full[self._full(components)] = x[Index(self, components).of_pose(i)]
-        return full, sites
-
-    def _along(self, components, x, start, directions, of_changes=False):
-        """Columns along directions of the state; ``of_changes``: these are in the poses from which readings are changes too."""
-
-        def moved(program, i, start, near):
-            state = program._state_of(components, x, i)
-            return states.evaluate(state, directions(state, i), start, target_of(program.poses, i), near=near).columns
-
-        def of(i):
-            columns, other = moved(self, i, one(start, i), near=True), self._reference if self._changes(i) else None
-            return columns if other is None or not of_changes else columns - moved(other, i, one(other.start, i), near=False)
-
-        return self._each(of)
-
-    def _split(self, x, index):
-        """Shared parameters, and local ones (P, local)."""
-        return x[: index.shared], x[index.shared : index.base].reshape(index.poses, index.local)
-
-    def _alone(self, x, index, start):
-        """Without effects; with memory in the order of the poses, with derivatives through what each leaves to the next."""
-        e, marked = self.evaluator(*self._split(x, index), start=start), self.poses.marked
-        self.solves += index.poses
-        shapes = [states.Shape(*one(e, i)) for i in range(index.poses)]
-        return shapes if marked is None else [s._replace(marked=m) for s, m in zip(shapes, marked, strict=True)]
+        evaluator, *numbers, added = self._at(components, x)
+        count = len(Index(self, components).of_pose(0))
+        state, moved = evaluator.state(0, *numbers, added, derivative=True)
+        return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], moved.rod.section)
 
     # --- the vector of a pose
 
-    @cached_property
-    def _size(self):
+    def _at(self, components, x):
+        """The evaluator of a hypothesis, its shared numbers, its local ones (P, local), and its effects."""
+        index = Index(self, components)
+        shared, local = x[: index.shared], x[index.shared : index.base].reshape(index.poses, index.local)
+        if not components:
+            return self.evaluator, shared, local, None
+        return self.held, shared, local, self._added(components, x)
+
+    def _added(self, components, x, absent: Sequence[Component] = ()) -> Added:
+        """The effects of a hypothesis; those ``absent`` have their sites, too."""
+        sites = self.sites | {c.kind: self.sites[c.kind] | _arrays(c.site) for c in (*components, *absent)}
         at, count, moving = list(self.layout_of_effects.values())[-1]
-        return at + count + len(moving)
-
-    def _placed(self, components):
-        """The site of every effect type, those of the components in their places."""
-        return self.sites | {c.kind: self.sites[c.kind] | _arrays(c.site) for c in components}
-
-    def _null(self, full, sites):
-        """Fill in the continuous parts of all sites."""
+        null = np.zeros(at + count + len(moving))
         for kind, (at, count, moving) in self.layout_of_effects.items():
-            full[at + count : at + count + len(moving)] = [sites[kind][name] for name in moving]
-
-    def _full(self, components):
-        """Places of a hypothesis' parameters of one pose."""
-        out = [np.arange(self.layout.shared + self.layout.local)]
+            null[at + count : at + count + len(moving)] = [sites[kind][name] for name in moving]
+        places = [np.zeros(0, int)]
         for c in components:
             at, count, moving = self.layout_of_effects[c.kind]
-            out += [at + np.arange(count), at + count + np.array([moving.index(name) for name in c.moving], int)]
-        return np.concatenate(out).astype(int)
-
-    def _state(self, i, full, sites, along):
-        c = self.context
+            places += [at + np.arange(count), at + count + np.array([moving.index(name) for name in c.moving], int)]
+        kinds, values, c = tuple(self.layout_of_effects.items()), x[Index(self, components).base :], self.context
         scene = {"length": np.asarray(c.length), "centre": np.asarray(c.centre, float), "up": c.up}
-        scene |= {"previous": self.previous[i]}
-        given = self.layout, self.elements, tuple(self.layout_of_effects.items()), self.poses.template(i)
-        pose = one(self.poses.boundary, i), full, sites, scene
-        found = [_state(*given, *pose, part) for part in np.split(along, len(along) // FEW)]
-        if len(found) == 1:
-            return found[0]
-        return found[0][0], jax.tree.map(lambda *t: np.concatenate([part[:FEW] for part in t]), *(moved for _, moved in found))
-
-    def _solve(self, i, full, sites, along, start, near=True):
-        (state, tangents), target = self._state(i, full, sites, along), target_of(self.poses, i)
-        found = states.evaluate(state, tangents, start, target, near=near)
-        if not self._changes(i):
-            return found
-        other = self._reference
-        return states.compared(found, other._solve(i, full, sites, along, one(other.start, i), False), target)
-
-    def _changes(self, i) -> bool:
-        """Whether the readings of pose ``i`` are changes from another."""
-        return bool(self.poses.changes) and self.poses.changes[i]
-
-    @cached_property
-    def _reference(self) -> "Program":
-        """The poses from which readings are changes."""
-        other = copy(self)
-        other.poses = self.poses.reference
-        other.evaluator, other.start = self.problem.evaluator_of(other.poses), other.poses.start
-        return other
-
-    def _each(self, work):
-        self.solves += self.poses.count
-        return each_pose(work, self.poses.count)
+        scenes = [scene | {"previous": previous} for previous in self.previous]
+        return Added(kinds, sites, null, np.concatenate(places), values, scenes)
 
 
 def _entries(context: Context) -> list[CatalogueEntry]:
@@ -310,44 +211,13 @@ def slots_of(study) -> tuple[AbstractEffect, ...]:
     return states.slots_of([effect for kind, (a, site) in null.items() for effect in entry_of(kind).build(a, site, c)])
 
 
-@compiled
-def _state(layout, elements, kinds, template, boundary, x, sites, scene, along):
-    """State of one pose, and its derivatives along directions of its vector."""
-    base = layout.shared + layout.local
-
-    def state(x):
-        model = model_at(layout, template, x[: layout.shared])
-        added: list[AbstractEffect] = []
-        seen = cast(Any, SimpleNamespace(**scene))
-        for kind, (at, count, moving) in kinds:
-            site = sites[kind] | {name: x[at + count + j] for j, name in enumerate(moving)}
-            added += entry_of(kind).build(x[at : at + count], site, seen)
-        model = with_ends(model, added)
-        slots = (*states.slots_of(model.effects), *states.slots_of(added))
-        model = type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
-        return states.state_of(model, boundary_at(layout, boundary, x[layout.shared : base]), elements, slots)
-
-    tangents = jax.vmap(partial(_pushed, state, x))(along)
-    rest = WIDTH - len(along)  # `states.evaluate` takes so many
-    return state(x), jax.tree.map(lambda t: jnp.pad(t, ((0, rest), *[(0, 0)] * (t.ndim - 1))), tangents)
-
-
-def _pushed(function, x, direction):
-    return jax.jvp(function, (x,), (direction,))[1]
-
-
-def _padded(count: int) -> int:
-    """Number of directions of the calls for so many."""
-    return max(-(-count // FEW), 1) * FEW
-
-
 def _packed(wanted: list[Component]) -> list[list[int]]:
-    """Components in calls of at most `WIDTH` amplitudes, each effect type once in a call."""
+    """Components in calls of at most `states.WIDTH` amplitudes, each effect type once in a call."""
     calls: list[tuple[list[int], set[str], int]] = []
     for k, c in enumerate(wanted):
         n = len(c.entry.amplitudes)
         for j, (call, kinds, count) in enumerate(calls):
-            if c.kind not in kinds and count + n <= WIDTH:
+            if c.kind not in kinds and count + n <= states.WIDTH:
                 call.append(k)
                 kinds.add(c.kind)
                 calls[j] = call, kinds, count + n
