@@ -6,6 +6,7 @@ reference to the caller: a `Problem` can be pickled and sent to another process.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,8 +52,8 @@ class Problem:
     """The least-squares problem of one study.
 
     ``layout`` maps the parameter vector to models, starting from ``template`` in poses without gravity or effects of their own;
-    ``poses`` are the ``fit`` poses and ``held_out`` the ``validate`` poses (None without them) as arrays; ``length`` (m) is
-    the scale of the residuals; ``evaluator`` returns residuals and their Jacobian, and counts the equilibria that it solved.
+    ``poses`` are the ``fit`` poses as arrays; ``length`` (m) is the scale of the residuals; ``evaluator`` returns residuals and
+    their Jacobian, and counts the equilibria that it solved.
     ``slots``: placeholders for energy laws of effects that may be added later, at zero amplitude.
     """
 
@@ -64,8 +65,13 @@ class Problem:
         self.layout, self.template = layout_of(study), template(study)
         self.length = float(length_start(study))
         self.poses = poses_of(study, study.fit_poses, self.length, elements)
-        self.held_out = _held_out(study, self.length, elements)
         self.evaluator = self.evaluator_of(self.poses, distance)
+
+    @cached_property
+    def held_out(self) -> Poses | None:
+        """The ``validate`` poses as arrays; None without them."""
+        study = self.study
+        return poses_of(study, study.validate_poses, self.length, self.elements) if study.validate_poses else None
 
     def evaluator_of(self, poses: Poses, distance: str = "normal") -> Evaluator:
         """An evaluator of other poses, with its count of equilibria at zero."""
@@ -79,7 +85,8 @@ class Problem:
 
     def hold_out(self, study: Study) -> None:
         """Replace the study by one that differs only in its ``validate`` poses."""
-        self.study, self.held_out = study, _held_out(study, self.length, self.elements)
+        self.study = study
+        self.__dict__.pop("held_out", None)
 
     def predicted(self, minimum: Minimum) -> Evaluation:
         """The evaluation of the ``validate`` poses at a minimum."""
@@ -220,10 +227,6 @@ def unsettled(study_poses: Sequence[StudyPose], evaluation: Evaluation) -> dict[
     """Reasons, by pose name, why poses are not in a stable equilibrium."""
     codes = zip(study_poses, np.asarray(evaluation.verdict.code), strict=True)
     return {pose.name: SENTENCES[int(code)] for pose, code in codes if code != SOLVED}
-
-
-def _held_out(study, length, elements) -> Poses | None:
-    return poses_of(study, study.validate_poses, length, elements) if study.validate_poses else None
 
 
 def _without_guesses(study):

@@ -45,6 +45,7 @@ _AS_OTHERS = 1.5  # times the distance of the other poses without it: a correcte
 _ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: least distance of a single pose that does not fit, without and with turns
 _FEWEST = 3  # least number of poses that must fit without the one that does not
 _FOLLOWED, _FEWEST_FOLLOWED = 24, 4  # refits: _FOLLOWED over the number of poses, at least _FEWEST_FOLLOWED, the nearest ones
+_SCREENED = 2  # poses that are solved first: one by one they take the time of a start that settles late
 _NEARER = 0.6  # times the distance before: a refit below it may be a full turn away from coming close
 _HALVED = 0.5  # times the distance before: required of a mistake that is visible without a solve
 _PATIENCE = 6  # iterations after which a refit that is far off is given up
@@ -163,9 +164,11 @@ class _Search:
 
     def accepted(self, hypotheses: Iterable[Mistake]) -> list[Refit]:
         """The corrected studies that come close, among the nearest at their starts."""
-        begun = sorted((b for b in map(self.begun, hypotheses) if b is not None), key=lambda b: b.off)
-        most = max(_FEWEST_FOLLOWED, _FOLLOWED // len(self.study.fit_poses))
-        refits = [self._on_its_branches(self.finished(b)) for b in begun[:most]]
+        begun, most = list[Refit](), max(_FEWEST_FOLLOWED, _FOLLOWED // len(self.study.fit_poses))
+        for hypothesis in hypotheses:
+            b = self.begun(hypothesis, begun[-1].off if len(begun) == most else np.inf)
+            begun = sorted([*begun, *([] if b is None else [b])], key=lambda b: b.off)[:most]
+        refits = [self._on_its_branches(self.finished(b)) for b in begun]
         return [refit for refit in refits if refit.off <= self.close]
 
     def _on_its_branches(self, refit):
@@ -216,36 +219,52 @@ class _Search:
         begun = self.begun(mistake)
         return None if begun is None else self.finished(begun)
 
-    def begun(self, mistake: Mistake) -> Refit | None:
-        """The corrected study at the better of its own start and the values of the fit, or stiffer if neither settles."""
+    def begun(self, mistake: Mistake, nearest: float = np.inf) -> Refit | None:
+        """The corrected study at the better of its own start and the values of the fit, or stiffer if neither settles; None if
+        it is farther off than ``nearest`` (m) there."""
         try:
             tried = self.problem.with_study(mistake.study)
             own = tried.starts()[-1]
         except (Scan2FlexError, ValueError, np.linalg.LinAlgError):  # no start exists for these clamps and curve
             return None
         starts = [own] if self.minimum is None else [own, self.minimum.shared[: len(own)]]
-        found = [m for m in (_at(tried, x) for x in starts) if np.isfinite(m.cost)]
-        if not found:
+        near = [x for x in starts if not self._farther(tried, x, nearest)]
+        found = [m for m in (_at(tried, x) for x in near) if np.isfinite(m.cost)]
+        if not found and len(near) == len(starts):
             stiffer = own + np.where(tried.logs()[: len(own)], _STIFFER, 0.0)
             found = [m for m in [_at(tried, stiffer)] if np.isfinite(m.cost)]
         best = min(found, key=lambda m: m.cost, default=None)
         return None if best is None else Refit(mistake, _distance(tried, best.evaluation.residual), tried, best)
 
+    def _farther(self, tried: Problem, x, nearest: float) -> bool:
+        """Whether the first poses that are corrected are so far off that all together are farther off than ``nearest`` (m)."""
+        if np.isinf(nearest) or tried.poses.history is not None:
+            return False
+        pairs = zip(self.study.fit_poses, tried.study.fit_poses, strict=False)
+        corrected = [i for i, (stated, own) in enumerate(pairs) if own is not stated] or range(tried.poses.count)
+        poses = tried.poses.only(corrected[:_SCREENED])
+        residual = tried.evaluator_of(poses, tried.evaluator.distance)(_shared(tried, x)).residual
+        return bool(np.sum(residual[poses.seen] ** 2) > nearest**2 * np.sum(tried.poses.seen))
+
     def finished(self, begun: Refit) -> Refit:
         """The refit from ``begun``; one that stays far off is given up."""
         tried = begun.problem
         goal = replace(tried.goal(tried.first_scale()), beat=_cost(tried, self.close), patience=_PATIENCE)
-        minimum = levenberg_marquardt(goal, begun.minimum.shared)
+        minimum = levenberg_marquardt(goal, begun.minimum.shared, known=begun.minimum.evaluation)
         if tried.layout.has_priors and _distance(tried, minimum.evaluation.residual) < self.before:
             sharp = np.clip([white_noise(p) for p in tried.study.fit_poses], _FINEST * tried.length, _COARSEST * tried.length)
             minimum = levenberg_marquardt(tried.goal(sharp), minimum.shared, minimum.local)
         return Refit(begun.mistake, _distance(tried, minimum.evaluation.residual), tried, minimum)
 
 
+def _shared(problem, x) -> np.ndarray:
+    """Shared numbers of a start of the unknowns."""
+    low, high = problem.layout.ranges
+    return np.r_[np.clip(x, low, high), np.zeros(problem.layout.shared - problem.layout.unknowns)]
+
+
 def _at(problem, x) -> Minimum:
-    """A start of the unknowns, evaluated without a derivative."""
-    goal = problem.goal(problem.first_scale())
-    shared = np.clip(np.r_[x, np.zeros(problem.layout.shared - problem.layout.unknowns)], goal.low, goal.high)
-    local = np.zeros((problem.poses.count, problem.layout.local))
+    """A start of the unknowns, evaluated."""
+    shared, local = _shared(problem, x), np.zeros((problem.poses.count, problem.layout.local))
     evaluation = problem.evaluator(shared)
-    return Minimum(shared, local, evaluation, goal.cost(evaluation, shared, local), 0, False)
+    return Minimum(shared, local, evaluation, problem.goal(problem.first_scale()).cost(evaluation, shared, local), 0, False)
