@@ -51,8 +51,7 @@ _TRIED = 4  # largest number of choices of turns, the nearest ones, that a searc
 _ALIKE = 0.4  # largest relative change of the torques by a choice of turns
 _TINY = 1.0e-9  # rad
 _IN_DOUBT = 3.0  # times the least sum of squares: beyond, a fit is not the likeliest
-_CLOSE = 5.0  # nats behind those kept: turns that are named beside them, if
-_APART = 0.02  # an unknown, or its logarithm, differs by more
+APART = 0.02  # an unknown, or its logarithm, of another answer differs by more
 _TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit
 
 
@@ -191,9 +190,9 @@ def _branches(best: Branch, choices, method, progress) -> Iterator[Branch]:
 
 def doubt(best: Branch, fits) -> str:
     """A sentence on other values with turns that are about as likely; empty without such."""
-    near = [f for f in _near(fits) if f is not best and np.max(np.abs(f.unknowns - best.unknowns)) > _APART]
+    near = [f for f in _near(fits) if f is not best and np.max(np.abs(f.unknowns - best.unknowns)) > APART]
     other = max(near, key=lambda f: f.log_posterior, default=None)
-    if other is None or other.log_posterior < best.log_posterior - _CLOSE:
+    if other is None or other.log_posterior < best.log_posterior - best.settings.named:
         return ""
     poses, torsion = other.problem.study.fit_poses, _slot(other.problem, STIFFNESSES[1])
     changed = [f"turns = {p.turns} in pose {p.name}" for p, n in zip(poses, best.turns, strict=True) if p.turns != n]
@@ -241,8 +240,7 @@ def _returned(f: Branch) -> list[_Choice]:
 def _on_a_grid(f: Branch) -> list[_Choice]:
     """The nearest choices over a grid of stiffnesses, each at its best point; none where the residual may be noise."""
     problem, study = f.problem, f.problem.study
-    noise = np.clip([white_noise(p) for p in study.fit_poses], _FINEST * problem.length, ASTRAY * problem.length)
-    if np.all(f.off <= _NOISE * np.sqrt(NORMALS) * noise):
+    if np.all(f.off <= _NOISE * np.sqrt(NORMALS) * noises(problem)):
         return []
     best: dict[tuple[int, ...], _Choice] = {}
     turned = [[replace(p, turns=p.turns + k) for p in study.fit_poses] for k in _TURNS]
@@ -260,6 +258,11 @@ def _on_a_grid(f: Branch) -> list[_Choice]:
         if np.isfinite(off) and (key not in best or off < best[key].off):
             best[key] = _Choice(turns, x[: problem.layout.unknowns], off)
     return sorted(best.values(), key=lambda choice: choice.off)[:_TRIED]
+
+
+def noises(problem) -> np.ndarray:
+    """Noise (m) of each curve by its own points, within reason."""
+    return np.clip([white_noise(p) for p in problem.study.fit_poses], _FINEST * problem.length, ASTRAY * problem.length)
 
 
 def _grid(problem, shared) -> Iterator[np.ndarray]:

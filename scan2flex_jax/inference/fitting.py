@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -109,10 +110,9 @@ def fitted(
     _check(study, method, distance)
     began, progress = time.perf_counter(), progress or silent
     whole, said = with_curves(study, progress)
-    stages = [partial(_minimum, mistakes=mistakes), partial(_on_branches if turns else _as_stated, mistakes=mistakes)]
-    stages[1] = partial(stages[1], settings=settings)
-    stages = [partial(stage, method=method, progress=progress) for stage in stages]
-    found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress)
+    given: dict[str, Any] = {"method": method, "progress": progress, "mistakes": mistakes, "settings": settings}
+    stages = [partial(stage, **given) for stage in (_minimum, _on_branches if turns else _as_stated)]
+    found, mesh = on_enough_elements(lambda n: Problem(whole, n, distance, slots), stages, elements, progress, settings)
     problem, minimum, likely, doubt = found
     turned, whole = branches.sentences(whole, problem.study), problem.study
     several, open_ = shapes.in_words(problem, minimum, shapes.others(problem, minimum, progress))
@@ -200,9 +200,9 @@ def _known(known, laws, estimates):
     return (*known.sentences, *(s for law in laws for s in law.sentences()), *_bound_sentences(estimates))
 
 
-def _minimum(problem, _, method, progress, mistakes):
+def _minimum(problem, _, method, progress, mistakes, settings):
     """The first minimum, and mistakes of the input that show at once."""
-    minimum, likely = before_branches(problem, method, progress) if mistakes else (None, ())
+    minimum, likely = before_branches(problem, method, progress, settings) if mistakes else (None, ())
     return Found(problem, minimum or problem.minimise(method, progress), likely)
 
 

@@ -28,6 +28,7 @@ import numpy as np
 from scan2flex_jax.effects import BendingLaw, TorsionLaw
 from scan2flex_jax.effects.moment_law import excess_moment, tangent
 from scan2flex_jax.fitting.parameters import Layout, values_of
+from scan2flex_jax.inference.estimate import NORMAL_95
 from scan2flex_jax.rod.energy import strains
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.study.model import Study
@@ -36,7 +37,6 @@ PLATEAU = 0.2
 _DRAWS = 2000
 _POINTS = 241  # of a law as it is drawn
 _BAND = (2.5, 97.5)  # per cent
-_NORMAL_95 = 1.959964
 _SIGNIFICANT, _LEAST = 0.05, 0.001  # p-value, and the smallest one printed
 STIFFNESS = {BendingLaw.kind: "bending_stiffness", TorsionLaw.kind: "torsional_stiffness"}
 _GRID = {BendingLaw.kind: "curvature", TorsionLaw.kind: "twist"}
@@ -142,7 +142,7 @@ def law_at(
     at = np.linspace(0.0, max(grid[-1], top), _POINTS)
     m, f = _moments(at, grid, factor, B)
     reached = np.any([(low <= at) & (at <= high) for low, high in spans], axis=0) if spans else np.zeros(len(at), bool)
-    spread = _NORMAL_95 * _spread(kind, layout, x, covariance, (at, grid, factor[0], B[0]))
+    spread = NORMAL_95 * _spread(kind, layout, x, covariance, (at, grid, factor[0], B[0]))
     p = p_value(float(m[0, -1] / at[-1]))
     bent = p is not None and p <= _SIGNIFICANT and np.sum(at <= top) > 1
     readings = _readings(at[at <= top], m[:, at <= top], f[:, at <= top]) if bent else ()

@@ -21,6 +21,7 @@ from scan2flex_jax.fitting.problem import FIT_ELEMENTS, Problem
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.inference import mistakes
 from scan2flex_jax.inference.branches import ASTRAY, distances
+from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.rod.memory import remembering
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.mesh import Mesh, shortest_bend
@@ -55,7 +56,7 @@ Stage = Callable[[Problem, Found | None], Found]
 
 
 def on_enough_elements(
-    make: Callable[[int], Problem], stages: Sequence[Stage], elements: int | None, progress: Progress
+    make: Callable[[int], Problem], stages: Sequence[Stage], elements: int | None, progress: Progress, settings: Settings
 ) -> tuple[Found, Mesh]:
     """The result of the last of ``stages``, with the `Mesh`.
 
@@ -67,14 +68,14 @@ def on_enough_elements(
     while True:
         problem = make(n)
         problem.evaluator.equilibria = solved
-        found, problem, mesh = _through(stages, problem, elements is None, progress)
+        found, problem, mesh = _through(stages, problem, elements is None, progress, settings)
         if found is not None:
             return found, mesh
         n, solved = mesh.enough, problem.evaluator.equilibria
         progress(f"again with {n} elements")
 
 
-def _through(stages, problem, refining, progress) -> tuple[Found | None, Problem, Mesh]:
+def _through(stages, problem, refining, progress, settings) -> tuple[Found | None, Problem, Mesh]:
     """``(result, problem, mesh)`` of the last stage; of the stage that needs more elements, None in place of its result."""
     found = None
     for stage in stages:
@@ -83,7 +84,7 @@ def _through(stages, problem, refining, progress) -> tuple[Found | None, Problem
         except NotSettledError as fault:
             mesh = _mesh_of_starts(problem)
             if not refining or mesh.enough <= problem.elements:
-                raise mistakes.instead_of(fault, problem, progress, _too_limp(fault, mesh)) from fault
+                raise mistakes.instead_of(fault, problem, progress, settings, _too_limp(fault, mesh)) from fault
             return None, problem, mesh
         problem, mesh = found.problem, mesh_at(found.problem, found.minimum.shared)
         if refining and mesh.enough > problem.elements and _worth(found, stage is stages[-1]):

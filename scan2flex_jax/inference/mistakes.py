@@ -24,25 +24,19 @@ import numpy as np
 from scan2flex_jax.errors import NotSettledError, Scan2FlexError
 from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import Minimum, Progress, levenberg_marquardt
-from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference import branches
 from scan2flex_jax.inference.readings import misread
-from scan2flex_jax.inference.settings import USUAL, Settings
+from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.visible import carried, clamps_scaled, visible_mistakes
 
-_DOUBTFUL = 0.004  # of the length: RMS distance above which a fit is searched for mistakes
-_STATED = 3.0  # times the stated noise: likewise, above half that distance
-_TIMES = 3.0  # required ratio of distances before and after; missing physics seldom brings one beyond 1.2 (docs/mistakes.md)
-_TIMES_TURNED, _TURNED = 1.02, 2  # that ratio if the fit changed the turns of so many poses
-_CLOSE = 0.03  # of the length: largest accepted RMS distance of a corrected study; real cables leave as much
-_ALIKE = 1.3  # times the distance of the best corrected study: others that explain the curves alike
+_TIMES_TURNED, _TURNED = 1.02, 2  # `Settings.corrected` if the fit changed the turns of so many poses
 _AS_OTHERS = 1.5  # times the distance of the other poses without it: a corrected pose fits as they do
-_ALONE, _ALONE_TURNED = 0.03, 0.01  # of the length: least distance of a single pose that does not fit, without and with turns
+_ALONE_TURNED = 0.01  # `Settings.alone` of such a fit
 _FEWEST = 3  # least number of poses that must fit without the one that does not
 _FOLLOWED, _FEWEST_FOLLOWED = 24, 4  # refits: _FOLLOWED over the number of poses, at least _FEWEST_FOLLOWED, the nearest ones
 _SCREENED = 2  # poses that are solved first: one by one they take the time of a start that settles late
@@ -50,7 +44,6 @@ _NEARER = 0.6  # times the distance before: a refit below it may be a full turn 
 _HALVED = 0.5  # times the distance before: required of a mistake that is visible without a solve
 _PATIENCE = 6  # iterations after which a refit that is far off is given up
 _STIFFER = np.log(10.0)  # added to the logarithms of a start that does not settle
-_FINEST, _COARSEST = 2.0e-4, 0.01  # of the length: noise of curves that weighs priors
 
 
 class Refit(NamedTuple):
@@ -62,7 +55,9 @@ class Refit(NamedTuple):
     minimum: Minimum
 
 
-def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[Minimum | None, tuple[Mistake, ...]]:
+def before_branches(
+    problem: Problem, method: str, progress: Progress, settings: Settings
+) -> tuple[Minimum | None, tuple[Mistake, ...]]:
     """The mistakes that are visible without a solve and confirmed by a refit, and the minimum of the study as it stands.
 
     That minimum is given up if it stays far from the curves. ``(None, ())`` without a confirmed mistake.
@@ -70,13 +65,13 @@ def before_branches(problem: Problem, method: str, progress: Progress) -> tuple[
     found = visible_mistakes(problem.study)
     if not found:
         return None, ()
-    minimum = problem.minimise(method, progress, _cost(problem, _CLOSE * problem.length))
-    likely = _Search(problem.study, problem, minimum, progress).confirmed(found)
+    minimum = problem.minimise(method, progress, _cost(problem, settings.close * problem.length))
+    likely = _Search(problem.study, problem, minimum, progress, settings).confirmed(found)
     return (minimum, likely) if likely else (None, ())
 
 
 def hidden(
-    study: Study, problem: Problem, minimum: Minimum, progress: Progress, settings: Settings = USUAL
+    study: Study, problem: Problem, minimum: Minimum, progress: Progress, settings: Settings
 ) -> tuple[Mistake, ...]:
     """The mistakes whose correction explains the curves of ``study``: the best one, and those that explain them alike.
 
@@ -84,17 +79,17 @@ def hidden(
     """
     search = _Search(study, problem, minimum, progress, settings)
     doubtful = search.doubtful()
-    return misread(problem, minimum, doubtful, search.refitted) or (search.hidden() if doubtful else ())
+    return misread(problem, minimum, doubtful, search.refitted, settings) or (search.hidden() if doubtful else ())
 
 
 def instead_of(
-    fault: NotSettledError, problem: Problem, progress: Progress, known: NotSettledError | None = None
+    fault: NotSettledError, problem: Problem, progress: Progress, settings: Settings, known: NotSettledError | None = None
 ) -> NotSettledError:
     """The fault of a study that does not settle, with the mistake that is its likely cause, if one is found.
 
     One that only a refit reveals is not looked for where a cause is ``known``.
     """
-    search = _Search(problem.study, problem, None, progress)
+    search = _Search(problem.study, problem, None, progress, settings)
     found = search.confirmed(visible_mistakes(problem.study)) or (() if known else search.hidden())
     if known and not found:
         return known
@@ -115,15 +110,13 @@ def _cost(problem, off) -> float:
 class _Search:
     """The refits of one study; without a minimum the study did not settle, and any refit that comes close is better."""
 
-    def __init__(
-        self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress, settings: Settings = USUAL
-    ):
+    def __init__(self, study: Study, problem: Problem, minimum: Minimum | None, progress: Progress, settings: Settings):
         self.study, self.problem, self.minimum, self.progress, self.settings = study, problem, minimum, progress, settings
         self.before = np.inf if minimum is None else _distance(problem, minimum.evaluation.residual)
         turned = sum(a.turns != b.turns for a, b in zip(study.fit_poses, problem.study.fit_poses, strict=True))
         self.turned = turned >= _TURNED
         self.left: list[tuple[Refit, float]] = []
-        self.close = min(self.before / (_TIMES_TURNED if self.turned else _TIMES), _CLOSE * problem.length)
+        self.close = min(self.before / (_TIMES_TURNED if self.turned else settings.corrected), settings.close * problem.length)
 
     def doubtful(self) -> bool:
         """Whether the residual exceeds a few thousandths of the length or the stated noise, or the fit changed turns."""
@@ -131,14 +124,14 @@ class _Search:
             return True
         own = branches.distances(self.minimum.evaluation, self.problem.poses)
         stated = np.array([np.inf if p.noise is None else p.noise for p in self.study.fit_poses])
-        limit = _DOUBTFUL * self.problem.length
-        beyond = np.any(own > np.maximum(_STATED * np.sqrt(NORMALS) * stated, 0.5 * limit))
+        limit = self.settings.doubtful * self.problem.length
+        beyond = np.any(own > np.maximum(self.settings.beyond_noise * np.sqrt(NORMALS) * stated, 0.5 * limit))
         return bool(self.turned or self.before > limit or beyond)
 
     def confirmed(self, found: tuple[Mistake, ...]) -> tuple[Mistake, ...]:
         """Mistakes that are visible without a solve, if the study with all of them corrected fits better."""
         refit = self.refitted(found[-1]) if found else None
-        limit = min(_HALVED * self.before, _CLOSE * self.problem.length if self.minimum is None else np.inf)
+        limit = min(_HALVED * self.before, self.settings.close * self.problem.length if self.minimum is None else np.inf)
         return () if refit is None or refit.off > limit else tuple(self._with_figures(m, refit) for m in found)
 
     def hidden(self) -> tuple[Mistake, ...]:
@@ -146,7 +139,7 @@ class _Search:
         self.progress("looking for mistakes of the input")
         found = [*self.accepted(self.of_all_poses()), *self.of_one_pose()]
         best = min((refit.off for refit in found), default=0.0)
-        alike = [refit for refit in found if refit.off <= _ALIKE * best] or self.alone()
+        alike = [refit for refit in found if refit.off <= self.settings.alike * best] or self.alone()
         return tuple(self._with_figures(refit.mistake, refit) for refit in alike)
 
     def _with_figures(self, mistake, refit) -> Mistake:
@@ -205,8 +198,8 @@ class _Search:
         if len(self.left) != 1 or len(self.study.fit_poses) <= _FEWEST:
             return []
         rest, off = self.left[0]
-        least = (_ALONE_TURNED if self.turned else _ALONE) * self.problem.length
-        return [rest] if off > max(least, _TIMES * rest.off) else []
+        least = (_ALONE_TURNED if self.turned else self.settings.alone) * self.problem.length
+        return [rest] if off > max(least, self.settings.corrected * rest.off) else []
 
     def _once(self, rest, study, name) -> float:
         """Distance (m) of a pose solved at the values of the others."""
@@ -252,8 +245,7 @@ class _Search:
         goal = replace(tried.goal(tried.first_scale()), beat=_cost(tried, self.close), patience=_PATIENCE)
         minimum = levenberg_marquardt(goal, begun.minimum.shared, known=begun.minimum.evaluation)
         if tried.layout.has_priors and _distance(tried, minimum.evaluation.residual) < self.before:
-            sharp = np.clip([white_noise(p) for p in tried.study.fit_poses], _FINEST * tried.length, _COARSEST * tried.length)
-            minimum = levenberg_marquardt(tried.goal(sharp), minimum.shared, minimum.local)
+            minimum = levenberg_marquardt(tried.goal(branches.noises(tried)), minimum.shared, minimum.local)
         return Refit(begun.mistake, _distance(tried, minimum.evaluation.residual), tried, minimum)
 
 

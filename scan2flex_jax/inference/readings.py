@@ -20,19 +20,14 @@ from scan2flex_jax.fitting.poses import Poses, poses_of
 from scan2flex_jax.fitting.problem import WEAK, Problem
 from scan2flex_jax.fitting.states import Shape
 from scan2flex_jax.inference.belief import moved
-from scan2flex_jax.inference.settings import USUAL
+from scan2flex_jax.inference.settings import Settings
 from scan2flex_jax.study import mistakes
 from scan2flex_jax.study.mistakes import Mistake
-from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.parts import Markers
 
 _FOLLOWED = 3  # refits of exchanged, and of omitted markers
 _FARTHEST = 2  # markers that are exchanged with others
 _LIKELY = 0.1  # probability of so large an outlier among right readings, to first order, from which it is refitted
-_LEVEL, _GROSS = 0.01, 0.05  # that of a refit, and of an outlier that is gross against what the values move
-_TIMES = 3.0  # times the largest other residual
-_ALIKE = 1.3  # times the distance of the best refit
-_KNOWN = 0.5 / USUAL.stated**2  # degrees of freedom of a stated noise
 
 
 class _Place(NamedTuple):
@@ -56,18 +51,18 @@ class _Outlier:
     largest: float
     freedom: int
 
-    def probability(self, study: Study, length: float, tried: int) -> float:
-        """That one of ``tried`` right readings is as far off; ``length`` (m) of the cable."""
-        stated = stated_noise(study, of_all=False)
-        freedom = self.freedom + (_KNOWN if stated else 0.0)
+    def probability(self, stated: float | None, settings: Settings, length: float, tried: int) -> float:
+        """That one of ``tried`` right readings is as far off; ``stated`` noise (m) and ``length`` (m) of the cable."""
+        known = 0.5 / settings.stated**2 if stated else 0.0  # degrees of freedom of a stated noise
+        freedom = self.freedom + known
         if freedom <= 0:
             return 1.0
-        variance = max((self.squares + (_KNOWN * stated**2 if stated else 0.0)) / freedom, (FINEST * length) ** 2)
+        variance = max((self.squares + known * (stated or 0.0) ** 2) / freedom, (FINEST * length) ** 2)
         return float(2.0 * tried * special.stdtr(freedom, -np.sqrt(max(self.gain, 0.0) / variance)))
 
 
 def misread(
-    problem: Problem, minimum: Minimum | None, doubtful: bool, refitted: Callable[[Mistake], Any]
+    problem: Problem, minimum: Minimum | None, doubtful: bool, refitted: Callable[[Mistake], Any], settings: Settings
 ) -> tuple[Mistake, ...]:
     """The likely mistakes among the markers of a study at its minimum.
 
@@ -76,8 +71,8 @@ def misread(
     """
     if minimum is None or not minimum.evaluation.solved or all(pose.markers is None for pose in problem.study.fit_poses):
         return ()
-    screen = _Screen(problem, minimum)
-    doubtful, found = doubtful or screen.off > USUAL.moved * screen.moved, list[Mistake]()
+    screen = _Screen(problem, minimum, settings)
+    doubtful, found = doubtful or screen.off > settings.moved * screen.moved, list[Mistake]()
     for hypotheses in (screen.exchanges(), screen.omissions()):
         tried = len(hypotheses)
         likely = [(o, m) for o, m in hypotheses if doubtful or screen.probability(o, tried) < _LIKELY]
@@ -86,16 +81,16 @@ def misread(
         if found:
             break
     best = min((m.after for m in found if m.after is not None), default=0.0)
-    return tuple(m for m in found if m.after is not None and m.after <= _ALIKE * best)
+    return tuple(m for m in found if m.after is not None and m.after <= settings.alike * best)
 
 
 class _Screen:
     """The readings of the fitted poses at a minimum: residuals (n,) in m, and their Jacobian (n, k) by the unknowns; `off` is
     their RMS distance (m), and `moved` that by a factor of e in the unknowns."""
 
-    def __init__(self, problem: Problem, minimum: Minimum):
+    def __init__(self, problem: Problem, minimum: Minimum, settings: Settings):
         """Nothing is solved."""
-        self.problem, self.study, self.evaluation = problem, problem.study, minimum.evaluation
+        self.settings, self.problem, self.study, self.evaluation = settings, problem, problem.study, minimum.evaluation
         self.unknowns, self.shared = problem.layout.unknowns, minimum.shared
         shapes = [Shape(*one(self.evaluation, i)) for i in range(problem.poses.count)]
         real = [np.asarray(mask) > 0 for mask in problem.poses.mask]
@@ -122,7 +117,7 @@ class _Screen:
 
     def probability(self, outlier: _Outlier, tried: int) -> float:
         """That right readings have such an outlier."""
-        return outlier.probability(self.study, self.problem.length, tried)
+        return outlier.probability(stated_noise(self.study, of_all=False), self.settings, self.problem.length, tried)
 
     def outlier(self, others: np.ndarray, size: float) -> _Outlier:
         """Of the residuals (m) of the other readings, and of the ``size`` (m) of that of the marker."""
@@ -192,8 +187,9 @@ def _confirmed(screen: _Screen, mistake: Mistake, refit: Any, first: _Outlier, t
         mistake, size = _expected(screen, mistake, refit)
     squares, largest = float(np.sum(rest**2)), float(np.max(np.abs(rest), initial=0.0))
     outlier = _Outlier(squares, screen.squares - squares, size, largest, first.freedom)
-    level = _GROSS if size > USUAL.moved * screen.moved else _LEVEL
-    if size >= _TIMES * largest and screen.probability(outlier, tried) < level:
+    s = screen.settings
+    level = s.gross if size > s.moved * screen.moved else s.outlier
+    if size >= s.corrected * largest and screen.probability(outlier, tried) < level:
         yield replace(mistake, before=screen.off, after=refit.off)
 
 

@@ -52,6 +52,13 @@ class Settings:
 
     Validate poses that are off by more than ``untested`` of the length are no evidence, even where tolerances allow as much.
 
+    Mistakes of the input are looked for in a fit that is ``doubtful`` of the length off, or ``beyond_noise`` times a stated
+    noise. A correction is likely that brings the points ``corrected`` times nearer, as missing physics seldom does
+    (docs/mistakes.md), and to ``close`` of the length at least, which real cables may leave; so are others up to ``alike``
+    times the distance of the best. A single pose is reported as the one that does not fit from ``alone`` of the length on; a
+    single reading up to the probability ``outlier`` of so large an outlier, or ``gross`` of one that is large against what the
+    values move.
+
     Decisions (`inference.decision`): ``found``, the least difference (nats) in log predictive density by which a hypothesis
     leads; ``tied``, that over its rivals, and ``named``, that of an effect that is named; ``same_misfit``, the difference in
     chi-squared up to which effects with the same shapes are tied; ``averaged``, the difference in evidence up to which models
@@ -82,6 +89,13 @@ class Settings:
     mistake: float = 5.0
     untested: float = 0.025
     most_effects: int = 3
+    doubtful: float = 0.004
+    corrected: float = 3.0
+    close: float = 0.03
+    alike: float = 1.3
+    alone: float = 0.03
+    outlier: float = 0.01
+    gross: float = 0.05
     found: float = 4.0
     named: float = 5.0
     tied: float = 3.0

@@ -18,6 +18,7 @@ from scan2flex_jax.fitting.parameters import values_of
 from scan2flex_jax.fitting.poses import bowed
 from scan2flex_jax.fitting.problem import Problem
 from scan2flex_jax.inference.answer import number
+from scan2flex_jax.inference.branches import APART
 from scan2flex_jax.inference.estimate import Estimate, unit_of
 from scan2flex_jax.rod.model import Configuration
 
@@ -25,7 +26,6 @@ FEW = 3  # readings of a fit
 _WIDE, _HIGH = 0.2, 1.0  # of the length: height of a bow across gravity, and against it
 _ELSEWHERE = 1e-3  # of the length: readings of another shape differ by more
 _ALIKE = 4.0  # in chi-squared: two standard deviations
-_APART = 0.02  # an unknown, or its logarithm, differs by more
 
 
 def others(problem: Problem, minimum: Minimum, progress: Progress) -> list[np.ndarray]:
@@ -41,7 +41,7 @@ def others(problem: Problem, minimum: Minimum, progress: Progress) -> list[np.nd
         with suppress(NotSettledError):
             end = tried.minimise("least-squares", prefixed(progress, "another shape"), start=known[0])
             x = end.shared[: layout.unknowns]
-            if end.cost <= minimum.cost + _ALIKE and all(np.max(np.abs(x - own)) > _APART for own in known):
+            if end.cost <= minimum.cost + _ALIKE and all(np.max(np.abs(x - own)) > APART for own in known):
                 known.append(x)
                 found.append(x)
     return found
@@ -53,7 +53,7 @@ def in_words(problem: Problem, minimum: Minimum, found: list[np.ndarray]) -> tup
         return "", ()
     n = _readings(problem.study)
     each = [values_of(problem.layout, x) for x in (minimum.shared[: problem.layout.unknowns], *found)]
-    names = tuple(k for k in each[0] if any(not np.allclose(v[k], each[0][k], rtol=_APART) for v in each[1:]))
+    names = tuple(k for k in each[0] if any(not np.allclose(v[k], each[0][k], rtol=APART) for v in each[1:]))
     said = [f"{k} = {' or '.join(_number(v[k]) for v in each)} {unit_of(k)}" for k in names]
     fits = f"{n} reading{'s' * (n > 1)} fit{'s' * (n == 1)} {len(each)} stable shapes: {', '.join(said)}"
     return f"{fits}; measure the curve of a pose, or more markers on it", names

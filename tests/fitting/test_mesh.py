@@ -8,6 +8,7 @@ from scan2flex_jax import Boundary, Cable, CableModel, Study, equilibrium, fit, 
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
 from scan2flex_jax.inference import mesh
+from scan2flex_jax.inference.settings import USUAL
 
 from . import scenes
 
@@ -62,8 +63,8 @@ def test_poses_that_too_few_elements_cannot_solve_are_fitted_with_more(soft):
             raise NotSettledError("no values in the range let every pose settle", "check clamps", {})
         return mesh.Found(problem, problem.minimise("least-squares"))
 
-    found, chosen = mesh.on_enough_elements(make, [first], None, lambda message: None)
+    found, chosen = mesh.on_enough_elements(make, [first], None, lambda message: None, USUAL)
     assert made[0] == FIT_ELEMENTS
     assert chosen.elements == found.problem.elements == made[-1] > FIT_ELEMENTS
     with pytest.raises(NotSettledError):
-        mesh.on_enough_elements(make, [first], FIT_ELEMENTS, lambda message: None)
+        mesh.on_enough_elements(make, [first], FIT_ELEMENTS, lambda message: None, USUAL)
