@@ -247,7 +247,7 @@ class Variant:
         """A hypothesis at its mode, from amplitudes and base parameters; None where it is not solved or hopeless.
 
         ``unweighted``: unweighted distances first, as far effects need; ``nearest``: squares (m^2) that these must come near.
-        ``u``: sizes to begin from. ``others``: of a likely one also from further starts that the catalogue proposes.
+        ``u``: sizes to begin from. ``others``: also from further starts that the catalogue proposes.
         """
         components, self.refits = tuple(components), self.refits + 1
         n, wider, begun = Index(self.program, components), (1.0,) * len(components), shapes
@@ -269,8 +269,7 @@ class Variant:
                 return None
         found = self._in_turn(components, x, begun, u)
         self.best = max(self.best, found.score)
-        others = others and bool(components) and found.score > self.best - 2 * _DOUBT
-        return max([found, *self._other_starts(found)], key=lambda h: h.score) if others else found
+        return max([found, *self._other_starts(found)], key=lambda h: h.score) if others and components else found
 
     def at(self, components: tuple[Component, ...], x, u, converged: bool) -> Fitted | None:
         """A hypothesis at a mode that is known; None where it is not solved."""
