@@ -233,13 +233,12 @@ class Search:
                 self._refit(v.empty, Scored(0.0, Component(entry.kind, site), table[entry.kind].amplitudes), unweighted=True)
 
     def _grow(self, h: Fitted):
-        """Refits with one more effect. First order is off by some nats: a third effect has to gain a lead without them."""
+        """Refits with one more effect; those that gain little are in the intervals of what was found."""
         self.grown.add(h.key)
         others = [(kind, s) for kind, s in scored(h).items() if not contained(kind, h.kinds)]
-        least = h.variant.settings.tied * (1 if len(h.components) > 1 else -1)
         for kind, s in others[:_MORE]:
             key = h.variant.name, frozenset((*h.kinds, kind))
-            if s.gain > least and not (key in self.found and self.found[key].converged):
+            if s.gain > -h.variant.settings.tied and not (key in self.found and self.found[key].converged):
                 end = self._refit(h, s, unweighted=False, u=h.u)
                 if end is None or end.squares > h.squares:  # farther off than without it: the start was too far for the weights
                     self._refit(h, s, unweighted=True, nearest=h.squares, u=h.u)
