@@ -165,7 +165,10 @@ class Evaluator:
     def shapes(
         self, shared, local=None, *, start=None, derivative=True, added: Added | None = None, along=None
     ) -> list[states.Shape]:
-        """The solved poses; their columns are those of shared, local and added numbers, or ``along`` places of the vector."""
+        """The solved poses; their columns are those of shared, local and added numbers, or ``along`` places of the vector.
+
+        Effects are ``added`` to poses without memory, or with the states that it left in them (`remembered`).
+        """
         p = self.poses
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local

@@ -173,7 +173,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
 def _untested(d: Decision, poses) -> str:
     """That nothing tests the baseline model: hardly a pose beside those that it was fitted to."""
     few = d.verdict == NONE and len(d.empty.elpd) < FEWEST and all(p.role != "validate" for p in poses.values())
-    return "so few poses cannot test the model" if few else ""
+    return "the model is untried: so few poses cannot test it" if few else ""
 
 
 def _read_off(laws, loops) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ def test_nothing_missing_in_a_single_pose_is_no_plain_yes():
     whole = scenes.study()
     found = explain(replace(whole, poses=whole.poses[:1]), elements=40, mesh=False)
     assert found.verdict == "no missing effect" and found.answer.tone == "fair"
-    assert "so few poses cannot test the model" in found.answer.belief
+    assert "so few poses cannot test it" in found.answer.belief
 
 
 def test_a_smooth_residual_of_a_single_photograph_is_no_good_answer():
