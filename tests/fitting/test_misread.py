@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from scan2flex_jax import Clamp, EffectDeclaration, Markers, Study, StudyPose, Unknown, fit
+from scan2flex_jax.inference.settings import Settings
 
 LEVEL = [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
 G = 9.81
@@ -142,3 +143,8 @@ def test_right_readings_are_no_mistake(given, seed):
     assert f.mistakes == () and f.believable
     e = f.estimates["bending_stiffness"]
     assert e.low < given[0][1] < e.high
+
+
+def test_settings_reach_the_search_of_misread_values():
+    strict = Settings(outlier=1e-300, gross=1e-300)
+    assert not any("is misread" in str(m) for m in fit(wrong("a dial reading halved"), settings=strict).mistakes)
