@@ -81,7 +81,7 @@ def rod() -> str:
     return (
         "*A bamboo fly rod droops under weights at its tip. Its study calls it uniform; `explain` finds that its stiffness\n"
         f"varies: EI falls from {r['EI'][0]:.1f} to {r['EI'][-1]:.3f} N m^2 between {r['at'][0]} and {r['at'][-1]} m, within "
-        f"{off:.0f} % of what\ncalipers say, which nobody told it. Weights that were never fitted are predicted to "
+        f"{off:.0f} % of\ncaliper measurements, which the search does not use. Weights that were never fitted are predicted to "
         f"{after:.1f} mm, {before:.0f} mm before.*\n"
     )
 
@@ -365,7 +365,7 @@ SIZES = (
 
 
 @table("real/tip-weights.md", "weights", (
-    "cable", "series", "answer", "fitted, mm", "left out in turn, mm", "never seen, mm", "their median, mm"
+    "cable", "series", "answer", "fitted, mm", "left out in turn, mm", "held out, mm", "their median, mm"
 ), "tip_weights")  # fmt: skip
 def weights(results):
     for cable, answers in results.items():
@@ -414,10 +414,10 @@ def _before_after(told, role):
 
 
 def _median_unseen(told):
-    if "median of poses never seen" not in told:
+    if "median of held-out poses" not in told:
         return None
     fallen = len(told["fallen over"])
-    return f"{1e3 * told['median of poses never seen']:.1f}" + (f" ({fallen} on another branch)" if fallen else "")
+    return f"{1e3 * told['median of held-out poses']:.1f}" + (f" ({fallen} on another branch)" if fallen else "")
 
 
 @table("real/wing.md", "wing", (

@@ -131,7 +131,7 @@ def added(told: dict) -> tuple:
 
 
 def predicted(study, EI: float) -> dict:
-    """Distances (m) of the markers of a study from the cable of this EI: RMS of each role, and of the poses never seen
+    """Distances (m) of the markers of a study from the cable of this EI: RMS of each role, and of the held-out poses
     the median and those that fall over."""
     known = replace(study, cable=study.cable | {"bending_stiffness": EI}, unknowns=())
     errors: dict[str, dict] = {"fit": {}, "validate": {}}
@@ -142,7 +142,7 @@ def predicted(study, EI: float) -> dict:
     out = {f"rms_{role}": float(np.sqrt(np.mean(np.square(list(e.values()))))) for role, e in errors.items()}
     length, unseen = float(known.cable["length"]), errors["validate"]
     fallen = [name for name, error in unseen.items() if error > FALLEN * length]
-    return {"after": out, "median of poses never seen": float(np.median(list(unseen.values()))), "fallen over": fallen}
+    return {"after": out, "median of held-out poses": float(np.median(list(unseen.values()))), "fallen over": fallen}
 
 
 def complete(answers: dict, without: Series, weighed: Series) -> None:

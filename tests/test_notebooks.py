@@ -102,7 +102,7 @@ CLAIMS = {
         assert abs(place - L) < 0.05
         assert hung < mass < 2.0 * hung  # too heavy, as its last text says
         after = np.sqrt(np.mean([found.poses[name].rms ** 2 for name in names]))
-        assert after < 0.2 * unseen  # in poses never seen
+        assert after < 0.2 * unseen  # in held-out poses
     """,
     "your-own-scans": """
         assert all(curve.sure for curve in curves.values()) and rough.sure

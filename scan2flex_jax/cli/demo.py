@@ -92,7 +92,7 @@ def _rod(e, s, EI) -> Iterator[str]:
 
 
 def _find(e, truth) -> Iterator[str]:
-    """What was found, from what it was told apart, and the truth."""
+    """The effect found, its rivals, and the truth."""
     from scan2flex_jax.inference.explanation import parameter_in_words  # noqa: PLC0415
     from scan2flex_jax.inference.fit_result import in_words  # noqa: PLC0415
 

@@ -296,7 +296,7 @@ def unseen_in_words(rms: float, poses: int, left_out: float | None, fitted: int,
     """The error (m) on so many validate ``poses``, with that ``before``; without them, on so many ``fitted`` poses left out in
     turn."""
     if poses and np.isfinite(rms):
-        return f"{distance_in_words(rms, length)}{before} in {poses} pose{'s' * (poses > 1)} that the fit never saw"
+        return f"{distance_in_words(rms, length)}{before} in {poses} held-out pose{'s' * (poses > 1)}"
     if poses:
         return "not known: a validate pose could not be solved"
     if fitted < 2:
@@ -316,7 +316,7 @@ def _unseen(fit):
 
 
 def readings_in_words(poses: Iterable[Any]) -> str:
-    """The error on unseen poses where these, or without any the fitted ones, show no points; empty elsewhere."""
+    """The error on held-out poses where these, or without any the fitted ones, show no points; empty elsewhere."""
     poses = list(poses)
     unseen = [p for p in poses if p.role == "validate"]
     if any(len(p.residual) for p in unseen or poses) or not all(p.stable for p in unseen):
@@ -324,5 +324,5 @@ def readings_in_words(poses: Iterable[Any]) -> str:
     if not unseen:
         return "not known: the poses have no points, but other readings; leave one out as a validate pose"
     worst = max(one.off for p in unseen for one in p.readings)
-    count = f"{len(unseen)} pose{'s' * (len(unseen) > 1)}"
-    return f"readings off by up to {worst:.2g} times their noise in {count} that the fit never saw"
+    count = f"{len(unseen)} held-out pose{'s' * (len(unseen) > 1)}"
+    return f"readings off by up to {worst:.2g} times their noise in {count}"

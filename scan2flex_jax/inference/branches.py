@@ -174,7 +174,8 @@ def on_its_branches(
 def _near(fits: Sequence[Branch]) -> list[Branch]:
     """Those whose distances leave a doubt which is the likeliest."""
     squares = [float(np.sum(f.off**2)) for f in fits]
-    return [f for f, own in zip(fits, squares, strict=True) if own <= _IN_DOUBT * min(squares)]
+    least = max(min(squares), len(fits[0].off) * (_EXACT * fits[0].problem.length) ** 2)
+    return [f for f, own in zip(fits, squares, strict=True) if own <= _IN_DOUBT * least]
 
 
 def _branches(best: Branch, choices, method, progress) -> Iterator[Branch]:

@@ -242,11 +242,13 @@ class Variant:
 
     def refitted(
         self, components, amplitudes, base, shapes=None, u=None, *, unweighted: bool = True, nearest: float = np.inf,
-        others: bool = True,
+        others: bool = True, within: float | None = None,
     ) -> Fitted | None:
         """A hypothesis at its mode, from amplitudes and base parameters; None where it is not solved or hopeless.
 
         ``unweighted``: unweighted distances first, as far effects need; ``nearest``: squares (m^2) that these must come near.
+        An end beyond the squares ``within`` which a contained hypothesis has, by default the one without effects, began too far
+        away for the weights, and is descended again by unweighted distances first.
         ``u``: sizes to begin from. ``others``: also from further starts that the catalogue proposes.
         """
         components, self.refits = tuple(components), self.refits + 1
@@ -263,12 +265,14 @@ class Variant:
                 if end is None:
                     return None
                 x, begun, *_ = end
-        if components and begun is shapes:
-            begun = self._within_reach(components, x, shapes)
-            if begun is None:
-                return None
-        found = self._in_turn(components, x, begun, u)
-        self.best = max(self.best, found.score)
+        weighted = bool(components) and begun is shapes
+        begun = self._within_reach(components, x, shapes) if weighted else begun
+        found = None if begun is None else self._in_turn(components, x, begun, u)
+        if found is not None:
+            self.best = max(self.best, found.score)
+        if weighted and (found is None or found.squares > (within or self.empty.squares)):
+            again = self.refitted(components, amplitudes, base, shapes, u, nearest=within or self.empty.squares, others=others)
+            return max((h for h in (found, again) if h is not None), key=lambda h: h.score, default=None)
         return max([found, *self._other_starts(found)], key=lambda h: h.score) if others and components else found
 
     def at(self, components: tuple[Component, ...], x, u, converged: bool) -> Fitted | None:

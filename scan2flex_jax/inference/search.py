@@ -172,7 +172,8 @@ class Search:
         self.say(f"{names}: {s.gain:.1f} nats to first order" if np.isfinite(s.gain) and s.gain else names)
         begin = [*(h.amplitudes(k) for k in range(len(h.components))), s.amplitudes]
         components, shapes = (*h.components, s.component), h.shapes
-        end = h.variant.refitted(components, begin, h.x, shapes, u, unweighted=unweighted, nearest=nearest)
+        how = {"unweighted": unweighted, "nearest": nearest, "within": h.squares}
+        end = h.variant.refitted(components, begin, h.x, shapes, u, **how)
         self.add(end)
         return end
 
@@ -239,9 +240,7 @@ class Search:
         for kind, s in others[:_MORE]:
             key = h.variant.name, frozenset((*h.kinds, kind))
             if s.gain > -h.variant.settings.tied and not (key in self.found and self.found[key].converged):
-                end = self._refit(h, s, unweighted=False, u=h.u)
-                if end is None or end.squares > h.squares:  # farther off than without it: the start was too far for the weights
-                    self._refit(h, s, unweighted=True, nearest=h.squares, u=h.u)
+                self._refit(h, s, unweighted=False, u=h.u)
 
     def _part(self, h: Fitted, dropped: int) -> Fitted | None:
         """The hypothesis without one of its effects."""

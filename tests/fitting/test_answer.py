@@ -108,7 +108,7 @@ def test_a_length_is_shown_by_its_change():
 
 def test_the_error_on_unseen_poses():
     f = fitted()
-    assert f"{1e3 * f.rms('validate'):.3g} mm RMS" in f.answer.unseen and "1 pose that the fit never saw" in f.answer.unseen
+    assert f"{1e3 * f.rms('validate'):.3g} mm RMS" in f.answer.unseen and "1 held-out pose" in f.answer.unseen
     alone = fitted(last="fit")
     left_out = alone.influence.rms([len(p.residual) for p in alone.poses.values()])
     assert f"{1e3 * left_out:.3g} mm RMS" in alone.answer.unseen and "left out in turn" in alone.answer.unseen
