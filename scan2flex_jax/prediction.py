@@ -18,7 +18,7 @@ from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, start_along
 from scan2flex_jax.fitting.readings import Reading, change, readings_of, residuals_of, rows_of, stacked
 from scan2flex_jax.names import file_stems
-from scan2flex_jax.rod.energy import strains
+from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.rod.memory import straightened
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics.balance import DEFAULT_ELEMENTS
@@ -223,7 +223,8 @@ def _one_pose(model, e, radius, mesh):
 
 def _sharpest(e):
     """Smallest bend radius (m) and its arc length (m), over the elements and, extrapolated, both ends."""
-    bent, s = np.asarray(strains(e.rod, e.configuration))[:, 3:5], np.asarray(e.rod.section.s)
+    section = e.rod.section
+    bent, s = np.asarray(excess_strains(e.rod, e.configuration) + section.natural)[:, 3:5], np.asarray(section.s)
     ends = 1.5 * bent[[0, -1]] - 0.5 * bent[[1, -2]]
     curvature = np.linalg.norm(np.concatenate([ends[:1], bent, ends[1:]]), axis=1)
     k = int(np.argmax(curvature))

@@ -19,6 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting.noise import metre_noise
 from scan2flex_jax.geometry.small import matvec
 from scan2flex_jax.rod.assembly import out_of_balance
@@ -137,11 +138,16 @@ def stacked(rows: list[Row]) -> tuple[Readings, Float[np.ndarray, "k 3"]]:
 
 def residuals_of(rows: list[Row], e: Equilibrium, view: Float[np.ndarray, "3 3"], zero: bool = False) -> np.ndarray:
     """Residual (k, 3) in m of readings at an equilibrium, seen by the linear map ``view``; ``zero``: of values of zero."""
-    (readings, values), ds = stacked(rows), e.rod.section.ds
-    at = [float(e.rod.length) if row.mark == AT_END else row.s for row in rows]
-    R = jnp.stack([rotation_at(e.configuration.R, ds, s) for s in at])
-    own, readings = jnp.asarray(0 * values if zero else values), jax.tree.map(jnp.asarray, readings)
-    return np.asarray(reading_residuals(readings, own, R, jnp.asarray(view), wrenches(e.rod, e.configuration)))
+    readings, values = stacked(rows)
+    at = np.array([float(e.rod.length) if row.mark == AT_END else row.s for row in rows])
+    own = 0 * values if zero else values
+    return np.asarray(_residuals(readings, own, at, view, e.rod, e.configuration))
+
+
+@lightly_compiled
+def _residuals(readings, values, at, view, rod, configuration):
+    R = jax.vmap(lambda s: rotation_at(configuration.R, rod.section.ds, s))(at)
+    return reading_residuals(readings, values, R, view, wrenches(rod, configuration))
 
 
 def components(kind: int, axes: np.ndarray) -> int:

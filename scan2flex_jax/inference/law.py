@@ -29,7 +29,7 @@ from scan2flex_jax.effects import BendingLaw, TorsionLaw
 from scan2flex_jax.effects.moment_law import excess_moment, tangent
 from scan2flex_jax.fitting.parameters import Layout, values_of
 from scan2flex_jax.inference.estimate import NORMAL_95
-from scan2flex_jax.rod.energy import strains
+from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.study.model import Study
 
@@ -192,7 +192,7 @@ def _spans(kind, poses):
     for rod, configuration in poses:
         law = next((e for e in rod.effects if getattr(e, "kind", None) == kind), None)
         if law is not None:
-            excess = strains(rod, configuration) - rod.section.natural
+            excess = excess_strains(rod, configuration)
             q = np.sqrt(np.maximum(np.asarray(jax.vmap(law.square)(excess, rod.section.stiffness)), 0.0))
             out.append((float(q.min()), float(q.max())))
     return out

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from scan2flex_jax.effects import Dahl, Friction, Relaxation, TorsionFriction
-from scan2flex_jax.rod.energy import strains
+from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.rod.memory import AbstractMemory, memories
 from scan2flex_jax.rod.model import Configuration, Rod
 
@@ -57,7 +57,7 @@ def loops_of(poses: Sequence[tuple[Rod, Configuration]]) -> tuple[Loop, ...]:
     acting = [e for e in effects if type(e) in _ACTS]
     if not acting:
         return ()
-    excess = np.concatenate([np.asarray(strains(rod, c) - rod.section.natural) for rod, c in poses])
+    excess = np.concatenate([np.asarray(excess_strains(rod, c)) for rod, c in poses])
     most = {4: float(np.nanmax(np.linalg.norm(excess[:, 3:5], axis=1))), 5: float(np.nanmax(np.abs(excess[:, 5])))}
     K = np.mean(np.asarray(poses[0][0].section.stiffness), axis=0)
     K[[3, 4], [3, 4]] = 0.5 * (K[3, 3] + K[4, 4])

@@ -26,7 +26,7 @@ from scan2flex_jax.inference.posterior import Fitted, Variant
 from scan2flex_jax.inference.program import slots_of
 from scan2flex_jax.inference.search import Search
 from scan2flex_jax.inference.settings import Settings
-from scan2flex_jax.rod.energy import strains
+from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.study.mistakes import Mistake
 from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.visible import visible_mistakes
@@ -162,7 +162,7 @@ def _strained(v: Variant) -> tuple[np.ndarray, np.ndarray]:
     if v.held_out is not None:
         unseen = v.held_out.rods((), v.unseen_vector(empty, v.held_out), empty.predicted)
         rods |= dict(zip((p.name for p in study.validate_poses), unseen, strict=True))
-    excess = [np.asarray(_excess(*rods[pose.name])) for pose in study.poses]
+    excess = [np.asarray(excess_strains(*rods[pose.name])) for pose in study.poses]
     return np.nan_to_num(excess), np.stack([np.asarray(rods[pose.name][0].section.stiffness) for pose in study.poses])
 
 
@@ -193,12 +193,6 @@ def sum_over_poses(linear, wX, wS, count: int) -> np.ndarray:
     for i, at in enumerate(linear.at):
         cross[at] += wX[i].T @ wS[i]
     return cross
-
-
-@lightly_compiled
-def _excess(rod, configuration):
-    """Excess strains (n, 6) of a rod."""
-    return strains(rod, configuration) - rod.section.natural
 
 
 @lightly_compiled

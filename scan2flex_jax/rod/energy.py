@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import AbstractEffect, Element, Node, overriding
@@ -43,6 +44,12 @@ def strains(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
         return lie.se3_log(vecmat(r1 - r0, R0), matmul(R0.T, R1))
 
     return jax.vmap(element)(r[:-1], R[:-1], r[1:], R[1:]) / rod.section.ds - jnp.array(E3)
+
+
+@lightly_compiled
+def excess_strains(rod: Rod, configuration: Configuration) -> Float[Array, "n 6"]:
+    """Strains of the elements beyond their natural ones (-, 1/m)."""
+    return strains(rod, configuration) - rod.section.natural
 
 
 def node_potential(rod: Rod):

@@ -17,6 +17,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.cable import Cable, Quantity, rigid_stiffness
 from scan2flex_jax.rod.effect import AbstractEffect, Section
@@ -110,10 +111,15 @@ def with_rigid(model: CableModel, names: Sequence[str]) -> CableModel:
     """The model with the named stiffnesses set to the `rigid_stiffness` of the cable's weight and dead loads."""
     if not names:
         return model
-    _, load = _loaded_sections(jax.lax.stop_gradient(model), _COARSE)
-    rigid = rigid_stiffness(model.cable.length, model.cable.bending_stiffness, jnp.sum(jnp.linalg.norm(load.force, axis=1)))
+    rigid = rigid_stiffness(model.cable.length, model.cable.bending_stiffness, _dead_load(jax.lax.stop_gradient(model)))
     values = [jnp.broadcast_to(rigid, getattr(model.cable, name).shape) for name in names]
     return eqx.tree_at(lambda m: [getattr(m.cable, name) for name in names], model, values)
+
+
+@lightly_compiled
+def _dead_load(model):
+    """Sum of the dead loads on the nodes (N)."""
+    return jnp.sum(jnp.linalg.norm(_loaded_sections(model, _COARSE)[1].force, axis=1))
 
 
 def _loaded_sections(model, elements):
