@@ -12,6 +12,7 @@ import numpy as np
 
 from scan2flex_jax.study.curves import chord_deficit, curve_length
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
+from scan2flex_jax.study.rotations import between
 
 TANGENT_SPAN = 0.08
 """Longest part of the curve for the parabola: a cable's bends beyond it are not parabolic."""
@@ -71,7 +72,7 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     start = None if pose.start is None else _end_facts(points, pose.start, 1.0)
     end = None if pose.end is None else _end_facts(points[::-1], pose.end, -1.0)
     ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
-    turns = (0.0 if clamp is None or clamp.tangent is None else _between(clamp.tangent, chord) for clamp, chord in ends)
+    turns = (0.0 if clamp is None or clamp.tangent is None else between(clamp.tangent, chord) for clamp, chord in ends)
     gaps = sum(one.gap for one in (start, end) if one is not None)
     spread = np.zeros(3)
     spread[: len(points)] = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
@@ -148,9 +149,7 @@ def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) 
     size = float(np.linalg.norm(tangent))
     if not size > 0:
         return EndFacts(gap, None, None)
-    across = float(np.linalg.norm(np.cross(sign * d3, tangent)))
-    angle = np.degrees(np.arctan2(across, float(tangent @ (sign * d3))))
-    return EndFacts(gap, float(angle), float(np.degrees(sd / size)))
+    return EndFacts(gap, float(np.degrees(between(sign * d3, tangent))), float(np.degrees(sd / size)))
 
 
 def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:
@@ -165,7 +164,7 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
     if most <= TANGENT_LEAST:
         slope, sd = _parabola(points[:most], gap)
-        turn = max(_between(a, b) for a, b in pairwise(np.diff(points[:most], axis=0)))
+        turn = max(between(a, b) for a, b in pairwise(np.diff(points[:most], axis=0)))
         unseen = turn * (TURN * min(1.0, turn / RESOLVED) + gap / s[1])
         return slope, float(np.hypot(sd, np.linalg.norm(slope) * unseen))
     count = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1]))))
@@ -179,11 +178,6 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
         if count == most:
             return kept[-1]
         count = min(most, count + max(1, count // 3))
-
-
-def _between(a: Annotated[np.ndarray, "3"], b: Annotated[np.ndarray, "3"]) -> float:
-    """Angle (rad) between two vectors."""
-    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
 def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:

@@ -13,11 +13,10 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from scan2flex_jax.study.kinds import kind_format
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.parts import Markers
 from scan2flex_jax.study.rotations import product, rolled, twist_along
-from scan2flex_jax.study.sense import knows_a_force
+from scan2flex_jax.study.sense import knows_a_force, moved
 from scan2flex_jax.study.values import one_line
 
 _SMALL = np.radians(2.0)  # rad: a roll or twist whose sign is irrelevant
@@ -86,12 +85,12 @@ def of_frames(study: Study) -> Iterator[Mistake]:
         for end in ("end", "start"):
             said = f"d3 of every {end} clamp points against the cable (about {about})"
             mend = f"multiply the {end} quaternions from the right by {written(turn)}"
-            yield from _changed(study, said, mend, _each_clamp(_turned_by(turn), (end,)))
+            yield from _changed(study, said, mend, _each_clamp(functools.partial(product, q=np.array(turn)), (end,)))
     for words, turn, axis in _AXES:
         said = f"the cable leaves every clamp along {words} not along d3"
         mend = f"multiply the quaternions from the right by {written(turn)}"
         mend = f"{mend}, or make the study anew with --tangent {axis} in place of z"
-        yield from _changed(study, said, mend, _each_clamp(_turned_by(turn)), axis=axis)
+        yield from _changed(study, said, mend, _each_clamp(functools.partial(product, q=np.array(turn))), axis=axis)
     said, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
     yield from _changed(study, said, mend, _each_clamp(lambda q: q * np.array([1.0, -1.0, -1.0, -1.0])))
     said, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
@@ -182,8 +181,7 @@ def _markers(pose: StudyPose) -> Markers:
 
 def far_neighbours(study: Study, pose: StudyPose) -> Annotated[np.ndarray, " k"]:
     """Indices of markers that are farther from the next one than their arc lengths allow."""
-    moved = any(kind_format(effect.kind).place == "observation" for effect in study.effects)
-    if pose.markers is None or moved or not on_axis(pose):
+    if pose.markers is None or moved(study) or not on_axis(pose):
         return np.zeros(0, int)
     s, chords = pose.markers.arc_length, _chords(pose)
     return np.flatnonzero(chords > _APART * np.diff(s) + _NOISY * s[-1] + 3.0 * np.sqrt(2.0) * (pose.noise or 0.0))
@@ -329,11 +327,6 @@ def _each_clamp(change, ends=("start", "end")):
     return one
 
 
-def _turned_by(turn):
-    """A rotation of quaternions in their own frame."""
-    return lambda q: product(q, np.array(turn))
-
-
 def _twisted(pose) -> bool:
     """Whether both ends are clamps, so that the twist of the cable is prescribed."""
     return all(clamp is not None and clamp.quaternion is not None for clamp in (pose.start, pose.end))
@@ -345,7 +338,7 @@ def _roll(degrees) -> str:
 
 def _rolled_by(degrees):
     """A change of poses that rolls their end clamp."""
-    return lambda pose: _rolled_end(pose, np.radians(degrees))
+    return functools.partial(_rolled_end, angle=np.radians(degrees))
 
 
 def _rolled_end(pose, angle):

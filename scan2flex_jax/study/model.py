@@ -67,21 +67,17 @@ class Study(Record):
     stated_length: float | None = field(default=None, compare=False, repr=False)
 
     KEYS: ClassVar = {name: KEYS["study"][name] for name in ("title", "gravity")}
-    PARTS: ClassVar = {"tolerance": Tolerance}
+    PARTS: ClassVar = {
+        "tolerance": Tolerance, "poses": (StudyPose,), "unknowns": (Unknown,), "effects": (EffectDeclaration,)
+    }  # fmt: skip
 
     def _check(self, where: Where) -> None:
-        """The cable has its quantities, and the rest are lists of parts; `check_study` checks them together."""
+        """The cable has its quantities; `check_study` checks all parts together."""
         table = v.table(self.cable, CABLE, here := where.at("cable"), '{"length": 0.9}')
         cable = {key: form.take(table[key], here.at(key)) for key, form in CABLE.items() if key in table}
         if (stretch := cable.get("natural_stretch", np.zeros(3))[2]) <= -1:
             raise here.at("natural_stretch").fail(f"got {stretch:g} along d3: give a stretch above -1.")
-        keep(
-            self,
-            cable=cable,
-            poses=v.all_of_kind(self.poses, StudyPose, where.at("poses"), "StudyPose(...)"),
-            unknowns=v.all_of_kind(self.unknowns, Unknown, where.at("unknowns"), 'Unknown("bending_stiffness")'),
-            effects=v.all_of_kind(self.effects, EffectDeclaration, where.at("effects"), "EffectDeclaration(...)"),
-        )
+        keep(self, cable=cable)
         length = self.cable.get("length", self.start_value("length"))
         if length is None:
             return

@@ -1,13 +1,13 @@
-"""Rules for writing results: a command replaces no file that is there already, unless forced, and never a measured one.
+"""Rules for writing results: a file that is there is replaced by `--force` alone, and a measured one never.
 
-A measured file is a `study.toml`, or a file named by a study in a folder above, by whatever path; that holds for all writers
-(`write_file`, `write_json_atomic`).
+Measured files are those of the study that a command reads (`study.toml` and the files that it names), and those that a
+`study.toml` in a folder above the result names. Functions for notebooks (`write_file`, `write_json_atomic`) keep the latter.
 """
 
 import contextlib
 import json
 import os
-import tomllib
+import re
 import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
@@ -21,7 +21,7 @@ from scan2flex_jax.study.model import Study
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.version import __version__
 
-_LONGEST_LINE = 20_000  # of a TOML that is searched
+_TEXT = re.compile(r'"([^"\n]+)"|\'([^\'\n]+)\'')
 
 
 class Outputs:
@@ -29,21 +29,21 @@ class Outputs:
 
     def __init__(self, study: Study | None = None, *, source: Path | None = None, force: bool = False):
         """`study` was read from `source`; `force` replaces files that are there (measured ones never)."""
-        self.force, self.written = force, set[Path]()
-        self.measured = [] if study is None else measured_files(study)
-        self.measured += [] if source is None else [source]
+        self.force = force
+        self.measured = [*(() if study is None else measured_files(study)), *(() if source is None else (source,))]
 
     def claim(self, *paths: Path | None) -> None:
         """Refuse, before any computation, files that must not be written; None is an output that was not requested."""
-        wanted = [path for path in paths if path is not None]
-        for i, path in enumerate(wanted):
+        claimed = set[object]()
+        for path in filter(None, paths):
             with writing(path):
                 if is_stream(path):
                     continue
-                if any(_same(path, other) for other in wanted[:i]):
+                if claimed & (own := _known_by(path)):
                     raise StudyError(one_line(str(path), 300), None, "two results would be one file: give each its own.")
+                claimed |= own
                 keep_measured(path, self.measured)
-                if not self.force and path not in self.written and path.exists() and path.stat().st_size > 0:
+                if not self.force and path.exists() and path.stat().st_size > 0:
                     said = "it is there already: name another file, or replace it with --force."
                     raise StudyError(one_line(str(path), 300), None, said)
 
@@ -52,7 +52,6 @@ class Outputs:
         self.claim(path)
         with writing(path):
             write_atomic(path, data)
-            self.written.add(path)
 
     def write_json(self, path: Path, obj: dict[str, Any], by_name: bool = False) -> None:
         """Write an object as JSON, with the version of the program, which objects `by_name` have each."""
@@ -85,16 +84,18 @@ def measured_files(study: Study) -> list[Path]:
 
 
 def keep_measured(path: Path, measured: Iterable[Path] = ()) -> None:
-    """Refuse a file of `measured`, and one that belongs to a study in a folder above it."""
-    if any(_same(path, other) for other in measured):
+    """Refuse a file of `measured`, and one that a study.toml in a folder above it names."""
+    own = _known_by(path)
+    if any(own & _known_by(other) for other in measured):
         raise _refused(path, "it is what this command reads")
     with writing(path):
         folders = path.resolve().parents
     for folder in folders:
-        toml = folder / STUDY_FILE
-        with contextlib.suppress(OSError):
-            if toml.is_file() and any(_same(path, other) for other in (toml, *_named(toml))):
-                raise _refused(path, f"it belongs to the study in {one_line(str(toml.parent), 200)}")
+        with contextlib.suppress(OSError), (folder / STUDY_FILE).open("rb") as stream:
+            texts = _TEXT.findall(stream.read(TOML_LIMIT).decode("utf-8", errors="replace"))
+            named = {os.path.join(folder, "".join(text)) for text in [(STUDY_FILE,), *texts]}
+            if any(own & _known_by(Path(name)) for name in named if os.path.isfile(name)):
+                raise _refused(path, f"it belongs to the study in {one_line(str(folder), 200)}")
 
 
 def _refused(path: Path, why: str) -> StudyError:
@@ -102,35 +103,16 @@ def _refused(path: Path, why: str) -> StudyError:
     return StudyError(one_line(str(path), 300), None, f"{said}: name another file.")
 
 
-def _named(toml: Path) -> Iterable[Path]:
-    """All files named by the poses of a study.toml, even if the rest of it is invalid."""
-    with toml.open("rb") as stream:
-        text = stream.read(TOML_LIMIT).decode("utf-8", errors="replace")
+def _known_by(path: Path) -> set[object]:
+    """What tells a file from others: its place on the disk (links of both kinds), and its path where case does not count."""
     try:
-        tree = tomllib.loads(text) if max(map(len, text.splitlines()), default=0) < _LONGEST_LINE else {}
-    except (ValueError, RecursionError):
-        tree = {}
-    poses = tree.get("pose")
-    for pose in poses if isinstance(poses, list) else ():
-        for name in pose.values() if isinstance(pose, dict) else ():
-            if isinstance(name, str) and "\0" not in name:
-                yield toml.parent / name
-
-
-def _same(path: Path, other: Path) -> bool:
-    """Whether two paths are one file, here (links of both kinds) or on a case-insensitive system."""
-    with contextlib.suppress(OSError, ValueError):
-        if os.path.samefile(path, other):
-            return True
-    return _folded(path) == _folded(other)
-
-
-def _folded(path: Path) -> str:
-    try:
-        path = path.resolve()
+        resolved = path.resolve()
     except (OSError, ValueError, RuntimeError):
-        path = path.absolute()
-    return unicodedata.normalize("NFC", str(path)).casefold()
+        resolved = path.absolute()
+    found: set[object] = {unicodedata.normalize("NFC", str(resolved)).casefold()}
+    with contextlib.suppress(OSError, ValueError):
+        found.add((path.stat().st_dev, path.stat().st_ino))
+    return found
 
 
 def json_bytes(path: str | Path, obj: Any) -> bytes:

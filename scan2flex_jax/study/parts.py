@@ -267,6 +267,7 @@ class Unknown(Record):
     prior: dict[str, Value] | None = None
 
     KEYS: ClassVar = {"name": KEYS["effect"]["kind"], **dict.fromkeys(("guess", "low", "high"), KEYS["unknown"]["guess"])}
+    AS = 'Unknown("bending_stiffness")'
 
     def _check(self, where: Where) -> None:
         """A prior has its two numbers; the study determines the meaning of all."""
@@ -292,6 +293,7 @@ class EffectDeclaration(Record):
     poses: tuple[str, ...] | None = None
 
     KEYS: ClassVar = {"kind": KEYS["effect"]["kind"]}
+    AS = "EffectDeclaration(...)"
 
     def _check(self, where: Where) -> None:
         """The effect type and the names of its parameters exist; their values depend on the cable and its clamps."""
@@ -382,7 +384,10 @@ class StudyPose(Record):
     guide_points_path: Path | None = field(default=None, compare=False)
 
     KEYS: ClassVar = KEYS["pose"]
-    PARTS: ClassVar = {"start": Clamp, "end": Clamp, "curve": MeasuredCurve, "markers": Markers}
+    PARTS: ClassVar = {
+        "start": Clamp, "end": Clamp, "curve": MeasuredCurve, "markers": Markers, "angle": (Angle,), "wrench": (Wrench,)
+    }  # fmt: skip
+    AS = "StudyPose(...)"
 
     @property
     def files(self) -> dict[str, Path | None]:
@@ -401,9 +406,7 @@ class StudyPose(Record):
         return self.seen or bool(self.angle) or bool(self.wrench)
 
     def _check(self, where: Where) -> None:
-        """A scan is the path of a file, guide points are points, and readings are lists."""
-        keep(self, angle=v.all_of_kind(self.angle, Angle, where.at("angle"), Angle.AS))
-        keep(self, wrench=v.all_of_kind(self.wrench, Wrench, where.at("wrench"), Wrench.AS))
+        """A scan is the path of a file, guide points are points, and changes are those of readings."""
         for name in ("curve", "scan"):
             if self.change_from is not None and getattr(self, name) is not None:
                 said = "a change is one of markers, angles and wrenches: leave it out, or change_from."

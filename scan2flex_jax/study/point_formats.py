@@ -134,24 +134,19 @@ def pcd_header(stream: Any) -> tuple[str, np.dtype, int]:
 def _lzf(packed: bytes, size: int) -> bytes:
     """The content of an LZF block (Marc Lehmann's format): runs of literals, and references to what stands before."""
     out, i = bytearray(), 0
-    while i < len(packed):
-        control = packed[i]
-        i += 1
+    while i < len(packed) and len(out) <= size:
+        control, i = packed[i], i + 1
         if control < 32:
             out += packed[i : i + control + 1]
             i += control + 1
             continue
-        length = control >> 5
-        if length == 7:
-            length += packed[i]
-            i += 1
-        back = ((control & 31) << 8) + packed[i] + 1
-        i += 1
-        start = len(out) - back
-        if start < 0 or len(out) > size:
-            raise ValueError("its packed data are damaged")
-        length += 2
-        out += out[start : start + length] if length <= back else (bytes(out[start:]) * (length // back + 1))[:length]
+        long = control >> 5 == 7
+        length = (control >> 5) + 2 + (packed[i] if long else 0)
+        back, i = ((control & 31) << 8) + packed[i + long] + 1, i + 1 + long
+        if back > len(out):
+            break
+        piece = out[len(out) - back : len(out) - back + length]
+        out += (piece * (length // back + 1))[:length]
     if len(out) != size:
         raise ValueError("its packed data are damaged")
     return bytes(out)

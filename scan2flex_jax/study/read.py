@@ -18,7 +18,8 @@ from scan2flex_jax.study.curves import read_curve, read_guide_points, read_marke
 from scan2flex_jax.study.declared import check_name
 from scan2flex_jax.study.files import STUDY_FILE, TOML_LIMIT, existing, read_text
 from scan2flex_jax.study.kinds import KEYS, ParameterFormat, kind_format, kind_names
-from scan2flex_jax.study.model import Angle, Clamp, EffectDeclaration, Study, StudyPose, Tolerance, Unknown, Wrench
+from scan2flex_jax.study.model import EffectDeclaration, Study, StudyPose, Tolerance, Unknown
+from scan2flex_jax.study.records import Record
 from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
@@ -27,8 +28,7 @@ _SHARE = re.compile(r"\s*(\d{1,3}(?:\.\d*)?)\s*%\s*")
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
-RECORDS: dict[str, type[Any]] = {"tolerance": Tolerance, "start": Clamp, "end": Clamp, "angle": Angle, "wrench": Wrench}
-"""The records of tables, by their key."""
+Parts = Mapping[str, type[Record] | tuple[type[Record]]]
 MOST_PARTS = 32
 """Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
 # possessive, for a search in linear time
@@ -94,7 +94,7 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     if given != FORMAT:
         said = "it is missing" if given is None else f"got {v.shown(given)}"
         raise where.at("format").fail(f'{said}: write format = "{FORMAT}".')
-    data = _given(KEYS["study"], data, where, "")
+    data = _given(KEYS["study"], Study.PARTS, data, where, "")
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
     unknowns, here = data.get("unknowns", {}), where.at("unknown")
     v.table(unknowns, None, here, KEYS["study"]["unknown"].example)
@@ -115,27 +115,26 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     return study
 
 
-def _given(keys: Mapping[str, ParameterFormat], given: Any, where: Where, example: str) -> dict[str, Any]:
+def _given(keys: Mapping[str, ParameterFormat], parts: Parts, given: Any, where: Where, example: str) -> dict[str, Any]:
     """The values of a table by the fields of its record, tables as records; all keys are known, and required ones are there."""
     given = v.table(given, keys, where, example)
     for name, key in keys.items():
-        value, here = given.get(name), where.at(name)
-        record = RECORDS.get(name) if key.type in ("table", "tables") else None
+        value, here, part = given.get(name), where.at(name), parts.get(name)
         if key.required:
             v.required(given, name, where, key.written)
-        if name not in given or record is None:
+        if name not in given or part is None or key.type == "file":
             continue
-        if key.type == "table":
-            given[name] = _record(record, value, here, key.example)
+        if not isinstance(part, tuple):
+            given[name] = _record(part, value, here, key.example)
         elif isinstance(value, list):
-            given[name] = tuple(_record(record, one, here.item(i), key.example) for i, one in enumerate(value, 1))
+            given[name] = tuple(_record(part[0], one, here.item(i), key.example) for i, one in enumerate(value, 1))
         else:
             raise here.fail(f"got {v.shown(value)}: write {key.written}.")
     return {FIELDS.get(name, name): value for name, value in given.items()}
 
 
-def _record(record: type[Any], given: Any, where: Where, example: str) -> Any:
-    values = _given(record.KEYS, given, where, example)
+def _record(record: type[Record], given: Any, where: Where, example: str) -> Record:
+    values = _given(record.KEYS, record.PARTS, given, where, example)
     with where.placed():
         return record(**values)
 
@@ -153,7 +152,7 @@ def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[St
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
         here = where.item(name.take(v.required(table, "name", here, name.written), here.at("name")))
-        given = _given(KEYS["pose"], table, here, "[[pose]]")
+        given = _given(StudyPose.KEYS, StudyPose.PARTS, table, here, "[[pose]]")
         for key, reader in _READERS.items():
             if key in table:
                 path = existing(folder, v.text(table[key], here.at(key)), here.at(key))

@@ -12,7 +12,7 @@ import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.study.kinds import ParameterFormat
-from scan2flex_jax.study.values import Where, of_kind, shown
+from scan2flex_jax.study.values import Where, all_of_kind, of_kind, shown
 
 _Record = TypeVar("_Record", bound="Record")
 
@@ -29,12 +29,12 @@ def record(cls: type[_Record]) -> type[_Record]:
 
 
 class Record:
-    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records themselves,
-    and `AS` says how one is made.
+    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records themselves
+    (in a tuple: of those that are lists of records), and `AS` says how one is made. The reader and the writer work by them too.
     """
 
     KEYS: ClassVar[Mapping[str, ParameterFormat]] = {}
-    PARTS: ClassVar[Mapping[str, type["Record"]]] = {}
+    PARTS: ClassVar[Mapping[str, type["Record"] | tuple[type["Record"]]]] = {}
     AS: ClassVar[str]
     __hash__ = None  # type: ignore[assignment]
 
@@ -45,8 +45,11 @@ class Record:
             value, here = getattr(self, one.name), where.at(one.name)
             if value is None and one.default is None:
                 continue
-            if one.name in self.PARTS:
-                of_kind(value, self.PARTS[one.name], here, self.PARTS[one.name].AS)
+            part = self.PARTS.get(one.name)
+            if isinstance(part, tuple):
+                keep(self, **{one.name: all_of_kind(value, part, here, part[0].AS)})
+            elif part is not None:
+                of_kind(value, part, here, part.AS)
             elif one.name in self.KEYS:
                 keep(self, **{one.name: self.KEYS[one.name].take(value, here)})
             if one.name in ("name", "kind"):

@@ -93,11 +93,10 @@ def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:
     if a is None or b is None:
         return a is b
     if a.quaternion is None or b.quaternion is None:
-        turned = a.quaternion is not b.quaternion
+        alike = a.quaternion is b.quaternion
     else:
-        turned = 1.0 - abs(float(a.quaternion @ b.quaternion)) >= _SAME
-    moved = not np.allclose(a.position, b.position, rtol=0.0, atol=_SAME)
-    return not turned and not moved and same((a.free, a.hinge), (b.free, b.hinge))
+        alike = 1.0 - abs(float(a.quaternion @ b.quaternion)) < _SAME
+    return alike and np.allclose(a.position, b.position, rtol=0.0, atol=_SAME) and same((a.free, a.hinge), (b.free, b.hinge))
 
 
 def _to_polyline(points, line):

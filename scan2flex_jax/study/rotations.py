@@ -84,6 +84,11 @@ def twist_along(
     return float(np.arctan2(-(frame[:, 1] @ d1), frame[:, 0] @ d1))
 
 
+def between(a: Annotated[np.ndarray, "3"], b: Annotated[np.ndarray, "3"]) -> float:
+    """Angle (rad) between two vectors."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
 def columns(quaternion: Annotated[np.ndarray, "4"]) -> Annotated[np.ndarray, "3 3"]:
     """The rotation matrix of a unit quaternion [w, x, y, z]: columns d1, d2, d3."""
     w, x, y, z = quaternion

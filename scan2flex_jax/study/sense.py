@@ -4,7 +4,7 @@ Every user of a study calls `check_study`, whether it was read or made in memory
 wrong unit or a wrong frame, never a noisy scan. Doubts are warnings of `check.describe`, not errors.
 """
 
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from scan2flex_jax.study.curves import arc_length_fault, curve_length
 from scan2flex_jax.study.declared import check_declared, longest_cable
 from scan2flex_jax.study.kinds import KEYS, kind_format
 from scan2flex_jax.study.model import Markers, MeasuredCurve, Study, StudyPose
-from scan2flex_jax.study.rotations import columns
+from scan2flex_jax.study.rotations import between, columns
 from scan2flex_jax.study.values import Where, known, shown
 
 Purpose = Literal["fit", "predict", "extract"]
@@ -84,7 +84,7 @@ def _check_markers(study: Study, pose: StudyPose, markers: Markers, reach: float
     """Markers lie on the cable, and no further from the start than their arc length."""
     s = markers.arc_length
     _check_on_cable(study, s[-1], where, "a marker is")
-    if reach is None or _moved(study) or pose.start is None or pose.change_from is not None:
+    if reach is None or moved(study) or pose.start is None or pose.change_from is not None:
         return
     away = np.linalg.norm(np.nan_to_num(markers.points - pose.start.position), axis=1)
     far = np.flatnonzero(away > SPAN_SLACK * s + MARKER_SLACK * s[-1] + np.linalg.norm(markers.aside, axis=1))
@@ -244,7 +244,7 @@ def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: flo
         hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
         raise where.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")
     for end, clamp in (("start", pose.start), ("end", pose.end)):
-        if clamp is None or _moved(study):
+        if clamp is None or moved(study):
             continue
         nearest = float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
         if nearest > reach:  # further from its support than the cable is long
@@ -252,7 +252,7 @@ def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: flo
             raise where.fail(f"{said}: give curve and clamps in one frame.")
 
 
-def _moved(study: Study) -> bool:
+def moved(study: Study) -> bool:
     """Whether an effect moves or scales what was measured."""
     return any(kind_format(effect.kind).place == "observation" for effect in study.effects)
 
@@ -267,15 +267,10 @@ def _check_order(study: Study, where: Where) -> None:
             if clamp is None or clamp.quaternion is None or not len(points):
                 continue
             chord = points[last] - points[first]
-            if _angle(clamp.quaternion, chord) < ASTRAY or _angle(np.roll(clamp.quaternion, 1), chord) > ALONG:
+            off = [np.degrees(between(columns(q)[:, 2], chord)) for q in (clamp.quaternion, np.roll(clamp.quaternion, 1))]
+            if off[0] < ASTRAY or off[1] > ALONG:
                 return
             key = key or where.item(pose.name).at(name).at("quaternion")
     if key is not None:
         said = f"every clamp points more than {ASTRAY:g} degrees away from its curve, and along it with the scalar last"
         raise key.fail(f"{said}: write quaternions as [w, x, y, z].")
-
-
-def _angle(quaternion: Annotated[np.ndarray, "4"], chord: Annotated[np.ndarray, "3"]) -> float:
-    """Angle (degrees) between d3 and a chord."""
-    cosine = float(columns(quaternion)[:, 2] @ chord) / float(np.linalg.norm(chord))
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

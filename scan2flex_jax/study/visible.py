@@ -53,7 +53,7 @@ def _of_some_poses(study, astray) -> Iterator[Mistake]:
     """Mistakes of single poses and of pairs, in turn; curves whose ends alone show that they run backwards come first."""
     for pose in study.poses:
         facts = pose_facts(pose)
-        if facts is not None and facts.backwards and not _mended(study, mistakes.exchanged_ends(pose)):
+        if facts is not None and facts.backwards and _off(study, mistakes.exchanged_ends(pose)) >= _BACK:
             turned = mistakes.of_reversed(study, pose)
             study, astray = turned.study, astray - {pose.name}
             yield turned
@@ -76,12 +76,7 @@ def _mends(mistake, study, astray, few=False) -> bool:
     """Whether all astray poses are brought back (with ``few``: the changed ones), and no other is led astray."""
     changed = _touched(mistake.study, study)
     wanted = astray & changed if few else astray
-    return bool(wanted) and all(_mended(study, mistake.study.pose(name)) for name in wanted | changed)
-
-
-def _mended(study, pose) -> bool:
-    """Whether a pose's curve is back at its clamps."""
-    return _off(study, pose) < _BACK
+    return bool(wanted) and all(_off(study, mistake.study.pose(name)) < _BACK for name in wanted | changed)
 
 
 def _off(study, pose) -> float:
@@ -125,45 +120,39 @@ def _of_units(study) -> Iterator[Mistake]:
     if (whole := study.length) is None or not curves:
         return
     long = float(np.median([curve_length(pose.curve.points) for pose in curves]))
-    spans = [ratio for ratio in map(_span_ratio, curves) if ratio is not None]
-    across = float(np.median(spans)) if spans else None
+    both = [pose for pose in curves if pose.start is not None and pose.end is not None]
+    chords = [float(np.linalg.norm(p.curve.points[-1] - p.curve.points[0])) for p in both]
+    spans = [float(np.linalg.norm(p.end.position - p.start.position)) for p in both]
+    ratios = [chord / span for chord, span in zip(chords, spans, strict=True) if span > 0]
+    across = float(np.median(ratios)) if ratios else None
     agree = across is None or abs(across - 1.0) < _SAME  # curves and clamps
     if agree and (unit := unit_of(whole / long)):
         said = f"the curves are {long:.3g} m long, and the length looks like {unit[0]}"
         cable = {**study.cable, "length": whole / unit[1]}
         yield Mistake(said, f"write length = {cable['length']:.6g}", replace(study, cable=cable))
     elif across is not None and abs(long / whole - 1.0) < _SAME and (unit := unit_of(1.0 / across)):
-        mended = scaled_clamps(study, 1.0 / unit[1])
+        mended = _scaled_clamps(study, 1.0 / unit[1])
         yield Mistake(f"the clamps' positions look like {unit[0]}", f"divide them by {unit[1]:.6g}", mended)
     elif (unit := unit_of(long / whole)) and (across is None or unit_of(across) == unit):
-        mended = scaled_curves(study, 1.0 / unit[1])
+        mended = _scaled_curves(study, 1.0 / unit[1])
         yield Mistake(f"the curves look like {unit[0]}", f"divide them by {unit[1]:.6g}", mended)
 
 
-def _span_ratio(pose) -> float | None:
-    """Distance between the ends of a curve over that of its clamps."""
-    if pose.start is None or pose.end is None:
-        return None
-    span = float(np.linalg.norm(pose.end.position - pose.start.position))
-    chord = float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
-    return chord / span if span > 0 else None
-
-
-def scaled_curves(study: Study, factor: float) -> Study:
+def _scaled_curves(study: Study, factor: float) -> Study:
     """The study with every curve scaled about the origin of the scan frame."""
 
-    def one(pose):
-        s = None if pose.curve is None or pose.curve.arc_length is None else factor * pose.curve.arc_length
-        return pose if pose.curve is None else replace(pose, curve=MeasuredCurve(factor * pose.curve.points, s))
+    def one(curve):
+        s = None if curve is None or curve.arc_length is None else factor * curve.arc_length
+        return curve and MeasuredCurve(factor * curve.points, s)
 
-    return replace(study, poses=tuple(map(one, study.poses)))
+    return replace(study, poses=tuple(replace(p, curve=one(p.curve)) for p in study.poses))
 
 
-def scaled_clamps(study: Study, factor: float) -> Study:
+def _scaled_clamps(study: Study, factor: float) -> Study:
     """The study with the positions of all clamps scaled about the origin of the scan frame."""
 
     def one(clamp):
-        return None if clamp is None else replace(clamp, position=factor * clamp.position)
+        return clamp and replace(clamp, position=factor * clamp.position)
 
     return replace(study, poses=tuple(replace(p, start=one(p.start), end=one(p.end)) for p in study.poses))
 
@@ -192,9 +181,9 @@ def scale_between(study: Study) -> Mistake | None:
     if abs(along - more) < abs(along):
         said = f"the curves look {abs(100 * more):.1f} % too {'large' if more > 0 else 'small'}"
         mend = f"divide them by {1 + more:.4f}, or declare the effect scan_scale"
-        return Mistake(said, mend, scaled_curves(study, 1.0 / (1.0 + more)))
+        return Mistake(said, mend, _scaled_curves(study, 1.0 / (1.0 + more)))
     said = f"the clamps' positions look {abs(100 * more):.1f} % too {'small' if more > 0 else 'large'}"
-    return Mistake(said, f"multiply them by {1 + more:.4f}", scaled_clamps(study, 1.0 + more))
+    return Mistake(said, f"multiply them by {1 + more:.4f}", _scaled_clamps(study, 1.0 + more))
 
 
 def clamps_scaled(study: Study) -> tuple[Mistake, ...]:

@@ -68,6 +68,12 @@ def test_a_study_that_is_not_the_command_s_own_is_kept_too(study, tmp_path):
     refused(scenes.run("check", other, "--json", study / "study.toml", "--force"), "study.toml")
 
 
+def test_what_a_study_names_is_kept_though_the_study_cannot_be_read(study, tmp_path):
+    other, toml = scenes.write_study(tmp_path / "other"), study / "study.toml"
+    toml.write_text(toml.read_text() + "broken [")
+    refused(scenes.run("check", other, "--json", study / "pose-1.csv", "--force"), f"belongs to the study in {study}")
+
+
 def test_a_file_of_the_user_is_replaced_by_force_alone(study, tmp_path):
     file = tmp_path / "notes.json"
     file.write_text("mine")
