@@ -15,13 +15,13 @@ import jax.numpy as jnp
 
 from scan2flex_jax import programs
 
-try:  # the public test costs an operation, a tenth of a warm solve
-    from jax._src.core import trace_state_clean as _outside
-except ImportError:
+try:
+    from jax.extend.core import get_opaque_trace_state as _trace
+except ImportError:  # before jax 0.10
+    from jax.core import get_opaque_trace_state as _trace
 
-    def _outside() -> bool:
-        return False
-
+with jax.ensure_compile_time_eval():
+    _OUTSIDE = _trace()  # of any transformation
 
 _Function = TypeVar("_Function", bound=Callable)
 _OURS: list[Any] = []  # the jitted functions of the package
@@ -47,7 +47,7 @@ def _compiled_with(function: _Function, more: dict, in_parts: bool = False) -> _
 
     @wraps(function)
     def call(*args, **kwargs):
-        top = _outside()
+        top = _trace() == _OUTSIDE
         if not top and (in_parts or isinstance(jnp.zeros(()), jax.core.Tracer)):  # inside jit every operation is traced
             return function(*args, **kwargs)
         options = _options() | more if top else {}  # an eager transformation (`jax.grad`) takes no compiler options
@@ -96,6 +96,7 @@ def make_room(full: float = _FULL) -> bool:
     if room:
         return False
     for function in _OURS:
-        function._cached.clear_cache()  # no public way in equinox; `jax.clear_caches` would clear the caller's functions too
+        # `jax.clear_caches` would clear the caller's too, and a `jax.jit` of our own would lose the sentences of `eqx.error_if`
+        function._cached.clear_cache()
     programs.forget()
     return True

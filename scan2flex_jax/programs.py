@@ -2,10 +2,10 @@
 
 JAX's cache keeps what XLA compiles, but a process must trace and lower a function to find it there: two fifths of the processor
 time of a command with a filled cache. Here the traced function (StableHLO, by `jax.export`) is kept by what tracing depends on:
-the source of the package and the versions of its libraries; the function, and its arguments: arrays by shape and type, all else
-by value. A function whose arguments hold anything defined elsewhere, such as an effect of the user's own, is traced in each
-process. Programs are kept only where a process asks for it (`keep`, as the command line does): a function of the package that
-is replaced at run time would not be noticed.
+the source of the package and the versions of its libraries; the compiled solver, if installed (`CUSTOM_CALLS`); the function
+and its arguments: arrays by shape and type, all else by value. A function whose arguments hold anything defined elsewhere, such
+as an effect of the user's own, is traced in each process. Programs are kept only where a process asks for it (`keep`, as the
+command line does): a function of the package that is replaced at run time would not be noticed.
 """
 
 import contextlib
@@ -171,8 +171,10 @@ def _traced(function: Callable, tree: Any, shapes: list) -> tuple[bytes, Any]:
         told.append(jax.tree.map(lambda leaf: _Shape.of(leaf) if eqx.is_array(leaf) else leaf, result))
         return [leaf for leaf in jax.tree.leaves(result) if eqx.is_array(leaf)]
 
+    allowed = [jax.export.DisabledSafetyCheck.custom_call(name) for name in _custom_calls()]
     try:
-        exported = jax.export.export(jax.jit(flat))(*(leaf.struct() for leaf in shapes if isinstance(leaf, _Shape)))
+        exporting = jax.export.export(jax.jit(flat), disabled_checks=allowed)
+        exported = exporting(*(leaf.struct() for leaf in shapes if isinstance(leaf, _Shape)))
         return bytes(exported.serialize()), told[-1]
     except Exception as error:  # a call that only this process knows, of Python or a library; or a mistake, made again without
         raise UnkeptError from error
@@ -204,7 +206,16 @@ def _context() -> bytes:
     """What JAX traces for."""
     if jax.default_backend() != "cpu" or getattr(jax.config, "jax_disable_jit"):  # noqa: B009 - unknown to type checkers
         raise UnkeptError
-    return repr([getattr(jax.config, name) for name in ("jax_enable_x64", "jax_default_matmul_precision")]).encode()
+    settings = [getattr(jax.config, name) for name in ("jax_enable_x64", "jax_default_matmul_precision")]
+    return repr(settings + _custom_calls()).encode()
+
+
+CUSTOM_CALLS: list[Callable[[], str | None]] = []
+"""Custom calls of XLA that functions of the package may contain: each is registered and named; None if it is not installed."""
+
+
+def _custom_calls() -> list[str]:
+    return [name for name in (call() for call in CUSTOM_CALLS) if name is not None]
 
 
 _programs: Programs | None = None

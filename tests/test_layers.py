@@ -25,7 +25,7 @@ ALLOWED = {
     "scan": {"geometry", "study", "names", "errors"},
     "rod": {"geometry", "compilation", "errors"},
     "effects": {"geometry", "rod", "study", "compilation", "errors"},
-    "statics": {"geometry", "rod", "compilation", "errors"},
+    "statics": {"geometry", "rod", "compilation", "programs", "errors"},
 }
 ALLOWED["fitting"] = set(ALLOWED)
 ALLOWED["cache"] = {"programs", "study", "errors"}

@@ -83,6 +83,14 @@ def test_another_value_shape_type_structure_or_version_is_another_program(other,
     assert len(TRACED) == len(entries) == 2
 
 
+def test_a_custom_call_that_a_process_does_not_have_is_another_program(monkeypatch):
+    entries = Memory()
+    for name in (None, "of_xla", "another_of_xla", None):
+        monkeypatch.setattr(programs, "CUSTOM_CALLS", [lambda name=name: name])
+        called(entries, scaled, {"a": jnp.ones(3)}, 2.0)
+    assert len(TRACED) == len(entries) == 3
+
+
 def closing(factor):
     def inner(x):
         return factor * x

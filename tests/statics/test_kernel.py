@@ -13,6 +13,7 @@ import pytest
 
 from scan2flex_jax.effects.nonlinear_bending import NonlinearBending
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.programs import Programs
 from scan2flex_jax.rod.cable import Cable
 from scan2flex_jax.rod.model import CableModel
 from scan2flex_jax.statics import MixedNewton, equilibrium
@@ -25,6 +26,13 @@ from .rods import COMPILER, LANES, judged, random_rods, same_derivatives, settle
 
 FOLDER = Path(jax.config.jax_compilation_cache_dir)
 _without = pytest.mark.skipif(not COMPILER, reason="no C++ compiler")
+
+
+class Memory(dict):
+    """Entries of a dictionary."""
+
+    def put(self, key, value):
+        self[key] = value
 
 
 def needs_compiler(test):
@@ -97,20 +105,47 @@ def test_effects_with_an_energy_of_their_own_are_solved_in_jax(each):
     assert each.target not in program(NonlinearBending(3.0, 0.5))
 
 
-@needs_compiler
-def test_the_installed_library_is_the_default_and_can_be_switched_off(kernel, monkeypatch, tmp_path):
-    def chosen(folder, switch="on"):
+@pytest.fixture
+def chosen(kernel, monkeypatch):
+    """The type of the default solver, for the library of a folder and a switch, until the end of the test."""
+
+    def choose(folder, switch="on"):
         monkeypatch.setenv(library.FOLDER, str(folder))
         monkeypatch.setenv(library.SWITCH, switch)
         library.target.cache_clear()
         return type(default_solver())
 
+    yield choose
+    library.target.cache_clear()
+
+
+@needs_compiler
+def test_the_installed_library_is_the_default_and_can_be_switched_off(chosen, tmp_path):
     assert chosen(FOLDER) is CompiledNewton
     assert chosen(FOLDER, "off") is MixedNewton
     assert chosen(tmp_path) is MixedNewton  # nothing there
     library.path().write_text("no library")
     assert chosen(tmp_path) is MixedNewton
-    library.target.cache_clear()
+
+
+@needs_compiler
+def test_a_kept_program_solves_as_it_was_traced(chosen, monkeypatch):
+    """Processes with and without the library share a cache."""
+    traced, entries = [], Memory()
+
+    def middle(density):
+        traced.append(density)
+        model = CableModel(Cable(1.0, density, 0.1, 0.25), cases.EARTH)
+        return equilibrium(model, cases.clamped(*cases.four_poses()[0])).points[20]
+
+    monkeypatch.setattr(middle, "__module__", "scan2flex_jax.somewhere")
+    monkeypatch.setattr(middle, "__qualname__", "middle")
+    ends = []
+    for switch in ("on", "off", "on", "off"):
+        chosen(FOLDER, switch)
+        ends.append(Programs(entries, b"1").call(middle, {}, (jnp.asarray(0.2),), {}))
+    assert len(traced) == len(entries) == 2
+    np.testing.assert_allclose(ends, [ends[0]] * 4, rtol=0.0, atol=1e-12)
 
 
 def test_without_a_compiler_a_sentence_says_so(monkeypatch, tmp_path):

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from scan2flex_jax import programs
 from scan2flex_jax.rod.assembly import Derivatives, Elements
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics.kernel import library
@@ -46,3 +47,6 @@ def default_solver() -> AbstractRodSolver:
         return cuda.solver()
     target = library.target()
     return MixedNewton() if target is None else CompiledNewton(target)
+
+
+programs.CUSTOM_CALLS.append(library.target)  # a kept program solves by it, or by JAX, as it was traced
