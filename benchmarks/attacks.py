@@ -30,7 +30,8 @@ import trimesh
 from benchmarks.kinect_wires import read_picks
 from benchmarks.record import record
 from scan2flex_jax.convert import measured, quantity, read_foreign_curve, read_frames
-from scan2flex_jax.convert.curves import captured, read_foreign_points
+from scan2flex_jax.convert.curves import read_foreign_points
+from scan2flex_jax.convert.motion_capture import captured
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.scan.cloud import load_cloud
 from scan2flex_jax.study import describe, load_study, save_study

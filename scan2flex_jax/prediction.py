@@ -17,6 +17,7 @@ from scan2flex_jax.fitting.evaluate import observed
 from scan2flex_jax.fitting.parameters import model_of
 from scan2flex_jax.fitting.poses import boundary_of, start_along
 from scan2flex_jax.fitting.readings import Reading, change, readings_of, residuals_of, rows_of, stacked
+from scan2flex_jax.geometry.curves import arc_length
 from scan2flex_jax.names import file_stems
 from scan2flex_jax.rod.energy import excess_strains
 from scan2flex_jax.rod.memory import straightened
@@ -40,10 +41,11 @@ _FINEST = 4000  # points of a curve that is tested for self-penetration
 class Prediction:
     """One pose: nodes (m), section force (N) and moment (N m) in the scan frame, and support reactions.
 
-    ``tension`` (N): force along the cable at the sections, negative in compression. ``bend_radius`` (m): the smallest, at the
-    arc length ``bend_at``; infinite for a straight cable. ``touches``: arc lengths (m) of two places where the cable penetrates
-    itself, which contact would prevent but the model ignores; None if there are none, or the study has no radius. ``mesh``:
-    sentences on the number of elements. ``readings``: the angles and wrenches of the pose, measured and predicted.
+    ``tangents``: unit vectors along the cable at the sections, from which `tension`, `shear`, `bending` and `torque` follow.
+    ``bend_radius`` (m): the smallest, at the arc length ``bend_at``; infinite for a straight cable. ``touches``: arc lengths
+    (m) of two places where the cable penetrates itself, which contact would prevent but the model ignores; None if there are
+    none, or the study has no radius. ``mesh``: sentences on the number of elements. ``readings``: the angles and wrenches of
+    the pose, measured and predicted.
     ``supports``: of each support between the ends its kind, the arc length (m) that it holds, and its force (N) on the cable.
     """
 
@@ -54,7 +56,7 @@ class Prediction:
     moment: np.ndarray
     reaction_force: np.ndarray
     reaction_moment: np.ndarray
-    tension: np.ndarray
+    tangents: np.ndarray
     bend_radius: float
     bend_at: float
     verdict: Verdict
@@ -62,6 +64,26 @@ class Prediction:
     mesh: tuple[str, ...] = ()
     readings: tuple[Reading, ...] = ()
     supports: tuple[tuple[str, float, np.ndarray], ...] = ()
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Force along the cable at the sections (N), negative in compression."""
+        return np.sum(self.force * self.tangents, axis=1)
+
+    @property
+    def shear(self) -> np.ndarray:
+        """Size of the force across the cable at the sections (N)."""
+        return np.linalg.norm(self.force - self.tension[:, None] * self.tangents, axis=1)
+
+    @property
+    def torque(self) -> np.ndarray:
+        """Moment about the cable at the sections (N m)."""
+        return np.sum(self.moment * self.tangents, axis=1)
+
+    @property
+    def bending(self) -> np.ndarray:
+        """Size of the bending moment at the sections (N m)."""
+        return np.linalg.norm(self.moment - self.torque[:, None] * self.tangents, axis=1)
 
     def sentence(self) -> str:
         """The status in words, whether the cable passes through itself, and unusual numbers of elements."""
@@ -182,7 +204,7 @@ def touching(points: np.ndarray, radius: float) -> tuple[float, float] | None:
 
     Places closer than four radii along the cable do not count: the sharpest possible bend makes half a turn in that length.
     """
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    s = arc_length(points, np)
     if not s[-1] > 4.0 * radius > 0.0:
         return None
     fine = np.linspace(0.0, s[-1], int(min(_FINEST, max(len(s), 4.0 * s[-1] / radius))))
@@ -214,9 +236,9 @@ def _one_pose(model, e, radius, mesh):
     points = np.asarray(observed(model, e.points))
     touches = None if radius is None or not bool(e.verdict.solved) else touching(np.asarray(e.points), radius)
     tangents = np.diff(np.asarray(e.points), axis=0)
-    tension = np.sum(force * tangents, axis=1) / np.linalg.norm(tangents, axis=1)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     sharpest, at = _sharpest(e)
-    solved = (section_s, force, moment, push, turn, tension, sharpest, at, e.verdict)
+    solved = (section_s, force, moment, push, turn, tangents, sharpest, at, e.verdict)
     held = [(e.rod.effects[i].kind, float(s), np.asarray(f)) for i, s, f in e.support_reactions()]
     return Prediction(np.asarray(e.s), points, *solved, touches, mesh.sentences(), supports=tuple(held))
 

@@ -49,6 +49,16 @@ def test_a_hanging_cable_carries_its_weight_and_a_cantilever_bends_most_at_its_c
     assert 1.0 / out.bend_radius == pytest.approx(np.linalg.norm(out.reaction_moment[0]) / EI, rel=2e-3)
 
 
+def test_forces_and_moments_along_and_across_the_cable(folder):
+    """A level cantilever: at its clamp the weight beyond acts across, its moment bends, and nothing twists."""
+    out = predict(posed(load_study(folder, purpose="predict"), {"out start": Clamp([0.0, 0.0, 0.0], ALONG_X)}))["out"]
+    beyond = MASS * G * (1.0 - out.section_s[0])
+    assert np.hypot(out.tension[0], out.shear[0]) == pytest.approx(beyond, rel=2e-3)  # of a mesh of 40 elements
+    assert out.shear[0] == pytest.approx(beyond * np.hypot(*out.tangents[0, :2]), rel=2e-3)
+    np.testing.assert_allclose(out.bending, np.linalg.norm(out.moment, axis=1))
+    np.testing.assert_allclose(out.torque, 0.0, atol=1e-9)
+
+
 def test_a_table_of_clamps_is_simulated_in_one_command(folder, tmp_path):
     layout = tmp_path / "layout.csv"
     q = ",".join(map(str, ALONG_X))

@@ -14,6 +14,7 @@ from scan2flex_jax.cli.options import (
     JsonFile,
     Quiet,
     StudyFolder,
+    begun,
     draw_explanation,
     drawing,
     explained,
@@ -55,12 +56,7 @@ def explain(
 
 def _explain(elements, force, quiet, study, *, say, json, figures, save) -> bool:
     """One study; returns whether to believe the result."""
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-
-    loaded = load_study(study)
-    outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(json, *(explanation_pictures(figures) if figures else ()))
+    loaded, outputs = begun(study, force, json, *(explanation_pictures(figures) if figures else ()))
     other_folder(save, loaded.folder)
     result = explained(loaded, elements, prepare_jax(), quiet, say, again=True)
     if json:
@@ -90,16 +86,11 @@ def plan(
 
     Example: scan2flex plan my-cable --json next.json
     """
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-    from scan2flex_jax.study.sense import check_study  # noqa: PLC0415
-
-    loaded = load_study(study, purpose="predict")
-    outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(json, figure)
+    loaded, outputs = begun(study, force, json, figure, purpose="predict")
     folder = prepare_jax()
     from scan2flex_jax.inference import expect  # noqa: PLC0415
     from scan2flex_jax.inference import plan as rank  # noqa: PLC0415
+    from scan2flex_jax.study.sense import check_study  # noqa: PLC0415
 
     if all(pose.curve is None and pose.scan is None and pose.markers is None for pose in loaded.fit_poses):
         with progress("solving planned poses", quiet):

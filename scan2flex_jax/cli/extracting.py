@@ -11,6 +11,7 @@ from scan2flex_jax.cli.options import (
     JsonFile,
     Quiet,
     StudyFolder,
+    begun,
     drawing,
     extracted,
     folder_to_write,
@@ -39,10 +40,8 @@ def extract(
     """
     from scan2flex_jax.names import file_stems  # noqa: PLC0415
     from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
 
-    loaded = load_study(study)
-    outputs = Outputs(loaded, source=study, force=force)
+    loaded, outputs = begun(study, force)
     scanned = [pose.name for pose in loaded.poses if pose.scan is not None and pose.curve is None]
     pictures = {n: figures / f"{stem}.png" for n, stem in file_stems(scanned, (".png",)).items()} if figures else {}
     outputs.claim(*pictures.values(), json)

@@ -16,6 +16,7 @@ from scan2flex_jax.cli.options import (
     JsonFile,
     Quiet,
     StudyFolder,
+    begun,
     drawing,
     folder_to_write,
     one_of,
@@ -31,9 +32,7 @@ _METHODS, _DISTANCES = ("least-squares", "bfgs", "nelder-mead"), ("normal", "int
 
 def fit(
     studies: StudyFolders,
-    method: Annotated[
-        str, typer.Option(help="least-squares, bfgs or nelder-mead.", **one_of(*_METHODS))
-    ] = "least-squares",
+    method: Annotated[str, typer.Option(help="least-squares, bfgs or nelder-mead.", **one_of(*_METHODS))] = "least-squares",
     distance: Annotated[
         str,
         typer.Option(help="normal, integrated (the paper's Eq. 10), or hausdorff.", **one_of(*_DISTANCES)),
@@ -64,12 +63,7 @@ def fit(
 
 def _fit(settings, force, quiet, study, *, say, json, save, figure) -> bool:
     """One study; returns whether to believe the result."""
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-
-    loaded = load_study(study)
-    outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(json, figure)
+    loaded, outputs = begun(study, force, json, figure)
     other_folder(save, loaded.folder)
     prepare_jax()
     from scan2flex_jax.inference import fit as run  # noqa: PLC0415
@@ -120,11 +114,7 @@ def simulate(
 
     Example: scan2flex simulate calibrated --clamps layout.csv --units mm --convention kuka --out layout
     """
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-
-    loaded = load_study(study, purpose="predict")
-    outputs = Outputs(loaded, source=study, force=force)
+    loaded, outputs = begun(study, force, purpose="predict")
     prepare_jax()
     from scan2flex_jax.prediction import csv_files, posed, predict, write_csv  # noqa: PLC0415
 

@@ -88,19 +88,22 @@ def new(
         read_arc_lengths,
         read_frames,
     )
-    from scan2flex_jax.study import describe, load_study, save_study  # noqa: PLC0415
+    from scan2flex_jax.convert.start import GRAVITY  # noqa: PLC0415
+    from scan2flex_jax.study import Tolerance, describe, load_study, save_study  # noqa: PLC0415
 
     if clamps_from_curves and clamps is not None:
         raise Scan2FlexError("--clamps and --clamps-from-curves were both given: leave one out.")
     if mass is not None and density is not None:
         raise Scan2FlexError("the mass and the density were both given: leave one of --mass and --density out.")
     free = None if ends is None else _free(ends)
-    down, source = _gravity(gravity), given[0] if len(given) == 1 and not given[0].is_file() else given
+    down = GRAVITY if gravity is None else numbers(gravity, 3, "gravity")
+    source = given[0] if len(given) == 1 and not given[0].is_file() else given
     folder = folder_of(source)
     poses = measured_files(source, tuple(path for path in (clamps, arc_lengths) if path is not None))
     sorted_ = "sorted by name (where their order matters, as friction has it, list the files in place of the folder)"
     say(f"{len(poses)} poses, {'in the order given' if source is given else sorted_}: {', '.join(pose.name for pose in poses)}")
-    long, heavy, tolerance = _length_and_weight(length, density, mass)
+    long, of_length = _quantity(length, "length", "the length of the cable between its clamps", "--length")
+    heavy, of_weight = _weight(density, mass, long, "--density (or --mass)")
     thick = None
     if radius is not None or any(pose.scan for pose in poses):
         thick, of_radius = _quantity(radius, "length", "the radius of the cable", "--radius")
@@ -117,13 +120,13 @@ def new(
         free = asked_or_refused(question, "--ends", _free, default="")
     study, notes = new_study(
         folder, poses, length=long, length_density=heavy, clamps=frames, radius=thick, title=title or "",
-        gravity=down, units=units, columns=columns, validate=_validated(validate, poses), tolerance=tolerance,
-        markers=markers, frame=frame, arc_lengths=None if arc_lengths is None else read_arc_lengths(arc_lengths, units=units),
-        noise=_noise(noise), free=free,
+        gravity=down, units=units, columns=columns, validate=_validated(validate, poses),
+        tolerance=Tolerance(length=of_length, length_density=of_weight), markers=markers, frame=frame,
+        arc_lengths=None if arc_lengths is None else read_arc_lengths(arc_lengths, units=units), noise=_noise(noise), free=free,
     )  # fmt: skip
     scans = scans_of(study)  # read before anything is written
     toml = save_study(study, out or folder)
-    for note in (*notes, *_assumed(gravity, units, tangent, frames)):
+    for note in (*notes, *_assumed(None if gravity else down, units, tangent, frames)):
         say(f"  {note}")
     made = load_study(toml)
     say(f"\n{describe(made, scans)}")
@@ -151,13 +154,11 @@ def _of_test(given, test, length, density, mass, span, noise, validate, title, o
     if (folder / STUDY_FILE).exists():
         raise Scan2FlexError(f"{folder / STUDY_FILE} is there already: edit it, or name another folder with --out.")
     long = of_length = heavy = of_weight = apart = 0.0
-    needs, whole = TESTS[test].needs, mass is not None and length is not None
-    if "length" in needs or whole:
+    needs = TESTS[test].needs
+    if "length" in needs or (mass is not None and length is not None):
         long, of_length = _quantity(length, "length", "the length of the cable", "--length")
     if "density" in needs:
-        of_mass = (value / long for value in _quantity(mass, "mass", "", "")) if whole else None
-        question = "the mass per length of the cable"
-        heavy, of_weight = of_mass or _quantity(density, "length density", question, "--density (or --mass and --length)")
+        heavy, of_weight = _weight(density, mass, long, "--density (or --mass and --length)")
     if "span" in needs:
         apart, _ = _quantity(span, "length", "the distance of the supports", "--span")
     nearly, judge = Tolerance(length=of_length, length_density=of_weight), tuple(validate or ())
@@ -190,17 +191,11 @@ def schema(
     say(f"written: {out}; name it in the first line of study.toml: #:schema ./{out.name}")
 
 
-def _length_and_weight(length, density, mass):
-    """Length (m), mass per length (kg/m), and the tolerance of both."""
-    from scan2flex_jax.study import Tolerance  # noqa: PLC0415
-
-    long, of_length = _quantity(length, "length", "the length of the cable between its clamps", "--length")
-    if mass is not None:
-        heavy, of_weight = (value / long for value in _quantity(mass, "mass", "", ""))
-    else:
-        question = "the mass per length of the cable"
-        heavy, of_weight = _quantity(density, "length density", question, "--density (or --mass)")
-    return long, heavy, Tolerance(length=of_length, length_density=of_weight)
+def _weight(density, mass, long, option):
+    """Mass per length (kg/m) and its standard deviation, from the mass where the length (m) is known."""
+    if mass is not None and long:
+        return tuple(value / long for value in _quantity(mass, "mass", "", ""))
+    return _quantity(density, "length density", "the mass per length of the cable", option)
 
 
 def _validated(given, poses):
@@ -212,10 +207,9 @@ def _validated(given, poses):
     return tuple(given or ())
 
 
-def _assumed(gravity, units, tangent, frames):
+def _assumed(down, units, tangent, frames):
     """Defaults that were used because their option was omitted."""
-    down = ", ".join(f"{g:g}" for g in _gravity(None))
-    said = [f"assumed: gravity is {down} m/s^2 in the scan frame (--gravity)"] if gravity is None else []
+    said = [f"assumed: gravity is {', '.join(f'{g:g}' for g in down)} m/s^2 in the scan frame (--gravity)"] if down else []
     said += ["assumed: lengths are in metres in files that name no unit (--units)"] if units is None else []
     if frames is not None and tangent == "z":
         said.append("assumed: the cable leaves each frame along its z axis, from start to end (--tangent)")
@@ -271,12 +265,6 @@ def _noise(given):
         say(_USUAL_NOISE)
         return asked_or_refused("the noise of the points, empty if it is not known", "--noise", taken, default="")
     return None if given is None else taken(given)
-
-
-def _gravity(given):
-    if given is None:
-        return (0.0, 0.0, -9.81)
-    return numbers(given, 3, "gravity")
 
 
 def _asked_clamps(poses, units, convention, degrees, tangent):

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from scan2flex_jax.cli.frames import Columns, Convention, Radians, Tangent, Units, numbers
-from scan2flex_jax.cli.options import Force, JsonFile, StudyFolder, file_to_write
+from scan2flex_jax.cli.options import Force, JsonFile, StudyFolder, begun, file_to_write
 from scan2flex_jax.cli.terminal import say
 from scan2flex_jax.errors import Scan2FlexError
 
@@ -97,12 +97,9 @@ def check(study: StudyFolder, json: JsonFile = None, force: Force = False) -> No
 
     Example: scan2flex check my-cable
     """
-    from scan2flex_jax.study import describe, load_study, study_warnings  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
+    from scan2flex_jax.study import describe, study_warnings  # noqa: PLC0415
 
-    loaded = load_study(study)
-    outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(json)
+    loaded, outputs = begun(study, force, json)
     scans = scans_of(loaded)
     say(describe(loaded, scans))
     if json:

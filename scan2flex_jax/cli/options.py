@@ -54,6 +54,17 @@ def folder_to_write(path: Path | None) -> Path | None:
     return path
 
 
+def begun(study: Path, force: bool, *files: Path | None, **options):
+    """The study in a folder, read with the ``options`` of `load_study`, and the command's outputs, which claim ``files``."""
+    from scan2flex_jax.study import load_study  # noqa: PLC0415
+    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
+
+    loaded = load_study(study, **options)
+    outputs = Outputs(loaded, source=study, force=force)
+    outputs.claim(*files)
+    return loaded, outputs
+
+
 def other_folder(save: Path | None, study: Path | None) -> None:
     """Refuse to save estimates into the folder of the study that they were found from."""
     if save is not None and study is not None and save.resolve() == study.resolve():

@@ -10,8 +10,6 @@ from rich.text import Text
 from scan2flex_jax.cache import keep_compiled
 from scan2flex_jax.cli.terminal import ERRORS, complain, printable, tell_line
 
-__all__ = ["ERRORS", "prepare_jax", "progress"]
-
 
 def prepare_jax() -> Path | None:
     """Enable float64, and the compilation cache, whose folder is returned where one can be used."""

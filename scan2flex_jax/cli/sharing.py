@@ -5,7 +5,17 @@ from typing import Annotated
 
 import typer
 
-from scan2flex_jax.cli.options import NOT_TO_BELIEVE, Elements, Force, JsonFile, Quiet, StudyFolder, file_to_write, one_of
+from scan2flex_jax.cli.options import (
+    NOT_TO_BELIEVE,
+    Elements,
+    Force,
+    JsonFile,
+    Quiet,
+    StudyFolder,
+    begun,
+    file_to_write,
+    one_of,
+)
 from scan2flex_jax.cli.setup import prepare_jax, progress
 from scan2flex_jax.cli.terminal import complain, say
 
@@ -32,12 +42,7 @@ def report(
 
     Example: scan2flex report my-cable -o report.html
     """
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-
-    loaded = load_study(study)
-    outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(out, json)
+    loaded, outputs = begun(study, force, out, json)
     folder = prepare_jax()
     from scan2flex_jax.cli.searches import explained  # noqa: PLC0415
     from scan2flex_jax.inference import Explanation, Fit, fit  # noqa: PLC0415
@@ -76,12 +81,7 @@ def export(
 
     Example: scan2flex export calibrated --to mujoco -o cable.xml --pose sag
     """
-    from scan2flex_jax.study import load_study  # noqa: PLC0415
-    from scan2flex_jax.study.outputs import Outputs  # noqa: PLC0415
-
-    loaded = load_study(study, purpose="predict")
-    outputs = Outputs(loaded, source=study, force=force)
-    outputs.claim(out)
+    loaded, outputs = begun(study, force, out, purpose="predict")
     prepare_jax()
     from scan2flex_jax.export import export as run  # noqa: PLC0415
     from scan2flex_jax.export.cable import THIN  # noqa: PLC0415

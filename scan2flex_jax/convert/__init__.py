@@ -3,8 +3,10 @@
 All results are types of `scan2flex_jax.study`, in SI units. No jax here.
 """
 
-from scan2flex_jax.convert.bench import TESTS, Bench, bench_study, read_table, table_of
-from scan2flex_jax.convert.curves import CurveFile, read_arc_lengths, read_foreign_curve
+from scan2flex_jax.convert.bench import TESTS, Bench, bench_study
+from scan2flex_jax.convert.bench_table import read_table, table_of
+from scan2flex_jax.convert.curves import CurveFile, read_foreign_curve
+from scan2flex_jax.convert.folder import MeasuredFile, folder_of, measured_files
 from scan2flex_jax.convert.frames import (
     CONVENTIONS,
     axes_of,
@@ -16,7 +18,8 @@ from scan2flex_jax.convert.frames import (
     read_frames,
     sequence_of,
 )
-from scan2flex_jax.convert.start import MeasuredFile, folder_of, frames_of_bodies, measured_files, new_study
+from scan2flex_jax.convert.motion_capture import read_arc_lengths
+from scan2flex_jax.convert.start import frames_of_bodies, new_study
 from scan2flex_jax.convert.units import length_unit, measured, quantity
 from scan2flex_jax.study.tables import LENGTHS
 

@@ -1,28 +1,24 @@
 """A study from the table of a bending test: a row a pose, with its load or its span, and its reading.
 
-A `BendingTest` lists the columns of its table and writes the study: clamps, loads, a reading for each row, and as the guess the
-closed form of small deflections, or Peirce's of a loop. Columns have a unit in their header, as in ``weight (g)``; a cell may
-have its own. Each shape is plane: gravity is along -z, the clamp points along x, and nothing depends on torsion.
+A `BendingTest` lists the columns of its table (`bench_table`) and writes the study: clamps, loads, a reading for each row, and
+as the guess the closed form of small deflections, or Peirce's of a loop. Each shape is plane: gravity is along -z, the clamp
+points along x, and nothing depends on torsion.
 
 References: F. T. Peirce, "The 'handle' of cloth as a measurable quantity", J. Textile Inst. 21 (1930) T377 (loops, and the
 overhang on an incline); ASTM D1388; S. Timoshenko, "Strength of Materials" (1940) (beams).
 """
 
-import csv
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from scan2flex_jax.convert.units import NUMBER, UNITS, G, decimal, unit_of_quantity
+from scan2flex_jax.convert.units import G
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.study.files import CSV_LIMIT, read_text
 from scan2flex_jax.study.model import Angle, Clamp, EffectDeclaration, Markers, Study, StudyPose, Tolerance, Unknown
-from scan2flex_jax.study.values import Where, suggestion
+from scan2flex_jax.study.values import suggestion
 
 INCLINE = np.radians(41.5).item()  # rad, of ASTM D1388
 _LEVEL = np.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])  # d3 along x, d1 along -z, d2 along y
@@ -31,8 +27,6 @@ _SEEN = 0.1  # rad: a loop that leaves its plane by more is seen to
 _OVERHANG = 1.05  # length of the half beam over that to its support: what stands beyond carries nothing
 _SMALL, _STEEP = 1e-4, 1.5  # deflections over half the span: of small slopes, and of beams that slip through
 _LEAST = 1e-3  # of the length: least reading for a closed form
-_NAMED = re.compile(r"(.*?)[\s_]*[\[(]?\s*([A-Za-z\u00b0\u00b5]*)\s*[\])]?")
-_NUMBER = re.compile(rf"({NUMBER})\s*([A-Za-z\u00b0\u00b5]*)")
 
 Row = dict[str, float]
 
@@ -42,7 +36,6 @@ class BendingTest:
     """A bending test: ``columns`` and the optional ones, each with its quantity; ``needs``: "length", "density" and "span" as
     far as the study needs them; ``make`` writes the study, ``closed`` the stiffness (N m^2) of a row by a closed form."""
 
-    words: str
     columns: dict[str, str]
     optional: dict[str, str]
     needs: tuple[str, ...]
@@ -104,75 +97,6 @@ def bench_study(bench: Bench) -> Study:
         if not getattr(bench, name) > 0:
             raise Scan2FlexError(f"the {name} is not known, and the test {bench.test} needs it: give --{name}.")
     return TESTS[bench.test].make(bench)
-
-
-def read_table(path: Path, test: str) -> tuple[list[Row], list[str]]:
-    """Rows (SI units) and their names of the table of a test; raises `StudyError` with the file and the line."""
-    where = Where(path.name)
-    lines = read_text(path, CSV_LIMIT, where, "the file is not there: name the table of the test.").splitlines()
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    if len(lines) < 2:
-        raise where.fail("it has no row below its header: write one for each reading.")
-    mark = max(";\t,", key=lines[0].count)
-    if mark == ";":  # where cells end with a semicolon, decimals begin with a comma
-        lines = [re.sub(r"(?<=[0-9]),(?=[0-9])", ".", line) for line in lines]
-    header, *rows = list(csv.reader(lines, delimiter=mark))
-    return table_of(header, rows, test, where)
-
-
-def table_of(header: Sequence[str], rows: Sequence[Sequence[str]], test: str, where: Where) -> tuple[list[Row], list[str]]:
-    """Rows (SI units) and their names, from texts with their units."""
-    if test not in TESTS:
-        raise Scan2FlexError(f"no test is called {test[:40]!r}: {suggestion(test, TESTS)}")
-    form = TESTS[test]
-    known = form.columns | form.optional
-    columns = [_column(cell, known, where) for cell in header]
-    names = [name for name, _ in columns]
-    for name in form.columns:
-        if name not in names and not (name in _INSTEAD and _INSTEAD[name] in names):
-            other = f" or {_INSTEAD[name]}" if name in _INSTEAD else ""
-            raise where.at("header").fail(f"the column {name}{other} is missing: the test {test} has {', '.join(known)}.")
-    out, called = list[Row](), list[str]()
-    for i, cells in enumerate(rows, 1):
-        here = where.at(f"row {i}")
-        if len(cells) != len(header):
-            raise here.fail(f"got {len(cells)} cells: write {len(header)}, one for each column.")
-        row = {name: _value(cell, unit, known[name], here.at(name)) for (name, unit), cell in zip(columns, cells, strict=True)
-               if name != "name"}  # fmt: skip
-        out.append(row)
-        label = cells[names.index("name")].strip() if "name" in names else f"row-{i}"
-        if not label or label in called:
-            raise here.at("name").fail(f"got {label!r}, which is empty or there already: give each row its own.")
-        called.append(label)
-    return out, called
-
-
-def _column(cell: str, known: dict[str, str], where: Where) -> tuple[str, str]:
-    """The name and the unit of a column."""
-    plain = cell.strip().strip('"').lower()
-    if plain in (*known, "name"):
-        return plain, ""
-    found = _NAMED.fullmatch(cell.strip().strip('"'))
-    name = found[1].strip().lower() if found else plain
-    if found is None or name not in known:
-        raise where.at("header").fail(f"the column {cell.strip()[:40]!r} is not known: {suggestion(name, known)}")
-    unit_of_quantity(found[2], known[name])
-    return name, found[2]
-
-
-def _value(cell: str, unit: str, what: str, where: Where) -> float:
-    """A value in SI units: a number in the unit of its column, or with its own."""
-    found = _NUMBER.fullmatch(cell.strip().strip('"'))
-    if found is None:
-        raise where.fail(f"got {cell.strip()[:40]!r}: write a number, as in 12.5 or '12.5 {UNITS[what][0]}'.")
-    try:
-        value = decimal(found[1], cell.strip())
-    except Scan2FlexError as error:
-        raise where.fail(str(error)) from None
-    return value * unit_of_quantity(found[2] or unit or UNITS[what][-1], what)
-
-
-# The tests
 
 
 def _tip(z: float, s: float) -> Markers:
@@ -324,31 +248,16 @@ def _three_point_closed(b: Bench, row: Row) -> float:
     return _force(row) * b.span**3 / (48 * row["deflection"]) if row["deflection"] > 0 else np.nan
 
 
-_INSTEAD = {"droop": "deflection", "force": "weight"}
-"""Columns that may stand in place of another."""
 TESTS = {
     "droop": BendingTest(
-        "a level cantilever with weights at its tip", {"droop": "length"}, {"deflection": "length", "weight": "mass"},
-        ("length", "density"), _cantilever, _cantilever_closed,
+        {"droop": "length"}, {"deflection": "length", "weight": "mass"}, ("length", "density"), _cantilever, _cantilever_closed
     ),
-    "peirce": BendingTest(
-        "a strip over an edge, until its tip meets an incline (ASTM D1388)", {"overhang": "length"}, {"angle": "angle"},
-        ("density",), _overhang, _overhang_closed,
-    ),
+    "peirce": BendingTest({"overhang": "length"}, {"angle": "angle"}, ("density",), _overhang, _overhang_closed),
     "three-point": BendingTest(
-        "a beam on two supports, loaded in the middle", {"force": "force", "deflection": "length"}, {"weight": "mass"},
-        ("span",), _three_point, _three_point_closed,
+        {"force": "force", "deflection": "length"}, {"weight": "mass"}, ("span",), _three_point, _three_point_closed
     ),
-    "heart": BendingTest(
-        "a strip with both ends in one clamp, hanging as a heart", {"height": "length"}, {}, ("length", "density"), _heart,
-        _heart_closed,
-    ),
-    "ring": BendingTest(
-        "a strip closed to a ring, held at its top", {"depth": "length"}, {}, ("length", "density"), _ring, _ring_closed,
-    ),
-    "hanging": BendingTest(
-        "a cable between two level clamps, with its sag", {"span": "length", "sag": "length"}, {}, ("length", "density"),
-        _hanging, lambda b, row: np.nan,
-    ),
-}  # fmt: skip
+    "heart": BendingTest({"height": "length"}, {}, ("length", "density"), _heart, _heart_closed),
+    "ring": BendingTest({"depth": "length"}, {}, ("length", "density"), _ring, _ring_closed),
+    "hanging": BendingTest({"span": "length", "sag": "length"}, {}, ("length", "density"), _hanging, lambda b, row: np.nan),
+}
 """The tests by their name for ``scan2flex new --test``."""

@@ -4,7 +4,6 @@ Properties that the file determines are detected; an error requests the others. 
 order of the file, without consecutive duplicates.
 """
 
-import csv
 import re
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,13 +13,13 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.convert.motion_capture import Capture, capture_in, capture_of, read_c3d
+from scan2flex_jax.convert.motion_capture import captured, load_array
 from scan2flex_jax.convert.polylines import Polyline, ordered, polyline_in
 from scan2flex_jax.convert.units import length_unit
-from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study.curves import arc_length_fault, checked_curve
 from scan2flex_jax.study.files import read_text
-from scan2flex_jax.study.limits import Limit, curve_limit
+from scan2flex_jax.study.limits import curve_limit
 from scan2flex_jax.study.model import MeasuredCurve
 from scan2flex_jax.study.scans import load_geometry
 from scan2flex_jax.study.tables import SAMPLE, counts_rows, dialect, placed, rows
@@ -75,55 +74,10 @@ def read_foreign_curve(
     return CurveFile(checked_curve(points, s, None, where), notes)
 
 
-def read_arc_lengths(path: Path, *, units: str | None = None) -> dict[str, float]:
-    """Arc lengths (m) of markers by name, from a CSV with the header ``name,s``; raises `StudyError`."""
-    where, limit = Where(one_line(str(path), 300)), curve_limit()
-    text = read_text(Path(path), limit.bytes, where, "the file is not there: name one.", limit, foreign=True)
-    lines = [[cell.strip() for cell in re.split("[;,\t]", line)] for line in text.splitlines() if line.strip()]
-    if not lines or [cell.lower() for cell in lines[0]] != ["name", "s"]:
-        raise where.at("header").fail("write the header name,s.")
-    found = {}
-    for k, cells in enumerate(lines[1:]):
-        try:
-            name, s = cells
-            found[name] = length_unit(units or "m") * float(s)
-        except ValueError:
-            raise where.at(f"line {k + 2}").fail(f"got {shown(','.join(cells))}: write a name and a number.") from None
-    return found
-
-
-def load_array(path: Path, limit: Limit, where: Where) -> np.ndarray:
-    """The array in a .npy file, of at most as many points as the limit; raises `StudyError`."""
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-        limit.check(path, array.size // 3)
-        return np.array(array)
-    except Scan2FlexError:
-        raise
-    except Exception as fault:  # damaged files fail in many ways
-        raise where.fail("it cannot be read as an array of numpy: save it again, as numpy.save does.") from fault
-
-
-def captured(path: Path) -> Capture | None:
-    """The motion capture in a file; None for another file. Raises `StudyError`."""
-    path, limit, where = Path(path), curve_limit(), Where(one_line(str(path), 300))
-    if path.suffix.lower() == ".c3d":
-        return read_c3d(path)
-    if path.suffix.lower() == ".npy":
-        array = load_array(path, limit, where)
-        return capture_of(array, where) if array.ndim == 3 else None
-    if path.suffix.lower() != ".csv":
-        return None
-    try:
-        return capture_in(read_text(path, limit.bytes, where, "the file is not there: name one.", limit, foreign=True))
-    except csv.Error:
-        return None  # a line or a field that no table has
-
-
 def _still(capture, units, frame, arc_lengths, where):
     """Points (m), arc lengths (m) or None, and notes of a motion capture."""
     names, points, notes = capture.still(frame, where)
-    unit = _unit(units, capture.unit, where)
+    unit = agreed_unit(units, capture.unit, where)
     if arc_lengths is None:
         return length_unit(unit) * points, None, (*notes, f"in {unit}, in the order of the file")
     known = sorted((name for name in names if name in arc_lengths), key=arc_lengths.__getitem__)
@@ -135,7 +89,7 @@ def _still(capture, units, frame, arc_lengths, where):
     return length_unit(unit) * points[at], np.array([arc_lengths[name] for name in known]), (*notes, f"in {unit}")
 
 
-def _unit(given, stated, where) -> str:
+def agreed_unit(given: str | None, stated: str | None, where: Where) -> str:
     """The unit of lengths, by the user or the file."""
     if given and stated and given != stated:
         said = f"it states {stated}, but the given unit is {given}"
@@ -154,7 +108,7 @@ def _read(path, units, columns, where):
     """Points (m), arc length (m) or None, and the detected properties of the file."""
     found = _table(path, curve_limit(), where)
     names = _names(found, columns, where)
-    unit = _unit(units, found.unit, where) if units or found.unit else found.usual or "m"
+    unit = agreed_unit(units, found.unit, where) if units or found.unit else found.usual or "m"
     by_name = {name[-1]: (-1 if name[0] == "-" else 1) * found.rows[:, i] for i, name in enumerate(names) if name}
     points = length_unit(unit) * np.column_stack([by_name.get(name, np.zeros(len(found.rows))) for name in "xyz"])
     there = np.flatnonzero(~np.isnan(points).any(axis=1))

@@ -119,8 +119,7 @@ def axes_of(tangent: str) -> Annotated[np.ndarray, "3 3"]:
 def other_tangent(found: str, tangent: str) -> str:
     """The axis of the original frames that corresponds to the axis ``found`` (x, y, z for d1, d2, d3, with sign) of clamps made
     from them with ``tangent``."""
-    sign, axis = (-1.0, found[1:]) if found.startswith("-") else (1.0, found)
-    along = sign * axes_of(tangent)[:, "xyz".index(axis)]
+    along = axes_of(tangent) @ axes_of(found)[:, 2]
     k = int(np.argmax(np.abs(along)))
     return f"{'-' if along[k] < 0 else ''}{'xyz'[k]}"
 
@@ -146,8 +145,7 @@ def read_frames(
     """
     where = Where(one_line(str(path), 300))
     text = read_text(Path(path), TOML_LIMIT, where, "the file is not there: name one.", curve_limit())
-    lines = [(i + 1, line.split("#")[0].strip()) for i, line in enumerate(text.splitlines())]
-    lines = [(i, line) for i, line in lines if line]
+    lines = [(i, kept) for i, line in enumerate(text.splitlines(), 1) if (kept := line.split("#")[0].strip())]
     if not lines:
         raise where.fail("it holds no frame: write matrices, or a CSV with a header.")
     header, units, degrees = _header(lines[0][1], where, units, degrees)
@@ -222,9 +220,8 @@ def _table(lines, where, header, units, convention, degrees, tangent):
         def make(row=row):
             position = _numbers(row, _POSITION, mark)
             if angles and any(row[k] for k in _ANGLES):
-                return clamp_of_angles(
-                    position, _numbers(row, _ANGLES, mark), convention, units=units, degrees=degrees, tangent=tangent
-                )
+                turn = _numbers(row, _ANGLES, mark)
+                return clamp_of_angles(position, turn, convention, units=units, degrees=degrees, tangent=tangent)
             if quaternion and any(row[k] for k in quaternion):
                 return _clamp(position * length_unit(units), _turn(_numbers(row, quaternion, mark)), tangent)
             if matrix:
@@ -259,8 +256,7 @@ def _printed(text, robot, tangent):
 
         def make(values=values):
             if convention:
-                kind = {"units": units, "degrees": degrees, "tangent": tangent}
-                return clamp_of_angles(values[:3], values[3:], convention, **kind)
+                return clamp_of_angles(values[:3], values[3:], convention, units=units, degrees=degrees, tangent=tangent)
             return _clamp(values[:3] * length_unit(units), _turn(values[3:]), tangent)
 
         yield text.count("\n", 0, found.start()) + 1, name, make
@@ -303,10 +299,7 @@ def _matrices(lines, where, header, units, convention, degrees, tangent):
 
 def _row(line):
     """The numbers of a line, or None if it holds anything else."""
-    cells = re.sub(r"[\[\](),;]", " ", line).split()
-    if not cells:
-        return None
     try:
-        return [float(cell) for cell in cells]
+        return [float(cell) for cell in re.sub(r"[\[\](),;]", " ", line).split()] or None
     except ValueError:
         return None

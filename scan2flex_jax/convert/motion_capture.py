@@ -16,10 +16,13 @@ from typing import Annotated
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.errors import StudyError
+from scan2flex_jax.convert.units import length_unit
+from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.study.files import read_text
+from scan2flex_jax.study.limits import Limit, curve_limit
 from scan2flex_jax.study.point_formats import read_apart
 from scan2flex_jax.study.tables import LENGTHS
-from scan2flex_jax.study.values import Where
+from scan2flex_jax.study.values import Where, one_line, shown
 
 _UNITS = {"millimeters": "mm", "centimeters": "cm", "meters": "m", "inches": "in", "feet": "ft"}
 _HEAD = 12  # most lines before the first frame
@@ -75,6 +78,51 @@ class Capture:
                 out[name][:3, :3] = Rotation.from_quat(quaternion[at][ok]).mean().as_matrix()
                 out[name][:3, 3] = position[at][ok].mean(axis=0)
         return out
+
+
+def captured(path: Path) -> Capture | None:
+    """The motion capture in a file; None for another file. Raises `StudyError`."""
+    path, limit, where = Path(path), curve_limit(), Where(one_line(str(path), 300))
+    if path.suffix.lower() == ".c3d":
+        return read_c3d(path)
+    if path.suffix.lower() == ".npy":
+        array = load_array(path, limit, where)
+        return capture_of(array, where) if array.ndim == 3 else None
+    if path.suffix.lower() != ".csv":
+        return None
+    try:
+        return capture_in(read_text(path, limit.bytes, where, "the file is not there: name one.", limit, foreign=True))
+    except csv.Error:
+        return None  # a line or a field that no table has
+
+
+def read_arc_lengths(path: Path, *, units: str | None = None) -> dict[str, float]:
+    """Arc lengths (m) of markers by name, from a CSV with the header ``name,s``; raises `StudyError`."""
+    where, limit = Where(one_line(str(path), 300)), curve_limit()
+    text = read_text(Path(path), limit.bytes, where, "the file is not there: name one.", limit, foreign=True)
+    lines = [[cell.strip() for cell in re.split("[;,\t]", line)] for line in text.splitlines() if line.strip()]
+    if not lines or [cell.lower() for cell in lines[0]] != ["name", "s"]:
+        raise where.at("header").fail("write the header name,s.")
+    found = {}
+    for k, cells in enumerate(lines[1:]):
+        try:
+            name, s = cells
+            found[name] = length_unit(units or "m") * float(s)
+        except ValueError:
+            raise where.at(f"line {k + 2}").fail(f"got {shown(','.join(cells))}: write a name and a number.") from None
+    return found
+
+
+def load_array(path: Path, limit: Limit, where: Where) -> np.ndarray:
+    """The array in a .npy file, of at most as many points as the limit; raises `StudyError`."""
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        limit.check(path, array.size // 3)
+        return np.array(array)
+    except Scan2FlexError:
+        raise
+    except Exception as fault:  # damaged files fail in many ways
+        raise where.fail("it cannot be read as an array of numpy: save it again, as numpy.save does.") from fault
 
 
 def capture_of(array: np.ndarray, where: Where) -> Capture:

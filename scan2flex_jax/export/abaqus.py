@@ -32,7 +32,7 @@ def to_abaqus(cable: HungCable) -> str:
         lines.append(f"*ELEMENT, TYPE=B31, ELSET={name}")
         lines += [f"{k + 1}, {k + 1}, {k + 2}" for k in range(run.start, run.stop)]
         lines += _section(cable, run, name, rest[0, :, 0])
-    for k, mass in enumerate(_node_masses(cable)):
+    for k, mass in enumerate(cable.point_masses):
         if mass:
             lines += [f"*ELEMENT, TYPE=MASS, ELSET=MASS-{k + 1}", f"{cable.elements + k + 1}, {k + 1}"]
             lines += [f"*MASS, ELSET=MASS-{k + 1}", _row([mass])]
@@ -60,15 +60,6 @@ def _section(cable, run, name, axis):
         else:
             lines += [f"*{keyword}, LINEAR", _row([stiffness])]
     return [*lines, *shear]
-
-
-def _node_masses(cable):
-    """Point masses (kg) at the nodes (n + 1,), each split between its two nearest."""
-    out = np.zeros(cable.elements + 1)
-    for place, mass in cable.masses:
-        k, part = cable.between(place)
-        out[k : k + 2] += np.array([1.0 - part, part]) * mass
-    return out
 
 
 def _row(values) -> str:

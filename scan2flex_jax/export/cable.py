@@ -99,19 +99,19 @@ class HungCable:
 
     @property
     def link_masses(self) -> np.ndarray:
-        """Masses (n + 1,) of the links (kg) with point masses, each split between the two nearest, so that moments are kept."""
+        """Masses (n + 1,) of the links (kg), with point masses."""
         half = 0.5 * self.element_length * self.density
-        out = np.append(half, 0.0) + np.insert(half, 0, 0.0)
-        for place, mass in self.masses:
-            k, part = self.between(place)
-            out[k] += (1.0 - part) * mass
-            out[k + 1] += part * mass
-        return out
+        return np.append(half, 0.0) + np.insert(half, 0, 0.0) + self.point_masses
 
-    def between(self, place: float) -> tuple[int, float]:
-        """The element of an arc length (m), and how far along it (0..1)."""
-        k = int(np.clip(place / self.element_length, 0, self.elements - 1))
-        return k, place / self.element_length - k
+    @property
+    def point_masses(self) -> np.ndarray:
+        """Point masses (kg) at the nodes (n + 1,), each split between the two nearest, so that moments are kept."""
+        out = np.zeros(self.elements + 1)
+        for place, mass in self.masses:
+            k = int(np.clip(place / self.element_length, 0, self.elements - 1))
+            part = place / self.element_length - k
+            out[k : k + 2] += np.array([1.0 - part, part]) * mass
+        return out
 
     @property
     def remarks(self) -> list[str]:
@@ -168,9 +168,9 @@ def printable(text: str) -> str:
 
 def features_of(stiffness: np.ndarray, natural: np.ndarray, density: np.ndarray) -> tuple[str, ...]:
     """The features that sections (n, 6, 6), (n, 6), (n,) have, among `FEATURES`."""
-    scale = np.sqrt(np.diagonal(stiffness, axis1=1, axis2=2))
-    coupled = np.max(np.abs(stiffness / (scale[:, :, None] * scale[:, None, :]) - np.eye(6)), axis=0) > _SAME
     diagonal = np.diagonal(stiffness, axis1=1, axis2=2)
+    scale = np.sqrt(diagonal)
+    coupled = np.max(np.abs(stiffness / (scale[:, :, None] * scale[:, None, :]) - np.eye(6)), axis=0) > _SAME
     present = {
         STIFFNESS: _varies(stiffness),
         CURVED: bool(np.any(natural[:, 3:])),

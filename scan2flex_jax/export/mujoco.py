@@ -19,7 +19,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scan2flex_jax.export.cable import BENDINGS, CURVED, DENSITY, MASSES, NATURAL, SHEARS, STIFFNESS, HungCable
+from scan2flex_jax.export.cable import BENDINGS, CURVED, DENSITY, MASSES, NATURAL, SHEARS, STIFFNESS, HungCable, printable
 
 HOLDS = frozenset({BENDINGS, CURVED, DENSITY, MASSES, NATURAL, SHEARS, STIFFNESS})
 
@@ -102,4 +102,4 @@ def _text(values) -> str:
 
 def _printable(text: str) -> str:
     """Text valid in XML: no control characters, and no end of a comment."""
-    return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -").rstrip("-")[:200]
+    return printable(text).replace("--", "- -").rstrip("-")[:200]

@@ -5,16 +5,18 @@ Texts of a study (title, names of poses) are kept unescaped: the layout escapes 
 
 import hashlib
 import platform
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib import metadata
+from typing import cast
 
 import numpy as np
 
 from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.fitting.problem import FIT_ELEMENTS
-from scan2flex_jax.inference import Explanation, Fit, Plan, plan
-from scan2flex_jax.inference.answer import Answer, digits_of, moved_in_words
-from scan2flex_jax.prediction import predict
+from scan2flex_jax.inference import Explanation, Fit, Plan, PoseFit, plan
+from scan2flex_jax.inference.answer import Answer, moved_in_words
+from scan2flex_jax.prediction import Prediction, predict
 from scan2flex_jax.study.files import STUDY_FILE, read_text
 from scan2flex_jax.study.model import MeasuredCurve, Study, relative_name
 from scan2flex_jax.study.outputs import measured_files
@@ -26,76 +28,18 @@ _MOST_TEXT = 200_000  # bytes of a study.toml that the page repeats
 
 
 @dataclass(frozen=True)
-class PoseView:
-    """One pose: ``measured`` and ``modelled`` (m), arc length ``s`` (m) and ``distance`` (m) of the measured points, sorted by
-    ``s``; residual after and before (m) where both are known, and the figures of the tables; ``without``: change of the
-    stiffnesses when the pose is left out, in words."""
-
-    name: str
-    role: str
-    measured: np.ndarray
-    modelled: np.ndarray | None = None
-    s: np.ndarray | None = None
-    distance: np.ndarray | None = None
-    residual: np.ndarray | None = None
-    before: np.ndarray | None = None
-    rms: float = float("nan")
-    worst: float = float("nan")
-    rms_before: float | None = None
-    left_out_before: float | None = None
-    left_out: float | None = None
-    stable: bool = False
-    clamps: tuple = ()
-    without: str = ""
-
-
-@dataclass(frozen=True)
-class SectionView:
-    """Along one pose: middles of the elements ``s`` (m), tension and shear force (N), bending moment and torque (N m), and the
-    reactions of the supports."""
-
-    name: str
-    s: np.ndarray
-    tension: np.ndarray
-    shear: np.ndarray
-    bending: np.ndarray
-    torque: np.ndarray
-    reaction_force: np.ndarray
-    reaction_moment: np.ndarray
-
-
-@dataclass(frozen=True)
-class EstimateView:
-    """One estimated number with its interval and, for an explanation, its value in the baseline fit."""
-
-    name: str
-    unit: str
-    value: float
-    low: float | None
-    high: float | None
-    identifiable: bool
-    at_bound: bool
-    before: float | None = None
-
-    @property
-    def digits(self) -> int:
-        """Number of significant digits that resolve the interval."""
-        bounds = (np.nan, np.nan) if self.low is None or self.high is None else (self.low, self.high)
-        return digits_of(self.value, *bounds, least=4)
-
-
-@dataclass(frozen=True)
 class Contents:
     """Contents of the page, the ``answer`` first; ``explanation`` and ``plan`` are None where they were not requested or not
-    possible."""
+    possible. ``poses``: of the fit or the explanation; measured only where nothing was solved. ``without``: by pose, change of
+    the stiffnesses when it is left out, in words. ``predictions``: of the solved poses, for the section forces."""
 
     answer: Answer
     study: Study
     fit: Fit | None
     explanation: Explanation | None
-    poses: tuple[PoseView, ...]
-    estimates: tuple[EstimateView, ...]
-    sections: tuple[SectionView, ...]
+    poses: Mapping[str, PoseFit]
+    without: Mapping[str, str]
+    predictions: Mapping[str, Prediction]
     plan: Plan | None
     sentences: tuple[str, ...]
     unsolved: tuple[str, ...]
@@ -103,6 +47,11 @@ class Contents:
     versions: tuple[tuple[str, str], ...]
     toml: str
     elements: int
+
+    @property
+    def found(self) -> Fit | Explanation:
+        """The subject of the page: the explanation, or else the fit."""
+        return self.explanation or cast(Fit, self.fit)
 
 
 def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=lambda message: None) -> Contents:
@@ -112,15 +61,12 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     study = fitted.study if fitted else subject.study
     progress("influence of each pose and of the stated values")
     influence = subject.influence if fitted else None
-    poses = tuple(_pose_view(study.pose(name), p, moved_in_words(influence, name)) for name, p in subject.poses.items())
-    if not poses:
-        measured = [(p, p.curve.points) for p in study.poses if p.curve is not None]
-        poses = tuple(PoseView(p.name, p.role, points, clamps=_clamps(p)) for p, points in measured)
+    without = {name: moved_in_words(influence, name) for name in subject.poses}
     progress("section forces")
     elements = fitted.problem.elements if fitted else FIT_ELEMENTS
-    sections, unsolved = ((), ())
+    predictions, unsolved = dict[str, Prediction](), ()
     if fitted:
-        sections, unsolved = _sections(subject.study if explanation else fitted.calibrated, subject.poses, elements)
+        predictions, unsolved = _predicted(subject.study if explanation else fitted.calibrated, subject.poses, elements)
     ranked = None
     if explanation and next_pose and explanation.decision is not None:
         progress("candidates for the next pose")
@@ -131,30 +77,23 @@ def contents_of(subject: Fit | Explanation, *, next_pose: bool = True, progress=
     answer = subject.answer
     said = tuple(sentence for sentence in said if sentence not in answer.warnings)
     return Contents(
-        answer, study, fitted, explanation, poses, _estimates(subject, fitted), sections, ranked, said, unsolved,
+        answer, study, fitted, explanation, subject.poses or _measured(study), without, predictions, ranked, said, unsolved,
         _inputs(study), _versions(), _toml(study), elements,
     )  # fmt: skip
 
 
-def _pose_view(pose, found, without) -> PoseView:
-    order = np.argsort(found.s, kind="stable")
-    known = {"before": found.residual_before[order]} if hasattr(found, "residual_before") else {}
-    known |= {k: getattr(found, k) for k in ("rms_before", "left_out", "left_out_before") if hasattr(found, k)}
-    distance = np.linalg.norm(found.residual[order], axis=1)
-    return PoseView(
-        pose.name, found.role, found.measured[order], found.modelled if found.stable else None, found.s[order],
-        distance if found.stable else np.full(len(order), np.nan), found.residual[order], rms=found.rms, worst=found.worst,
-        stable=found.stable, clamps=_clamps(pose), without=without, **known,
-    )  # fmt: skip
+def _measured(study) -> dict[str, PoseFit]:
+    """The measured curves of a study of which no pose was solved."""
+    none, unknown = np.zeros((0, 3)), float("nan")
+    curves = {p.name: (p.role, p.curve.points) for p in study.poses if p.curve is not None}
+    return {
+        name: PoseFit(role, unknown, unknown, False, measured=points, modelled=none, s=none[:, 0], residual=none)
+        for name, (role, points) in curves.items()
+    }
 
 
-def _clamps(pose):
-    """Position and tangent (None for a ball joint) of each clamped end."""
-    return tuple((clamp.position, clamp.tangent) for clamp in (pose.start, pose.end) if clamp is not None)
-
-
-def _sections(study, found, elements):
-    """Section forces of the solved poses, on the branches of the fit, and sentences on poses that failed."""
+def _predicted(study, found, elements):
+    """Predictions of the solved poses, on the branches of the fit, and sentences on poses that failed."""
     whole = []
     for pose in study.poses:
         modelled = found[pose.name].modelled if pose.name in found and found[pose.name].stable else None
@@ -163,33 +102,9 @@ def _sections(study, found, elements):
     try:
         predictions = predict(replace(study, poses=tuple(whole)), elements=elements)
     except Scan2FlexError as error:
-        return (), (str(error),)
-    views, unsolved = [], []
-    for name, p in predictions.items():
-        if not bool(p.verdict.solved):
-            unsolved.append(f"{name}: {p.verdict.sentence()}")
-            continue
-        t = np.diff(p.points, axis=0)
-        t /= np.linalg.norm(t, axis=1, keepdims=True)
-        tension, torque = np.sum(p.force * t, axis=1), np.sum(p.moment * t, axis=1)
-        shear = np.linalg.norm(p.force - tension[:, None] * t, axis=1)
-        bending = np.linalg.norm(p.moment - torque[:, None] * t, axis=1)
-        views.append(SectionView(name, p.section_s, tension, shear, bending, torque, p.reaction_force, p.reaction_moment))
-    return tuple(views), tuple(unsolved)
-
-
-def _estimates(subject, fitted):
-    rows = []
-    for name, e in (subject.estimates if fitted else {}).items():
-        before = fitted.estimates[name].value if subject is not fitted else None
-        many = np.ndim(e.value) > 0
-        for i, value in enumerate(np.ravel(e.value)):
-            low, high, old = (None if v is None else float(np.ravel(v)[i]) for v in (e.low, e.high, before))
-            label = f"{name}[{i}]" if many else name
-            rows.append(
-                EstimateView(label, "" if e.unit == "-" else e.unit, float(value), low, high, e.identifiable, e.at_bound, old)
-            )
-    return tuple(rows)
+        return {}, (str(error),)
+    unsolved = tuple(f"{name}: {p.verdict.sentence()}" for name, p in predictions.items() if not p.verdict.solved)
+    return {name: p for name, p in predictions.items() if p.verdict.solved}, unsolved
 
 
 def _versions():

@@ -6,7 +6,7 @@ plotly reads texts as HTML, so every text of a study goes through `html.escape`.
 
 import io
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from html import escape
 from typing import Any
 
@@ -16,7 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from scan2flex_jax import plot
+from scan2flex_jax.inference import PoseFit
 from scan2flex_jax.reporting.html import Html
+from scan2flex_jax.study.model import Study
 
 MODELLED = "#8a8f98"
 _INK = "#010203"  # stands for the page's own colour of text
@@ -53,14 +55,16 @@ def svg(draw: Callable[[Axes], object], width: float, height: float, alt: str) -
     return Html(f'{begin} class="figure" style="max-width: {1.25 * width:.2f}in" role="img" aria-label="{escape(alt)}">{end}')
 
 
-def space(poses):
+def space(study: Study, poses: Mapping[str, PoseFit]):
     """All poses in space (m), for plotly: measured points coloured by their distance from the model (mm), model, and clamps.
 
     Traces of pose k carry ``meta`` k, with which the page selects one pose.
     """
     from plotly import graph_objects as go  # noqa: PLC0415  (only the interactive page needs it, and it comes with an extra)
 
-    ranges, sides = _box(poses)
+    held = {name: [clamp for clamp in (study.pose(name).start, study.pose(name).end) if clamp is not None] for name in poses}
+    places = [clamp.position[None] for clamps in held.values() for clamp in clamps]
+    ranges, sides = _box([p.measured for p in poses.values()] + [p.modelled for p in poses.values() if p.stable] + places)
     axis = {"backgroundcolor": "rgba(0,0,0,0)", "showspikes": False}
     scene = {
         "aspectmode": "manual",
@@ -70,21 +74,21 @@ def space(poses):
     }
     bare = {"paper_bgcolor": "rgba(0,0,0,0)", "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "template": "none"}
     figure = go.Figure(layout={**bare, "scene": scene, "showlegend": False, "height": 560, "uirevision": "kept"})
-    distances = [p.distance[np.isfinite(p.distance)] for p in poses if p.distance is not None]
-    most = 1e3 * max((float(np.max(d)) for d in distances if len(d)), default=0.0)
-    size = max((float(np.ptp(p.measured, axis=0).max()) for p in poses), default=1.0)
-    for k, p in enumerate(poses):
-        figure.add_scatter3d(**_measured(p, most, first=k == 0), mode="markers", name=f"{escape(p.name)}, measured", meta=k)
-        if p.modelled is not None:
+    most = max((float(np.nanmax(d)) for p in poses.values() if p.stable and len(d := _distance(p))), default=0.0)
+    size = max((float(np.ptp(p.measured, axis=0).max()) for p in poses.values()), default=1.0)
+    for k, (name, p) in enumerate(poses.items()):
+        figure.add_scatter3d(**_measured(p, most, first=k == 0), mode="markers", name=f"{escape(name)}, measured", meta=k)
+        if p.stable:
             x, y, z = p.modelled.T
             figure.add_scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 5, "color": MODELLED}, hoverinfo="name",
-                                 name=f"{escape(p.name)}, modelled", meta=k)  # fmt: skip
-        for position, tangent in p.clamps:
-            ends = np.stack([position, position if tangent is None else position + _TANGENT * size * tangent])
+                                 name=f"{escape(name)}, modelled", meta=k)  # fmt: skip
+        for clamp in held[name]:
+            along = 0.0 if clamp.tangent is None else _TANGENT * size * clamp.tangent
+            ends = np.stack([clamp.position, clamp.position + along])
             x, y, z = ends.T
             figure.add_scatter3d(x=x, y=y, z=z, mode="lines+markers", line={"width": 6, "color": _CLAMP}, hoverinfo="name",
                                  marker={"size": [6, 1], "color": _CLAMP, "symbol": "square"},
-                                 name=f"{escape(p.name)}, clamp", meta=k)  # fmt: skip
+                                 name=f"{escape(name)}, clamp", meta=k)  # fmt: skip
     return figure
 
 
@@ -92,19 +96,24 @@ def _measured(p, most, first):
     """Measured points of one pose, coloured by their distance (mm) where it is known; ``most`` (mm) ends the scale."""
     x, y, z = p.measured.T
     at = {"x": x, "y": y, "z": z}
-    if p.distance is None or not np.all(np.isfinite(p.distance)) or not most > 0:
+    distance = _distance(p)
+    if not p.stable or not len(distance) or not np.all(np.isfinite(distance)) or not most > 0:
         return {**at, "marker": {"size": 3, "color": MODELLED}, "hoverinfo": "name"}
     bar = {"title": {"text": "distance (mm)", "side": "right"}, "thickness": 12, "exponentformat": "power", "len": 0.7,
            "x": 1.0, "xanchor": "right"}  # fmt: skip
-    marker = {"size": 3, "color": 1e3 * p.distance, "colorscale": _DISTANCE, "cmin": 0.0, "cmax": most, "showscale": first}
-    text = [f"s = {s:.3f} m<br>{1e3 * d:.3f} mm off" for s, d in zip(p.s, p.distance, strict=True)]
+    marker = {"size": 3, "color": distance, "colorscale": _DISTANCE, "cmin": 0.0, "cmax": most, "showscale": first}
+    text = [f"s = {s:.3f} m<br>{d:.3f} mm off" for s, d in zip(p.s, distance, strict=True)]
     return {**at, "marker": {**marker, "colorbar": bar}, "text": text, "hoverinfo": "text+name"}
 
 
-def _box(poses):
-    """Ranges (m) of a box around all poses, and its sides in plotly's unit: plotly's own box exceeds the picture for a cable
-    that sags deeply."""
-    curves = [c for p in poses for c in (p.measured, p.modelled, *(np.atleast_2d(at) for at, _ in p.clamps)) if c is not None]
+def _distance(p):
+    """Distances (mm) of the measured points from the model."""
+    return 1e3 * np.linalg.norm(p.residual, axis=1)
+
+
+def _box(curves):
+    """Ranges (m) of a box around all curves (n, 3), and its sides in plotly's unit: plotly's own box exceeds the picture for a
+    cable that sags deeply."""
     points = np.concatenate(curves) if curves else np.zeros((1, 3))
     points = points[np.all(np.isfinite(points), axis=1)]
     low, high = (np.min(points, axis=0), np.max(points, axis=0)) if len(points) else (np.zeros(3), np.ones(3))

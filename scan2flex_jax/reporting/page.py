@@ -57,7 +57,7 @@ def report(
         found = fit(subject, elements=elements, progress=progress)
     contents = contents_of(found, progress=progress)
     progress("drawing the page")
-    return _page(contents, found, interactive)
+    return _page(contents, interactive)
 
 
 def save_report(subject: Study | Fit | Explanation, file: str | Path, **options: Any) -> Path:
@@ -68,7 +68,7 @@ def save_report(subject: Study | Fit | Explanation, file: str | Path, **options:
     return path
 
 
-def _page(c: Contents, found: Fit | Explanation, interactive: bool) -> str:
+def _page(c: Contents, interactive: bool) -> str:
     here = resources.files("scan2flex_jax.reporting")
     policy = _POLICY + (_OF_SCRIPTS if interactive else "")
     head = tag(
@@ -82,16 +82,16 @@ def _page(c: Contents, found: Fit | Explanation, interactive: bool) -> str:
     written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
     made = f"; {c.fit.method} fit with {c.elements} elements" if c.fit else ""
     foot = tag("footer", f"scan2flex, {written}{made}", class_="soft")
-    sections = tuple(_sections(c, found, interactive))
+    sections = tuple(_sections(c, interactive))
     body = tag("body", parts.header(c), parts.contents_list(sections), tag("main", sections), foot, _scripts(here, interactive))
     return f"<!doctype html>\n{tag('html', head, body, lang='en')}\n"
 
 
-def _sections(c: Contents, found: Fit | Explanation, interactive: bool) -> Iterator[Html]:
-    yield parts.shapes(c, found)
+def _sections(c: Contents, interactive: bool) -> Iterator[Html]:
+    yield parts.shapes(c)
     if interactive:
         yield section("space", "Shapes in space", *_in_space(c), class_="screen")
-    yield from parts.errors(c, found)
+    yield from parts.errors(c)
     yield from parts.laws(c)
     yield from parts.loops(c)
     yield from parts.stiffness(c)
@@ -105,12 +105,12 @@ def _sections(c: Contents, found: Fit | Explanation, interactive: bool) -> Itera
 def _in_space(c: Contents) -> Iterator[Part]:
     """The plot in space, with a menu to choose one pose."""
     if len(c.poses) > _FEW:
-        options = [tag("option", f"{p.name} ({p.role})", value=str(k)) for k, p in enumerate(c.poses)]
+        options = [tag("option", f"{name} ({p.role})", value=str(k)) for k, (name, p) in enumerate(c.poses.items())]
         yield tag("label", "Show ", tag("select", tag("option", "all poses", value=""), options, id="pose-choice"))
     said = "Dots: measured, coloured by their distance from the model. Grey line: modelled. Squares with a line: clamps and"
     yield tag("p", f"{said} their tangents. Drag to rotate, pinch or use the wheel to zoom.", class_="soft")
     yield tag("div", class_="plot", id="shapes-in-space", data_figure="shapes-in-space-data")
-    yield tag("script", _json(figures.space(c.poses)), type="application/json", id="shapes-in-space-data")
+    yield tag("script", _json(figures.space(c.study, c.poses)), type="application/json", id="shapes-in-space-data")
 
 
 def _json(figure) -> Html:

@@ -9,7 +9,7 @@ import numpy as np
 
 from scan2flex_jax import plot
 from scan2flex_jax.inference import Explanation, Fit
-from scan2flex_jax.inference.answer import in_mm, noise_in_words
+from scan2flex_jax.inference.answer import digits_of, in_mm, noise_in_words
 from scan2flex_jax.inference.explanation import parameter_in_words
 from scan2flex_jax.inference.words import found_in_words
 from scan2flex_jax.reporting.contents import Contents
@@ -53,43 +53,46 @@ def contents_list(sections: tuple[Html, ...]) -> Html:
     return tag("nav", (tag("a", Html(match[2]), href=f"#{match[1]}") for match in found if match))
 
 
-def shapes(c: Contents, found: Fit | Explanation) -> Html:
+def shapes(c: Contents) -> Html:
     """One panel per pose (measured, modelled, before), and a table of the distances of all poses."""
-    columns = next((words for most, words in _SHEET if len(c.poses) <= most), "five")
-    panels = [_shape(c, found, p.name) for p in c.poses]
-    before = c.explanation is not None and c.fit is not None
     head = ("pose", "role", "before (mm)", "RMS (mm)", "largest (mm)", "left out, before (mm)", "left out (mm)", "without it",
             "")  # fmt: skip
+    figures = ("rms_before", "rms", "worst", "left_out_before", "left_out")  # some are those of an explanation
     rows = [
-        (p.name, p.role, mm(p.rms_before) if before else "", mm(p.rms), mm(p.worst),
-         mm(p.left_out_before) if before else "", mm(p.left_out) if before else "", p.without,
+        (name, p.role, *(mm(getattr(p, figure, None)) for figure in figures), c.without.get(name, ""),
          "" if p.stable else tag("span", "not solved", class_="bad"))
-        for p in c.poses
+        for name, p in c.poses.items()
     ]  # fmt: skip
     said = "Poses with the role “validate” had no part in the fit."
-    said += " “Left out”: each fitted pose predicted from the others." if any(p.left_out for p in c.poses) else ""
-    moved = any(p.without for p in c.poses)
+    said += " “Left out”: each fitted pose predicted from the others." if any(row[6] for row in rows) else ""
+    moved = any(c.without.values())
     said += " “Without it”: change of the stiffnesses when the pose is left out, to first order." if moved else ""
     return section(
-        "poses", "Shapes, measured and modelled", tag("div", panels, class_=f"grid {columns}"),
-        table(head, rows, range(2, 7)), tag("p", said, class_="soft"), _readings(found),
+        "poses", "Shapes, measured and modelled", _sheet([_shape(c, name) for name in c.poses]),
+        table(head, rows, range(2, 7)), tag("p", said, class_="soft"), _readings(c),
     )  # fmt: skip
 
 
-def _readings(found: Fit | Explanation) -> Part:
+def _sheet(panels: list[Html]) -> Html:
+    """Panels in the columns of the printed sheet."""
+    columns = next((words for most, words in _SHEET if len(panels) <= most), "five")
+    return tag("div", panels, class_=f"grid {columns}")
+
+
+def _readings(c: Contents) -> Part:
     """A table of the angles and wrenches of all poses; empty without any."""
     rows = [
         (name, one.words, *(" ".join(f"{x:.4g}" for x in values) for values in (one.measured, one.modelled)), one.unit,
          f"{one.off:.2g}")
-        for name, p in found.poses.items() for one in p.readings
+        for name, p in c.poses.items() for one in p.readings
     ]  # fmt: skip
     head = ("pose", "reading", "measured", "modelled", "unit", "off, over its noise")
     return table(head, rows, (5,)) if rows else ""
 
 
-def _shape(c, found, name):
-    if name in found.poses:
-        return _panel(lambda ax: plot.shapes(found, name, ax), f"shape of pose {name}")
+def _shape(c, name):
+    if name in c.found.poses:
+        return _panel(lambda ax: plot.shapes(c.found, name, ax), f"shape of pose {name}")
     return _panel(lambda ax: plot.measured(c.study, name, ax), f"shape of pose {name} as it was measured")
 
 
@@ -97,9 +100,10 @@ def _panel(draw, alt: str, size: tuple[float, float] = _PANEL) -> Html:
     return tag("figure", svg(draw, *size, alt))
 
 
-def errors(c: Contents, found: Fit | Explanation) -> Iterator[Html]:
+def errors(c: Contents) -> Iterator[Html]:
     """Errors along the cable: one panel, or one per pose."""
-    names = [p.name for p in c.poses if p.stable and p.name in found.poses and len(found.poses[p.name].residual)]
+    found = c.found
+    names = [name for name, p in found.poses.items() if p.stable and len(p.residual)]
     if not names:
         return
     if len(names) <= _TOGETHER and len(names) == len(found.poses):
@@ -112,8 +116,7 @@ def errors(c: Contents, found: Fit | Explanation) -> Iterator[Html]:
         plot.errors(found, name, ax).set_ylim(0.0, max(top, ax.get_ylim()[1]))
 
     panels = [_panel(lambda ax, name=name: one(ax, name), f"errors of pose {name}", (4.0, 2.6)) for name in names]
-    columns = next((words for most, words in _SHEET if len(names) <= most), "five")
-    yield section("errors", "Errors along the cable", tag("div", panels, class_=f"grid {columns}"), class_="sheet")
+    yield section("errors", "Errors along the cable", _sheet(panels), class_="sheet")
 
 
 def missing(c: Contents) -> Iterator[Html]:
@@ -129,14 +132,13 @@ def missing(c: Contents) -> Iterator[Html]:
     if e.noise is not None and e.concluded:
         said += [_ranking(e), _panel(lambda ax: plot.comparison(e, ax), "comparison of the hypotheses", _WIDE)]
     if e.noise is not None:
-        said.append(tag("div", _residuals(c, e), class_="screen"))
+        said.append(tag("div", _residuals(e), class_="screen"))
     yield section("missing", "What the model lacks", said, class_="lacks")
 
 
-def _residuals(c: Contents, e: Explanation) -> Iterator[Html]:
+def _residuals(e: Explanation) -> Iterator[Html]:
     """Residuals of every pose before and after, and the load common to all poses."""
-    shown = [p for p in c.poses if p.s is not None and len(p.s)]
-    names = [p.name for p in shown if p.stable and p.before is not None and np.all(np.isfinite(p.before))]
+    names = [name for name, p in e.poses.items() if p.stable and len(p.s) and np.all(np.isfinite(p.residual_before))]
     yield tag("h3", "Residual before and after")
     panels = (_panel(lambda ax, name=name: plot.residual(e, name, ax), f"residual of pose {name}") for name in names)
     yield tag("div", panels, class_="grid")
@@ -161,9 +163,14 @@ def _ranking(e: Explanation) -> Html:
     return table(("effect", "log evidence (nats)", "p", "verdict", "parameters (95 % intervals)"), rows, (1, 2))
 
 
+def _telling(c: Contents, name: str) -> Fit | Explanation | None:
+    """The explanation, or else the fit, if it has ``name``."""
+    return next((x for x in (c.explanation, c.fit) if x is not None and getattr(x, name)), None)
+
+
 def laws(c: Contents) -> Iterator[Html]:
     """Moment over curvature or twist, with its band and what is read off it."""
-    told = next((x for x in (c.explanation, c.fit) if x is not None and x.laws), None)
+    told = _telling(c, "laws")
     if told is None:
         return
     panels, rows = [], []
@@ -178,7 +185,7 @@ def laws(c: Contents) -> Iterator[Html]:
 
 def loops(c: Contents) -> Iterator[Html]:
     """Stick and slip stiffness, and the energy of a cycle, of effects with memory."""
-    told = next((x for x in (c.explanation, c.fit) if x is not None and x.loops), None)
+    told = _telling(c, "loops")
     if told is None:
         return
     rows = [(x.kind, x.of, name, number(value, 3), unit) for x in told.loops for name, (value, unit) in x.values.items()]
@@ -189,7 +196,7 @@ def loops(c: Contents) -> Iterator[Html]:
 
 def stiffness(c: Contents) -> Iterator[Html]:
     """EI along the cable with its band, where it varies."""
-    told = next((x for x in (c.explanation, c.fit) if x is not None and x.along is not None), None)
+    told = _telling(c, "along")
     if told is None or told.along is None:
         return
     panel = _panel(lambda ax: plot.stiffness(told, ax), "bending stiffness along the cable", _WIDE)
@@ -199,16 +206,16 @@ def stiffness(c: Contents) -> Iterator[Html]:
 
 def forces(c: Contents) -> Iterator[Html]:
     """Forces and moments along the cable, and reactions of the supports."""
-    if c.sections:
-        values = {name: {v.name: (v.s, getattr(v, name)) for v in c.sections} for name, _ in _QUANTITIES}
+    if c.predictions:
+        found = c.predictions.items()
+        values = {q: {name: (p.section_s, getattr(p, q)) for name, p in found} for q, _ in _QUANTITIES}
         panels = [
             _panel(lambda ax, name=name, label=label: plot.along(values[name], label, ax), f"{label} along the cable")
             for name, label in _QUANTITIES
         ]
         rows = [
-            (v.name, end, _vector(v.reaction_force[k]), number(float(np.linalg.norm(v.reaction_force[k])), 4),
-             _vector(v.reaction_moment[k]), number(float(np.linalg.norm(v.reaction_moment[k])), 4))
-            for v in c.sections for k, end in enumerate(("start", "end"))
+            (name, end, *_sized(p.reaction_force[k]), *_sized(p.reaction_moment[k]))
+            for name, p in found for k, end in enumerate(("start", "end"))
         ]  # fmt: skip
         head = ("pose", "support", "force on the cable (N), scan frame", "size (N)", "moment (N m)", "size (N m)")
         said = "Of the calibrated cable, with clamps and length as stated in the study. Tension is positive in a stretched"
@@ -242,14 +249,9 @@ def next_pose(c: Contents) -> Iterator[Html]:
 
 def details(c: Contents) -> Iterator[Html]:
     """Every estimate in full, the noise, all sentences, and correlations last."""
-    if not c.estimates and not c.sentences:
+    rows = list(_estimates(c))
+    if not rows and not c.sentences:
         return
-    rows = [
-        (e.name, number(e.before, e.digits) if c.explanation else "", number(e.value, e.digits),
-         f"{number(e.low, e.digits)} to {number(e.high, e.digits)}" if e.low is not None else "none", e.unit,
-         "; ".join(["not determined by these poses"] * (not e.identifiable) + ["at a bound of its range"] * e.at_bound))
-        for e in c.estimates
-    ]  # fmt: skip
     parts: list[Part] = []
     if rows:
         parts.append(table(("parameter", "before", "value", "95 % interval", "unit", ""), rows, (1, 2, 3)))
@@ -262,6 +264,20 @@ def details(c: Contents) -> Iterator[Html]:
         parts.append(tag("h3", f"Correlations{' in the baseline fit' if c.explanation else ''}"))
         parts.append(_panel(lambda ax: plot.correlations(c.fit, ax), "correlations of the estimates", (width, width)))
     yield section("details", "Every estimate in full", parts, class_="screen")
+
+
+def _estimates(c: Contents) -> Iterator[tuple[str, ...]]:
+    """The rows of all estimated numbers, for an explanation with their values in the baseline fit."""
+    for name, e in (c.found.estimates if c.fit else {}).items():
+        unit = "" if e.unit == "-" else e.unit
+        notes = ["not determined by these poses"] * (not e.identifiable) + ["at a bound of its range"] * e.at_bound
+        before = c.fit.estimates[name].value if c.fit and c.explanation else None
+        for i, value in enumerate(np.ravel(e.value)):
+            low, high, old = (np.nan if v is None else float(np.ravel(v)[i]) for v in (e.low, e.high, before))
+            digits = digits_of(value, low, high, least=4)
+            interval = "none" if e.low is None else f"{number(low, digits)} to {number(high, digits)}"
+            label = f"{name}[{i}]" if np.ndim(e.value) else name
+            yield (label, number(old, digits) if c.explanation else "", number(value, digits), interval, unit, "; ".join(notes))
 
 
 def _noise(c: Contents) -> str:
@@ -292,5 +308,6 @@ def mm(metres: float | None) -> str:
     return "" if metres is None else "-" if not np.isfinite(metres) else in_mm(metres)
 
 
-def _vector(values: np.ndarray) -> str:
-    return " ".join(number(float(v), 3) for v in values)
+def _sized(vector: np.ndarray) -> tuple[str, str]:
+    """A vector, and its size."""
+    return " ".join(number(float(v), 3) for v in vector), number(float(np.linalg.norm(vector)), 4)

@@ -51,7 +51,11 @@ def equilibria(
     if isinstance(quantities, dict):
         chosen = {name: one if isinstance(one, tuple) else (one, Output()) for name, one in quantities.items()}
     else:
-        chosen = {name: _standard(name) for name in ([quantities] if isinstance(quantities, str) else quantities)}
+        names = [quantities] if isinstance(quantities, str) else quantities
+        if strangers := [name for name in names if name not in QUANTITIES]:
+            known = ", ".join(QUANTITIES)
+            raise Scan2FlexError(f"{strangers[0]!r} is no known quantity of an equilibrium: use one of {known}")
+        chosen = {name: QUANTITIES[name] for name in names}
     own = dict(chosen) if isinstance(quantities, dict) else list(chosen)
     return Task(
         partial(_solved, scene, chosen, elements, max_steps),
@@ -66,9 +70,3 @@ def _solved(scene, quantities, elements, max_steps, sample):
     given = dict(zip(("start", "turns"), more, strict=False))
     e = equilibrium(model, boundary, **given, elements=elements, max_steps=max_steps)
     return {name: of(e) for name, (of, _) in quantities.items()}, e.verdict
-
-
-def _standard(name):
-    if name not in QUANTITIES:
-        raise Scan2FlexError(f"{name!r} is no known quantity of an equilibrium: use one of {', '.join(QUANTITIES)}")
-    return QUANTITIES[name]

@@ -15,7 +15,7 @@ from scan2flex_jax.study.sense import check_study
 from scan2flex_jax.sweep.changes import guesses
 from scan2flex_jax.sweep.task import NOT_CONVERGED, Outcome, Output, Task
 
-_NO_INFORMATION = np.inf  # of a fit without an error bar: NaN is reserved for failures
+_BARS = {"std": np.inf, "low": -np.inf, "high": np.inf}  # of a fit without an error bar: NaN is reserved for failures
 
 
 def fits(
@@ -43,18 +43,13 @@ def fits(
 
 
 def _fitted(study, change, options, sample) -> Outcome:
-    return _outcome(fit(change(study, sample), **options))
-
-
-def _outcome(f) -> Outcome:
     """The numbers of a `Fit` and its status; the estimates are kept even if it did not converge."""
-    values = {}
+    f, values = fit(change(study, sample), **options), {}
     for name, e in f.estimates.items():
-        bars = {"std": e.std, "low": e.low, "high": e.high}
         values[name] = e.value
-        for bar, x in bars.items():
-            none = np.full(np.shape(e.value), -_NO_INFORMATION if bar == "low" else _NO_INFORMATION)
-            values[f"{name}_{bar}"] = none if x is None else x
+        for bar, unknown in _BARS.items():
+            x = getattr(e, bar)
+            values[f"{name}_{bar}"] = np.full(np.shape(e.value), unknown) if x is None else x
     values |= {"rms": f.rms(), "cost": f.cost, "equilibria": f.equilibria, "iterations": f.minimum.iterations}
     if f.study.validate_poses:
         rms = f.rms("validate")
@@ -76,7 +71,7 @@ def estimates(slots: tuple) -> dict[str, Output]:
 def _outputs(study, slots) -> dict[str, Output]:
     out = estimates(slots)
     for slot in slots:
-        out |= {f"{slot.name}_{bar}": Output(slot.unit, out[slot.name].dims) for bar in ("std", "low", "high")}
+        out |= {f"{slot.name}_{bar}": Output(slot.unit, out[slot.name].dims) for bar in _BARS}
     out["equilibria"] = Output("-", (), "equilibria solved")
     if study.validate_poses:
         out["rms_validate"] = Output("m", (), "root mean square distance of the poses that were not fitted")

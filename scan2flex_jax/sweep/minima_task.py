@@ -55,6 +55,7 @@ def minima(
         raise Scan2FlexError(f"starts is {starts!r}: give one of {', '.join(_STARTS)}.")
     traced = partial(traced_problem, noise=noise, elements=elements, distance=distance)
     ready, _ = traced(study)
+    slots = ready.function.layout.slots
     given, fixed = eqx.partition(ready, eqx.is_array_like)
     problem, shapes = Problem(study, elements, distance), _shapes(given)
 
@@ -73,11 +74,12 @@ def minima(
 
     def one(sample):
         found = minimise(eqx.combine(sample.get("problem", given), fixed), sample["starts"])
-        return _values(ready, found), _verdict(found)
+        values = {s.name: s.value(found.x[s.at : s.at + s.size]) for s in slots}
+        return values | {name: getattr(found, name) for name in ("rms", "cost", "iterations")}, _verdict(found)
 
     about = {"study": study, "change": own, "options": (noise, starts, distance, elements)}
     prepare = of_guess if change is None else of_change
-    return Task(one, estimates(ready.function.layout.slots), traced=True, prepare=prepare, about=about)
+    return Task(one, estimates(slots), traced=True, prepare=prepare, about=about)
 
 
 _OTHER = "the sample has other unknowns, tolerances, effects or poses than the study: sweep over fits, which takes any study"
@@ -87,12 +89,6 @@ def _shapes(arrays):
     """Tree, shapes and types of the arrays, which are compiled."""
     leaves, tree = jax.tree.flatten(arrays)
     return tree, [(np.shape(x), np.asarray(x).dtype) for x in leaves]
-
-
-def _values(problem, found):
-    slots = problem.function.layout.slots
-    out = {s.name: s.value(found.x[s.at : s.at + s.size]) for s in slots}
-    return out | {"rms": found.rms, "cost": found.cost, "iterations": found.iterations}
 
 
 def _verdict(found) -> Verdict:

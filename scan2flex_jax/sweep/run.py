@@ -16,7 +16,7 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.cable import require_float64
 from scan2flex_jax.sweep.samples import Region, block, checked, extra, inputs, regions, sizes_of
 from scan2flex_jax.sweep.store import begun, opened
-from scan2flex_jax.sweep.task import FAULT, NOT_RUN, STATUS, Columns, Output, Task, another_shape, evaluate
+from scan2flex_jax.sweep.task import FAULT, NOT_RUN, STATUS, Columns, Output, Task, another_shape, evaluate, not_run
 
 if TYPE_CHECKING:
     import xarray
@@ -121,9 +121,9 @@ def _blank(samples, outputs: dict[str, Output]):
     if wrong := (outputs.keys() & {*samples.variables, *STATUS}) | (samples.variables.keys() & STATUS.keys()):
         raise Scan2FlexError(f"{min(wrong)!r} is an output of the sweep and an input, or a part of the status: rename one")
     found = samples.copy()
-    for name, (unit, label, empty) in STATUS.items():
-        dtype = object if isinstance(empty, str) else None
-        found[name] = (tuple(sizes), np.full(tuple(sizes.values()), empty, dtype), {"units": unit, "long_name": label})
+    for name, x in not_run(tuple(sizes.values())).items():
+        unit, label, _ = STATUS[name]
+        found[name] = (tuple(sizes), x, {"units": unit, "long_name": label})
     for name, output in outputs.items():
         if not output.dims:
             _add(found, name, output, ())

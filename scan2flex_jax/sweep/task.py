@@ -49,6 +49,16 @@ Columns = dict[str, np.ndarray]
 """The outputs and the status of a block of samples, one row each."""
 
 
+def not_run(shape: int | tuple[int, ...]) -> Columns:
+    """The status of samples that were not run."""
+    return {name: np.full(shape, x, object if isinstance(x, str) else None) for name, (*_, x) in STATUS.items()}
+
+
+def in_words(code: int) -> str:
+    """The status of a sample; of a code of the user's own, its number."""
+    return SENTENCES.get(code, f"code {code}")
+
+
 @dataclass(frozen=True)
 class Output:
     """One quantity that a task returns for every sample: its unit, the names of its own dimensions, and a label."""
@@ -105,7 +115,7 @@ def evaluate(task: Task, samples: Columns, width: int, devices: Sequence[jax.Dev
     code, outputs = columns["code"], [columns[name] for name in task.outputs if name in columns]
     broken = np.any([np.isnan(x).reshape(count, -1).any(axis=1) for x in outputs], axis=0) & (code == SOLVED)
     code[broken] = NON_FINITE
-    columns["verdict"][broken] = SENTENCES[NON_FINITE]
+    columns["verdict"][broken] = in_words(NON_FINITE)
     return columns
 
 
@@ -123,14 +133,9 @@ def _called(task, samples, count) -> Columns:
             raise another_shape(name, *shapes[:2])
         if shapes:
             columns[name] = np.stack([np.full(shapes[0], np.nan) if x is None else x for x in rows])
-    return columns | {
-        "code": np.array([o.code for o in outcomes]),
-        "verdict": np.array([o.sentence or SENTENCES.get(o.code, f"code {o.code}") for o in outcomes], object),
-        "stable": np.array([o.stable for o in outcomes]),
-        "steps": np.array([o.steps for o in outcomes]),
-        "out_of_balance": np.array([o.out_of_balance for o in outcomes]),
-        "seconds": np.array(seconds),
-    }
+    status = {name: np.array([getattr(o, name) for o in outcomes]) for name in ("code", "stable", "steps", "out_of_balance")}
+    verdict = np.array([o.sentence or in_words(o.code) for o in outcomes], object)
+    return columns | status | {"verdict": verdict, "seconds": np.array(seconds)}
 
 
 def _outcome(task, sample) -> Outcome:
@@ -155,20 +160,15 @@ def _traced(task, samples, count, width, devices) -> Columns:
     begin = perf_counter()
     given, refused = _prepared(task, samples, count)
     solved = np.delete(np.arange(count), list(refused))
-    columns = {
-        "code": np.full(count, REFUSED),
-        "verdict": np.full(count, None, object),
-        "stable": np.zeros(count, bool),
-        "steps": np.zeros(count, int),
-        "out_of_balance": np.full(count, np.nan),
-    }
+    columns = not_run(count)
+    columns["code"][:] = REFUSED
     columns["verdict"][list(refused)] = list(refused.values())
     if len(solved):
         outputs, v = _solved(task.function, given, len(solved), width, devices)
         columns["code"][solved], columns["stable"][solved] = v.code, v.negative == 0
         columns["steps"][solved], columns["out_of_balance"][solved] = v.steps, v.out_of_balance
         codes, which = np.unique(v.code, return_inverse=True)  # a million samples have a few sentences
-        columns["verdict"][solved] = np.array([SENTENCES.get(code, f"code {code}") for code in codes.tolist()], object)[which]
+        columns["verdict"][solved] = np.array([in_words(code) for code in codes.tolist()], object)[which]
         for name, x in outputs.items():
             columns[name] = np.full((count, *x.shape[1:]), np.nan)
             columns[name][solved[v.code == SOLVED]] = x[v.code == SOLVED]

@@ -12,7 +12,10 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from scan2flex_jax.cli.app import app
+from scan2flex_jax.convert import LENGTHS, TESTS
 from scan2flex_jax.errors import Scan2FlexError
+from scan2flex_jax.export import TO
+from scan2flex_jax.inference.fitting import METHODS
 
 COMMANDS = get_command(app).commands
 COMPUTES = ("fit", "explain", "plan", "simulate", "check", "extract", "pose", "curve", "report")
@@ -58,6 +61,20 @@ def test_what_cannot_be_written_is_refused_before_anything_is_read(name, tmp_pat
         found = CliRunner().invoke(app, [name, *needed, parameter.opts[0], str(tmp_path / "file" / "deep.png")])
         assert isinstance(found.exception, Scan2FlexError), (parameter.name, found.output)
         assert f"{tmp_path / 'file'} is not a folder" in str(found.exception)
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [("fit x --method", METHODS), ("export x -o y --to", TO), ("new x --test", TESTS)],
+)
+def test_an_option_has_the_choices_of_its_function(words, names):
+    found = CliRunner().invoke(app, [*words.split(), "nonsense"])
+    assert str(found.exception).endswith(f"use one of {', '.join(names)}.")
+
+
+def test_the_units_that_help_names_are_those_that_are_read():
+    [units] = [parameter for parameter in COMMANDS["new"].params if parameter.name == "units"]
+    assert units.help.endswith(f": {', '.join(LENGTHS)}.")
 
 
 def test_a_folder_and_a_document_are_no_pictures(tmp_path):
