@@ -273,7 +273,9 @@ class Variant:
         if weighted and (found is None or found.squares > (within or self.empty.squares)):
             again = self.refitted(components, amplitudes, base, shapes, u, nearest=within or self.empty.squares, others=others)
             return max((h for h in (found, again) if h is not None), key=lambda h: h.score, default=None)
-        return max([found, *self._other_starts(found)], key=lambda h: h.score) if others and components else found
+        if found is None or not (others and components):
+            return found
+        return max([found, *self._other_starts(found)], key=lambda h: h.score)
 
     def at(self, components: tuple[Component, ...], x, u, converged: bool) -> Fitted | None:
         """A hypothesis at a mode that is known; None where it is not solved."""

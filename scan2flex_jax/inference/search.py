@@ -171,9 +171,8 @@ class Search:
         names = " and ".join((*h.kinds, s.component.kind))
         self.say(f"{names}: {s.gain:.1f} nats to first order" if np.isfinite(s.gain) and s.gain else names)
         begin = [*(h.amplitudes(k) for k in range(len(h.components))), s.amplitudes]
-        components, shapes = (*h.components, s.component), h.shapes
-        how = {"unweighted": unweighted, "nearest": nearest, "within": h.squares}
-        end = h.variant.refitted(components, begin, h.x, shapes, u, **how)
+        begun, within = ((*h.components, s.component), begin, h.x, h.shapes, u), h.squares
+        end = h.variant.refitted(*begun, unweighted=unweighted, nearest=nearest, within=within)
         self.add(end)
         return end
 

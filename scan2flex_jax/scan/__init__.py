@@ -1,23 +1,25 @@
 """From a scanned point cloud to a centre curve (paper, Section 4), and a simulated scanner for its tests.
 
-Modules, in the order of the chain:
+The method, in the order of `extraction.extract`, for a cable of radius r between two ends:
 
-=====================  =================================================================================
-`extraction`           the whole chain, for one cloud, one pose or all scans of a study
-`cloud`                reading, checking, cleaning and thinning a point cloud
-`guide_points`         a coarse curve from the points that the user marked
-`coarse_curve`         a coarse curve without guide points: every point votes for the axis
-`strand_matching`      nodes of the votes chained into strands, joined from clamp to clamp
-`snakes`               the paper's energy of a curve (Eq. 8)
-`snakes_minimisers`    four minimisers of that energy
-`refine`               the most probable smooth curve, and its standard deviation
-`sensor_noise`         mixture of honest, flying and stray points, which sets the weights of `refine`
-`plausibility`         reasons to doubt the extracted curve
-`centre_curve`         the result: points, frames, standard deviation, gaps, warnings
-`picture`              its plot
-`spline`               the curve representation shared by all
-`scanner`, `shapes`    simulated scans of known curves
-=====================  =================================================================================
+1. **Cloud** (`cloud`). The file is read and refused if its units are not metres. Points out of reach of the cable, isolated
+   points and planes are left out; of a cloud with guide points, whatever is far from them.
+2. **Coarse curve** (`coarse_curve`, `strand_matching`). Each point votes for the axis, r inward along its normal. Nodes of the
+   votes are chained into strands, and strands joined end to end from clamp to clamp by a matching of least length and turn. The
+   curve is trusted by its length and by the share of the votes that it explains; without trust or guide points it is refused.
+   If it does not pass the guide points in their order, the curve through them is taken, moved onto the votes (`guide_points`).
+3. **Snakes** (`snakes`). The paper's energy (Eq. 8) of a spline through 20 points is minimised over the points near the curve.
+4. **Last stage** (`refine`). The most probable smooth spline through 40 points, with its standard deviation. Points are
+   weighted by their radial distance (Tukey), or with viewpoints by a mixture of honest, flying and stray points along their
+   rays (`sensor_noise`); the smoothness maximises the marginal likelihood.
+5. **Again**, from the curve of 4, over the points near it: until no points of the cable are missed, and once more without those
+   that lie on no tube of this radius or between gaps that are one (`plausibility.foreign`).
+6. **Result** (`centre_curve`). 201 points with frames between the ends of the cloud or the clamps; gaps where no points are.
+7. **Doubts** (`plausibility`). Length, ends, directions, radius, bends, gaps, and points that indicate another curve. Any of
+   them makes the curve not `sure`; one that questions what was seen makes it `astray`, and `fit` leaves the pose out.
+
+The numbers that decide are those of `settings`. `spline` is the curve of all steps, `picture` draws a result, and `scanner` and
+`shapes` make scans of known curves.
 """
 
 from scan2flex_jax.scan.centre_curve import CentreCurve, RadiusStatistics

@@ -16,12 +16,10 @@ from jaxtyping import Float
 from scan2flex_jax.geometry import curves
 from scan2flex_jax.scan import spline
 from scan2flex_jax.scan.refine import Refined
+from scan2flex_jax.scan.settings import USUAL
 
 POINTS = 201
 _FINE = 20  # samples per output point for measuring the arc length
-_CURVED_GAP = 1.5  # radii without a point that count as a gap (or 1.5 % of the length)
-_CONFIDENT = 0.3  # smallest weight of a point on the cable
-_LONE = 0.15  # of the usual density: an end with fewer points is a stray
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class CentreCurve:
     @property
     def seen(self) -> np.ndarray:
         """Mask of the points outside the gaps and their edges (n,), where what hid the cable stands near."""
-        return ~self.in_gaps(self.arc_length, _CURVED_GAP * self.radius.mean)
+        return ~self.in_gaps(self.arc_length, USUAL.gap_radii * self.radius.mean)
 
     def in_gaps(self, s: np.ndarray, edge: float = 0.0) -> np.ndarray:
         """Whether arc lengths (m) lie in a gap, or within an ``edge`` (m) of it."""
@@ -83,20 +81,17 @@ class CentreCurve:
         return float(self.arc_length[-1])
 
 
-def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=(), clamps=(None, None)) -> CentreCurve:
+def centre_curve(fit: Refined, radius: float, found_by: str, stages, clamps=(None, None)) -> CentreCurve:
     """Sample a refined spline between the first and the last cloud point on the cable, within the clamps if known (m)."""
-    count = POINTS
     c = spline.coefficients(jnp.asarray(fit.points))
-    on = fit.weight > _CONFIDENT
+    on = fit.weight > USUAL.certain
     span, gaps_t = _span_and_gaps(np.sort(fit.parameter[on]), c, radius, clamps)
     gaps_t = gaps_t if found_by == "guide points" else _joined(gaps_t)  # guided, what stands between gaps is the cable
-    fine = np.linspace(span[0], span[1], _FINE * count + 1)
+    fine = np.linspace(span[0], span[1], _FINE * POINTS + 1)
     q = np.asarray(spline.evaluate(c, jnp.asarray(fine)))
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
-    t = np.interp(np.linspace(0.0, s[-1], count), s, fine)
-    v = np.asarray(spline.evaluate(c, jnp.asarray(t), 1))
-    tangents = v / np.linalg.norm(v, axis=1, keepdims=True)
-    frames = _frames(jnp.asarray(tangents))
+    s = spline.arc_length(q)
+    t = np.interp(np.linspace(0.0, s[-1], POINTS), s, fine)
+    tangents = spline.unit(np.asarray(spline.evaluate(c, jnp.asarray(t), 1)))
     near = np.abs(fit.residual) < 2.0 * radius
     seen = fit.residual[on]
     stats = RadiusStatistics(
@@ -104,9 +99,9 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
     )
     return CentreCurve(
         points=np.asarray(spline.evaluate(c, jnp.asarray(t))),
-        arc_length=np.linspace(0.0, s[-1], count),
+        arc_length=np.linspace(0.0, s[-1], POINTS),
         tangents=tangents,
-        frames=np.asarray(frames),
+        frames=np.asarray(_frames(jnp.asarray(tangents))),
         std=_std_across(fit, t, tangents),
         radius=stats,
         noise=fit.sigma,
@@ -114,7 +109,6 @@ def centre_curve(fit: Refined, radius: float, found_by: str, stages, warnings=()
         found_by=found_by,
         along_ray=fit.along_ray,
         stages=dict(stages),
-        warnings=tuple(warnings),
     )
 
 
@@ -127,11 +121,11 @@ def _frames(tangents):
 def _span_and_gaps(t, c, radius, clamps):
     """Parameters of the cloud's first and last point (strays and points behind a clamp do not count), and gaps."""
     speed = float(np.mean(np.linalg.norm(np.asarray(spline.half_knot_tangents(c)), axis=1)))
-    wide = max(_CURVED_GAP * radius, 0.015 * speed * c.shape[1]) / speed
+    wide = max(USUAL.gap_radii * radius, USUAL.tube_of_length * speed * c.shape[1]) / speed
     wide = max(wide, 8.0 * (t[-1] - t[0]) / len(t))
     after = np.searchsorted(t, t + wide) - np.arange(len(t))
     before = np.arange(len(t)) - np.searchsorted(t, t - wide) + 1
-    crowd = _LONE * np.median(after)
+    crowd = USUAL.lone * np.median(after)
     first, last = int(np.argmax(after >= crowd)), len(t) - 1 - int(np.argmax(before[::-1] >= crowd))
     t = t[first : last + 1]
     low, high = t[0], t[-1]
@@ -156,8 +150,8 @@ def _joined(gaps):
 
 def _std_across(fit: Refined, t, tangents):
     """Standard deviation (m) of one coordinate across the curve at ``t``."""
-    W = np.asarray(spline.weights(len(fit.points), jnp.asarray(t)))
     K = len(fit.points)
+    W = np.asarray(spline.weights(K, jnp.asarray(t)))
     cov = fit.covariance.reshape(K, 3, K, 3)
     local = np.einsum("nk,kilj,nl->nij", W, cov, W, optimize=True)
     across = np.trace(local, axis1=1, axis2=2) - np.einsum("ni,nij,nj->n", tangents, local, tangents)

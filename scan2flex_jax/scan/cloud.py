@@ -19,18 +19,15 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
+from scan2flex_jax.scan.settings import USUAL
 from scan2flex_jax.study.scans import load_geometry, unreadable
 
 MESH_SAMPLES = 60_000
-MILLIMETRES = 50.0  # a cloud this many times longer than the cable is in other units: no room is so large
 _PLANES = 3  # number of table tops and walls to search for
 _FLAT = 1e-6  # of the largest triangle: a smaller one has no direction
-_PLANE = 100  # fewest points of a plane
 _TRIPLES = 200
-_FILLED = 0.45  # ratio of in-plane variances around a point: a noisy cable has 0.2, a table 1
 _AROUND = 12  # points needed in a neighbourhood to measure its filling
 _NEIGHBOURS = 8
-_ISOLATED = 5.0  # robust standard deviations of the log distance to neighbours
 
 
 @dataclass(frozen=True)
@@ -103,12 +100,12 @@ def check_cloud(points: Float[np.ndarray, "n 3"], radius: float, length: float |
         raise Scan2FlexError(f"the cloud has {len(points)} points: at least 4 are needed to say where a cable is")
     spread = np.linalg.norm(np.quantile(points, 0.98, axis=0) - np.quantile(points, 0.02, axis=0))
     size = length if length else 200.0 * radius
-    if spread > MILLIMETRES * size:
+    if spread > USUAL.units * size:
         raise Scan2FlexError(
             f"the cloud is {spread:.4g} long where the cable is {size:.4g} m with a radius of {radius:.4g} m: its"
             f" coordinates seem to be millimetres; divide them by 1000 (everything here is in metres)"
         )
-    if spread < size / (4.0 * MILLIMETRES):
+    if spread < size / (4.0 * USUAL.units):
         raise Scan2FlexError(
             f"the cloud is only {spread:.4g} m across where the cable is {size:.4g} m long: its units are not metres,"
             f" or it shows another thing"
@@ -124,11 +121,12 @@ def not_isolated(points: Float[np.ndarray, "n 3"]) -> np.ndarray:
     log = np.log(away + 1e-12)
     middle = np.median(log)
     spread = max(1.4826 * np.median(np.abs(log - middle)), 0.1)
-    return log < middle + _ISOLATED * spread
+    return log < middle + USUAL.isolated * spread
 
 
-def reachable(points, radius, start, end, length) -> np.ndarray:
-    """Mask of points within reach of a cable of this length held at these ends (any end may be None)."""
+def reachable(points, radius, clamps, length) -> np.ndarray:
+    """Mask of points within reach of a cable of this length held at these two positions (either may be None)."""
+    start, end = clamps
     slack = 2.0 * radius + 0.03 * (length or 0.0)
     if length is None or start is None:
         return np.ones(len(points), bool)
@@ -149,15 +147,15 @@ def off_planes(points: Float[np.ndarray, "n 3"], radius: float) -> np.ndarray:
     near = 0.25 * radius + 2e-3
     for _ in range(_PLANES):
         left = points[keep & ~lined_up]
-        if len(left) < _PLANE:
+        if len(left) < USUAL.plane:
             break
         normal, offset = _best_plane(left[thin(left, 4000)], near, rng)
         away = points @ normal - offset
         on = keep & ~lined_up & (np.abs(away) < 2.0 * near)
         axes = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2]
-        if on.sum() < max(_PLANE, 0.1 * keep.sum()):
+        if on.sum() < max(USUAL.plane, 0.1 * keep.sum()):
             break
-        if _filling(points[on] @ axes, 4.0 * max(radius, near)) < _FILLED:
+        if _filling(points[on] @ axes, 4.0 * max(radius, near)) < USUAL.filled:
             lined_up |= on
             continue
         middle, spread = 0.0, near

@@ -4,14 +4,12 @@ Every cloud point *votes* for the axis one radius inward along its surface norma
 neighbouring points). Votes lie close to the centre line even if only one side was seen, and two strands that nearly touch
 have votes two radii apart. Votes are gathered into nodes half a radius apart, each with the principal direction of its
 neighbours; nodes without such a direction (a clamp, a table) are dropped. The nodes are
-chained into *strands* (`strand_matching.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 10 %
+chained into *strands* (`strand_matching.py`) and the strands joined end to end from clamp to clamp, over gaps of up to 13 %
 of the length.
 
 Symbols: ``r`` radius (m), ``L`` length (m), node spacing ``h`` = r/2 (m, at least L/400).
 Reference: normals by principal components (Hoppe et al. 1992); mean shift (Fukunaga, Hostetler 1975).
 """
-
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -19,40 +17,14 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan.spline import evenly
+from scan2flex_jax.scan import spline
+from scan2flex_jax.scan.settings import USUAL
 from scan2flex_jax.scan.strand_matching import End, Nodes, chains
 
 VOTERS = 6000  # points that vote: enough for 20 in every patch of a radius
-GAP = 0.13  # of L: the longest gap that is bridged (10 % and the thin edges of the cloud on both sides)
 _PATCH = 16  # neighbours for a normal
 _CROWD = 160  # neighbours for a mean or a direction
-_WIDER = 1.5  # apparent radius of a noisy tube, in standard deviations
 _MEDIAN_OF_TWO = 1.18  # median distance from the centre of a two-dimensional Gaussian, in standard deviations
-_THIN = 0.2  # of the usual density: less is debris
-_NOISY = 0.3  # normals are useless for patches thicker than this share of r
-WIDE_GAP = 0.28  # of L: longest gap if no other path exists; the length must then agree
-_EXPLAINED = 0.75  # share of the votes that a trusted curve explains
-_ENOUGH = 0.35  # the same for a curve whose length and clamps agree: the remaining votes are clutter
-_LENGTH_OFF, _LENGTH_MEETS = 0.08, 0.02  # of L: for a trusted curve, and for one that is trusted for its length alone
-_MEETS = 0.8  # cosine between the curve's ends and the clamps' directions
-_AS_GOOD = 0.15  # of badness: another curve within this margin makes the result ambiguous
-_OTHERWISE = 0.06  # of L: two curves at a larger distance at some s are different
-_SHARP = 0.5  # rad of turn per radius of length: a sharper turn is a jump between strands
-_LINE_UP = 0.7  # share of the variance along the first axis: less is no curve
-
-
-@dataclass(frozen=True)
-class Coarse:
-    """A coarse centre curve: points (m) from start to end, whether it is trusted, and the doubts."""
-
-    points: Float[np.ndarray, "m 3"]
-    sure: bool
-    doubts: tuple[str, ...] = ()
-
-    @property
-    def length(self) -> float:
-        """Length of the polyline (m)."""
-        return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
 
 
 def axis_votes(points: Float[np.ndarray, "n 3"], radius: float, normals=None) -> tuple[Float[np.ndarray, "n 3"], float]:
@@ -66,8 +38,8 @@ def axis_votes(points: Float[np.ndarray, "n 3"], radius: float, normals=None) ->
     patch = points[tree.query(points, min(_PATCH, len(points)))[1]]
     size, axes = _principal(patch, np.ones(patch.shape[:2]))
     thick, wide = np.sqrt(np.maximum(size[:, 0], 0.0)), np.sqrt(size[:, 1])
-    if np.median(thick) > _NOISY * radius * min(1.0, np.median(wide) / (0.5 * radius)):
-        apparent = max(radius, _WIDER * _across(points, tree, radius))
+    if np.median(thick) > USUAL.thick * radius * min(1.0, np.median(wide) / (0.5 * radius)):
+        apparent = max(radius, USUAL.blurred * _across(points, tree, radius))
         return gathered(gathered(points, points, apparent), points, apparent), apparent
     sparse = points[:: max(1, len(points) // 2000)]
     middle = gathered(points, sparse, 0.7 * radius)
@@ -116,12 +88,12 @@ def _nodes(votes, spacing, radius) -> Nodes:
     size, axes = _principal(votes[index], weight)
     lined = size[:, 2] / (size.sum(axis=1) + 1e-300)
     crowd = weight.sum(axis=1)
-    keep = (lined > _LINE_UP) & (crowd > max(4.0, _THIN * np.median(np.repeat(crowd, count))))
+    keep = (lined > USUAL.lined_up) & (crowd > max(4.0, USUAL.thin * np.median(np.repeat(crowd, count))))
     return Nodes(at[keep], axes[keep][:, :, 2], count[keep])
 
 
-def find_curve(points, radius, length, start: End | None, end: End | None, normals=None) -> Coarse:
-    """The centre curve through a cloud without guide points; a doubtful one carries its doubts, an absent one is refused."""
+def find_curve(points, radius, length, start: End | None, end: End | None, normals=None) -> Float[np.ndarray, "m 3"]:
+    """Points of the centre curve through a cloud without guide points; a doubtful or absent one is refused."""
     votes, apparent = axis_votes(points, radius, normals)
     scale = length or 2.0 * float(np.max(np.ptp(points, axis=0)))
     spacing = max(0.5 * apparent, scale / 400.0)
@@ -134,61 +106,67 @@ def find_curve(points, radius, length, start: End | None, end: End | None, norma
     reach = max(4.0 * spacing, 2.0 * apparent)
     held = length is not None and start is not None and end is not None
     found = []
-    for gap, bent in ((GAP, False), (GAP, True), (WIDE_GAP, True))[: 3 if held else 2]:
+    for gap, bent in ((USUAL.gap, False), (USUAL.gap, True), (USUAL.wide_gap, True))[: 3 if held else 2]:
         for path in chains(nodes, reach, gap * scale, start, end, bent):
             curve = _smoothed(path, spacing, apparent)
-            found.append((*_judged(curve, nodes, apparent, length, start, end, gap > GAP), curve))
+            found.append((*_judged(curve, nodes, apparent, length, start, end, gap > USUAL.gap), curve))
         if any(not doubts for _, doubts, _ in found):
             break
     if not found:
         raise Scan2FlexError(
             "no path through the cloud leads from the start clamp to the end clamp: a gap is longer than"
-            f" {100 * GAP:.0f} % of the length, or the clamps stand elsewhere; mark guide points"
+            f" {100 * USUAL.gap:.0f} % of the length, or the clamps stand elsewhere; mark guide points"
         )
     bad, doubts, curve = min(found, key=lambda one: (len(one[1]) > 0, one[0]))
     for other, against, way in found:
-        if not (doubts or against) and other < bad + _AS_GOOD and _differ(curve, way) > _OTHERWISE * scale + 4.0 * apparent:
+        if (
+            not (doubts or against)
+            and other < bad + USUAL.as_good
+            and _differ(curve, way) > USUAL.otherwise * scale + 4.0 * apparent
+        ):
             doubts = ("another way through the cloud explains it about as well",)
-    return Coarse(curve, not doubts, doubts)
+    if doubts:
+        raise Scan2FlexError(
+            f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(doubts)};"
+            f" mark guide points, or scan from another side"
+        )
+    return curve
 
 
 def _differ(one, other) -> float:
     """Largest distance (m) between two curves at equal fractions of their lengths."""
-    return float(np.max(np.linalg.norm(evenly(one, 100) - evenly(other, 100), axis=1)))
+    return float(np.max(np.linalg.norm(spline.evenly(one, 100) - spline.evenly(other, 100), axis=1)))
 
 
 def _smoothed(path, spacing, radius):
     """The path at even spacing, smoothed over about a radius to remove its zigzag from node to node."""
-    count = max(16, int(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)) / (0.5 * spacing)))
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    even = np.column_stack([np.interp(np.linspace(0, s[-1], count), s, x) for x in path.T])
-    width = max(0.8 * radius, 1.5 * spacing) / (s[-1] / (count - 1))
-    first, last = 2 * even[0] - even[1:][::-1], 2 * even[-1] - even[:-1][::-1]  # odd reflection keeps the ends
+    length = spline.length(path)
+    count = max(16, int(length / (0.5 * spacing)))
+    width = max(0.8 * radius, 1.5 * spacing) / (length / (count - 1))
     pad = min(count - 1, int(4 * width) + 1)
-    long = np.concatenate([first[-pad:], even, last[:pad]])
-    return gaussian_filter1d(long, width, axis=0)[pad:-pad]
+    return gaussian_filter1d(spline.extended(spline.along(path, count), pad), width, axis=0)[pad:-pad]
 
 
 def _judged(curve, nodes, radius, length, start, end, wide):
     """Badness of a curve, and the doubts: its length against L, and the share of lined-up votes it explains."""
     doubts = []
-    near = cKDTree(evenly(curve, 400)).query(nodes.at)[0] < 2.0 * radius + 0.01 * (length or 0.0)
+    near = cKDTree(spline.evenly(curve, 400)).query(nodes.at)[0] < 2.0 * radius + 0.01 * (length or 0.0)
     share = nodes.votes[near].sum() / nodes.votes.sum()
     bad, met = 1.0 - share, False
     if length:
-        found = np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))
-        found += np.linalg.norm(curve[0] - start.position) if start is not None else 0.0
-        found += np.linalg.norm(curve[-1] - end.position) if end is not None else 0.0
-        bad += 3.0 * abs(found / length - 1.0)
-        met = abs(found / length - 1.0) < _LENGTH_MEETS and _meets(curve, start, 0) and _meets(curve, end, -1)
-        if not 1.0 - _LENGTH_OFF < found / length < 1.0 + _LENGTH_OFF:
+        found: float = spline.length(curve)
+        found += sum(float(np.linalg.norm(curve[k] - one.position)) for k, one in ((0, start), (-1, end)) if one is not None)
+        off = abs(found / length - 1.0)
+        bad += 3.0 * off
+        met = off < USUAL.met_length and _meets(curve, start, 0) and _meets(curve, end, -1)
+        if off >= USUAL.coarse_length:
             doubts.append(f"it is {found:.4g} m long from clamp to clamp where the cable is {length:.4g} m")
-    if share < (_ENOUGH if met else _EXPLAINED):
+    if share < (USUAL.explained_met if met else USUAL.explained):
         doubts.append(f"it explains only {100 * share:.0f} % of what lines up in the cloud")
     if wide and not met:
-        doubts.append(f"it leaps over a gap of more than {100 * GAP:.0f} % of the length, and its own length does not agree")
-    turn = _turns(curve, radius)
-    bad += 0.3 * max(0.0, float(turn.max()) - _SHARP)
+        doubts.append(
+            f"it leaps over a gap of more than {100 * USUAL.gap:.0f} % of the length, and its own length does not agree"
+        )
     return bad, tuple(doubts)
 
 
@@ -198,12 +176,4 @@ def _meets(curve, clamp, k) -> bool:
         return False
     few = max(2, len(curve) // 50)
     way = curve[few] - curve[0] if k == 0 else curve[-1] - curve[-1 - few]
-    return float(way @ clamp.tangent) > _MEETS * float(np.linalg.norm(way))
-
-
-def _turns(curve, radius):
-    """Angles (rad) by which the curve turns per radius of its length."""
-    even = evenly(curve, max(8, int(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1)) / radius)))
-    step = np.diff(even, axis=0)
-    step /= np.linalg.norm(step, axis=1, keepdims=True)
-    return np.arccos(np.clip(np.sum(step[1:] * step[:-1], axis=1), -1.0, 1.0))
+    return float(way @ clamp.tangent) > USUAL.met_direction * float(np.linalg.norm(way))

@@ -1,6 +1,4 @@
-"""The whole chain from a scan to its centre curve, for one cloud and for a study.
-
-    cloud -> checked, cleaned -> coarse curve (guide points, or found) -> snakes (Eq. 8) -> refined -> CentreCurve
+"""The whole chain from a scan to its centre curve (`scan2flex_jax.scan` describes it), for one cloud and for a study.
 
 Every compiled function has one shape for all clouds (points padded to `SNAKES_POINTS` and `REFINE_POINTS`, curves of
 `SNAKES_KNOTS` and `refine.KNOTS` points), so that the poses of a study share one compilation.
@@ -9,22 +7,23 @@ Symbols: r radius, L length between the clamps, s arc length: m.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
-from typing import Any
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError, StudyError
 from scan2flex_jax.scan import cloud as clouds
-from scan2flex_jax.scan import coarse_curve, refine, snakes, snakes_minimisers, spline
+from scan2flex_jax.scan import coarse_curve, refine, snakes, spline
 from scan2flex_jax.scan.centre_curve import CentreCurve, centre_curve
 from scan2flex_jax.scan.guide_points import checked_guides, guide_tube, guided_curve
-from scan2flex_jax.scan.plausibility import astray, clamp_to_clamp, doubts, foreign
+from scan2flex_jax.scan.plausibility import clamp_to_clamp, doubts, foreign
+from scan2flex_jax.scan.settings import USUAL
 from scan2flex_jax.scan.strand_matching import End
 from scan2flex_jax.study.model import MeasuredCurve, Study, StudyPose
 from scan2flex_jax.study.sense import check_study
@@ -33,13 +32,26 @@ SNAKES_POINTS = 2048
 SNAKES_KNOTS = 20
 REFINE_POINTS = 8192
 _PLANE_POINTS = 40_000
-_WIDE, _WIDE_OF_LENGTH = 3.0, 0.015  # of r, of the curve's length: half-width of the tube of points around a curve
 _RENEWALS = 3  # rounds of selecting the points near the curve again
-_ON = 3.0  # largest distance of a point on the surface, in standard deviations
-_LEFT_OUT = 2e-3  # of the points used: above this share of missed points on the curve another round follows
-_FEW = 60  # largest cloud of hand-picked points, which does not sample a surface
 _RADII_SHARE = 0.25  # r_i of the coarse step may differ from r by this share
-_LENGTH_TRUSTED = 0.05  # of L, for a curve found without guide points
+
+
+@dataclass(frozen=True)
+class _Cable:
+    """What is known besides the cloud (m): radius, length, ends, guide points, viewpoints, noise; None where unknown."""
+
+    radius: float
+    length: float | None
+    start: End | None
+    end: End | None
+    guides: Float[np.ndarray, "g 3"] | None
+    eyes: Float[np.ndarray, "v 3"] | None
+    noise: float | None
+
+    @property
+    def clamps(self):
+        """Positions of the two ends."""
+        return tuple(None if one is None else one.position for one in (self.start, self.end))
 
 
 def extract(
@@ -52,7 +64,6 @@ def extract(
     guide_points: ArrayLike | None = None,
     viewpoints: ArrayLike | None = None,
     noise: float | None = None,
-    method: str = "least squares",
 ) -> CentreCurve:
     """The centre curve of a cable of ``radius`` (m) in a cloud (`Cloud` or points, m).
 
@@ -62,45 +73,45 @@ def extract(
     _require_float64()
     if not (np.isfinite(radius) and radius > 0):
         raise Scan2FlexError(f"the radius must be a positive number of metres, got {radius}")
-    notes = list(cloud.notes) if isinstance(cloud, clouds.Cloud) else []
-    points = cloud.points if isinstance(cloud, clouds.Cloud) else cloud
-    points = clouds.check_cloud(points, radius, length)
+    notes, given = (list(cloud.notes), cloud.points) if isinstance(cloud, clouds.Cloud) else ([], cloud)
+    points = clouds.check_cloud(given, radius, length)
     stages = {"cloud": points[clouds.thin(points, 20_000)]}
-    if guide_points is not None:
-        at = [None if one is None else one.position for one in (start, end)]
-        guide_points, said = checked_guides(guide_points, radius, length, *at)
-        notes += said
-        stages["guide points"] = guide_points
     eyes = None if viewpoints is None else np.atleast_2d(np.asarray(viewpoints, float))
-    points = cleaned(points, radius, length, start, end, guide_points)
-    coarse, found_by = _coarse(cloud, points, radius, length, start, end, guide_points, eyes)
-    stages["coarse"] = coarse.points
-    extended = lengthened(coarse.points, max(2.0 * radius, 0.02 * coarse.length), radius, start, end)
+    known = _Cable(radius, length, start, end, None, eyes, noise)
+    if guide_points is not None:
+        stages["guide points"], said = checked_guides(guide_points, radius, length, *known.clamps)
+        known, notes = replace(known, guides=stages["guide points"]), [*notes, *said]
+    points = _cleaned(points, known)
+    coarse, found_by = _coarse(cloud, points, known)
+    stages["coarse"] = coarse
+    extended = _lengthened(coarse, max(2.0 * radius, 0.02 * spline.length(coarse)), known)
     inside = _near(points, extended, radius)
     if inside.sum() < 4:
         raise Scan2FlexError(
             f"only {inside.sum()} points of the cloud lie near the coarse curve: check the guide points and the units"
         )
-    stages["snakes"] = _snake(extended, points[inside], radius, method)
-    few = guide_points is not None and int(inside.sum()) <= _FEW
-    known = {"length": length, "start": start, "end": end}
-    refined = partial(_refined, radius=radius, eyes=eyes, noise=noise, few=few, known=known)
-    refined = partial(refined, found_by=found_by, stages=stages, notes=notes)
-    against, curve, fit = refined((extended,) if few else (stages["snakes"], extended), points[inside])
-    for _ in range(0 if few else _RENEWALS):
+    stages["snakes"] = _snake(extended, points[inside], radius)
+    few = guide_points is not None and int(inside.sum()) <= USUAL.few
+
+    def refined(starts, near):
+        return _refined(starts, near, known, few, found_by, stages, notes)
+
+    curve, fit = refined((extended,) if few else (stages["snakes"], extended), points[inside])
+    if few:
+        return curve
+    for _ in range(_RENEWALS):
         inside, left_out = _renewed(points, inside, fit, radius)
         if not left_out:
             break
-        against, curve, fit = refined((fit.points,), points[inside])
-    strange = np.zeros(inside.sum(), bool) if few else _strange(curve, fit, points[inside], radius)
+        curve, fit = refined((fit.points,), points[inside])
+    strange = _strange(curve, fit, points[inside], radius)
     if strange.any():
-        against, curve, fit = refined((fit.points,), points[inside][~strange])
-    _refuse_doubtful(curve, length, start, end)
-    said = [] if few else _remarks(curve, radius, fit, eyes is not None)
+        curve, fit = refined((fit.points,), points[inside][~strange])
+    _refuse_doubtful(curve, known)
+    said = _remarks(curve, radius, fit, eyes is not None)
     if strange.any():
         said.append("where most points lie on no tube of this radius (a connector?) or few between gaps they were left out")
-    wrong = not few and bool(astray(curve, fit, radius, **known))
-    return replace(curve, warnings=(*curve.warnings, *against, *said), doubts=tuple(against), astray=wrong)
+    return replace(curve, warnings=(*curve.warnings, *said))
 
 
 def _strange(curve, fit, points, radius):
@@ -108,13 +119,13 @@ def _strange(curve, fit, points, radius):
     where, there = cKDTree(spline.evenly(fit.points, 800)).query(points)[1] / 800, foreign(fit, radius)
     away, which = cKDTree(curve.points).query(points)
     lost = curve.in_gaps(curve.arc_length[which])
-    led = bool(np.any(lost & (np.abs(away - radius) < _ON * fit.sigma)))
+    led = bool(np.any(lost & (np.abs(away - radius) < USUAL.on * fit.sigma)))
     return there[(where * len(there)).astype(int)] | (lost & led)
 
 
 def _near(points, curve, radius):
     """Mask of the points that may belong to this curve."""
-    wide = max(_WIDE * radius, _WIDE_OF_LENGTH * float(np.sum(np.linalg.norm(np.diff(curve, axis=0), axis=1))))
+    wide = max(USUAL.tube * radius, USUAL.tube_of_length * spline.length(curve))
     return clouds.near_polyline(points, spline.evenly(curve, 800), wide)
 
 
@@ -125,33 +136,33 @@ def _renewed(points, inside, fit, radius):
     """
     now = _near(points, fit.points, radius)
     come = points[now & ~inside]
-    on = clouds.near_polyline(come, spline.evenly(fit.points, 800), radius + _ON * fit.sigma) if len(come) else come
-    return now, bool(np.sum(on) > max(3.0, _LEFT_OUT * np.sum(inside)))
+    on = clouds.near_polyline(come, spline.evenly(fit.points, 800), radius + USUAL.on * fit.sigma) if len(come) else come
+    return now, bool(np.sum(on) > max(3.0, USUAL.missed * np.sum(inside)))
 
 
-def _refined(starts, near, radius, eyes, noise, few, known, found_by, stages, notes):
-    """Doubts, curve, and its `Refined`, from the first start without doubts, else the best.
+def _refined(starts, near, known, few, found_by, stages, notes):
+    """Curve with its doubts, and its `Refined`, from the first start without doubts, else the best.
 
     If the snakes went astray, the coarse curve is the better start.
     """
+    radius, eyes = known.radius, known.eyes
     near = near[clouds.thin(near, REFINE_POINTS)]
     stages["points used"] = near
     points, real = _padded(near, REFINE_POINTS)
     if few and eyes is not None:  # marks lie on the visible side, and the axis a radius behind them
         points = points + radius * (points - eyes[0]) / jnp.linalg.norm(points - eyes[0], axis=1, keepdims=True)
-    clamps = [None if one is None else one.position for one in (known["start"], known["end"])]
     found = []
     for begin in starts:
-        fit = refine.refine(spline.evenly(begin, refine.KNOTS), points, real, radius, eyes, noise, few)
-        if np.sum(fit.weight > 0.3) >= 4:
-            curve = centre_curve(fit, radius, found_by, stages, notes, clamps)
-            against = doubts(curve, fit, radius, **known, few=few)
-            found.append((against, curve, fit))
+        fit = refine.refine(spline.evenly(begin, refine.KNOTS), points, real, radius, eyes, known.noise, few)
+        if np.sum(fit.weight > USUAL.certain) >= 4:
+            curve = centre_curve(fit, radius, found_by, stages, known.clamps)
+            against, astray = doubts(curve, fit, radius, known.length, known.start, known.end, few)
+            found.append((replace(curve, warnings=(*notes, *against), doubts=tuple(against), astray=astray), fit))
             if not against:
                 break
     if not found:
         raise Scan2FlexError(f"no points lie {radius:.4g} m from a common curve: this cloud shows no cable of that radius")
-    return min(found, key=lambda one: (len(one[0]), -np.sum(one[2].weight)))
+    return min(found, key=lambda one: (len(one[0].doubts), -np.sum(one[1].weight)))
 
 
 def _require_float64():
@@ -163,58 +174,50 @@ def _require_float64():
         )
 
 
-def cleaned(points, radius, length, start, end, guides):
+def _cleaned(points, known):
     """Points that are not isolated, within reach of the cable, and near the guides (if any) or else off tables."""
-    at, to = (None if one is None else one.position for one in (start, end))
-    held = points[clouds.reachable(points, radius, at, to, length)]
+    held = points[clouds.reachable(points, known.radius, known.clamps, known.length)]
     if len(held) < 4:
         raise Scan2FlexError(
-            f"{len(held)} of the {len(points)} points lie where a cable of {length:.4g} m between these clamps can be:"
+            f"{len(held)} of the {len(points)} points lie where a cable of {known.length:.4g} m between these clamps can be:"
             f" the cloud and the clamps are not in one frame, or not in metres"
         )
     held = held[clouds.not_isolated(held)]
-    if guides is not None:
-        curve, reach = guide_tube(guides, radius)
-        held = held[clouds.near_polyline(held, lengthened(curve, 3.0 * reach), reach)]
-        if len(held) < 4:
-            raise Scan2FlexError(f"no points of the cloud lie within {reach:.3g} m of the guide points: are both in metres?")
-        return held
-    held = held[clouds.thin(held, _PLANE_POINTS)] if len(held) > _PLANE_POINTS else held
-    return held[clouds.off_planes(held, radius)]
+    if known.guides is None:
+        held = held[clouds.thin(held, _PLANE_POINTS)]
+        return held[clouds.off_planes(held, known.radius)]
+    curve, reach = guide_tube(known.guides, known.radius)
+    held = held[clouds.near_polyline(held, _lengthened(curve, 3.0 * reach), reach)]
+    if len(held) < 4:
+        raise Scan2FlexError(f"no points of the cloud lie within {reach:.3g} m of the guide points: are both in metres?")
+    return held
 
 
-def _coarse(cloud, points, radius, length, start, end, guides, eyes):
+def _coarse(cloud, points, known):
     """The coarse curve and its origin; guide points take precedence, and without them a doubt is a refusal."""
     some = points[clouds.thin(points, coarse_curve.VOTERS)]
     normals = clouds.normals_at(cloud, some)
-    if guides is None:
-        found: Any = coarse_curve.find_curve(some, radius, length, start, end, normals)
-        if not found.sure:
-            raise Scan2FlexError(
-                f"a curve was found in the cloud, but it is not to be trusted: {'; '.join(found.doubts)};"
-                f" mark guide points, or scan from another side"
-            )
-        return found, "cloud"
     try:
-        found = coarse_curve.find_curve(some, radius, length, start, end, normals) if len(some) >= 200 else None
-    except Scan2FlexError:
-        found = None
-    if found is not None and found.sure:
-        fine = spline.evenly(found.points, 800)
-        away, which = cKDTree(fine).query(guides)
+        found = coarse_curve.find_curve(some, known.radius, known.length, known.start, known.end, normals)
+        if known.guides is None:
+            return found, "cloud"
+        away, which = cKDTree(spline.evenly(found, 800)).query(known.guides)
         if which[-1] < which[0]:
-            found, which = replace(found, points=found.points[::-1]), 799 - which
-        if np.all(away < 3.0 * radius + 0.01 * found.length) and np.all(np.diff(which) > 0):
+            found, which = found[::-1], 799 - which
+        if np.all(away < 3.0 * known.radius + 0.01 * spline.length(found)) and np.all(np.diff(which) > 0):
             return found, "cloud, and the guide points agree"
-    return guided_curve(guides, some, radius, eyes, normals), "guide points"
+    except Scan2FlexError:
+        if known.guides is None:
+            raise
+    return guided_curve(known.guides, some, known.radius, known.eyes, normals), "guide points"
 
 
-def lengthened(curve, by, radius=0.0, start=None, end=None):
+def _lengthened(curve, by, known=None):
     """The curve extended at both ends, so that the cloud ends before it does: along the clamps if it ends at them."""
     back = max(2, len(curve) // 40)
-    first, last = curve[0] - curve[back], curve[-1] - curve[-1 - back]
-    first, last = first / np.linalg.norm(first), last / np.linalg.norm(last)
+    first, last = spline.unit(curve[0] - curve[back]), spline.unit(curve[-1] - curve[-1 - back])
     head, tail = [curve[0] + by * first], [curve[-1] + by * last]
+    start, end, radius = (None, None, 0.0) if known is None else (known.start, known.end, known.radius)
     near = by + 2.0 * radius
     if start is not None and start.tangent is not None and np.linalg.norm(curve[0] - start.position) < near:
         curve = curve[np.argmax((curve - start.position) @ start.tangent > 0.5 * radius) :]
@@ -233,7 +236,7 @@ def _padded(points, count):
     return jnp.asarray(rows), jnp.asarray(real)
 
 
-def _snake(curve, near, radius, method):
+def _snake(curve, near, radius):
     """Points of the snakes curve (m)."""
     x0 = spline.evenly(curve, SNAKES_KNOTS)
     some = near[clouds.thin(near, SNAKES_POINTS)]
@@ -244,15 +247,16 @@ def _snake(curve, near, radius, method):
     away = cKDTree(spline.evenly(curve, 800)).query(np.asarray(points))[0]
     radii = np.clip(away, (1 - _RADII_SHARE) * radius, (1 + _RADII_SHARE) * radius)
     problem = snakes.SnakesProblem(points, jnp.asarray(radii), real, jnp.asarray(in_gap), jnp.asarray(float(radius)))
-    return snakes_minimisers.minimise_snakes(x0, problem, method, 60).points
+    return snakes.minimise_snakes(x0, problem)
 
 
-def _refuse_doubtful(curve: CentreCurve, length, start, end):
+def _refuse_doubtful(curve: CentreCurve, known):
     """Refuse a curve found without guide points whose length is far from the known one: it followed a wrong path."""
-    if not length or start is None or end is None or curve.found_by != "cloud":
+    length = known.length
+    if not length or known.start is None or known.end is None or curve.found_by != "cloud":
         return
-    whole = clamp_to_clamp(curve, start, end)
-    if abs(whole / length - 1.0) > _LENGTH_TRUSTED:
+    whole = clamp_to_clamp(curve, known.start, known.end)
+    if abs(whole / length - 1.0) > USUAL.refused:
         raise Scan2FlexError(
             f"the curve found in the cloud is {whole:.4g} m long from clamp to clamp where the cable is {length:.4g} m:"
             f" it is not to be trusted; mark guide points, or correct the length"
@@ -262,12 +266,12 @@ def _refuse_doubtful(curve: CentreCurve, length, start, end):
 def _remarks(curve: CentreCurve, radius, fit, viewed):
     """Remarks on a curve without doubts: gaps, and the limits of the noise model."""
     said = []
-    if viewed and fit.facing < refine.FACING:
+    if viewed and fit.facing < USUAL.face_eye:
         said.append(
             f"{100 * (1.0 - fit.facing):.0f} % of the points face none of the viewpoints: these are not the scan's,"
             f" and were left aside"
         )
-    if not curve.along_ray and curve.noise > refine.RAY_ABOVE * radius:
+    if not curve.along_ray and curve.noise > USUAL.noisy * radius:
         said.append(
             f"a point is uncertain by {curve.noise:.2g} m where the radius is {radius:.4g} m, and no viewpoints are given:"
             f" a scan from one side then draws the curve towards the sensor by up to half a radius; give the viewpoints"
@@ -278,7 +282,7 @@ def _remarks(curve: CentreCurve, radius, fit, viewed):
 
 
 def extract_study(
-    study: Study, progress: Callable[[str, int, int], None] | None = None, method: str = "least squares"
+    study: Study, progress: Callable[[str, int, int], None] | None = None
 ) -> tuple[Study, dict[str, CentreCurve]]:
     """A copy of the study with a centre curve for every pose that has a scan and none yet, and the curves by pose name.
 
@@ -292,15 +296,16 @@ def extract_study(
     todo = [pose.name for pose in study.poses if pose.scan is not None and pose.curve is None]
     for pose in study.poses:
         if pose.name in todo:
-            _tell(progress, pose.name, len(found) + 1, len(todo))
-            found[pose.name] = extract_pose(study, pose, method)
-            curve = found[pose.name]
+            if progress is not None:
+                with suppress(Exception):
+                    progress(pose.name, len(found) + 1, len(todo))
+            curve = found[pose.name] = extract_pose(study, pose)
             pose = replace(pose, curve=MeasuredCurve(curve.points[curve.seen]))  # noqa: PLW2901
         poses.append(pose)
     return replace(study, poses=tuple(poses)), found
 
 
-def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -> CentreCurve:
+def extract_pose(study: Study, pose: StudyPose) -> CentreCurve:
     """The centre curve of one pose of a study; a fault names the study's scan file."""
     radius, length = study.cable.get("radius"), study.cable.get("length")
     name = str(pose.scan)
@@ -316,17 +321,7 @@ def extract_pose(study: Study, pose: StudyPose, method: str = "least squares") -
             guide_points=pose.guide_points,
             viewpoints=pose.viewpoints,
             noise=pose.noise,
-            method=method,
         )
     except Scan2FlexError as fault:
         sentence = fault.sentence if isinstance(fault, StudyError) else f"{fault}"
         raise StudyError(name, f"pose {pose.name!r}", sentence) from fault
-
-
-def _tell(progress, *what):
-    """Report progress; an exception in the report does not stop the extraction."""
-    if progress is not None:
-        try:
-            progress(*what)
-        except Exception:
-            return

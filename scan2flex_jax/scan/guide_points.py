@@ -11,13 +11,9 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from scan2flex_jax.errors import Scan2FlexError
-from scan2flex_jax.scan.coarse_curve import Coarse, axis_votes, gathered
-from scan2flex_jax.scan.spline import evenly
-
-_TOO_LONG = 1.08  # of L: points on the outside of bends make a slightly longer polyline, a wrong order a much longer one
-_FOLD = -0.5  # cosine of a turn at a guide point too sharp for a cable
-_NEAR_VOTES = 1.5  # radii within which a vote is assigned to the curve
-_SHORTER = 0.85  # an exchange of points that shortens the polyline to this fraction indicates a wrong order
+from scan2flex_jax.scan import spline
+from scan2flex_jax.scan.coarse_curve import axis_votes, gathered
+from scan2flex_jax.scan.settings import USUAL
 
 
 def checked_guides(guides, radius: float, length: float | None, start=None, end=None):
@@ -27,13 +23,11 @@ def checked_guides(guides, radius: float, length: float | None, start=None, end=
         raise Scan2FlexError(
             f"guide points need at least two rows of three finite coordinates (m), got the shape {guides.shape}"
         )
-    total = _length(guides)
-    best = _length(_untangled(guides))
-    step = np.diff(guides, axis=0)
-    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
-    folds = np.flatnonzero(np.sum(step[1:] * step[:-1], axis=1) < _FOLD)
-    too_long = length is not None and total > _TOO_LONG * length + 2.0 * np.pi * radius
-    if (too_long and best < total) or (best < _SHORTER * total and len(folds)):
+    total, best = spline.length(guides), spline.length(_untangled(guides))
+    step = spline.unit(np.diff(guides, axis=0))
+    folds = np.flatnonzero(np.sum(step[1:] * step[:-1], axis=1) < USUAL.fold)
+    too_long = length is not None and total > USUAL.guides_longer * length + 2.0 * np.pi * radius
+    if (too_long and best < total) or (best < USUAL.guides_shorter * total and len(folds)):
         where = f" (look at point {folds[0] + 2})" if len(folds) else ""
         known = f", where the cable is {length:.4g} m" if length else ""
         raise Scan2FlexError(
@@ -46,10 +40,6 @@ def checked_guides(guides, radius: float, length: float | None, start=None, end=
         if turned < 0.5 * as_is:
             return guides[::-1].copy(), ("the guide points ran from end to start: they were turned round",)
     return guides, ()
-
-
-def _length(points) -> float:
-    return float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
 
 
 def _untangled(points):
@@ -70,13 +60,13 @@ def _untangled(points):
 def guide_tube(guides, radius: float) -> tuple[Float[np.ndarray, "m 3"], float]:
     """Fine samples of the spline through the guide points, and the largest distance (m) of the cable from it."""
     spacing = np.max(np.linalg.norm(np.diff(guides, axis=0), axis=1))
-    return evenly(guides, 400), max(4.0 * radius, 0.3 * spacing)
+    return spline.evenly(guides, 400), max(4.0 * radius, 0.3 * spacing)
 
 
-def guided_curve(guides, points, radius: float, eyes=None, normals=None) -> Coarse:
+def guided_curve(guides, points, radius: float, eyes=None, normals=None) -> Float[np.ndarray, "m 3"]:
     """The curve through the guide points, moved onto the axis: by a radius away from the viewpoint that saw them, if known,
     then onto the votes around it."""
-    curve = evenly(guides, 200)
+    curve = spline.evenly(guides, 200)
     if eyes is not None:
         behind = [_behind(curve, eye, radius) for eye in eyes]
         tree = cKDTree(points)
@@ -84,20 +74,16 @@ def guided_curve(guides, points, radius: float, eyes=None, normals=None) -> Coar
         curve = behind[int(np.argmax(around))]
     if len(points) >= 100:
         votes, apparent = axis_votes(points, radius, normals)
-        near = cKDTree(votes).query(curve)[0] < _NEAR_VOTES * apparent
+        near = cKDTree(votes).query(curve)[0] < USUAL.guided * apparent
         moved = gathered(curve, votes, 0.5 * apparent)
-        near &= np.linalg.norm(moved - curve, axis=1) < _NEAR_VOTES * apparent
+        near &= np.linalg.norm(moved - curve, axis=1) < USUAL.guided * apparent
         curve = np.where(near[:, None], moved, curve)
         kernel = np.hanning(11)[1:-1] / np.hanning(11)[1:-1].sum()
-        padded = np.concatenate([2 * curve[0] - curve[4:0:-1], curve, 2 * curve[-1] - curve[-2:-6:-1]])
-        curve = np.column_stack([np.convolve(x, kernel, "valid") for x in padded.T])
-    return Coarse(curve, True)
+        curve = np.column_stack([np.convolve(x, kernel, "valid") for x in spline.extended(curve, 4).T])
+    return curve
 
 
 def _behind(curve, eye, radius):
     """The curve moved by a radius away from an eye, perpendicular to itself."""
-    tangent = np.gradient(curve, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    look = curve - eye
-    look = look - np.sum(look * tangent, axis=1, keepdims=True) * tangent
-    return curve + radius * look / np.maximum(np.linalg.norm(look, axis=1, keepdims=True), 1e-12)
+    tangent, look = spline.tangents(curve), curve - eye
+    return curve + radius * spline.unit(look - np.sum(look * tangent, axis=1, keepdims=True) * tangent)

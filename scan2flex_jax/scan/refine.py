@@ -31,24 +31,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from scan2flex_jax.scan import sensor_noise, spline
+from scan2flex_jax.scan.settings import USUAL
 
 KNOTS = 40
 _ITERATIONS = 100
 _OF_MARKS = 40  # iterations with a handful of points: the curve never converges, it slides along itself and cuts its loops off
 _RAY_FROM = 5  # iteration at which the residual type is chosen
 _LEAST = 1e-3  # of r: smaller residuals are rounding of the scanner
-_SETTLED, _STILL = 0.03, 2e-3  # of sigma, of r: smaller moves of all evenly spaced spline points end the iteration
-_WIDE, _NARROWING = 3.0, 0.7  # radii of the initial window of non-zero weight, and its factor per iteration
-_TUKEY = 4.0  # standard deviations beyond which a point has zero weight
-RAY_ABOVE = 0.25  # of r: with more noise and no viewpoint a scan from one side is not reliable
-_SILHOUETTE = 0.98  # of r: rays that pass further out get the surface depth at this distance plus their excess
-_BLUR = 0.2  # noise across the ray over that along it
-_STRAY = 1.3  # of r: rays that pass further out miss the cable
-FACING = 0.8  # share of points that must face a viewpoint for the viewpoints to be those of the scan
 _STIFF_START = 3.0  # share of the data's weight given to smoothness at the start
-_SLIDE = 1.0  # damping along the curve, in mean weights of a point of the spline
 _NEARLY_ALL = 0.998  # share of the points near the cable within the window of the mixture
 _FADING = 0.25  # of the distance of two spline points: range at each end of the curve over which weights fade
 _ROUNDS = 3  # updates of the mixture per iteration
@@ -94,8 +87,7 @@ def _radial(points, q, r):
 
 def along_ray(points, q, tangent, eyes, r):
     """Depth (m) of each point behind the surface on its ray from each eye; gradient by ``q``; blur factor; side (r)."""
-    ray = points - eyes[:, None]
-    ray = ray / np.linalg.norm(ray, axis=2, keepdims=True)
+    ray = spline.unit(points - eyes[:, None])
     across = ray - np.sum(ray * tangent, axis=2, keepdims=True) * tangent
     steep = np.sqrt(np.sum(across**2, axis=2) + 1e-6)
     across = across / steep[..., None]
@@ -104,17 +96,17 @@ def along_ray(points, q, tangent, eyes, r):
     depth = np.sum(across * off, axis=2)
     aside = off - depth[..., None] * across
     side = np.linalg.norm(aside, axis=2) + 1e-12
-    inner = np.minimum(side, _SILHOUETTE * r)
+    inner = np.minimum(side, USUAL.silhouette * r)
     root = np.sqrt(r**2 - inner**2)
     slope = -inner / root
     e = (depth + root + slope * (side - inner)) / steep
     n = -(across + (slope / side)[..., None] * aside) / steep[..., None]
-    return e, n, np.sqrt(1.0 + (_BLUR * slope) ** 2), side / r
+    return e, n, np.sqrt(1.0 + (USUAL.blur * slope) ** 2), side / r
 
 
 def _step(x, score, n, info, W, rough, stiff, known):
-    """Step for scores and information per viewpoint and point, with smoothness ``stiff`` and damping along the curve;
-    covariance of x; traces for lambda.
+    """Step for scores and information per viewpoint and point, with smoothness ``stiff``, damped along the curve by the mean
+    weight of a point of the spline; covariance of x; traces for lambda.
 
     The step is that of expectation-maximisation: it uses the complete-data information of every point, and never overshoots
     if all points are honest. The covariance uses the ``known`` share, as ``info`` does.
@@ -125,21 +117,12 @@ def _step(x, score, n, info, W, rough, stiff, known):
     H = sum(j.T @ (j * i[:, None]) for j, i in zip(J, info, strict=True))
     g = sum(j.T @ s for j, s in zip(J, score, strict=True))
     S = np.kron(rough, np.eye(3))
-    tau = np.gradient(x, axis=0)
-    tau /= np.linalg.norm(tau, axis=1, keepdims=True)
+    tau = spline.tangents(x)
     scale = np.trace(H) / (3 * K)
-    held = stiff * S + 1e-9 * scale * np.eye(3 * K)
-    for k in range(K):
-        held[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += _SLIDE * scale * np.outer(tau[k], tau[k])
+    held = stiff * S + 1e-9 * scale * np.eye(3 * K) + scale * block_diag(*(tau[:, :, None] * tau[:, None]))
     cov = np.linalg.inv(H + held)
     dx = -np.linalg.solve(H / known + held, g + stiff * (S @ x.ravel()))
     return dx.reshape(K, 3), cov, np.sum(cov * S), x.ravel() @ S @ x.ravel()
-
-
-def _spread(e, w) -> float:
-    """Standard deviation of residuals by the median absolute deviation about zero, over points of non-zero weight."""
-    e = np.abs(e[w > 0])
-    return float(1.4826 * np.median(e)) if len(e) else np.inf
 
 
 class _Tukey:
@@ -151,22 +134,23 @@ class _Tukey:
         self.radius, self.noise, self.marks = radius, noise, marks
         self.sigma = noise or 0.3 * radius
         self.cut = 2.0 * radius + 2.0 * self.sigma
-        self.wide = _WIDE * radius
+        self.wide = USUAL.tube * radius
 
     def __call__(self, e, inside):
         """Score and information (1, n), weight (n,)."""
         r = self.radius
-        self.sigma = max(_spread(e, (np.abs(e) < self.cut) & inside), _LEAST * r)
+        seen = np.abs(e)[(np.abs(e) < self.cut) & inside]
+        self.sigma = max(1.4826 * float(np.median(seen)), _LEAST * r) if len(seen) else np.inf
         if self.marks and self.noise:  # too few residuals to separate noise from shape
             self.sigma = self.noise
-        self.cut = max(_TUKEY * self.sigma, self.wide)
+        self.cut = max(USUAL.tukey * self.sigma, self.wide)
         weight = np.where((np.abs(e) < self.cut) & inside, (1.0 - (e / self.cut) ** 2) ** 2, 0.0)
-        self.wide *= _NARROWING
+        self.wide *= USUAL.narrowing
         return weight * e / self.sigma**2, weight / self.sigma**2, np.max(weight, axis=0)
 
     @property
     def narrow(self):
-        return self.wide < _TUKEY * self.sigma
+        return self.wide < USUAL.tukey * self.sigma
 
 
 class _Sensor:
@@ -186,7 +170,7 @@ class _Sensor:
 
     def __call__(self, e, blur, side, inside):
         """Score and information (v, n), weight (n,)."""
-        told = inside & (side < _STRAY)
+        told = inside & (side < USUAL.stray)
         if self.mixture is None:  # all points this near to the surface must be covered by the mixture
             near = np.min(np.where(told, np.abs(e), np.inf), axis=0)
             near = near[np.isfinite(near)]
@@ -234,12 +218,13 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
         dx = dx if marks else _held(dx, x)
         size = np.linalg.norm(dx, axis=1).max()
         before, x = x, spline.evenly(x + dx * min(1.0, 0.7 * radius / max(size, 1e-300)), len(x))
+        moved = np.linalg.norm(x - before, axis=1).max()
         if eyes is not None and not marks and k == _RAY_FROM:
-            facing = _faced(host, q, eyes, weight > 0.3, tukey.sigma > RAY_ABOVE * radius)
-            if facing > FACING:
+            facing = _faced(host, q, eyes, weight > USUAL.certain, tukey.sigma > USUAL.noisy * radius)
+            if facing > USUAL.face_eye:
                 breadth = np.quantile(np.linalg.norm(host - q, axis=1)[inside], _NEARLY_ALL)
                 sensor = _Sensor(radius, tukey.sigma, float(breadth))
-        elif k > _RAY_FROM + 3 and noisy.narrow and _moved(before, x) < max(_SETTLED * noisy.sigma, _STILL * radius):
+        elif k > _RAY_FROM + 3 and noisy.narrow and moved < max(USUAL.settled * noisy.sigma, USUAL.still * radius):
             settled = True
             break
     away = np.where(real, np.linalg.norm(host - q, axis=1) - radius, np.inf)
@@ -250,14 +235,8 @@ def refine(x, points, real, radius: float, eyes=None, noise: float | None = None
 def _held(dx, x):
     """The step without the motion of the ends along the curve, which surface points do not determine: it would drift."""
     for k, step in ((0, x[1] - x[0]), (-1, x[-1] - x[-2])):
-        along = step / np.linalg.norm(step)
-        dx[k] -= (dx[k] @ along) * along
+        dx[k] -= (dx[k] @ spline.unit(step)) * spline.unit(step)
     return dx
-
-
-def _moved(before, after) -> float:
-    """The largest move (m) of a point of the spline."""
-    return float(np.linalg.norm(after - before, axis=1).max())
 
 
 def _faced(points, q, eyes, on, noisy) -> float:

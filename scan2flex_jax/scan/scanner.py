@@ -20,7 +20,7 @@ import trimesh
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from scan2flex_jax.scan.shapes import arc_length
+from scan2flex_jax.scan.spline import arc_length, tangents, unit
 
 _SIDES = 48  # of the tube's cross section
 _GRAZING = 0.17  # cosine of the steepest incidence that still returns light (80 degrees)
@@ -69,14 +69,13 @@ class Scan:
 
 def tube_mesh(curve: Float[np.ndarray, "m 3"], radius: float) -> trimesh.Trimesh:
     """A closed tube of mean radius ``radius`` around ``curve`` (m), with flat ends."""
-    tangent = np.gradient(curve, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    tangent = tangents(curve)
     d1 = np.empty_like(curve)
     d1[0] = np.cross(tangent[0], np.eye(3)[np.argmin(np.abs(tangent[0]))])
     for i in range(1, len(curve)):
         d1[i] = d1[i - 1] / np.linalg.norm(d1[i - 1])
         d1[i] -= (d1[i] @ tangent[i]) * tangent[i]
-    d1 /= np.linalg.norm(d1, axis=1, keepdims=True)
+    d1 = unit(d1)
     d2 = np.cross(tangent, d1)
     angle = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
     corner = radius / (1.0 - (np.pi / _SIDES) ** 2 / 3.0)  # the polygon's mean radius is then r

@@ -21,12 +21,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
+from scan2flex_jax.scan.settings import USUAL
+
 _RINGS = np.array([0.5, 0.8, 0.93])  # of r: bounds between the rings of the tube, from the middle of the view outwards
-_MOST_FLYING = 0.6
-_SHORTEST = 5.0  # sigma: a shorter flight is indistinguishable from a shift of all points
-_DOUBT = 20.0  # honest points that the prior adds to every ring
-_EQUAL = 2.0  # prior weight of equal shares of the viewpoints: a flying point of one looks like an honest one of another
-_LEAST_STRAYS, _MOST_STRAYS = 0.002, 0.4
 _ROOT = np.sqrt(2.0 * np.pi)
 
 
@@ -59,13 +56,12 @@ class Judged:
     flies: Float[np.ndarray, "v n"]
     ring: np.ndarray
     known: float
-    likelihood: float
 
 
 def first_guess(sigma: float, window: float, views: int, band: float = 1.0) -> Mixture:
     """Initial mixture: few strays, few flying points."""
     flying = np.full(len(_RINGS) + 1, 0.05)
-    return Mixture(sigma, max(_SHORTEST * sigma, 0.5 * window), window, flying, 0.03, np.full(views, 1.0 / views), band)
+    return Mixture(sigma, max(USUAL.shortest * sigma, 0.5 * window), window, flying, 0.03, np.full(views, 1.0 / views), band)
 
 
 def judge(e, h, side, real, m: Mixture) -> Judged:
@@ -90,25 +86,24 @@ def judge(e, h, side, real, m: Mixture) -> Judged:
     inverse = 1.0 / np.maximum(weight, 1e-300)
     lost = np.sum((second - np.where(weight > 0, first**2, 0.0)) / s**4)
     known = 1.0 - lost / max(np.sum(weight / s**2), 1e-300)
-    likelihood = float(np.sum(np.where(real, np.log(total + 1e-300), 0.0)))
-    return Judged(weight, first * inverse, second / h**2, flight, ring, float(np.clip(known, 0.3, 1.0)), likelihood)
+    return Judged(weight, first * inverse, second / h**2, flight, ring, float(np.clip(known, 0.3, 1.0)))
 
 
 def update(m: Mixture, j: Judged, e, real, least: float) -> Mixture:
     """Maximisation step over the ``real`` points; sigma is at least ``least`` (m)."""
     sigma = max(float(np.sqrt(np.sum(j.square) / max(np.sum(j.weight), 1e-12))), least)
     flies, everything = (np.bincount(j.ring.ravel(), x.ravel(), len(m.flying)) for x in (j.flies, j.weight))
-    flying = np.minimum(flies / (everything + _DOUBT), _MOST_FLYING)
+    flying = np.minimum(flies / (everything + USUAL.doubt), USUAL.most_flying)
     depth = np.sum(j.flies * np.maximum(e, 0.0)) / max(np.sum(j.flies), 1e-12)
-    shortest = _SHORTEST * sigma
+    shortest = USUAL.shortest * sigma
     seen = np.sum(j.weight, axis=1)
-    seen = seen + _EQUAL * np.mean(seen) + 1.0
+    seen = seen + USUAL.equal * np.mean(seen) + 1.0
     lost = 1.0 - np.sum(j.weight) / max(np.sum(real), 1)
     return replace(
         m,
         sigma=sigma,
         flying=flying,
         reach=float(np.clip(2.0 * depth, shortest, max(m.window, shortest))),
-        strays=float(np.clip(lost, _LEAST_STRAYS, _MOST_STRAYS)),
+        strays=float(np.clip(lost, *USUAL.strays)),
         views=seen / np.sum(seen),
     )

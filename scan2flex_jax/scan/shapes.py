@@ -8,20 +8,18 @@ points equally spaced in ``s``, centred near the origin.
 """
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial.distance import cdist
 
-from scan2flex_jax.geometry import curves
+from scan2flex_jax.scan.spline import arc_length
 
 SAMPLES = 801
 _FINE = 6001
 
 Curve = Float[np.ndarray, "n 3"]
-arc_length = partial(curves.arc_length, xp=np)  # at every point of a polyline
 
 
 def resample(points: Curve, count: int = SAMPLES) -> Float[np.ndarray, "count 3"]:

@@ -11,19 +11,24 @@ E_1 penalises leaving the cloud: at samples of the curve, the distance of the ne
 over r^2; samples inside a known gap do not count. E_2 penalises uneven arc length: variance of ``|v_k|`` over its mean
 squared. ``rho`` is the pseudo-Huber loss: e^2 for small e, 2 delta |e| for outliers.
 
-Every term is a sum of squares, so that one residual vector serves the gradient methods and least squares alike.
+Every term is a sum of squares, so that least squares (Levenberg-Marquardt of optimistix) minimise the sum; the paper has
+conjugate gradients with numerical derivatives instead, and reports slow convergence.
+
 Symbols: ``x`` (K, 3) guide points (m), ``p`` cloud points (m), ``r_i`` their radius (m), ``v_k`` tangents at half-knots.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
 from jax import Array
 from jaxtyping import Bool, Float
 
 from scan2flex_jax.scan import spline
 
 _SAMPLES_PER_SEGMENT = 2  # of E_1
+_STEPS = 60  # of the minimiser: the last stage refines what they leave
 
 
 class SnakesWeights(eqx.Module):
@@ -88,3 +93,21 @@ def snakes_terms(x: Float[Array, "K 3"], problem: SnakesProblem) -> dict[str, Fl
 def snakes_energy(x: Float[Array, "K 3"], problem: SnakesProblem) -> Float[Array, ""]:
     """The energy (-)."""
     return jnp.asarray(sum(snakes_terms(x, problem).values()))
+
+
+@eqx.filter_jit
+def _solve(x0, problem):
+    """The minimising displacement from ``x0`` in radii, so that steps are of order one."""
+    solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)
+
+    def residuals(y, _):
+        return snakes_residuals(x0 + problem.radius * y, problem)
+
+    return optx.least_squares(residuals, solver, jnp.zeros_like(x0), max_steps=_STEPS, throw=False).value
+
+
+def minimise_snakes(x0: Float[np.ndarray, "K 3"], problem: SnakesProblem) -> Float[np.ndarray, "K 3"]:
+    """Points (m) of least energy, by descent from ``x0`` (m); those of ``x0`` where no step gains."""
+    start = jnp.asarray(x0)
+    x = start + problem.radius * _solve(start, problem)
+    return np.asarray(x if snakes_energy(x, problem) < snakes_energy(start, problem) else start)

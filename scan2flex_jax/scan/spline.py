@@ -20,8 +20,11 @@ from jax import Array
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from scan2flex_jax.geometry import curves
+
 _PER_SEGMENT = 4  # samples of a segment in the search for the nearest point
 _NEWTON_STEPS = 4
+arc_length = partial(curves.arc_length, xp=np)  # (n,) of a polyline (n, 3)
 
 
 @lru_cache(maxsize=32)
@@ -104,6 +107,26 @@ def distances(c: Float[Array, "4 segments 3"], p: Float[Array, "n 3"]) -> Float[
     return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, square)))
 
 
+def length(x: Float[np.ndarray, "n 3"]) -> float:
+    """Length (m) of a polyline."""
+    return float(arc_length(x)[-1])
+
+
+def unit(v: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    """The vectors at unit length; zero stays zero."""
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+
+
+def tangents(x: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Unit tangents at the points of a polyline, by central differences."""
+    return unit(np.gradient(x, axis=0))
+
+
+def extended(x: Float[np.ndarray, "n 3"], by: int) -> Float[np.ndarray, "m 3"]:
+    """The curve continued by ``by`` points at both ends, its own turned about the end, so that a filter keeps the ends."""
+    return np.pad(x, ((by, by), (0, 0)), "reflect", reflect_type="odd")
+
+
 def evenly(x: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "count 3"]:
     """``count`` points at equal arc length on the spline through ``x`` (chord-length parametrised), ends kept."""
     chord = np.linalg.norm(np.diff(x, axis=0), axis=1)
@@ -111,6 +134,10 @@ def evenly(x: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "count 
     s = np.cumsum(np.concatenate([[0.0], chord[keep[1:]]]))
     spline = CubicSpline(s, x[keep]) if len(s) > 3 else (lambda a: np.column_stack([np.interp(a, s, y) for y in x[keep].T]))
     fine = spline(np.linspace(0.0, s[-1], 20 * count + 1))
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
-    at = np.linspace(0.0, length[-1], count)
-    return np.column_stack([np.interp(at, length, y) for y in fine.T])
+    return along(fine, count)
+
+
+def along(x: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "count 3"]:
+    """``count`` points at equal arc length on a polyline, ends kept."""
+    s = arc_length(x)
+    return np.column_stack([np.interp(np.linspace(0.0, s[-1], count), s, y) for y in x.T])

@@ -21,13 +21,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-_TURN_COST = 2.0  # a turn by one radian makes a step this much longer
+from scan2flex_jax.scan import spline
+from scan2flex_jax.scan.settings import USUAL
+
 _MOST_STRANDS = 60
-_CRUMB = 1.5  # reaches: shorter strands are debris, which joins may bridge
 _TAIL = 7  # nodes at the end of a strand that give its direction
-_LAGS = 0.2  # smallest cosine between that direction and the chord of these nodes: less is noise
-_MOST_TURN = 0.8  # rad: largest extrapolated turn beyond an end
-_FACING = 0.1  # smallest cosine between a join and the direction of a strand at its end
 
 
 @dataclass(frozen=True)
@@ -48,18 +46,17 @@ class Nodes:
 
 
 def chains(
-    nodes: Nodes, reach: float, gap: float, start: End | None, end: End | None, bent: bool = False
+    nodes: Nodes, reach: float, gap: float, start: End | None, end: End | None, bent: bool
 ) -> Iterator[Float[np.ndarray, "m 3"]]:
-    """Candidate cables, each as node positions from start to end: cautious and bold strands, short and long joins.
+    """Candidate cables, each as node positions from start to end: from cautious and bold strands.
 
     ``bent`` strands are extrapolated beyond their ends with their curvature, others straight.
     """
     for step, straight in ((0.75, 0.85), (1.0, 0.75), (0.75, 0.95)):
         strands = draw_strands(nodes, step * reach, straight)
-        for limit in (0.4 * gap, gap):
-            path = _joined(strands, reach, limit, gap, start, end, bent)
-            if path is not None and len(path) >= 4:
-                yield path
+        path = _joined(strands, reach, gap, start, end, bent)
+        if path is not None and len(path) >= 4:
+            yield path
 
 
 def draw_strands(nodes: Nodes, reach: float, straight: float) -> list[Float[np.ndarray, "m 3"]]:
@@ -75,7 +72,7 @@ def draw_strands(nodes: Nodes, reach: float, straight: float) -> list[Float[np.n
         if len(path) < 3:
             break
         strand = nodes.at[active[path]]
-        if np.sum(np.linalg.norm(np.diff(strand, axis=0), axis=1)) > _CRUMB * reach:
+        if spline.length(strand) > USUAL.crumb * reach:
             strands.append(strand)
         fine = np.concatenate([np.linspace(a, b, 5) for a, b in pairwise(strand)])
         away, which = cKDTree(fine).query(nodes.at)
@@ -102,7 +99,7 @@ def _longest(at, along, reach, straight) -> list[int]:
             turn = np.sqrt(np.maximum(2.0 - c1 - c2, 0.0))
             tails.append(2 * pairs[good, 0] + leave)
             heads.append(2 * pairs[good, 1] + arrive)
-            costs.append((size * (1.0 + _TURN_COST * turn))[good])
+            costs.append((size * (1.0 + USUAL.turn_cost * turn))[good])
     n = 2 * len(at)
     graph = coo_matrix((np.concatenate(costs), (np.concatenate(tails), np.concatenate(heads))), shape=(n, n)).tocsr()
     best: list[int] = []
@@ -128,7 +125,7 @@ class _Tip(NamedTuple):
     bend: np.ndarray
 
 
-def _joined(strands, reach, limit, gap, start, end, bent):
+def _joined(strands, reach, gap, start, end, bent):
     """Node positions along the strands joined from the start clamp to the end clamp (or as far as they go)."""
     ends = [_Tip(strand[side], *_outward(strand, side, bent)) for strand in strands for side in (0, -1)]
     graph = nx.Graph()
@@ -136,7 +133,7 @@ def _joined(strands, reach, limit, gap, start, end, bent):
     for i in range(len(ends)):
         for j in range(i + 1, len(ends)):
             if i // 2 != j // 2:
-                _offer(graph, i, j, _join_cost(ends[i], ends[j], reach, limit), limit)
+                _offer(graph, i, j, _join_cost(ends[i], ends[j], reach, gap), gap)
     for name, clamp, sign in (("start", start, 1.0), ("end", end, -1.0)):
         if clamp is not None:
             held = _Tip(clamp.position, None if clamp.tangent is None else sign * clamp.tangent, np.zeros(3))
@@ -165,44 +162,37 @@ def _outward(strand, side, bent):
     but takes the noise of the nodes for a bend.
     """
     back = strand[min(4, len(strand) - 1)] if side == 0 else strand[max(-5, -len(strand))]
-    chord = (strand[side] - back) / np.linalg.norm(strand[side] - back)
+    chord = spline.unit(strand[side] - back)
     tail = (strand[:_TAIL] if side == 0 else strand[: -_TAIL - 1 : -1]) - strand[side]
     if not bent or len(tail) < 5:
         return chord, np.zeros(3)
-    s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tail, axis=0), axis=1))])
-    half, slope, _ = np.polyfit(s, tail, 2)
-    out = -slope / max(np.linalg.norm(slope), 1e-12)
-    if out @ chord < _LAGS:
-        return chord, np.zeros(3)
+    half, slope, _ = np.polyfit(spline.arc_length(tail), tail, 2)
+    out = -spline.unit(slope)
     return out, 2.0 * (half - (half @ out) * out)
 
 
-def _heading(out, bend, size):
-    """Outward direction of a strand's end towards a point ``size`` (m) ahead, extrapolated with its curvature."""
-    turn = 0.5 * size * bend
-    ahead = out + turn * min(1.0, _MOST_TURN / max(float(np.linalg.norm(turn)), 1e-12))
-    return ahead / np.linalg.norm(ahead)
-
-
 def _join_cost(a: _Tip, b: _Tip, reach, limit):
-    """Cost (m) of joining two ends, or None if they are too far apart or face elsewhere. An end without direction faces any."""
+    """Cost (m) of joining two ends, or None if they are too far apart or face elsewhere. An end without direction faces any.
+
+    Directions are extrapolated to the middle of the join with the curvature of their strands.
+    """
     step = b.at - a.at
     size = float(np.linalg.norm(step))
     if size > limit + reach:
         return None
     step = step / max(size, 1e-12)
-    c1 = 1.0 if a.out is None else float(_heading(a.out, a.bend, size) @ step)
-    c2 = 1.0 if b.out is None else float(-_heading(b.out, b.bend, size) @ step)
+    c1 = 1.0 if a.out is None else float(spline.unit(a.out + 0.5 * size * a.bend) @ step)
+    c2 = 1.0 if b.out is None else float(-spline.unit(b.out + 0.5 * size * b.bend) @ step)
     along = 1.0 if a.out is None or b.out is None else float(-a.out @ b.out)
-    if size > 1.5 * reach and min(c1, c2) < _FACING:
+    if size > 1.5 * reach and min(c1, c2) < USUAL.facing:
         return None
     if 0.8 * reach < size <= 1.5 * reach and c1 + c2 < 0.5:  # side by side: another strand
         return None
     if along < -0.9:
         return None
     if size <= 1.5 * reach:  # too short for a meaningful direction of its own
-        return size + reach * _TURN_COST * (1.0 - along)
-    return size * (1.0 + _TURN_COST * (np.arccos(min(c1, 1.0)) + np.arccos(min(c2, 1.0))))
+        return size + reach * USUAL.turn_cost * (1.0 - along)
+    return size * (1.0 + USUAL.turn_cost * (np.arccos(min(c1, 1.0)) + np.arccos(min(c2, 1.0))))
 
 
 def _follow(strands, mate, at):
