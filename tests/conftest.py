@@ -1,5 +1,7 @@
-"""Double precision for every test, the shapes written in the package's annotations checked at every call, and one cache of
-compiled functions for all processes of a run.
+"""Double precision for every test, and one cache of compiled functions for all processes of a run.
+
+With `SCAN2FLEX_TEST_SHAPES=1`, as in CI, the shapes written in the package's annotations are checked at every call, which takes
+a quarter of the processor time.
 
 A test runs a function a few times only and mostly waits for its compilation: XLA compiles without optimisation, without fusion
 emitters and in one part, in a fifth of the time, for code that takes half as long again. Flags in `XLA_FLAGS` have the last
@@ -37,10 +39,11 @@ LEAST = 0.1  # s of compilation that an entry of the cache is worth
 jax.config.update("jax_compilation_cache_dir", CACHE)
 jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST)
 os.environ |= {"JAX_COMPILATION_CACHE_DIR": CACHE, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": str(LEAST)}  # of subprocesses
-install_import_hook("scan2flex_jax", "beartype.beartype")
+if os.environ.get("SCAN2FLEX_TEST_SHAPES"):
+    install_import_hook("scan2flex_jax", "beartype.beartype")
 
 MEMORY = Path("/proc/self/statm")  # pages, the second number those that are resident
-MOST_PAGES = 3_000_000_000 // 4096  # of one worker; beyond it the functions that it has compiled are forgotten
+MOST_PAGES = 5_000_000_000 // 4096  # of one worker; beyond it the functions that it has compiled are forgotten
 
 
 @pytest.fixture(scope="module", autouse=True)
