@@ -17,6 +17,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.geometry.fields import hats
 from scan2flex_jax.rod.effect import Section
 
@@ -105,6 +106,7 @@ def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array,
     return hat_field(section, values, length) if s is None else spline(section.s, s, values)
 
 
+@lightly_compiled
 def spline(at: Float[Array, " n"], s: Float[Array, " m"], values: Float[Array, "m k"]) -> Float[Array, "n k"]:
     """The natural cubic spline through ``values`` at ``s`` (m), at places ``at`` (m); constant outside."""
     h, at = jnp.diff(s), jnp.clip(at, s[0], s[-1])

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.effects import parameters_of
 from scan2flex_jax.effects.point_load import PointLoad
 from scan2flex_jax.effects.point_mass import PointMass
@@ -77,15 +78,21 @@ def _laws(model: CableModel, section: Section, radius: float | None) -> dict[str
     q = np.r_[0.0, np.geomspace(_GENTLEST * top, top, _ROWS)]
     out = {}
     for name, entry in (("bending", 3), ("twist", 5)):
-
-        def energy(x, K, entry=entry):
-            strain = jnp.zeros(6).at[entry].set(x)
-            return 0.5 * strain @ K @ strain + sum(e.strain_energy(strain, K) for e in effects)
-
-        moment = jax.vmap(jax.vmap(jax.grad(energy), (0, None)), (None, 0))(jnp.asarray(q), section.stiffness)
+        moment = np.asarray(_moments(effects, q, section.stiffness, entry))
         if not np.allclose(moment, np.asarray(section.stiffness)[:, entry, entry, None] * q):
-            out[name] = q, np.asarray(moment)
+            out[name] = q, moment
     return out
+
+
+@lightly_compiled
+def _moments(effects, q, stiffness, entry):
+    """Moments (n, k) in N m over strains ``q`` (k,) of an ``entry``: sections of ``stiffness`` (n, 6, 6) with energy laws."""
+
+    def energy(x, K):
+        strain = jnp.zeros(6).at[entry].set(x)
+        return 0.5 * strain @ K @ strain + sum(e.strain_energy(strain, K) for e in effects)
+
+    return jax.vmap(jax.vmap(jax.grad(energy), (0, None)), (None, 0))(q, stiffness)
 
 
 def _strain(e: Equilibrium) -> float:
