@@ -37,13 +37,25 @@ def excess_energy(u: Float[Array, ""], at: Float[Array, " m"], factor: Float[Arr
     """Energy over ``B`` (1/m^2) in addition to the quadratic ``u/2``, at ``u = q^2`` (1/m^2)."""
     first = u <= at[0] ** 2
     q = jnp.sqrt(jnp.where(first, at[0] ** 2, u))  # no square root at zero, where its derivatives have no limit
-    beyond = q * excess_moment(q, at, factor) - _integral(q, at, factor, 1)
-    return jnp.where(first, (factor[0] - 1.0) / at[0] ** 2 * u**2 / 12.0, beyond)
+    low, a, b = _pieces(at, factor)
+
+    def primitive(x):  # of (q - x) (a + b x^2)
+        return x * (a * (q - 0.5 * x) + b * x * x * (q / 3.0 - 0.25 * x))
+
+    past = jnp.where(q > at[-1], q - at[-1], 0.0)
+    beyond = jnp.sum(primitive(_within(q, low, at)) - primitive(low)) + 0.5 * (factor[-1] - 1.0) * past * past
+    return jnp.where(first, (factor[0] - 1.0) / at[0] ** 2 * u * u / 12.0, beyond)
 
 
 def excess_moment(q: Float[Array, "..."], at: Float[Array, " m"], factor: Float[Array, " m"]) -> Float[Array, "..."]:
     """Moment over ``B`` (1/m) in addition to the linear ``q``, for ``q`` (1/m) of zero or more."""
-    return _integral(q, at, factor, 0)
+    low, a, b = _pieces(at, factor)
+
+    def primitive(x):  # of a + b x^2
+        return x * (a + b * x * x / 3.0)
+
+    past = jnp.where(q > at[-1], q - at[-1], 0.0)
+    return jnp.sum(primitive(_within(q[..., None], low, at)) - primitive(low), axis=-1) + (factor[-1] - 1.0) * past
 
 
 def tangent(q: Float[Array, "..."], at: Float[Array, " m"], factor: Float[Array, " m"]) -> Float[Array, "..."]:
@@ -51,20 +63,17 @@ def tangent(q: Float[Array, "..."], at: Float[Array, " m"], factor: Float[Array,
     return jnp.interp(q**2, jnp.append(0.0, at) ** 2, jnp.append(1.0, factor))
 
 
-def _integral(q, at, factor, power):
-    """``int_0^q x^power (factor - 1) dx``, piece by piece; on each, ``factor - 1 = a + b x^2``."""
-    low, high = jnp.append(0.0, at[:-1]), at
-    excess = jnp.append(0.0, factor - 1.0)
-    b = jnp.diff(excess) / (high**2 - low**2)
-    a = excess[:-1] - b * low**2
-    k = power + 1
+def _pieces(at, factor):
+    """Lower ends of the pieces of a law, and on each the coefficients of ``factor - 1 = a + b x^2``."""
+    zero = jnp.zeros(1)
+    low, excess = jnp.concatenate([zero, at[:-1]]), jnp.concatenate([zero, factor - 1.0])
+    b = (excess[1:] - excess[:-1]) / (at * at - low * low)
+    return low, excess[:-1] - b * low * low, b
 
-    def primitive(x):
-        return a * x**k / k + b * x ** (k + 2) / (k + 2)
 
-    pieces = primitive(jnp.clip(q[..., None], low, high)) - primitive(low)
-    past = jnp.maximum(q, at[-1]) ** k - at[-1] ** k
-    return jnp.sum(pieces, axis=-1) + excess[-1] * past / k
+def _within(x, low, high):
+    """``x`` limited to a range; unlike that of `jnp.clip` the derivative belongs to one piece where two meet."""
+    return jnp.where(x <= low, low, jnp.where(x > high, high, x))
 
 
 def law(cls: Callable[..., AbstractEffect], grid: str, axis: int, most: Callable[[Context], float]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry import curves
+from scan2flex_jax.geometry.small import cross
 
 NORMALS = 2  # of the three components of a residual: the first two, across the curve
 _WINDOW = 0.25  # of the length: the closest point is searched within this distance of the expected arc length
@@ -23,10 +24,10 @@ def curve_at(r: Float[Array, "n 3"], d3: Float[Array, "n 3"], ds, s):
     """Point (m) and unit-speed tangent of the Hermite curve at arc length ``s`` (m); linear in ``r`` and ``d3``."""
     i = jnp.clip(jnp.floor(s / ds), 0, r.shape[0] - 2).astype(int)
     t = s / ds - i
-    a, b, u, v = r[i], r[i + 1], ds * d3[i], ds * d3[i + 1]
-    point = (2 * t**3 - 3 * t**2 + 1) * a + (t**3 - 2 * t**2 + t) * u + (3 * t**2 - 2 * t**3) * b + (t**3 - t**2) * v
-    slope = (6 * t**2 - 6 * t) * (a - b) + (3 * t**2 - 4 * t + 1) * u + (3 * t**2 - 2 * t) * v
-    return point, slope / ds
+    (a, b), (u, v) = (jax.lax.dynamic_slice_in_dim(x, i, 2) for x in (r, d3))
+    rest, chord = 1.0 - t, (b - a) / ds
+    point = a + ds * (t * t * (3.0 - 2.0 * t) * chord + t * rest * (rest * u - t * v))
+    return point, 6.0 * t * rest * chord + rest * (1.0 - 3.0 * t) * u + t * (3.0 * t - 2.0) * v
 
 
 def closest_arc_length(r, d3, ds, point: Float[Array, "3"], expected: Float[Array, ""]) -> Float[Array, ""]:
@@ -152,6 +153,6 @@ def _held_axes(r, d3, ds):
         n1 = frames[jnp.clip(jnp.round(s / ds), 0, r.shape[0] - 1).astype(int), :, 0]
         n1 = n1 - (n1 @ t) * t
         n1 = n1 / jnp.linalg.norm(n1)
-        return jax.lax.stop_gradient(jnp.stack([n1, jnp.cross(t, n1), t]))
+        return jax.lax.stop_gradient(jnp.stack([n1, cross(t, n1), t]))
 
     return at

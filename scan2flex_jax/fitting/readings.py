@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.fitting.noise import metre_noise
-from scan2flex_jax.geometry.small import matvec
+from scan2flex_jax.geometry.small import cross, matvec
 from scan2flex_jax.rod.assembly import out_of_balance
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.statics.solve import Equilibrium
@@ -167,7 +167,7 @@ def rotation_at(R: Float[Array, "n 3 3"], ds, s) -> Float[Array, "3 3"]:
     d3 = c[:, 2] / jnp.linalg.norm(c[:, 2])
     d1 = c[:, 0] - (c[:, 0] @ d3) * d3
     d1 = d1 / jnp.linalg.norm(d1)
-    return jnp.stack([d1, jnp.cross(d3, d1), d3], axis=1)
+    return jnp.stack([d1, cross(d3, d1), d3], axis=1)
 
 
 def wrenches(rod: Rod, configuration: Configuration) -> Float[Array, "8 3"]:
@@ -189,7 +189,7 @@ def reading_residuals(
         turned = kind == ANGLE
         axis, zero, read = jnp.where(turned, axes, jnp.eye(3))
         m = jnp.where(turned, view @ R @ read, zero)  # elsewhere the zero angle, which has a derivative
-        angle = wrapped(value[0] - jnp.arctan2(axis @ jnp.cross(zero, m), zero @ m))
+        angle = wrapped(value[0] - jnp.arctan2(axis @ cross(zero, m), zero @ m))
         support = axes @ (value - wrenches[jnp.maximum(kind - WRENCH, 0)])
         return scale * jnp.where(turned, jnp.array([1.0, 0.0, 0.0]) * angle, support)
 

@@ -12,7 +12,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.geometry.small import matmul, vecdot
+from scan2flex_jax.geometry.lie import hat
+from scan2flex_jax.geometry.small import cross, matmul, vecdot
 
 
 def arc_length(points: Float[Array | np.ndarray, "n 3"], xp: Any = jnp) -> Float[Array | np.ndarray, " n"]:
@@ -37,13 +38,13 @@ def tangents(points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
 
 def smallest_rotation(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Rotation of unit ``a`` to unit ``b`` about their common normal (for opposite vectors: about some normal)."""
-    v, c = jnp.cross(a, b), vecdot(a, b)
-    V = jnp.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    v, c = cross(a, b), vecdot(a, b)
+    V = hat(v)
     opposite = c < -1.0 + 1e-9
-    turn = jnp.eye(3) + V + matmul(V, V) / jnp.where(opposite, 1.0, 1.0 + c)
-    normal = jnp.cross(a, jnp.eye(3)[jnp.argmin(jnp.abs(a))])
+    turn = np.eye(3) + V + matmul(V, V) / jnp.where(opposite, 1.0, 1.0 + c)
+    normal = cross(a, jnp.eye(3)[jnp.argmin(jnp.abs(a))])
     normal = normal / jnp.linalg.norm(normal)
-    return jnp.where(opposite, 2.0 * jnp.outer(normal, normal) - jnp.eye(3), turn)
+    return jnp.where(opposite, 2.0 * jnp.outer(normal, normal) - np.eye(3), turn)
 
 
 def transported_frames(tangent: Float[Array, "n 3"], first: Float[Array, "3 3"]) -> Float[Array, "n 3 3"]:

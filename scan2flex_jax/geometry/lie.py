@@ -9,13 +9,17 @@ its derivative in the direction ``v``: the 6x6 matrices below are ``[[X, dX[v]],
 Reference: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), eqs. 143-147, 172-180.
 """
 
+from functools import reduce
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.geometry.small import matmul, vecdot
+from scan2flex_jax.geometry.small import cross, matmul, vecdot
 
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # W_ij = _CROSS_ijk w_k, for few traced operations
 _SERIES_BELOW = 0.05  # t = |w|^2 under which six Taylor terms are exact to rounding (remainder t^6/12! < 1e-16)
 
 
@@ -23,7 +27,7 @@ def _even(t, coefficients, closed):
     """``closed(t)`` for large t, its Taylor polynomial in ``t`` below; the unused branch gets a harmless argument."""
     small = t < _SERIES_BELOW
     ts = jnp.where(small, t, 0.0)
-    series = jnp.polyval(jnp.array(coefficients[::-1], t.dtype), ts)
+    series = reduce(lambda total, c: total * ts + c, coefficients[::-1])
     return jnp.where(small, series, closed(jnp.where(small, 1.0, t)))
 
 
@@ -57,22 +61,26 @@ def _bernoulli(t):
 
 def hat(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Cross-product matrix: ``hat(w) @ x == cross(w, x)``."""
-    o = jnp.zeros_like(w[0])
-    return jnp.stack([jnp.stack([o, -w[2], w[1]]), jnp.stack([w[2], o, -w[0]]), jnp.stack([-w[1], w[0], o])])
+    return jnp.sum(_CROSS.astype(w.dtype) * w, axis=-1)
+
+
+def unhat(W: Float[Array, "3 3"]) -> Float[Array, "3"]:
+    """The vector of the antisymmetric part of a matrix: ``unhat(hat(w)) == w``."""
+    return 0.5 * jnp.sum(_CROSS.astype(W.dtype) * W[:, :, None], axis=(0, 1))
 
 
 def so3_exp(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Rotation about ``w`` by ``|w|`` rad (Rodrigues)."""
     t = vecdot(w, w)
     W = hat(w)
-    return jnp.eye(3, dtype=w.dtype) + sinc(t) * W + versine(t) * matmul(W, W)
+    return np.eye(3, dtype=w.dtype) + sinc(t) * W + versine(t) * matmul(W, W)
 
 
 def so3_log(R: Float[Array, "3 3"]) -> Float[Array, "3"]:
     """Rotation vector of ``R``, for angles below pi (an element of a resolved rod turns by far less)."""
-    u = 0.5 * jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    u = unhat(R)
     sine2 = vecdot(u, u)
-    cosine = 0.5 * (jnp.trace(R) - 1.0)
+    cosine = 0.5 * (jnp.sum(np.eye(3, dtype=R.dtype) * R) - 1.0)
     small = (sine2 < 1e-4) & (cosine > 0)
     series = 1.0 + sine2 * (1 / 6 + sine2 * (3 / 40 + sine2 * (5 / 112 + sine2 * (35 / 1152))))  # asin(x)/x
     sine = jnp.sqrt(jnp.where(small, 1.0, sine2))
@@ -83,15 +91,15 @@ def se3_exp(x: Float[Array, "6"]) -> tuple[Float[Array, "3"], Float[Array, "3 3"
     """Rigid motion ``(r, R)`` reached by following the constant body twist ``x = (v, w)`` for unit time: a helix."""
     v, w = x[:3], x[3:]
     t = vecdot(w, w)
-    c = jnp.cross(w, v)
-    return v + versine(t) * c + _cubic(t) * jnp.cross(w, c), so3_exp(w)
+    c = cross(w, v)
+    return v + versine(t) * c + _cubic(t) * cross(w, c), so3_exp(w)
 
 
 def se3_log(r: Float[Array, "3"], R: Float[Array, "3 3"]) -> Float[Array, "6"]:
     """Twist whose helix reaches ``(r, R)`` in unit time; inverse of `se3_exp` for angles below pi."""
     w = so3_log(R)
-    c = jnp.cross(w, r)
-    return jnp.concatenate([r - 0.5 * c + _bernoulli(vecdot(w, w)) * jnp.cross(w, c), w])
+    c = cross(w, r)
+    return jnp.concatenate([r - 0.5 * c + _bernoulli(vecdot(w, w)) * cross(w, c), w])
 
 
 def adjoint_inverse(r: Float[Array, "3"], R: Float[Array, "3 3"]) -> Float[Array, "6 6"]:
@@ -106,7 +114,7 @@ def right_jacobian_inverse(x: Float[Array, "6"]) -> Float[Array, "6 6"]:
     V, W = hat(v), hat(w)
     g, dg = _bernoulli(t), _bernoulli_slope(t)
     WW = matmul(W, W)
-    rotation = jnp.eye(3, dtype=x.dtype) + 0.5 * W + g * WW
+    rotation = np.eye(3, dtype=x.dtype) + 0.5 * W + g * WW
     derivative = 0.5 * V + g * (matmul(V, W) + matmul(W, V)) + 2.0 * dg * vecdot(w, v) * WW
     return jnp.block([[rotation, derivative], [jnp.zeros((3, 3), x.dtype), rotation]])
 
@@ -120,7 +128,7 @@ def right_jacobian_inverse_slope(x: Float[Array, "6"], m: Float[Array, "6"]) -> 
 
     def rotational(w, f):  # of f + 1/2 f x w + g w x (w x f)
         t, along = vecdot(w, w), vecdot(w, f)
-        turned = 0.5 * hat(f) + _bernoulli(t) * (along * jnp.eye(3) + jnp.outer(w, f) - 2.0 * jnp.outer(f, w))
+        turned = 0.5 * hat(f) + _bernoulli(t) * (along * np.eye(3, dtype=w.dtype) + jnp.outer(w, f) - 2.0 * jnp.outer(f, w))
         return turned + 2.0 * _bernoulli_slope(t) * jnp.outer(along * w - t * f, w)
 
     slope, change = jax.jvp(lambda w: rotational(w, m[:3]), (w,), (v,))

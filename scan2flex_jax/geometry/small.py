@@ -3,11 +3,14 @@
 XLA's CPU runtime passes every ``dot`` to a library for large matrices. For six by six, the loop compiled from a sum is
 several times faster. But XLA fuses a sum with the expressions of its factors, and recomputes a long elementwise one for
 every entry: with such a factor a ``dot``, which ends the fusion, is faster. Leading axes are batches, and broadcast.
+
+The other functions here are NumPy's in fewer traced operations: tracing and compiling a solve takes longer than running it.
 """
 
 from functools import reduce
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -30,3 +33,23 @@ def vecmat(vector: Float[Array, "... n"], matrix: Float[Array, "... n m"]) -> Fl
 def vecdot(a: Float[Array, "... n"], b: Float[Array, "... n"]) -> Float[Array, "..."]:
     """Inner product."""
     return jnp.sum(a * b, axis=-1)
+
+
+def cross(a: Float[Array, "... 3"], b: Float[Array, "... 3"]) -> Float[Array, "... 3"]:
+    """Cross product."""
+    return _next(a * _next(b) - _next(a) * b)
+
+
+def _next(x):
+    """The next component in place of each."""
+    return jnp.concatenate([x[..., 1:], x[..., :1]], axis=-1)
+
+
+def diagonal(matrix: Float[Array, "... n n"]) -> Float[Array, "... n"]:
+    """Diagonal of matrices."""
+    return jnp.sum(matrix * np.eye(matrix.shape[-1], dtype=matrix.dtype), axis=-1)
+
+
+def diagonal_matrix(vector: Float[Array, "... n"]) -> Float[Array, "... n n"]:
+    """Matrices with this diagonal."""
+    return vector[..., None] * np.eye(vector.shape[-1], dtype=vector.dtype)

@@ -16,15 +16,17 @@ the narrow energy valley of a nearly inextensible rod.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry import lie
-from scan2flex_jax.geometry.small import matmul, matvec, vecmat
+from scan2flex_jax.geometry.small import cross, diagonal_matrix, matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces, element_stiffness, tension_stiffness
 from scan2flex_jax.rod.energy import E3, element_potential, elements, node_potential, node_weights, nudged, strains, supported
@@ -136,7 +138,7 @@ def derivatives(
     for block in blocks:
         diagonal, upper = diagonal + to_nodes(block[:, :6, :6], block[:, 6:, 6:]), upper + block[:, :6, 6:]
     free, ends = free_motions(rod), jnp.stack([jnp.stack([diagonal[i], upper[i]]) for i in (0, -1)])
-    diagonal = diagonal * free[:, :, None] * free[:, None, :] + jax.vmap(jnp.diag)(1.0 - free)
+    diagonal = diagonal * free[:, :, None] * free[:, None, :] + diagonal_matrix(1.0 - free)
     upper = upper * free[:-1, :, None] * free[1:, None, :]
     held = None if held is None else held._replace(bend=None)
     return Derivatives(gradient * free, diagonal, upper, ends, Elements(x, n, K, T, A), held)
@@ -170,7 +172,7 @@ def to_nodes(near, far):
 
 def _outer_gradient(rod, c, held=None):
     f, q = _material_loads(rod, c)
-    dead = -jnp.concatenate([f, jnp.cross(jnp.array(E3[:3]), q)], axis=1)
+    dead = -jnp.concatenate([f, cross(jnp.array(E3[:3]), q)], axis=1)
     between = _between(rod, c)
     blocks = [] if between is None else [jax.vmap(jax.grad(between[0]))(*between[1])]
     held = springs(rod, c) if held is None and supports(rod) else held
@@ -183,7 +185,7 @@ def _outer_gradient(rod, c, held=None):
 
 def _outer_hessian(rod, c):
     f, q = _material_loads(rod, c)
-    e3, eye = jnp.array(E3[:3]), jnp.eye(3)
+    e3, eye = jnp.array(E3[:3]), np.eye(3)
 
     def node(f, q):  # second-order terms of -f.(v + w x v / 2) - q.(w x (w x e3)) / 2
         vw = -0.5 * lie.hat(f)
@@ -207,7 +209,8 @@ def _between(rod, c):
         return None
 
     def energy(twist, element):
-        return potential(nudged(element, twist))
+        r, R = jax.vmap(nudged)(element.r, element.R, twist.reshape(2, 6))
+        return potential(replace(element, r=r, R=R))
 
     return energy, (jnp.zeros((rod.elements, 12)), elements(rod, c))
 
@@ -220,7 +223,6 @@ def _outer_field(rod, c):
 
     def energy(twist, node):
         r, R, s, w = node
-        dr, dR = lie.se3_exp(twist)
-        return potential(Node(r + matvec(R, dr), matmul(R, dR), s, w, rod.section.ds, rod.boundary))
+        return potential(Node(*nudged(r, R, twist), s, w, rod.section.ds, rod.boundary))
 
     return energy, (jnp.zeros((rod.elements + 1, 6)), (c.r, c.R, rod.node_s, node_weights(rod)))

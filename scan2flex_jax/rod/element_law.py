@@ -22,11 +22,12 @@ Effects add their own laws in the mean strain with that stretch, those with memo
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from scan2flex_jax.geometry.lie import hat
-from scan2flex_jax.geometry.small import matmul, matvec, vecdot, vecmat
+from scan2flex_jax.geometry.small import cross, diagonal, diagonal_matrix, matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.memory import AbstractMemory, memories
 
@@ -50,7 +51,7 @@ def element_forces(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6"]:
     def force(e, natural, K, within, g, left):
         own, slope = _straightened(e, K, within, rod.section.ds)
         n, y = _force(own, natural, K, within, g, rod.section.ds)
-        n = n.at[3:].add(-jnp.cross(n[3:], y))
+        n = n.at[3:].add(-cross(n[3:], y))
         n = n + jax.grad(extra)(own, K, left) if extra else n
         return n.at[:2].add(n[2] * slope)
 
@@ -69,12 +70,12 @@ def element_stiffness(rod, excess: Float[Array, "n 6"]) -> Float[Array, "n 6 6"]
         C = ds**2 / 12.0 * _inverse(within)
         # d(C_eff n)/de at fixed n, then the Schur complement of the stationary n
         W = _embed(hat(y)) - jnp.pad(matmul(_turning(e, natural, g).T, C, M), ((0, 0), (3, 0)))
-        kept = jnp.eye(6) - W
+        kept = np.eye(6) - W
         S = matmul(kept.T, _relaxed(own, natural, K, within, g, ds), kept) - _embed(matmul(M.T, C, M))
         tension = n[2]
         if extra:
             tension, S = tension + jax.grad(extra)(own, K, left)[2], S + jax.hessian(extra)(own, K, left)
-        turn = jnp.eye(6).at[2, :2].set(slope)
+        turn = np.eye(6) + np.eye(6)[2][:, None] * jnp.pad(slope, (0, 4))
         return matmul(turn.T, S, turn) + _tensioned(tension, K, within, ds)
 
     return jax.vmap(stiffness)(excess, *_law(rod), left)
@@ -85,6 +86,7 @@ def _law(rod) -> tuple[Array, Array, Array, Array | None]:
     return s.natural, s.stiffness, s.within, s.growth
 
 
+_HAT_D3 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 _LEAST = 5.0  # compression times ds^2/EI at which the stiffness to shear is halved
 _BOWED = 1.2  # twice (1/2 + 1/10): chord over its part along the frames, and the bow of a cubic over its chord
 
@@ -92,7 +94,7 @@ _BOWED = 1.2  # twice (1/2 + 1/10): chord over its part along the frames, and th
 def _bowed(K, within, ds):
     """Share of each shear strain that is bending inside the element, not shear of the section."""
     bending = jnp.stack([within[1, 1], within[0, 0]])
-    return 1.0 / (1.0 + 12.0 * bending / (ds**2 * jnp.diagonal(K)[:2]))
+    return 1.0 / (1.0 + 12.0 * bending / (ds**2 * diagonal(K)[:2]))
 
 
 def _straightened(e, K, within, ds):
@@ -116,7 +118,7 @@ def tension_stiffness(rod, of_strains: Float[Array, " n"], predicted: Float[Arra
 
 
 def _tensioned(tension, K, within, ds):
-    return tension * jnp.diag(jnp.zeros(6).at[:2].set(_BOWED * _bowed(K, within, ds) ** 2))
+    return tension * diagonal_matrix(jnp.pad(_BOWED * _bowed(K, within, ds) ** 2, (0, 4)))
 
 
 def _extra_law(rod):
@@ -141,7 +143,7 @@ def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
 def _turning(e, natural, g):
     """Matrix ``A`` of the change per length of the moment over the stiffness, from force and moment."""
     turn = hat(e[3:] + natural[3:])
-    return jnp.concatenate([hat(jnp.array([0.0, 0.0, 1.0])), turn if g is None else turn + g * jnp.eye(3)], axis=1)
+    return jnp.concatenate([_HAT_D3, turn if g is None else turn + g * np.eye(3)], axis=1)
 
 
 def _softening(e, natural, K, within, g, ds):
@@ -169,5 +171,5 @@ def _embed(block):
 
 def _inverse(K: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """Inverse by the adjugate: cheaper than a library call for nine numbers."""
-    rows = jnp.stack([jnp.cross(K[1], K[2]), jnp.cross(K[2], K[0]), jnp.cross(K[0], K[1])], axis=1)
-    return rows / vecdot(K[0], rows[:, 0])
+    rows = cross(jnp.roll(K, -1, axis=0), jnp.roll(K, -2, axis=0))
+    return rows.T / vecdot(K[0], rows[0])

@@ -9,7 +9,6 @@ add their terms.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ from jaxtyping import Float
 
 from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.geometry import lie
-from scan2flex_jax.geometry.small import matmul, matvec, vecmat
+from scan2flex_jax.geometry.small import diagonal, matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import AbstractEffect, Element, Node, overriding
 from scan2flex_jax.rod.element_law import element_energy
 from scan2flex_jax.rod.model import Configuration, Rod
@@ -74,7 +73,7 @@ def elements(rod: Rod, configuration: Configuration) -> Element:
     def one(r, R, s, first, last):
         return Element(r, R, s, first, last, rod.section.ds, bending, rod.boundary)
 
-    at, bending = jnp.arange(rod.elements), jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:5])
+    at, bending = jnp.arange(rod.elements), jnp.mean(diagonal(rod.section.stiffness)[:, 3:5])
     r, R, s = map(pairs, (*configuration, rod.node_s))
     return jax.vmap(one)(r, R, s, at == 0, at == rod.elements - 1)
 
@@ -101,11 +100,12 @@ def potential_energy(configuration: Configuration, rod: Rod) -> Float[Array, ""]
     return total
 
 
-def nudged(element: Element, twist: Float[Array, "12"]) -> Element:
-    """The element with its two nodes moved by small body twists, exactly to second order: what derivatives at rest need."""
-    v, w = twist.reshape(2, 6)[:, :3], jax.vmap(lie.hat)(twist.reshape(2, 6)[:, 3:])
-    r = element.r + matvec(element.R, v + 0.5 * matvec(w, v))
-    return replace(element, r=r, R=element.R + matmul(element.R, w + 0.5 * matmul(w, w)))
+def nudged(
+    r: Float[Array, "3"], R: Float[Array, "3 3"], twist: Float[Array, "6"]
+) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
+    """A node moved by a small body twist, exactly to second order: what derivatives at rest need."""
+    v, W = twist[:3], lie.hat(twist[3:])
+    return r + matvec(R, v + 0.5 * matvec(W, v)), R + matmul(R, W + 0.5 * matmul(W, W))
 
 
 def retract(configuration: Configuration, twist: Float[Array, "nodes 6"]) -> Configuration:

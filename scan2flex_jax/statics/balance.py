@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
+from scan2flex_jax.geometry.small import diagonal
 from scan2flex_jax.rod.assembly import Derivatives
 from scan2flex_jax.rod.model import Rod
 
@@ -16,7 +17,7 @@ _ROUNDING = 1.0e-7  # ten times the force over axial stiffness at which the roun
 def imbalance(rod: Rod, derivatives: Derivatives) -> Float[Array, ""]:
     """Largest residual force and moment on a node over the largest force and moment that the rod carries (-)."""
     d = derivatives
-    softest = jnp.min(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:])
+    softest = jnp.min(diagonal(rod.section.stiffness)[:, 3:])
     n, left = jnp.abs(d.elements.n), jnp.abs(d.gradient)
     moment = jnp.max(n[:, 3:]) + 1e-3 * softest / rod.length
     stiffest = jnp.max(rod.section.stiffness[:, 2, 2]) * jnp.maximum(1.0, rod.elements / DEFAULT_ELEMENTS)

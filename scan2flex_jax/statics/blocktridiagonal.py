@@ -10,10 +10,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from scan2flex_jax.geometry.small import matmul, matvec
+from scan2flex_jax.geometry.small import diagonal, matmul, matvec
 
 _NEUTRAL = 1.0e-13  # pivot over its original diagonal: a smaller one is rounding noise after cancellation
 
@@ -33,7 +34,7 @@ def factor(diagonal: Float[Array, "n 6 6"], upper: Float[Array, "n-1 6 6"]) -> F
 
     def eliminate(carry, blocks):
         D, U, U_before = blocks
-        work, negative = _reduce(D - matmul(U_before.T, carry), D, U, jnp.eye(6, dtype=D.dtype))
+        work, negative = _reduce(D - matmul(U_before.T, carry), D, U, np.eye(6, dtype=D.dtype))
         return work[:, 6:12], (work[:, 12:], work[:, 6:12], negative)
 
     _, (inverse, carry, negative) = jax.lax.scan(eliminate, jnp.zeros_like(diagonal[0]), (diagonal, below, above))
@@ -70,7 +71,7 @@ def factor_and_solve(diagonal, upper, rhs: Float[Array, "n 6 k"]):
 
 def _reduce(block, original, *columns):
     """Gauss-Jordan on ``[block | columns]`` without exchanges, and the number of negative pivots met."""
-    scale = _NEUTRAL * jnp.abs(jnp.diagonal(original))
+    scale = _NEUTRAL * jnp.abs(diagonal(original))
     work = jnp.concatenate([block, *columns], axis=1)
     negative = jnp.zeros((), int)
     for j in range(6):

@@ -101,8 +101,7 @@ def _twist_of_supports(configuration, change):
     r, R = configuration
     twist = jnp.zeros((len(r), 6))
     for end, node in ((0, 0), (1, -1)):
-        W = R[node].T @ change.rotation[end]
-        turn = 0.5 * jnp.stack([W[2, 1] - W[1, 2], W[0, 2] - W[2, 0], W[1, 0] - W[0, 1]])
+        turn = lie.unhat(R[node].T @ change.rotation[end])
         twist = twist.at[node].set(jnp.concatenate([R[node].T @ change.position[end], turn]))
     return twist
 

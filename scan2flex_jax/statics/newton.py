@@ -19,10 +19,11 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
-from scan2flex_jax.geometry.small import matvec, vecmat
+from scan2flex_jax.geometry.small import diagonal, diagonal_matrix, matvec, vecmat
 from scan2flex_jax.rod.assembly import (
     Derivatives,
     Elements,
@@ -173,17 +174,17 @@ def stiffened(rod: Rod, own: Bool[Array, ""]) -> tuple[Float[Array, "n 3 3"], Bo
     """``(stiffness, own)``: stiffness against strain variation (N m^2), larger than that of the elements where one component is
     far below the others, or their own if ``own``; and whether it is their own."""
     within = jnp.asarray(rod.section.within)
-    parts = jnp.diagonal(within, axis1=1, axis2=2)
+    parts = diagonal(within)
     excess = jnp.sum(parts, axis=1, keepdims=True) / parts - _EVEN
     more = jnp.where(own, 0.0, parts * jnp.maximum(excess / (_DOUBLED - _EVEN), 0.0) ** 4)
-    return within + more[:, :, None] * jnp.eye(3), jnp.all(more == 0.0)
+    return within + diagonal_matrix(more), jnp.all(more == 0.0)
 
 
 def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
     """Bending and torsional stiffness (N m^2) of the size of the softer one, plus a tenth of weight times squared length."""
-    own = jnp.mean(jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, 3:], axis=0).min()
+    own = jnp.mean(diagonal(rod.section.stiffness)[:, 3:], axis=0).min()
     weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
-    return jnp.diag(jnp.array(_ROTATION)) * (own + 0.1 * weight)
+    return np.diag(_ROTATION) * (own + 0.1 * weight)
 
 
 def _hold(rod, diagonal):
@@ -192,7 +193,7 @@ def _hold(rod, diagonal):
     ds = rod.section.ds
     unit = jnp.array([1.0, 1.0, 1.0, ds, ds, ds]) / ds
     largest = jnp.max(jnp.abs(diagonal) / jnp.outer(unit, unit))
-    return _HOLD * largest * jnp.diag(unit**2)
+    return _HOLD * largest * diagonal_matrix(unit**2)
 
 
 def _lent_hold(rod, lent):
@@ -202,7 +203,7 @@ def _lent_hold(rod, lent):
         return 0.0
     L = rod.length
     unit = jnp.array([1.0, 1.0, 1.0, L, L, L]) / L
-    return lent * lendable_stiffness(rod)[5, 5] / (L * (rod.elements + 1)) * jnp.diag(unit**2)
+    return lent * lendable_stiffness(rod)[5, 5] / (L * (rod.elements + 1)) * diagonal_matrix(unit**2)
 
 
 def lent_forces(

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
+from scan2flex_jax.geometry.small import diagonal
 from scan2flex_jax.rod.model import Rod
 from scan2flex_jax.rod.support import lost
 from scan2flex_jax.statics.balance import BALANCE, imbalance
@@ -59,7 +60,7 @@ def judge(rod: Rod, found: Settled) -> Verdict:
     left = imbalance(rod, d)
     turn = jnp.max(jnp.linalg.norm(d.elements.x[:, 3:], axis=1))
     shear = d.elements.x[:, :2] / rod.section.ds - rod.section.natural[:, :2]
-    rigidity = jnp.diagonal(rod.section.stiffness, axis1=1, axis2=2)[:, :2]
+    rigidity = diagonal(rod.section.stiffness)[:, :2]
     skew = jnp.max(jnp.abs(shear - d.elements.n[:, :2] / rigidity))
     finite = jnp.isfinite(left) & jnp.all(jnp.isfinite(c.r))
     code = jnp.select(  # during the iteration any element may be skew
