@@ -16,7 +16,6 @@ the narrow energy valley of a nearly inextensible rod.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -29,7 +28,17 @@ from scan2flex_jax.geometry import lie
 from scan2flex_jax.geometry.small import cross, diagonal_matrix, matmul, matvec, vecmat
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces, element_stiffness, tension_stiffness
-from scan2flex_jax.rod.energy import E3, element_potential, elements, node_potential, node_weights, nudged, strains, supported
+from scan2flex_jax.rod.energy import (
+    E3,
+    displaced,
+    element_potential,
+    elements,
+    node_potential,
+    node_weights,
+    nudged,
+    strains,
+    supported,
+)
 from scan2flex_jax.rod.model import Configuration, Rod
 from scan2flex_jax.rod.support import AbstractSupport, Springs, springs, supports
 
@@ -209,8 +218,7 @@ def _between(rod, c):
         return None
 
     def energy(twist, element):
-        r, R = jax.vmap(nudged)(element.r, element.R, twist.reshape(2, 6))
-        return potential(replace(element, r=r, R=R))
+        return potential(nudged(element, twist))
 
     return energy, (jnp.zeros((rod.elements, 12)), elements(rod, c))
 
@@ -223,6 +231,6 @@ def _outer_field(rod, c):
 
     def energy(twist, node):
         r, R, s, w = node
-        return potential(Node(*nudged(r, R, twist), s, w, rod.section.ds, rod.boundary))
+        return potential(Node(*displaced(r, R, twist), s, w, rod.section.ds, rod.boundary))
 
     return energy, (jnp.zeros((rod.elements + 1, 6)), (c.r, c.R, rod.node_s, node_weights(rod)))

@@ -9,6 +9,7 @@ add their terms.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -100,7 +101,13 @@ def potential_energy(configuration: Configuration, rod: Rod) -> Float[Array, ""]
     return total
 
 
-def nudged(
+def nudged(element: Element, twist: Float[Array, "12"]) -> Element:
+    """The element with its two nodes moved by small body twists, as by `displaced`."""
+    r, R = jax.vmap(displaced)(element.r, element.R, twist.reshape(2, 6))
+    return replace(element, r=r, R=R)
+
+
+def displaced(
     r: Float[Array, "3"], R: Float[Array, "3 3"], twist: Float[Array, "6"]
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
     """A node moved by a small body twist, exactly to second order: what derivatives at rest need."""

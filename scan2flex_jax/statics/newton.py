@@ -19,7 +19,6 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float, Int
 
@@ -184,7 +183,7 @@ def lendable_stiffness(rod: Rod) -> Float[Array, "6 6"]:
     """Bending and torsional stiffness (N m^2) of the size of the softer one, plus a tenth of weight times squared length."""
     own = jnp.mean(diagonal(rod.section.stiffness)[:, 3:], axis=0).min()
     weight = jnp.sum(jnp.linalg.norm(rod.load.force, axis=1)) * rod.length**2
-    return np.diag(_ROTATION) * (own + 0.1 * weight)
+    return diagonal_matrix(jnp.array(_ROTATION)) * (own + 0.1 * weight)
 
 
 def _hold(rod, diagonal):
