@@ -44,15 +44,15 @@ def closest_arc_length(r, d3, ds, point: Float[Array, "3"], expected: Float[Arra
     return jax.lax.fori_loop(0, _REFINEMENTS, refine, s)
 
 
-def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
+def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe, axes_at=None):
     """``(residual (m, 3), s (m,))``: measured minus modelled (m) along two rotation-minimising normals, and along the
     tangent only where the closest point is an end of the rod.
 
     Closest points and frames are constant under differentiation; the gradient of the squared distance is still exact, since
-    the distance is stationary at the closest point.
+    the distance is stationary at the closest point. ``axes_at``: the `held_axes`, if they are known.
     """
     fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
-    axes_at = _held_axes(fixed_r, fixed_d3, fixed_ds)
+    axes_at = axes_at or held_axes(r, d3, ds, observe)
     length = fixed_ds * (r.shape[0] - 1)
 
     def one(point, expected):
@@ -65,14 +65,14 @@ def normal_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Arr
     return jax.vmap(one)(points, expected)
 
 
-def closest_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
+def closest_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe, axes_at=None):
     """``(residual (m, 3), s (m,))``: measured minus modelled (m) at the closest point, whose movement is differentiated.
 
     Normals and tangent are constant, so that the squared length of each residual has exact first and second derivatives;
     those of `normal_residuals` omit terms of the order of residual times curvature (Gauss-Newton).
     """
     fixed_r, fixed_d3, fixed_ds = jax.lax.stop_gradient((observe(r), d3, ds))
-    axes_at = _held_axes(fixed_r, fixed_d3, fixed_ds)
+    axes_at = axes_at or held_axes(r, d3, ds, observe)
     length = fixed_ds * (r.shape[0] - 1)
 
     def one(point, expected):
@@ -94,21 +94,21 @@ def closest_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Ar
     return jax.vmap(one)(points, expected)
 
 
-def hausdorff_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
+def hausdorff_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe, axes_at=None):
     """Like `normal_residuals`, zero except at the farthest point: its length is the Hausdorff distance (m) from the measured
     curve to the model (directed, since a measured curve may end before the clamps). Not smooth."""
-    residual, s = normal_residuals(r, d3, ds, points, expected, observe)
+    residual, s = normal_residuals(r, d3, ds, points, expected, observe, axes_at)
     farthest = jnp.argmax(jnp.sum(residual**2, axis=1))
     return residual * (jnp.arange(len(points)) == farthest)[:, None], s
 
 
-def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe):
+def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float[Array, " m"], observe, axes_at=None):
     """``(residual (m, 3), s (m,))`` at equal arc length, weighted so that the mean square is Pi (paper, Eq. 10).
 
     Along the two normals and the tangent, as in `normal_residuals`, so that the first two measure the noise in any pose.
     Points that repeat the one before them, such as padding, have zero weight.
     """
-    axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
+    axes_at = axes_at or held_axes(r, d3, ds, observe)
 
     def one(point, s):
         return axes_at(jax.lax.stop_gradient(s)) @ (point - observe(curve_at(r, d3, ds, s)[0]))
@@ -120,7 +120,7 @@ def integrated_residuals(r, d3, ds, points: Float[Array, "m 3"], expected: Float
 
 
 def marker_residuals(
-    r, d3, ds, points: Float[Array | np.ndarray, "m 3"], at: Float[Array | np.ndarray, " m"], observe,
+    r, d3, ds, points: Float[Array | np.ndarray, "m 3"], at: Float[Array | np.ndarray, " m"], observe, axes_at,
     rows: Float[Array | np.ndarray, "3 3"] | None = None, beside: Float[Array, "m 3"] | float = 0.0,
 ) -> Float[Array, "m 3"]:  # fmt: skip
     """``residual (m, 3)``: measured minus modelled (m) at known arc lengths ``at`` (m), all three components alike; ``beside``
@@ -129,7 +129,6 @@ def marker_residuals(
     Along the two normals and the tangent, as in `normal_residuals`; along ``rows`` that are not all zero, where some
     coordinates were measured only.
     """
-    axes_at = _held_axes(*jax.lax.stop_gradient((observe(r), d3, ds)))
 
     def one(point, s, beside):
         axes = axes_at(s) if rows is None else jnp.where(jnp.any(rows != 0.0), rows, axes_at(s))
@@ -138,13 +137,10 @@ def marker_residuals(
     return jax.vmap(one)(points, at, jnp.broadcast_to(jnp.asarray(beside), jnp.shape(points)))
 
 
-def axes_along(r, d3, ds, s: Float[Array, " m"], observe) -> Float[Array, "m 3 3"]:
-    """The two normals and the tangent (rows) of the observed curve at arc lengths ``s`` (m): the axes of these residuals."""
-    return jax.vmap(_held_axes(*jax.lax.stop_gradient((observe(r), d3, ds))))(jax.lax.stop_gradient(s))
-
-
-def _held_axes(r, d3, ds):
-    """Function of arc length (m) to two rotation-minimising normals and the tangent there (rows); no derivatives."""
+def held_axes(r, d3, ds, observe):
+    """Function of arc length (m) to two rotation-minimising normals and the tangent (rows) of the observed curve there: the
+    axes of these residuals, without derivatives."""
+    r, d3, ds = jax.lax.stop_gradient((observe(r), d3, ds))
     frames = curves.transported_frames(d3, curves.frame_on(d3[0]))
 
     def at(s):

@@ -22,9 +22,9 @@ from jaxtyping import Float
 
 from scan2flex_jax.compilation import compiled, lightly_compiled
 from scan2flex_jax.fitting.distance import (
-    axes_along,
     closest_residuals,
     hausdorff_residuals,
+    held_axes,
     integrated_residuals,
     marker_residuals,
     normal_residuals,
@@ -159,19 +159,20 @@ def _solved(state, start, target, distance, most) -> tuple[Array, Array, Array, 
     def seen(points):
         return points @ state.view[:, :3].T + state.view[:, 3]
 
-    r, s = DISTANCES[distance](*curve, seen)
+    axes_at = held_axes(*curve[:3], seen)
+    r, s = DISTANCES[distance](*curve, seen, axes_at)
     if target.marked is not None:
         at = jnp.where(target.marked == AT_END, state.rod.length, target.expected)
         if (known := target.readings) is None:
-            marks = marker_residuals(*curve[:4], at, seen, target.rows)
+            marks = marker_residuals(*curve[:4], at, seen, axes_at, target.rows)
         else:
             R = jax.vmap(lambda s: rotation_at(e.configuration.R, state.rod.section.ds, s))(at)
-            marks = marker_residuals(*curve[:4], at, seen, target.rows, matvec(R, jnp.asarray(known.aside)))
+            marks = marker_residuals(*curve[:4], at, seen, axes_at, target.rows, matvec(R, jnp.asarray(known.aside)))
             others = reading_residuals(known, target.points, R, state.view[:, :3], wrenches(state.rod, e.configuration))
             marks = jnp.where(known.kind[:, None] == POINT, marks, others)
         r = jnp.where(target.marked[:, None] > 0, marks, r)
         s = jnp.where(target.marked > 0, at, s)
-    axes = axes_along(*curve[:3], s, seen)
+    axes = jax.vmap(axes_at)(jax.lax.stop_gradient(s))
     if target.readings is not None:
         axes = jnp.where(target.readings.kind[:, None, None] == POINT, axes, jnp.eye(3))
     return r * target.mask[:, None], s, axes, e
