@@ -1,11 +1,11 @@
 """The least-squares problem of a fit, as `descent` minimises it, and the two alternative methods.
 
 The cost is ``sum (r / sigma)^2 + |z|^2``: measured minus modelled shape, and the priors of nuisance parameters. The noise
-variance is unknown, so cost / n_residuals stands in for it. In units of it, logarithms have a weak prior about their start (a
-factor of 20 is one standard deviation), so that an unidentifiable one does not drift to where the rod is no cable and takes
-hundreds of steps to solve, while identifiable ones move by a small part of their standard error; it is also the noise in the
-rule of convergence (`quadratic`). Steps in logarithms are bounded. A fit from known configurations starts once more
-from the measured curves at the end.
+variance is unknown, so the cost over the number of measured values stands in for it. In units of it, logarithms have a weak
+prior about their start (a factor of 20 is one standard deviation), so that an unidentifiable one does not drift to where
+the rod is no cable and takes hundreds of steps to solve, while identifiable ones move by a small part of their standard
+error; it is also the noise in the rule of convergence (`quadratic`). Steps in logarithms are bounded. A fit from known
+configurations starts once more from the measured curves at the end.
 """
 
 from collections.abc import Callable
@@ -113,7 +113,7 @@ def levenberg_marquardt(
     evaluator = goal.evaluator
     local = np.zeros((evaluator.poses.count, evaluator.layout.local)) if local is None else local
     e = evaluator(shared, local, start=start) if known is None else known
-    model = _FitModel(goal, shared, local.shape, _count(e))
+    model = _FitModel(goal, shared, local.shape)
     rules = Rules(
         most=lambda cost: MOST_ITERATIONS if cost < _FAR * goal.beat else goal.patience,
         settled=lambda cost: COST_TOLERANCE * cost, step=STEP_TOLERANCE, judged=True, damping=1e-3, least=1e-12,
@@ -128,12 +128,12 @@ def levenberg_marquardt(
 class _FitModel(Model):
     """The fit of a study: its shared parameters, then the local ones of all poses.
 
-    Logarithms have a weak prior about the start ``began`` of the descent; ``residuals`` is their number there.
+    Logarithms have a weak prior about the start ``began`` of the descent.
     """
 
-    def __init__(self, goal: Goal, began: np.ndarray, shape: tuple[int, ...], residuals: int = 1):
+    def __init__(self, goal: Goal, began: np.ndarray, shape: tuple[int, ...]):
         """No pose is solved yet; ``shape`` (poses, local) is that of the local parameters."""
-        self.goal, self.shape, self.residuals = goal, shape, residuals
+        self.goal, self.shape, self.values = goal, shape, goal.evaluator.poses.values
         self.shared, rest = len(began), int(np.prod(shape))
         free = np.full(rest, np.inf)
         self.began, self.low, self.high = np.r_[began, np.zeros(rest)], np.r_[goal.low, -free], np.r_[goal.high, free]
@@ -161,7 +161,7 @@ class _FitModel(Model):
 
     def about(self, point) -> FitQuadratic:
         JJ, Jr = self.goal.normal_equations(point.found, *self.split(point.x))
-        share, bounds = point.cost / self.residuals, (self.low, self.high)
+        share, bounds = point.cost / self.values, (self.low, self.high)
         return FitQuadratic(
             point.x, JJ, Jr, self.began, bounds, self.weak > 0, share * self.weak, self.shared, share, self.goal.rounding
         )
@@ -204,11 +204,6 @@ def _scipy(goal, shared, method, derivative, options):
     e = evaluator(x, local)
     cost, converged = goal.cost(e, x, local), bool(found.success)
     if np.isfinite(cost) and evaluator.distance != "hausdorff":  # it has no least squares to judge by
-        model = _FitModel(goal, x, local.shape, _count(e))
+        model = _FitModel(goal, x, local.shape)
         converged = bool(model.about(model.of(np.r_[x, local.ravel()], e)).converged())
     return Minimum(x, local, e, cost, int(found.nit), converged, bool(found.success) and not converged)
-
-
-def _count(e: Evaluation) -> int:
-    """Number of residuals that count."""
-    return max(int(np.count_nonzero(e.residual)), 1)

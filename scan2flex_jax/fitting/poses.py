@@ -100,6 +100,12 @@ class Poses(eqx.Module):
         kind, axes = np.asarray(self.readings.kind)[i], np.asarray(self.readings.axes)[i]
         return np.array([n if k == POINT else components(int(k), a) for n, k, a in zip(count, kind, axes, strict=True)])
 
+    @property
+    def values(self) -> int:
+        """The number of measured values of all poses, at least 1."""
+        rows = zip(map(self.coordinates, range(self.count)), np.asarray(self.mask) > 0, strict=True)
+        return max(int(sum(np.sum(own[real]) for own, real in rows)), 1)
+
     def weighed(self, factor: Float[np.ndarray, " P"]) -> "Poses":
         """The poses with readings in other units scaled by a ``factor`` each."""
         if self.readings is None:

@@ -40,7 +40,7 @@ class TracedProblem(eqx.Module):
     """A residual function with the ranges of its parameters and the scale of its residuals.
 
     ``low`` and ``high`` (n,): ranges of ``x``; ``sigma`` (P,) in m: standard deviations that weigh the poses; ``length`` (m) of
-    the cable; ``logs`` (n,): mask of logarithms.
+    the cable; ``values``: number of measured ones; ``logs`` (n,): mask of logarithms.
     """
 
     function: ResidualFunction
@@ -48,6 +48,7 @@ class TracedProblem(eqx.Module):
     high: Float[Array | np.ndarray, " n"]
     sigma: Float[Array | np.ndarray, " P"]
     length: Float[Array | np.ndarray, ""]
+    values: Int[Array | np.ndarray, ""]
     logs: tuple[bool, ...] = eqx.field(static=True)
 
 
@@ -65,13 +66,12 @@ class TracedMinimum(eqx.Module):
 
 
 class _Value(NamedTuple):
-    """An evaluation: cost, sum of squares (m^2), normal equations, how many residuals count, configurations and verdicts."""
+    """An evaluation: cost, sum of squares (m^2), normal equations, configurations and verdicts."""
 
     cost: Float[Array, ""]
     squares: Float[Array, ""]
     JJ: Float[Array, "n n"]
     Jr: Float[Array, " n"]
-    residuals: Int[Array, ""]
     configuration: Configuration
     verdict: Verdict
 
@@ -125,7 +125,7 @@ def traced_problem(
     function = ResidualFunction(layout, poses, np.zeros(0, int), None, elements, distance)
     low, high = np.r_[goal.low, np.full(rest, -np.inf)], np.r_[goal.high, np.full(rest, np.inf)]
     logs = (*(bool(log) for log in problem.logs()), *[False] * rest)
-    traced = TracedProblem(function, low, high, sigma, np.asarray(problem.length), logs)
+    traced = TracedProblem(function, low, high, sigma, np.asarray(problem.length), np.asarray(poses.values), logs)
     return traced, padded_starts(traced, problem.both_starts())
 
 
@@ -144,9 +144,9 @@ def evaluate(problem: TracedProblem, x, start: Configuration) -> _Value:
         r, push, (_, configuration, verdict, _) = jax.linearize(residual, own, has_aux=True)
         J = jax.vmap(push)(jnp.eye(len(own))).reshape(len(own), -1)
         r = r.ravel()
-        return r @ r, J @ J.T, J @ r, jnp.count_nonzero(r), configuration, verdict
+        return r @ r, J @ J.T, J @ r, configuration, verdict
 
-    squares, JJ_own, Jr_own, counts, configuration, verdict = of_poses(f, x, normal, start)
+    squares, JJ_own, Jr_own, configuration, verdict = of_poses(f, x, normal, start)
     JJ, Jr = jnp.zeros((len(x), len(x))), jnp.zeros(len(x))
     for i in range(f.poses.count):
         at = np.r_[np.arange(n), n + i * k + np.arange(k)]
@@ -158,12 +158,12 @@ def evaluate(problem: TracedProblem, x, start: Configuration) -> _Value:
     cost = jnp.sum(squares / sigma**2) + pull @ pull + local @ local
     solved = jnp.all(verdict.code == SOLVED) & jnp.isfinite(cost)
     cost = jnp.where(solved, cost, jnp.inf)
-    return _Value(cost, jnp.sum(squares), JJ, Jr, jnp.maximum(jnp.sum(counts), 1), configuration, verdict)
+    return _Value(cost, jnp.sum(squares), JJ, Jr, configuration, verdict)
 
 
 def _about(problem, value, x, began) -> FitQuadratic:
     """The cost to second order about ``x``, as `least_squares` has it."""
-    n, logs, share = problem.function.layout.shared, np.asarray(problem.logs), value.cost / value.residuals
+    n, logs, share = problem.function.layout.shared, np.asarray(problem.logs), value.cost / problem.values
     precision, rounding = share * jnp.where(logs, WEAK**-2, 0.0), rounding_of(problem.length, problem.sigma, jnp)
     bounds = problem.low, problem.high
     return FitQuadratic(x, value.JJ, value.Jr, began, bounds, logs, precision, n, share, rounding, jnp)
