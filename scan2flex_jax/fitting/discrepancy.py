@@ -19,6 +19,7 @@ import numpy as np
 
 from scan2flex_jax.fitting import states
 from scan2flex_jax.geometry.fields import POINTS, hats, smooth_root
+from scan2flex_jax.geometry.lie import HATS
 
 SEAT = 0.05  # of b L: standard deviation (rad) of the rotation of a clamp
 
@@ -73,13 +74,12 @@ def directions(state: states.State) -> states.State:
     natural[: len(field), :, 3:] = field
     rotation = np.zeros((count, 2, 3, 3))
     for k, (end, axis) in enumerate(np.ndindex(2, 3)):
-        turn = SEAT * length * held[end, axis] * np.asarray(boundary.rotation)[end] @ _HAT[axis]
+        turn = SEAT * length * held[end, axis] * np.asarray(boundary.rotation)[end] @ HATS[axis]
         rotation[len(field) + k, end] = turn
     still = states.still(state, count)
     return eqx.tree_at(lambda t: (t.rod.section.natural, t.rod.boundary.rotation), still, (natural, rotation))
 
 
-_HAT = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # [e_k] x
 
 
 def most_likely_part(curvature: float, columns: np.ndarray, residual: np.ndarray, covariance: np.ndarray) -> np.ndarray:

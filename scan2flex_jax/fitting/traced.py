@@ -40,7 +40,7 @@ class TracedProblem(eqx.Module):
     """A residual function with the ranges of its parameters and the scale of its residuals.
 
     ``low`` and ``high`` (n,): ranges of ``x``; ``sigma`` (P,) in m: standard deviations that weigh the poses; ``length`` (m) of
-    the cable; ``values``: number of measured ones; ``logs`` (n,): mask of logarithms.
+    the cable; ``values``: the number of measured values; ``logs`` (n,): mask of logarithms.
     """
 
     function: ResidualFunction

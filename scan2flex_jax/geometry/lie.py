@@ -19,7 +19,8 @@ from jaxtyping import Float
 
 from scan2flex_jax.geometry.small import cross, matmul, vecdot
 
-_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)  # W_ij = _CROSS_ijk w_k, for few traced operations
+HATS = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(0, 2, 1)
+"""``hat`` of each unit vector; ``hat(w)_ij = HATS_ijk w_k`` in few traced operations."""
 _SERIES_BELOW = 0.05  # t = |w|^2 under which six Taylor terms are exact to rounding (remainder t^6/12! < 1e-16)
 
 
@@ -61,12 +62,12 @@ def _bernoulli(t):
 
 def hat(w: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """Cross-product matrix: ``hat(w) @ x == cross(w, x)``."""
-    return jnp.sum(_CROSS.astype(w.dtype) * w, axis=-1)
+    return jnp.sum(HATS.astype(w.dtype) * w, axis=-1)
 
 
 def unhat(W: Float[Array, "3 3"]) -> Float[Array, "3"]:
     """The vector of the antisymmetric part of a matrix: ``unhat(hat(w)) == w``."""
-    return 0.5 * jnp.sum(_CROSS.astype(W.dtype) * W[:, :, None], axis=(0, 1))
+    return 0.5 * jnp.sum(HATS.astype(W.dtype) * W[:, :, None], axis=(0, 1))
 
 
 def so3_exp(w: Float[Array, "3"]) -> Float[Array, "3 3"]:

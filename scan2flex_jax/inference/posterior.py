@@ -270,10 +270,11 @@ class Variant:
         found = None if begun is None else self._in_turn(components, x, begun, u)
         if found is not None:
             self.best = max(self.best, found.score)
-        if weighted and (found is None or found.squares > (within or self.empty.squares)):
-            again = self.refitted(components, amplitudes, base, shapes, u, nearest=within or self.empty.squares, others=others)
+        most = (within or self.empty.squares) if weighted else np.inf
+        if found is None or found.squares > most:
+            again = self.refitted(components, amplitudes, base, shapes, u, nearest=most, others=others)
             return max((h for h in (found, again) if h is not None), key=lambda h: h.score, default=None)
-        if found is None or not (others and components):
+        if not (others and components):
             return found
         return max([found, *self._other_starts(found)], key=lambda h: h.score)
 

@@ -171,8 +171,9 @@ class Search:
         names = " and ".join((*h.kinds, s.component.kind))
         self.say(f"{names}: {s.gain:.1f} nats to first order" if np.isfinite(s.gain) and s.gain else names)
         begin = [*(h.amplitudes(k) for k in range(len(h.components))), s.amplitudes]
-        begun, within = ((*h.components, s.component), begin, h.x, h.shapes, u), h.squares
-        end = h.variant.refitted(*begun, unweighted=unweighted, nearest=nearest, within=within)
+        end = h.variant.refitted(
+            (*h.components, s.component), begin, h.x, h.shapes, u, unweighted=unweighted, nearest=nearest, within=h.squares
+        )
         self.add(end)
         return end
 

@@ -26,7 +26,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from scan2flex_jax.geometry.lie import hat
+from scan2flex_jax.geometry.lie import HATS, hat
 from scan2flex_jax.geometry.small import cross, diagonal, diagonal_matrix, matmul, matvec, vecdot, vecmat
 from scan2flex_jax.rod.effect import overriding
 from scan2flex_jax.rod.memory import AbstractMemory, memories
@@ -86,7 +86,6 @@ def _law(rod) -> tuple[Array, Array, Array, Array | None]:
     return s.natural, s.stiffness, s.within, s.growth
 
 
-_HAT_D3 = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 _LEAST = 5.0  # compression times ds^2/EI at which the stiffness to shear is halved
 _BOWED = 1.2  # twice (1/2 + 1/10): chord over its part along the frames, and the bow of a cubic over its chord
 
@@ -143,7 +142,7 @@ def stiffness_within(K: Float[Array, "n 6 6"]) -> Float[Array, "n 3 3"]:
 def _turning(e, natural, g):
     """Matrix ``A`` of the change per length of the moment over the stiffness, from force and moment."""
     turn = hat(e[3:] + natural[3:])
-    return jnp.concatenate([_HAT_D3, turn if g is None else turn + g * np.eye(3)], axis=1)
+    return jnp.concatenate([HATS[2], turn if g is None else turn + g * np.eye(3)], axis=1)
 
 
 def _softening(e, natural, K, within, g, ds):

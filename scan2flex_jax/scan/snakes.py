@@ -97,17 +97,16 @@ def snakes_energy(x: Float[Array, "K 3"], problem: SnakesProblem) -> Float[Array
 
 @eqx.filter_jit
 def _solve(x0, problem):
-    """The minimising displacement from ``x0`` in radii, so that steps are of order one."""
+    """The points of least energy, by displacements in radii, so that steps are of order one."""
     solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-8)
 
     def residuals(y, _):
         return snakes_residuals(x0 + problem.radius * y, problem)
 
-    return optx.least_squares(residuals, solver, jnp.zeros_like(x0), max_steps=_STEPS, throw=False).value
+    x = x0 + problem.radius * optx.least_squares(residuals, solver, jnp.zeros_like(x0), max_steps=_STEPS, throw=False).value
+    return jnp.where(snakes_energy(x, problem) < snakes_energy(x0, problem), x, x0)
 
 
 def minimise_snakes(x0: Float[np.ndarray, "K 3"], problem: SnakesProblem) -> Float[np.ndarray, "K 3"]:
     """Points (m) of least energy, by descent from ``x0`` (m); those of ``x0`` where no step gains."""
-    start = jnp.asarray(x0)
-    x = start + problem.radius * _solve(start, problem)
-    return np.asarray(x if snakes_energy(x, problem) < snakes_energy(start, problem) else start)
+    return np.asarray(_solve(jnp.asarray(x0), problem))
