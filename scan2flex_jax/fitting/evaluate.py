@@ -2,7 +2,8 @@
 
 Poses are solved one after the other by one compiled function: in a batch all of them would take as many steps as the slowest,
 and each number of poses would be compiled separately. Unknowns and nuisance parameters of a study, and effects `Added` to it,
-change only the map from its parameter vector to the state of a pose (`states`), which compiles quickly.
+change only the map from its parameter vector to the states of poses (`states`), which compiles quickly; `LANES` poses share one
+call of it, and what is common to them is computed once.
 
 The Jacobian is the derivative of the equilibria by the implicit function theorem: one back-substitution per parameter with
 the factors of the solve. A call without derivatives compiles and runs without it.
@@ -14,7 +15,7 @@ Derivatives of a pose by nuisance parameters of the clamps of earlier poses are 
 history by a small part of a threshold, and they would cost the square of the number of poses.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
@@ -32,6 +33,7 @@ from scan2flex_jax.fitting import states
 from scan2flex_jax.fitting.parameters import Layout, boundary_at, model_at, with_ends
 from scan2flex_jax.fitting.poses import History, Poses
 from scan2flex_jax.fitting.threads import each_pose
+from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect
 from scan2flex_jax.rod.memory import Left, remembering
 from scan2flex_jax.rod.model import CableModel, Configuration
@@ -66,7 +68,8 @@ class Added(NamedTuple):
 
     ``kinds``: effect types, each with the place of its amplitudes in the vector, their number, and the parts of its site that
     follow; ``sites`` of all of them, ``null`` (n,), the vector with all of them absent; ``at`` (k,), the places of those that
-    are not, and their ``values``; ``scenes``: per pose the scales and shapes that effects refer to.
+    are not, and their ``values``; ``scene``: the scales that effects refer to; ``previous`` (P, m, 3): curvatures (1/m) of the
+    pose before each.
     """
 
     kinds: tuple[tuple[str, tuple[int, int, tuple[str, ...]]], ...]
@@ -74,12 +77,14 @@ class Added(NamedTuple):
     null: np.ndarray
     at: np.ndarray
     values: np.ndarray
-    scenes: Sequence[dict[str, Any]] = ()
+    scene: dict[str, Any]
+    previous: np.ndarray
 
-    def vector(self, x) -> np.ndarray:
-        """The vector of a pose, of its numbers without the effects."""
+    @property
+    def vector(self) -> np.ndarray:
+        """The vector of a pose, with zeros for its numbers without the effects."""
         full = self.null.copy()
-        full[: len(x)], full[self.at] = x, self.values
+        full[self.at] = self.values
         return full
 
     def along(self, count: int) -> np.ndarray:
@@ -87,29 +92,48 @@ class Added(NamedTuple):
         return np.r_[np.arange(count), self.at]
 
 
-def _map(layout: Layout, elements, kinds, template: CableModel, boundary, x, sites, scene, slots, directions):
-    """State of one pose at its vector ``x``, and its tangents along ``directions``, padded with zeros to `states.WIDTH`."""
+class _Lanes(NamedTuple):
+    """What poses have of their own: gravity (m/s^2), supports, nuisance parameters, and the curvature of the pose before."""
+
+    gravity: np.ndarray
+    boundary: Boundary
+    local: np.ndarray
+    previous: np.ndarray
+
+
+def _map(layout: Layout, elements, kinds, template, lanes: _Lanes, shared, effects, sites, scene, slots, directions):
+    """States of `LANES` poses at the numbers that they share, the ``local`` ones of each, and those of added ``effects``, and
+    their tangents along ``directions`` of the three together. What is common to the poses is computed once."""
     base = layout.shared + layout.local
 
-    def state(x):
-        model, added = model_at(layout, template, x[: layout.shared]), list[AbstractEffect]()
-        seen = cast(Context, SimpleNamespace(**scene))
-        for kind, (at, count, moving) in kinds:
-            site = sites[kind] | {name: x[at + count + j] for j, name in enumerate(moving)}
-            added += entry_of(kind).build(x[at : at + count], site, seen)
-        model = with_ends(model, added)
-        laws = (*states.slots_of(model.effects), *states.slots_of(added), *slots)
-        model = type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
-        return states.state_of(model, boundary_at(layout, boundary, x[layout.shared : base]), elements, laws)
+    def of_pose(own: _Lanes):
+        def state(shared, local, effects):
+            model, added = model_at(layout, eqx.tree_at(_gravity, template, own.gravity), shared), list[AbstractEffect]()
+            seen = cast(Context, SimpleNamespace(**scene, previous=own.previous))
+            for kind, (at, count, moving) in kinds:
+                amplitudes, places = jnp.split(effects[at - base : at - base + count + len(moving)], [count])
+                site = sites[kind] | dict(zip(moving, places, strict=True))
+                added += entry_of(kind).build(amplitudes, site, seen)
+            model = with_ends(model, added)
+            laws = (*states.slots_of(model.effects), *states.slots_of(added), *slots)
+            model = type(model)(model.cable, model.gravity, ordered((*model.effects, *added)))
+            return states.state_of(model, boundary_at(layout, own.boundary, local), elements, laws)
 
-    if not len(directions):
-        return state(x), None
-    tangents, rest = jax.vmap(lambda t: jax.jvp(state, (x,), (t,))[1])(directions), states.WIDTH - len(directions)
-    return state(x), jax.tree.map(lambda t: jnp.pad(t, ((0, rest), *[(0, 0)] * (t.ndim - 1))), tangents)
+        at = shared, own.local, effects
+        if not len(directions):
+            return state(*at), None
+        along = jnp.split(directions, [len(shared), len(shared) + len(own.local)], axis=1)
+        return state(*at), jax.vmap(lambda *t: jax.jvp(state, at, t)[1])(*along)
+
+    return jax.vmap(of_pose)(lanes)
+
+
+def _gravity(model):
+    return model.gravity
 
 
 _map_of_study, _map_of_effects = lightly_compiled(_map), compiled(_map)
-FEW = 8  # directions of one call of a map
+LANES, FEW = 8, 8  # poses and directions of one call of a map
 
 
 def observed(model: CableModel, points):
@@ -135,6 +159,7 @@ class _Before(NamedTuple):
 
 
 STRAIGHTENED = _Before()
+_Mapped = tuple[states.State, states.State | None]  # a state, and its tangents (leading axis)
 
 
 def _entered(state, tangents, before: _Before | None) -> tuple[Left, Left]:
@@ -173,73 +198,86 @@ class Evaluator:
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
         near, start = start is not None and start is not p.start, p.start if start is None else start
-        given = derivative, added or self._alone, along
+        if derivative and along is None:
+            along = (added or self.alone).along(len(shared) + self.layout.local)
+        at = shared, local, added, along
         if p.history is None:
-            return each_pose(lambda i: self._pose(p, i, shared, local[i], one(start, i), *given, near=near), p.count)
-        return self._in_order(p.history, shared, local, start, derivative, near)
+            found = self._solved(p, range(p.count), start, at, near)
+        else:
+            found = self._in_order(p.history, shared, local, start, along, near)
+        changed = [i for i, change in enumerate(p.changes) if change]
+        for i, own in zip(changed, self._solved(p.reference, changed, None, at), strict=True):
+            found[i] = states.compared(found[i], own, target_of(p, i))
+        return found
 
-    def _mapped(self, poses, i, x, along, added: Added):
-        """The state of a pose at its numbers ``x``, and its tangents ``along`` places of its vector; None: without tangents."""
-        full, rows = added.vector(x), 0 if along is None else max(-(-len(along) // FEW), 1) * FEW
-        directions = np.zeros((rows, len(full)))
-        if along is not None:
-            directions[np.arange(len(along)), along] = 1.0
-        pose = poses.template(i), one(poses.boundary, i), full, added.sites, added.scenes[i] if added.scenes else {}
+    def _solved(self, poses: Poses | None, which: Sequence[int], start, at, near=False) -> list[states.Shape]:
+        """Some poses without history, from ``start``, or from their measured curves."""
+        if poses is None or not which:
+            return []
+        mapped, start = self.mapped(poses, which, *at), poses.start if start is None else start
+        return each_pose(lambda k: self._pose(poses, which[k], mapped[k], one(start, which[k]), near=near), len(which))
+
+    def mapped(self, poses: Poses, which, shared, local, added: Added | None = None, along=None) -> list[_Mapped]:
+        """Of some poses the states, and their tangents ``along`` places of the vector of each; None: without tangents."""
+        added = added or self.alone
         of, slots = (_map_of_effects, ()) if added.kinds else (_map_of_study, self.slots)
-        parts = np.split(directions, max(rows // FEW, 1))
-        found = [of(self.layout, self.elements, added.kinds, *pose, slots, directions=part) for part in parts]
-        if len(found) == 1:
-            return found[0]
-        return found[0][0], jax.tree.map(lambda *t: np.concatenate([part[:FEW] for part in t]), *(moved for _, moved in found))
+        full, split = added.vector, [len(shared), len(shared) + self.layout.local]
+        count = 0 if along is None else len(along)
+        directions = np.zeros((0 if along is None else max(-(-count // FEW), 1) * FEW, len(full)))
+        directions[np.arange(count), along] = 1.0
+        out: dict[int, tuple] = {}
+        for template, same in poses.similar(which):
+            for first in range(0, len(same), LANES):
+                own = same[first : first + LANES]
+                lane = np.array((own * LANES)[:LANES])
+                gravity = np.stack([np.asarray(poses.template(i).gravity) for i in lane])
+                previous = added.previous[lane] if len(added.previous) else np.zeros((LANES, 0, 3))
+                lanes = _Lanes(gravity, one(poses.boundary, lane), np.asarray(local)[lane], previous)
+                given = self.layout, self.elements, added.kinds, template, lanes, np.asarray(shared), full[split[1] :]
+                parts = np.split(directions, max(len(directions) // FEW, 1))
+                found = [of(*given, added.sites, added.scene, slots, part) for part in parts]
+                out |= zip(own, _of_lanes(found, count), strict=False)
+        return [out[i] for i in which]
 
     @property
-    def _alone(self) -> Added:
+    def alone(self) -> Added:
         """No effects beside those of the study."""
         none = np.zeros(0, int)
-        return Added((), {}, np.zeros(self.layout.shared + self.layout.local), none, none)
+        return Added((), {}, np.zeros(self.layout.shared + self.layout.local), none, none, {}, np.zeros((0, 0, 3)))
 
-    def _pose(
-        self, poses, i, shared, local, start, derivative, added, along=None, before=None, held=None, near=False
-    ):  # fmt: skip
+    def _pose(self, poses, i, mapped: _Mapped, start, *, before=None, held=None, near=False) -> states.Shape:
         """One pose; with memory ``before`` is what the one before it left, None for the first pose."""
-        x = np.concatenate([shared, local])
-        if derivative and along is None:
-            along = added.along(len(x))
-        state, tangents = self._mapped(poses, i, x, along, added)
-        left: Left = ()
+        (state, tangents), left = mapped, Left()
         if held is not None:  # the first pose has a state too, so that one compiled function serves all
             left, moved = _entered(state, tangents, before)
             state, tangents = states.after(state, left), None if tangents is None else states.after(tangents, moved)
-        target = target_of(poses, i)
-        found = states.evaluate(state, tangents, start, target, self.distance, held, near)
-        found = found._replace(entered=left, columns=None if found.columns is None else found.columns[..., : len(along)])
-        if not (poses.changes and poses.changes[i]):
-            return found
-        other = poses.reference
-        own = self._pose(other, i, shared, local, one(other.start, i), derivative, added, along)
-        return states.compared(found, own, target)
+        found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, held, near)
+        return found._replace(entered=left)
 
-    def _in_order(self, history: History, shared, local, start, derivative, near=False) -> list[states.Shape]:
+    def _in_order(self, history: History, shared, local, start, along, near=False) -> list[states.Shape]:
         """The shape of each pose; poses of the history that are not of these have no part of their own but what they leave."""
         found: dict[int, states.Shape] = {}
         own, before = {int(q): i for i, q in enumerate(history.at)}, None
+        others = [q for q in range(max(own)) if q not in own]
+        mapped = dict(zip(own, self.mapped(self.poses, range(self.poses.count), shared, local, None, along), strict=True))
+        none = np.zeros((history.poses.count, self.layout.local))
+        mapped |= dict(zip(others, self.mapped(history.poses, others, shared, none, None, along), strict=True))
         for q in range(max(own) + 1):
             before = STRAIGHTENED if history.reset[q] else before
             held, i = np.asarray(history.held[q]), own.get(q)
-            if i is not None:
-                given = shared, local[i], one(start, i), derivative, self._alone
-                shape = self._pose(self.poses, i, *given, before=before, held=held, near=near)
+            if i is None:
+                shape = self._passed(history.poses, q, mapped[q], before, held)
             else:
-                shape = self._passed(history.poses, q, shared, derivative, before, held)
+                shape = self._pose(self.poses, i, mapped[q], one(start, i), before=before, held=held, near=near)
             found[q] = shape
             before = _Before(shape.left, shape.leaving, len(shared))
         return [found[int(q)] for q in history.at]
 
-    def _passed(self, poses, q, shared, derivative, before, held) -> states.Shape:
+    def _passed(self, poses, q, mapped, before, held) -> states.Shape:
         """A pose of the history that is not of these, solved from its last equilibrium, or from its measured curve."""
-        none, last = np.zeros(self.layout.local), self._between.pop(q, None)
+        last = self._between.pop(q, None)
         for start, near in [*([(last, True)] if last is not None else []), (one(poses.start, q), False)]:
-            shape = self._pose(poses, q, shared, none, start, derivative, self._alone, before=before, held=held, near=near)
+            shape = self._pose(poses, q, mapped, start, before=before, held=held, near=near)
             if int(shape.verdict.code) == SOLVED:
                 self._between[q] = shape.configuration
                 break
@@ -250,7 +288,8 @@ class Evaluator:
         history = self.poses.history
         if history is None:
             return [()] * self.poses.count
-        found = self._in_order(history, shared, local, start, derivative=True)  # by the functions that a fit has compiled
+        along = self.alone.along(len(shared) + self.layout.local)  # by the functions that a fit has compiled
+        found = self._in_order(history, shared, local, start, along)
         return [shape.entered for shape in found]
 
     def remembered(self, shared, local, start) -> Poses:
@@ -264,32 +303,42 @@ class Evaluator:
         ]
         return replace(self.poses, templates=tuple(models), group=tuple(range(len(models))), history=None)
 
-    def state(self, i: int, shared, local, added: Added | None = None, derivative=False):
-        """The state of pose ``i`` at these numbers, without its history, and its derivatives by them (leading axis)."""
-        x, added = np.concatenate([shared, local[i]]), added or self._alone
-        return self._mapped(self.poses, i, x, added.along(len(x)) if derivative else np.zeros(0, int), added)
-
     def along(self, directions, shared, local, start, added: Added | None = None, of_changes=False) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) along ``directions(state, i)`` of its state at equilibria ``start``.
 
         ``of_changes``: the directions are in the poses from which readings are changes too.
         """
-        before, added, none = self.states_before(shared, local, start), added or self._alone, np.zeros(0, int)
+        before = self.states_before(shared, local, start)
         self.equilibria += self.poses.count
 
-        def columns(poses, i, start, near):
-            state, held = self._mapped(poses, i, np.concatenate([shared, local[i]]), none, added)[0], None
-            if before[i]:
-                state, held = states.after(state, before[i]), np.zeros(())
-            moved = directions(state, i)
-            return states.evaluate(state, moved, start, target_of(poses, i), self.distance, held, near).columns
+        def columns(poses, which, start, near):
+            mapped = self.mapped(poses, which, shared, local, added)
 
-        def of(i):
-            own, changes = columns(self.poses, i, one(start, i), near=True), self.poses.changes
-            other = self.poses.reference if of_changes and changes and changes[i] else None
-            return np.asarray(own) if other is None else own - columns(other, i, one(other.start, i), near=False)
+            def of(k):
+                i, held = which[k], np.zeros(()) if before[which[k]] else None
+                state, target = states.after(mapped[k][0], before[i]), target_of(poses, i)
+                return states.evaluate(state, directions(state, i), one(start, i), target, self.distance, held, near).columns
 
-        return each_pose(of, self.poses.count)
+            return each_pose(of, len(which))
+
+        found = columns(self.poses, range(self.poses.count), start, near=True)
+        other, changed = self.poses.reference, [i for i, change in enumerate(self.poses.changes) if change and of_changes]
+        if other is not None:
+            for i, own in zip(changed, columns(other, changed, other.start, near=False), strict=True):
+                found[i] = found[i] - own
+        return found
+
+
+def _of_lanes(parts: list[_Mapped], count: int) -> Iterator[_Mapped]:
+    """Of each lane the state and all of its ``count`` tangents, from calls with `FEW` tangents each; None without tangents."""
+    leaves, structure = jax.tree.flatten(parts[0][0])
+    tree = cast(Any, structure)  # jaxtyping hides its methods
+    moved = [jax.tree.leaves(each) for _, each in parts]
+    state, *moved = [[np.asarray(leaf) for leaf in each] for each in (leaves, *moved)]
+    whole = [each[0] if len(each) == 1 else np.concatenate(each, axis=1) for each in zip(*moved, strict=True)]
+    for k in range(LANES):
+        tangents = tree.unflatten([leaf[k, :count] for leaf in whole]) if whole else None
+        yield tree.unflatten([leaf[k] for leaf in state]), tangents
 
 
 def target_of(poses: Poses, i: int) -> states.Target:
@@ -297,6 +346,6 @@ def target_of(poses: Poses, i: int) -> states.Target:
     return states.Target(*one((poses.points, poses.mask, poses.expected, poses.marked, poses.rows, poses.readings), i))
 
 
-def one(tree, i: int):
-    """Pose ``i`` of a tree whose arrays have a leading axis of poses."""
+def one(tree, i: int | np.ndarray):
+    """Pose ``i`` of a tree whose arrays have a leading axis of poses, or several."""
     return jax.tree.map(lambda x: x[i], tree)

@@ -79,6 +79,18 @@ class Poses(eqx.Module):
         """The model of pose ``i``."""
         return self.templates[self.group[i]]
 
+    def similar(self, which: Sequence[int]) -> list[tuple[CableModel, list[int]]]:
+        """Some of the poses, those together whose models differ in gravity alone, with one of these models."""
+        keys: dict[int, tuple] = {}
+        for group in {self.group[i] for i in which}:
+            model = eqx.tree_at(lambda m: m.gravity, self.templates[group], None)
+            leaves, tree = jax.tree.flatten(model)
+            keys[group] = tree, *(np.asarray(leaf).tobytes() for leaf in leaves)
+        found: dict[tuple, list[int]] = {}
+        for i in which:
+            found.setdefault(keys[self.group[i]], []).append(int(i))
+        return [(self.template(own[0]), own) for own in found.values()]
+
     @property
     def count(self) -> int:
         """Number of poses."""

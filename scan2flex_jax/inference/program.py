@@ -163,14 +163,15 @@ class Program:
     def rods(self, components, x, shapes) -> list[tuple[Rod, Configuration]]:
         """The rod of each pose with its energy laws, and its equilibrium."""
         evaluator, *numbers, added = self._at(components, x)
-        return [(evaluator.state(i, *numbers, added)[0].rod, shape.configuration) for i, shape in enumerate(shapes)]
+        mapped = evaluator.mapped(evaluator.poses, range(len(shapes)), *numbers, added)
+        return [(state.rod, shape.configuration) for (state, _), shape in zip(mapped, shapes, strict=True)]
 
     def section(self, components, x) -> tuple[Section, Section]:
         """The sections of the first pose, and their derivatives (leading axis) in the order of `Index.of_pose`."""
         evaluator, *numbers, added = self._at(components, x)
-        count = len(Index(self, components).of_pose(0))
-        state, moved = evaluator.state(0, *numbers, added, derivative=True)
-        return state.rod.section, jax.tree.map(lambda t: np.asarray(t)[:count], moved.rod.section)
+        along = (added or evaluator.alone).along(self.layout.shared + self.layout.local)
+        state, moved = evaluator.mapped(evaluator.poses, [0], *numbers, added, along)[0]
+        return state.rod.section, moved.rod.section
 
     # --- the vector of a pose
 
@@ -195,8 +196,7 @@ class Program:
             places += [at + np.arange(count), at + count + np.array([moving.index(name) for name in c.moving], int)]
         kinds, values, c = tuple(self.layout_of_effects.items()), x[Index(self, components).base :], self.context
         scene = {"length": np.asarray(c.length), "centre": np.asarray(c.centre, float), "up": c.up}
-        scenes = [scene | {"previous": previous} for previous in self.previous]
-        return Added(kinds, sites, null, np.concatenate(places), values, scenes)
+        return Added(kinds, sites, null, np.concatenate(places), values, scene, np.stack(self.previous))
 
 
 def _entries(context: Context) -> list[CatalogueEntry]:
