@@ -5,6 +5,7 @@ Bending about ``a = cos(angle) d1 + sin(angle) d2`` keeps k_EI; about the other 
 others. ``angle`` in rad. Null: ratio 1 (where the angle is unidentifiable).
 """
 
+import functools
 import math
 from typing import ClassVar
 
@@ -35,6 +36,9 @@ class AnisotropicBending(AbstractEffect):
         return eqx.tree_at(lambda x: x.stiffness, section, stretch @ section.stiffness @ stretch)
 
 
+_SERIES = [np.array([1.0 / math.factorial(2 * k), 1.0 / math.factorial(2 * k + 1)]) for k in reversed(range(10))]  # of t^k
+
+
 class BendingSplit(AbstractEffect):
     """`anisotropic_bending` at a fixed geometric mean: ``split`` (-) is log(ratio) (cos 2 angle, sin 2 angle).
 
@@ -49,8 +53,7 @@ class BendingSplit(AbstractEffect):
         """Sections with anisotropic stiffness."""
         p, q = self.split
         t = self.split @ self.split / 16.0
-        cosh = sum(t**k / math.factorial(2 * k) for k in range(10))
-        sinhc = sum(t**k / math.factorial(2 * k + 1) for k in range(10))
+        cosh, sinhc = functools.reduce(lambda sum, c: sum * t + c, _SERIES)
         A = cosh * jnp.eye(2) - 0.25 * sinhc * jnp.stack([jnp.stack([p, q]), jnp.stack([q, -p])])
         stretch = jnp.eye(6).at[3:5, 3:5].set(A)
         return eqx.tree_at(lambda x: x.stiffness, section, stretch @ section.stiffness @ stretch)

@@ -15,6 +15,7 @@ is zero for a rigid grip and so has a derivative there. Null: infinite stiffness
 from dataclasses import replace
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -55,13 +56,16 @@ class ElasticClamp(AbstractEffect):
     def section(self, section: Section, length: Float[Array, ""]) -> Section:
         """End sections with the grips in series."""
         K, ds = section.stiffness, section.ds
-        for element, sign, c in ((0, -1.0, self.total_compliance[0]), (-1, 1.0, self.total_compliance[1])):
-            x = ds * (section.natural[element] + jnp.array(E3))
-            U = lie.right_jacobian_inverse(sign * x)[:, 3:]
-            KU = K[element] @ U
-            less = c * KU @ jnp.linalg.solve(ds * jnp.eye(3) + c * U.T @ KU, KU.T)
-            K = K.at[element].add(-0.5 * (less + less.T))
-        return replace(section, stiffness=K, within=stiffness_within(section.stiffness))
+        ends = np.array([0, -1])
+
+        def less(sign, c, natural, K):
+            U = lie.right_jacobian_inverse(sign * ds * (natural + jnp.array(E3)))[:, 3:]
+            KU = K @ U
+            softer = c * KU @ jnp.linalg.solve(ds * jnp.eye(3) + c * U.T @ KU, KU.T)
+            return 0.5 * (softer + softer.T)
+
+        both = jax.vmap(less)(np.array([-1.0, 1.0]), self.total_compliance, section.natural[ends], K[ends])
+        return replace(section, stiffness=K.at[ends].add(-both), within=stiffness_within(K))
 
 
 ENTRY = CatalogueEntry(

@@ -9,7 +9,6 @@ the mesh even with an edge inside an element, and are smooth in position and wid
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -44,16 +43,17 @@ def _sigma_2(t):
 
 def box(s, position, width, length):
     """The smooth box (-) at arc lengths ``s``."""
-    e = EDGE * length
-    return _sigma((s - position + 0.5 * width) / e + 0.5) - _sigma((s - position - 0.5 * width) / e + 0.5)
+    e, s = EDGE * length, s - position
+    both = _sigma(jnp.stack([s + 0.5 * width, s - 0.5 * width]) / e + 0.5)
+    return both[0] - both[1]
 
 
 def box_means(section: Section, position, width, length) -> Float[Array, " n"]:
     """Mean of the smooth box (-) over each element."""
     e = EDGE * length
     nodes = jnp.append(section.s - 0.5 * section.ds, section.s[-1] + 0.5 * section.ds)
-    left, right = (nodes - position + 0.5 * width) / e + 0.5, (nodes - position - 0.5 * width) / e + 0.5
-    return jnp.diff(_sigma_1(left) - _sigma_1(right)) * e / section.ds
+    left, right = _sigma_1(jnp.stack([nodes - position + 0.5 * width, nodes - position - 0.5 * width]) / e + 0.5)
+    return jnp.diff(left - right) * e / section.ds
 
 
 def series_factor(section: Section, position, width, factor, length) -> Float[Array, " n"]:
@@ -65,13 +65,12 @@ def series_factor(section: Section, position, width, factor, length) -> Float[Ar
     """
     e, near, far = EDGE * length, position - 0.5 * width, position + 0.5 * width
     first, last = jnp.minimum(near + 0.5 * e, far - 0.5 * e), jnp.maximum(near + 0.5 * e, far - 0.5 * e)
-    breaks = (near - 0.5 * e, first, last, far + 0.5 * e)
-    softer = 0.0
-    for low, high in pairwise(breaks):
-        start, stop = (jnp.clip(section.s + half * section.ds, low, high) for half in (-0.5, 0.5))
-        s = start[:, None] + (stop - start)[:, None] * jnp.array(_POINTS)
-        more = 1.0 / (1.0 + (factor - 1.0) * box(s, position, width, length)) - 1.0
-        softer = softer + (stop - start) * (more @ jnp.array(_WEIGHTS))
+    breaks = jnp.stack([near - 0.5 * e, first, last, far + 0.5 * e])[:, None]
+    nodes = section.s[:, None] + section.ds * jnp.array([-0.5, 0.5])
+    edges = jnp.clip(nodes[None], breaks[:-1, None], breaks[1:, None])  # of each part of each element
+    start, extent = edges[..., :1], edges[..., 1:] - edges[..., :1]
+    more = 1.0 / (1.0 + (factor - 1.0) * box(start + extent * jnp.array(_POINTS), position, width, length)) - 1.0
+    softer = jnp.sum(extent[..., 0] * (more @ jnp.array(_WEIGHTS)), axis=0)
     return 1.0 / (1.0 + softer / section.ds)
 
 
@@ -88,7 +87,8 @@ def bell_means(section: Section, position, width, length) -> Float[Array, " n"]:
     s = jnp.concatenate([s, section.s[-1:] + ds, section.s[-1:] + 2 * ds])
 
     def twice_integrated(x):
-        return e**2 / width * (_sigma_2((x + 0.5 * width) / e + 0.5) - _sigma_2((x - 0.5 * width) / e + 0.5))
+        both = _sigma_2(jnp.stack([x + 0.5 * width, x - 0.5 * width]) / e + 0.5)
+        return e**2 / width * (both[0] - both[1])
 
     g = twice_integrated(s - position)
     f = (g[2:] - 2.0 * g[1:-1] + g[:-2]) / ds**2
@@ -109,16 +109,14 @@ def field_along(section: Section, values: Float[Array, "m ..."], s: Float[Array,
 @lightly_compiled
 def spline(at: Float[Array, " n"], s: Float[Array, " m"], values: Float[Array, "m k"]) -> Float[Array, "n k"]:
     """The natural cubic spline through ``values`` at ``s`` (m), at places ``at`` (m); constant outside."""
-    h, at = jnp.diff(s), jnp.clip(at, s[0], s[-1])
-    slope = jnp.diff(values, axis=0) / h[:, None]
+    h, rise = jnp.diff(s), jnp.diff(values, axis=0)
     bend = jnp.zeros_like(values)  # second derivative at the places
     if len(h) > 1:
         A = jnp.diag(2.0 * (h[:-1] + h[1:])) + jnp.diag(h[1:-1], 1) + jnp.diag(h[1:-1], -1)
-        bend = bend.at[1:-1].set(jnp.linalg.solve(A, 6.0 * jnp.diff(slope, axis=0)))
-    i = jnp.clip(jnp.searchsorted(s, at, side="right") - 1, 0, len(h) - 1)
-    t, left, right = (at - s[i])[:, None], (s[i + 1] - at)[:, None], bend[i + 1]
-    straight = values[i] + slope[i] * t
-    return straight - t * left / 6.0 * (bend[i] + right + (left * bend[i] + t * right) / h[i][:, None])
+        bend = bend.at[1:-1].set(jnp.linalg.solve(A, 6.0 * jnp.diff(rise / h[:, None], axis=0)))
+    u = jnp.clip((at[:, None] - s[:-1]) / h, 0.0, 1.0)  # share of each interval that lies before a place
+    curved = u * (1.0 - u) * h**2 / 6.0
+    return values[0] + u @ rise - (curved * (2.0 - u)) @ bend[:-1] - (curved * (1.0 + u)) @ bend[1:]
 
 
 def element_means(section: Section, field: Callable) -> Float[Array, " n"]:

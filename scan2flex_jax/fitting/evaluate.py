@@ -217,14 +217,15 @@ class Evaluator:
         mapped, start = self.mapped(poses, which, *at), poses.start if start is None else start
         return each_pose(lambda k: self._pose(poses, which[k], mapped[k], one(start, which[k]), near=near), len(which))
 
-    def mapped(self, poses: Poses, which, shared, local, added: Added | None = None, along=None) -> list[_Mapped]:
-        """Of some poses the states, and their tangents ``along`` places of the vector of each; None: without tangents."""
+    def mapped(self, poses: Poses, which, shared, local, added: Added | None = None, along=()) -> list[_Mapped]:
+        """Of some poses the states, and their tangents ``along`` places of the vector of each; with None another, smaller
+        function is compiled."""
         added = added or self.alone
         of, slots = (_map_of_effects, ()) if added.kinds else (_map_of_study, self.slots)
         full, split = added.vector, [len(shared), len(shared) + self.layout.local]
         count = 0 if along is None else len(along)
         directions = np.zeros((0 if along is None else max(-(-count // FEW), 1) * FEW, len(full)))
-        directions[np.arange(count), along] = 1.0
+        directions[np.arange(count), np.array(along if count else (), int)] = 1.0
         out: dict[int, tuple] = {}
         for template, same in poses.similar(which):
             for first in range(0, len(same), LANES):

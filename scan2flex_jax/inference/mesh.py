@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from scan2flex_jax.compilation import lightly_compiled
 from scan2flex_jax.errors import NotSettledError
 from scan2flex_jax.fitting.evaluate import one
 from scan2flex_jax.fitting.least_squares import Minimum, Progress
@@ -126,11 +127,16 @@ def mesh_error(problem, minimum) -> np.ndarray:
         stated = jax.tree.map(jnp.asarray, one(problem.poses.boundary, i))
         boundary = boundary_at(problem.layout, stated, jnp.asarray(minimum.local[i]))
         c = one(minimum.evaluation.configuration, i)
-        e = equilibrium(model, boundary, start=_doubled(c), elements=2 * problem.elements)
+        e = _equilibrium(model, boundary, _doubled(c), 2 * problem.elements)
         error = np.max(np.linalg.norm(np.asarray(e.points)[::2] - c.r, axis=1))
         return error if bool(e.verdict.solved) else np.nan
 
     return np.array(each_pose(of_pose, problem.poses.count))
+
+
+@lightly_compiled
+def _equilibrium(model, boundary, start, elements):
+    return equilibrium(model, boundary, start=start, elements=elements)
 
 
 def _doubled(c):
