@@ -254,11 +254,33 @@ def sensitivity(r):
         yield "cantilever: error of EI over the formula, EI/(w L^3) above 1", f"{low:.3f} to {high:.3f}", power
 
 
-@table("accuracy.md", "firstuse", ("whole command", "empty cache", "filled cache"), "first_use")
+@table("accuracy.md", "firstuse", (
+    "whole command", "empty cache", "processor time", "filled cache", "processor time"
+), "first_use")  # fmt: skip
 def first_use(results):
     for name, r in results.items():
-        seconds = (f"{r[way]:.0f} s" for way in ("empty cache", "filled cache"))
-        yield "`demo`" if name == "demo" else name, *seconds
+        runs = [r[way] for way in ("empty cache", "filled cache")]
+        yield "`demo`" if name == "demo" else name, *(f"{run[key]:.0f} s" for run in runs for key in ("seconds", "processor"))
+
+
+_COMPILED = {
+    "_evaluate": "equilibrium of a pose, distances of its points, and their derivatives",
+    "_map": "from the numbers of a fit or a hypothesis to the states of its poses",
+    "_equilibrium": "equilibrium with twice the elements, for the error of the mesh",
+    "_natural": "natural strains of the sections",
+    "_start": "start along a measured curve",
+}
+
+
+@table("accuracy.md", "compiled", ("compiled function", "what it is", "compilations", "seconds"), "first_use")
+def compiled(results):
+    """The costliest functions of one command; the others together."""
+    found = results["explain the black wire"]["empty cache"]["compiled"]
+    rows = sorted(found.items(), key=lambda item: -item[1]["seconds"])
+    for name, own in rows[:5]:
+        yield f"`{name}`", _COMPILED.get(name), own["compilations"], f"{own['seconds']:.1f}"
+    rest = [own for _, own in rows[5:]]
+    yield f"{len(rest)} others", None, sum(x["compilations"] for x in rest), f"{sum(x['seconds'] for x in rest):.1f}"
 
 
 # Other programs

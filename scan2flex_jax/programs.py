@@ -171,6 +171,7 @@ def _traced(function: Callable, tree: Any, shapes: list) -> tuple[bytes, Any]:
         told.append(jax.tree.map(lambda leaf: _Shape.of(leaf) if eqx.is_array(leaf) else leaf, result))
         return [leaf for leaf in jax.tree.leaves(result) if eqx.is_array(leaf)]
 
+    flat.__name__ = flat.__qualname__ = function.__name__
     allowed = [jax.export.DisabledSafetyCheck.custom_call(name) for name in _custom_calls()]
     try:
         exporting = jax.export.export(jax.jit(flat), disabled_checks=allowed)
