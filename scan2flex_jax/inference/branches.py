@@ -8,9 +8,7 @@ before it found nothing likelier:
 1. poses far from their curves are solved with one turn more and one less at the values of the fit, and, where it is far off,
    at the starts;
 2. the turns of the study again, in poses that come as near with them: a cable that passes over itself loses two turns;
-3. a curve determines the torque ``GJ phi / L``, not the twist ``phi``: turns ``k`` and a stiffness ``GJ'`` that keep the
-   torques of all poses nearly the same, ``GJ' (phi + 2 pi k) = GJ phi``, are a choice to fit, however small the residual;
-4. if a residual exceeds the noise, all poses are solved on a grid of stiffnesses, since those of the fit are then wrong as
+3. if a residual exceeds the noise, all poses are solved on a grid of stiffnesses, since those of the fit are then wrong as
    well; at each grid point every pose takes its nearest turns.
 
 All are fitted, and the likeliest is adopted and reported: each pose may deviate from the model by itself, turns with another
@@ -32,7 +30,7 @@ from scan2flex_jax.fitting.distance import NORMALS
 from scan2flex_jax.fitting.least_squares import Minimum, prefixed
 from scan2flex_jax.fitting.noise import white_noise
 from scan2flex_jax.fitting.poses import poses_of
-from scan2flex_jax.fitting.start import STIFFNESSES, total_twist
+from scan2flex_jax.fitting.start import STIFFNESSES
 from scan2flex_jax.inference.posterior import Variant
 from scan2flex_jax.inference.settings import USUAL, Settings
 from scan2flex_jax.study.model import Study
@@ -48,11 +46,8 @@ _TURNS = (0, -1, 1)  # added to those of the study
 _BENDING = np.log([0.6, 1.0, 1.7])  # of the grid: bending stiffness over that of the fit,
 _RATIO = np.log([0.12, 0.25, 0.5, 1.0, 2.0])  # and torsional over bending stiffness
 _TRIED = 4  # largest number of choices of turns, the nearest ones, that a search fits
-_ALIKE = 0.4  # largest relative change of the torques by a choice of turns
-_TINY = 1.0e-9  # rad
 _IN_DOUBT = 3.0  # times the least sum of squares: beyond, a fit is not the likeliest
 APART = 0.02  # an unknown, or its logarithm, of another answer differs by more
-_TORSION = np.exp(np.linspace(-3.0, 3.0, 201))  # torsional stiffness over that of the fit
 
 
 def distances(evaluation, poses) -> np.ndarray:
@@ -283,26 +278,6 @@ def _slot(problem, name) -> slice | None:
     return next((slice(s.at, s.at + s.size) for s in problem.layout.slots if s.name == name), None)
 
 
-def _by_torques(f: Branch) -> list[_Choice]:
-    """The choices that nearly keep the torques of the minimum; none for a single pose, which could take any turns."""
-    poses, torsion = f.problem.study.fit_poses, _slot(f.problem, STIFFNESSES[1])
-    if torsion is None or len(poses) < 2:
-        return []
-    found: dict[tuple[int, ...], _Choice] = {}
-    phi = np.array([total_twist(R) for R in f.minimum.evaluation.configuration.R])
-    held = [all(c is not None and c.quaternion is not None for c in (p.start, p.end)) for p in poses]
-    for stiffer in _TORSION:
-        k = np.where(held, np.clip(np.round((phi / stiffer - phi) / (2 * np.pi)), -1, 1), 0)
-        twist = phi + 2 * np.pi * k
-        factor = phi @ twist / (twist @ twist + _TINY)
-        off = float(np.linalg.norm(phi - factor * twist) / (np.linalg.norm(phi) + _TINY))
-        if np.any(k) and factor > 0 and off < _ALIKE:
-            start = f.unknowns.copy()
-            start[torsion] += np.log(factor)
-            found[tuple(map(int, k))] = _Choice({p.name: p.turns + int(n) for p, n in zip(poses, k, strict=True)}, start, off)
-    return sorted(found.values(), key=lambda choice: choice.off)[:_TRIED]
-
-
-SEARCHES = (_nearer, _returned, _by_torques, _on_a_grid)
+SEARCHES = (_nearer, _returned, _on_a_grid)
 NEARER = SEARCHES[:1]
 """The search that takes a few solves only."""
