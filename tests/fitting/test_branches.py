@@ -32,7 +32,7 @@ def right():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wrong", [{"aside-45": -1}, {"unseen": 1}, {"plane": 1, "twist-90": 1, "aside-45": 1}], ids="+".join)
+@pytest.mark.parametrize("wrong", [{"aside-45": -1}, {"unseen": 1}], ids="+".join)
 def test_a_full_turn_too_many_is_found_and_said(right, wrong):
     f = fit(with_turns(wrong), elements=scenes.ELEMENTS)
     assert {n for n in NAMES if any(f"pose {n} was solved with turns =" in s for s in f.sentences)} >= set(wrong)
