@@ -16,7 +16,6 @@ history by a small part of a threshold, and they would cost the square of the nu
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
@@ -35,7 +34,7 @@ from scan2flex_jax.fitting.poses import History, Poses
 from scan2flex_jax.fitting.threads import each_pose
 from scan2flex_jax.rod.boundary import Boundary
 from scan2flex_jax.rod.effect import AbstractEffect
-from scan2flex_jax.rod.memory import Left, remembering
+from scan2flex_jax.rod.memory import Left
 from scan2flex_jax.rod.model import CableModel, Configuration
 from scan2flex_jax.statics.verdict import SOLVED, Verdict
 
@@ -144,17 +143,17 @@ def observed(model: CableModel, points):
 
 
 class _Before(NamedTuple):
-    """State that a pose left and its derivatives by its numbers, of which the first ``shared`` are those of every pose."""
+    """State that a pose left and its derivatives by its numbers, of which those ``common`` are the numbers of every pose."""
 
     left: Left = ()
     leaving: Left = ()
-    shared: int = 0
+    common: np.ndarray = np.zeros(0, int)
 
     def moved(self, left: Left, rows: int) -> Left:
         """Derivatives of the state ``left`` by ``rows`` numbers of the next pose."""
         still = [np.zeros((rows, *np.shape(state))) for state in left]
         for moved, known in zip(still, self.leaving, strict=bool(self.leaving)):
-            moved[: self.shared] = known[: self.shared]
+            moved[self.common] = known[self.common]
         return tuple(still)
 
 
@@ -190,10 +189,7 @@ class Evaluator:
     def shapes(
         self, shared, local=None, *, start=None, derivative=True, added: Added | None = None, along=None
     ) -> list[states.Shape]:
-        """The solved poses; their columns are those of shared, local and added numbers, or ``along`` places of the vector.
-
-        Effects are ``added`` to poses without memory, or with the states that it left in them (`remembered`).
-        """
+        """The solved poses; their columns are those of shared, local and added numbers, or ``along`` places of the vector."""
         p = self.poses
         self.equilibria += p.count
         local = np.zeros((p.count, self.layout.local)) if local is None else local
@@ -204,7 +200,7 @@ class Evaluator:
         if p.history is None:
             found = self._solved(p, range(p.count), start, at, near)
         else:
-            found = self._in_order(p.history, shared, local, start, along, near)
+            found = self._in_order(p.history, shared, local, start, along, near, added)
         changed = [i for i, change in enumerate(p.changes) if change]
         for i, own in zip(changed, self._solved(p.reference, changed, None, at), strict=True):
             found[i] = states.compared(found[i], own, target_of(p, i))
@@ -255,14 +251,16 @@ class Evaluator:
         found = states.evaluate(state, tangents, start, target_of(poses, i), self.distance, held, near)
         return found._replace(entered=left)
 
-    def _in_order(self, history: History, shared, local, start, along, near=False) -> list[states.Shape]:
+    def _in_order(self, history: History, shared, local, start, along, near=False, added=None) -> list[states.Shape]:
         """The shape of each pose; poses of the history that are not of these have no part of their own but what they leave."""
         found: dict[int, states.Shape] = {}
         own, before = {int(q): i for i, q in enumerate(history.at)}, None
         others = [q for q in range(max(own)) if q not in own]
-        mapped = dict(zip(own, self.mapped(self.poses, range(self.poses.count), shared, local, None, along), strict=True))
-        none = np.zeros((history.poses.count, self.layout.local))
-        mapped |= dict(zip(others, self.mapped(history.poses, others, shared, none, None, along), strict=True))
+        mapped = dict(zip(own, self.mapped(self.poses, range(self.poses.count), shared, local, added, along), strict=True))
+        none, beyond = np.zeros((history.poses.count, self.layout.local)), len(shared) + self.layout.local
+        mapped |= dict(zip(others, self.mapped(history.poses, others, shared, none, added, along), strict=True))
+        places = np.zeros(0, int) if along is None else np.asarray(along, int)
+        common = np.flatnonzero((places < len(shared)) | (places >= beyond))
         for q in range(max(own) + 1):
             before = STRAIGHTENED if history.reset[q] else before
             held, i = np.asarray(history.held[q]), own.get(q)
@@ -271,7 +269,7 @@ class Evaluator:
             else:
                 shape = self._pose(self.poses, i, mapped[q], one(start, i), before=before, held=held, near=near)
             found[q] = shape
-            before = _Before(shape.left, shape.leaving, len(shared))
+            before = _Before(shape.left, shape.leaving, common)
         return [found[int(q)] for q in history.at]
 
     def _passed(self, poses, q, mapped, before, held) -> states.Shape:
@@ -284,32 +282,21 @@ class Evaluator:
                 break
         return shape
 
-    def states_before(self, shared, local, start) -> list[Left]:
+    def states_before(self, shared, local, start, added: Added | None = None) -> list[Left]:
         """For each pose the state that those before it left; empty without memory."""
         history = self.poses.history
         if history is None:
             return [()] * self.poses.count
-        along = self.alone.along(len(shared) + self.layout.local)  # by the functions that a fit has compiled
-        found = self._in_order(history, shared, local, start, along)
+        along = (added or self.alone).along(len(shared) + self.layout.local)  # by the functions that a fit has compiled
+        found = self._in_order(history, shared, local, start, along, added=added)
         return [shape.entered for shape in found]
-
-    def remembered(self, shared, local, start) -> Poses:
-        """The poses with the states that those before them left at these numbers in their models; unchanged without memory."""
-        if self.poses.history is None:
-            return self.poses
-        before = self.states_before(shared, local, start)
-        models = [self.poses.template(i) for i in range(self.poses.count)]
-        models = [
-            eqx.tree_at(lambda m: m.effects, m, remembering(m.effects, left)) for m, left in zip(models, before, strict=True)
-        ]
-        return replace(self.poses, templates=tuple(models), group=tuple(range(len(models))), history=None)
 
     def along(self, directions, shared, local, start, added: Added | None = None, of_changes=False) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) along ``directions(state, i)`` of its state at equilibria ``start``.
 
         ``of_changes``: the directions are in the poses from which readings are changes too.
         """
-        before = self.states_before(shared, local, start)
+        before = self.states_before(shared, local, start, added)
         self.equilibria += self.poses.count
 
         def columns(poses, which, start, near):

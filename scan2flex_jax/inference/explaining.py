@@ -107,7 +107,7 @@ def explain(
     if search.causes[0].discrepant and (stated := variants.stated_turns(study, first, say)) is not None:
         search.extend(stated)
     for variant in variants.remembering(search, say):
-        search.extend(variant, deeper=False)
+        search.extend(variant)
     decision = decide(search, mistaken, bool(coarse), lambda h: of.surprise(h, settings.surprise))
     if decision.mistakes:
         return _mistaken(first.fit.study, decision.mistakes, began, settings)

@@ -81,7 +81,7 @@ class Program:
     """The poses of a fitted study; counts the equilibria that it ``solves``.
 
     ``problem`` and ``minimum`` are those of the fit, ``poses`` by default the fitted ones (others: for prediction), ``context``
-    the scales of the cable. With memory declared, hypotheses with effects keep the history that poses have at the fit.
+    the scales of the cable.
     """
 
     def __init__(self, problem, minimum, poses=None):
@@ -91,18 +91,14 @@ class Program:
         self.start = minimum.evaluation.configuration if poses is None else self.poses.start
         self.context = context_of(problem, minimum)
         self.previous = _previous(problem, minimum, self.poses)
-        self.evaluator = self.held = problem.evaluator_of(self.poses)
-        if self.poses.history is not None:
-            local = minimum.local if poses is None else np.zeros((self.poses.count, self.layout.local))
-            self.poses = self.evaluator.remembered(minimum.shared, local, self.start)
-            self.held = problem.evaluator_of(self.poses)
+        self.evaluator = problem.evaluator_of(self.poses)
         self.real = [np.asarray(m) > 0 for m in self.poses.mask]
         self.sites = {e.kind: _arrays(e.sites(self.context)[0] | e.rest(self.context)) for e in _entries(self.context)}
 
     @property
     def solves(self) -> int:
         """Number of equilibria solved."""
-        return sum(e.equilibria for e in {id(e): e for e in (self.evaluator, self.held)}.values())
+        return self.evaluator.equilibria
 
     @cached_property
     def layout_of_effects(self) -> dict[str, tuple[int, int, tuple[str, ...]]]:
@@ -117,8 +113,8 @@ class Program:
     def only(self, which) -> "Program":
         """The same study with the poses ``which``, in this order."""
         some = copy(self)
-        some.poses, some.evaluator = self.poses.only(which), self.problem.evaluator_of(self.evaluator.poses.only(which))
-        some.held = some.evaluator if self.held is self.evaluator else self.problem.evaluator_of(some.poses)
+        some.poses = self.poses.only(which)
+        some.evaluator = self.problem.evaluator_of(some.poses)
         measured = self.start is self.poses.start
         some.start = some.poses.start if measured else jax.tree.map(lambda x: np.asarray(x)[np.array(which, int)], self.start)
         some.previous, some.real = ([values[i] for i in which] for values in (self.previous, self.real))
@@ -128,8 +124,8 @@ class Program:
 
     def shapes(self, components, x, start: Configuration | None = None) -> list[states.Shape]:
         """All poses solved at the vector ``x`` of a hypothesis, their columns in the order of `Index.of_pose`."""
-        evaluator, *numbers, added = self._at(components, x)
-        found = evaluator.shapes(*numbers, start=self.start if start is None else start, added=added)
+        *numbers, added = self._at(components, x)
+        found = self.evaluator.shapes(*numbers, start=self.start if start is None else start, added=added)
         return [shape._replace(left=(), leaving=(), entered=()) for shape in found]
 
     def columns(self, components, x, start: Configuration, wanted: list[Component]) -> tuple[list[np.ndarray], np.ndarray]:
@@ -137,19 +133,19 @@ class Program:
         equilibrium ``start``, and the one that owns each column."""
         calls, out = _packed(wanted), []
         owner = np.concatenate([[k] * len(wanted[k].entry.amplitudes) for call in calls for k in call]).astype(int)
-        _, *numbers, _ = self._at(components, x)
+        numbers = self._at(components, x)[:2]
         for call in calls:
             added = self._added(components, x, [wanted[k] for k in call])
             own = (self.layout_of_effects[wanted[k].kind] for k in call)
             along = np.concatenate([np.arange(at, at + count) for at, count, _ in own])
-            found = self.held.shapes(*numbers, start=start, added=added, along=along)
+            found = self.evaluator.shapes(*numbers, start=start, added=added, along=along)
             out.append([shape.columns for shape in found])
         return [np.concatenate(each, axis=-1) for each in zip(*out, strict=True)], owner
 
     def scatter(self, components, x, start: Configuration) -> list[np.ndarray]:
         """Per pose the columns (m, 3, k) of its own discrepancy (`fitting.discrepancy`) at an equilibrium, in m per 1/m."""
-        evaluator, *numbers, added = self._at(components, x)
-        return evaluator.along(lambda state, i: discrepancy.directions(state), *numbers, start, added)
+        *numbers, added = self._at(components, x)
+        return self.evaluator.along(lambda state, i: discrepancy.directions(state), *numbers, start, added)
 
     def natural_columns(self, components, x, natural, start: Configuration) -> list[np.ndarray]:
         """Per pose the columns (m, 3, K) of natural strains ``natural`` (poses, K, n, 6) at an equilibrium."""
@@ -157,31 +153,28 @@ class Program:
         def directions(state, i):
             return eqx.tree_at(lambda t: t.rod.section.natural, states.still(state, len(natural[i])), np.asarray(natural[i]))
 
-        evaluator, *numbers, added = self._at(components, x)
-        return evaluator.along(directions, *numbers, start, added, of_changes=True)
+        *numbers, added = self._at(components, x)
+        return self.evaluator.along(directions, *numbers, start, added, of_changes=True)
 
     def rods(self, components, x, shapes) -> list[tuple[Rod, Configuration]]:
         """The rod of each pose with its energy laws, and its equilibrium."""
-        evaluator, *numbers, added = self._at(components, x)
-        mapped = evaluator.mapped(evaluator.poses, range(len(shapes)), *numbers, added)
+        mapped = self.evaluator.mapped(self.poses, range(len(shapes)), *self._at(components, x))
         return [(state.rod, shape.configuration) for (state, _), shape in zip(mapped, shapes, strict=True)]
 
     def section(self, components, x) -> tuple[Section, Section]:
         """The sections of the first pose, and their derivatives (leading axis) in the order of `Index.of_pose`."""
-        evaluator, *numbers, added = self._at(components, x)
-        along = (added or evaluator.alone).along(self.layout.shared + self.layout.local)
-        state, moved = evaluator.mapped(evaluator.poses, [0], *numbers, added, along)[0]
+        *numbers, added = self._at(components, x)
+        along = (added or self.evaluator.alone).along(self.layout.shared + self.layout.local)
+        state, moved = self.evaluator.mapped(self.poses, [0], *numbers, added, along)[0]
         return state.rod.section, moved.rod.section
 
     # --- the vector of a pose
 
     def _at(self, components, x):
-        """The evaluator of a hypothesis, its shared numbers, its local ones (P, local), and its effects."""
+        """The shared numbers of a hypothesis, its local ones (P, local), and its effects."""
         index = Index(self, components)
         shared, local = x[: index.shared], x[index.shared : index.base].reshape(index.poses, index.local)
-        if not components:
-            return self.evaluator, shared, local, None
-        return self.held, shared, local, self._added(components, x)
+        return shared, local, self._added(components, x) if components else None
 
     def _added(self, components, x, absent: Sequence[Component] = ()) -> Added:
         """The effects of a hypothesis; those ``absent`` have their sites, too."""
@@ -196,7 +189,10 @@ class Program:
             places += [at + np.arange(count), at + count + np.array([moving.index(name) for name in c.moving], int)]
         kinds, values, c = tuple(self.layout_of_effects.items()), x[Index(self, components).base :], self.context
         scene = {"length": np.asarray(c.length), "centre": np.asarray(c.centre, float), "up": c.up}
-        return Added(kinds, sites, null, np.concatenate(places), values, scene, np.stack(self.previous))
+        history, previous = self.poses.history, np.stack(self.previous)
+        if history is not None:  # what it keeps of the pose before is declared
+            previous = np.zeros((history.poses.count, *previous.shape[1:]))
+        return Added(kinds, sites, null, np.concatenate(places), values, scene, previous)
 
 
 def _entries(context: Context) -> list[CatalogueEntry]:

@@ -103,14 +103,13 @@ class Search:
                 self._exchange(self.causes[0])
         self._reduce()
 
-    def extend(self, variant: Variant, deeper: bool = True) -> None:
-        """Search one more variant too; only its hypothesis without effects unless ``deeper``."""
+    def extend(self, variant: Variant) -> None:
+        """Search one more variant too."""
         self.variants.append(variant)
         self.add(variant.empty)
-        if deeper:
-            self._singles(variant)
-            self._empty_again(variant)
-            self._widen()
+        self._singles(variant)
+        self._empty_again(variant)
+        self._widen()
 
     def _singles(self, v: Variant):
         """Single effects by their scores; where the best leaves a discrepancy in the first variant, all effects and fields."""
