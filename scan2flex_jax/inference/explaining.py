@@ -158,7 +158,7 @@ def _explanation(first: Variant, search: Search, d: Decision, began, gates, coar
         seconds=_since(began),
         load=load,
         pose_loads=pose_loads,
-        description=None if field is None else _ranked(field, 0, field.score - d.empty.score, "description"),
+        description=None if field is None else _ranked(field, field.kinds[0], field.score - d.empty.score, "description"),
         laws=laws,
         along=along,
         loops=loops,
@@ -226,7 +226,7 @@ def _ranking(search: Search, d: Decision) -> tuple[Ranked, ...]:
         elif kind in rivals:
             verdict, tied = TIED, tuple(sorted(rivals - {kind}))
         full = kind in rivals or len(out) < settings.most_effects
-        out[kind] = replace(_ranked(h, 0, gain, verdict, tied, full), rms_validate=_rms_unseen(h) if full else None)
+        out[kind] = replace(_ranked(h, kind, gain, verdict, tied, full), rms_validate=_rms_unseen(h) if full else None)
     for kind, s in search.scores.items():
         if kind not in out:
             p = s.component.entry.parameters(s.amplitudes, s.component.site, empty.variant.context)
@@ -266,15 +266,15 @@ def _p(gain: float) -> float:
     return float(1.0 / (1.0 + np.exp(min(gain, 700.0))))
 
 
-def _ranked(h: Fitted, k: int, gain: float, verdict: str, tied=(), full: bool = True) -> Ranked:
+def _ranked(h: Fitted, kind: str, gain: float, verdict: str, tied=(), full: bool = True) -> Ranked:
     """An effect of a hypothesis."""
-    if not h.components:  # memory, whose parameters are unknowns of its variant
-        own = {n.partition(".")[2]: e for n, e in h.variant.fit.estimates.items() if n.startswith(f"{h.variant.effect}.")}
+    if kind == h.variant.effect:  # memory, whose parameters are unknowns of its variant
+        own = {n.partition(".")[2]: e for n, e in of.estimates(h, (h,)).items() if n.startswith(f"{kind}.")}
         std = {name: e.std for name, e in own.items() if e.std is not None}
-        values = {name: e.value for name, e in own.items()}
-        return Ranked(h.names[k], values, gain, _p(gain), verdict, tied, std=std)
+        return Ranked(kind, {name: e.value for name, e in own.items()}, gain, _p(gain), verdict, tied, rms_fit=h.rms, std=std)
+    k = h.kinds.index(kind)
     std = of.spreads_of(h, k) if full else {}
-    return Ranked(h.kinds[k], of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=h.rms, std=std)
+    return Ranked(kind, of.parameters_of(h, k), gain, _p(gain), verdict, tied, rms_fit=h.rms, std=std)
 
 
 def _chosen(d: Decision, ranking) -> tuple[Ranked, ...]:
@@ -282,10 +282,8 @@ def _chosen(d: Decision, ranking) -> tuple[Ranked, ...]:
     if d.verdict not in FOUND:
         return ()
     known, gain = {r.kind: r for r in ranking}, d.best.score - d.empty.score
-    if not d.best.components:
-        return (known[d.best.names[0]],)
-    of_kind = {kind: (known[kind].verdict, known[kind].tied_with) if kind in known else (FAVOURED, ()) for kind in d.best.kinds}
-    return tuple(_ranked(d.best, k, gain, *of_kind[kind]) for k, kind in enumerate(d.best.kinds))
+    of_kind = {kind: (known[kind].verdict, known[kind].tied_with) if kind in known else (FAVOURED, ()) for kind in d.best.names}
+    return tuple(_ranked(d.best, kind, gain, *of_kind[kind]) for kind in d.best.names)
 
 
 def _settle(d: Decision) -> tuple[str, ...]:
