@@ -15,18 +15,13 @@ from scan2flex_jax.study.limits import CURVE_POINTS, curve_limit
 from scan2flex_jax.study.model import Markers, MeasuredCurve
 from scan2flex_jax.study.values import Where
 
-BLOCKS = 64
-"""Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block."""
+BLOCKS = 64  # averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block
 
-FEW_BLOCKS = 8
-"""Averaged knots of a lower bound: the noise of hand-picked points adds nothing to chords of an eighth of the curve."""
-ALONG = 0.8
-"""Of the lower bound of the length: arc lengths that grow by less are in another unit."""
-BEYOND = 5.0
-"""Times that bound: arc lengths that look like per cent and grow by more are."""
+FEW_BLOCKS = 8  # averaged knots of a lower bound: the noise of picked points adds nothing to chords of an eighth of the curve
+ALONG = 0.8  # of the lower bound of the length: arc lengths that grow by less are in another unit
+BEYOND = 5.0  # times that bound: arc lengths that look like per cent and grow by more are
 _MEASURED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
-MARKED = (*_MEASURED, *(f"{header},d1,d2" for header in _MEASURED))
-"""Headers of markers."""
+MARKED = (*_MEASURED, *(f"{header},d1,d2" for header in _MEASURED))  # headers of markers
 _COLUMNS = {"points": None, "arc_length": "s"}  # of a file, by the field of a record
 _PERCENT = (90.0, 101.0)  # arc lengths of a whole cable, in per cent
 
@@ -95,19 +90,13 @@ def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[s
             raise where.at(f"line {i}").fail(said)
         for cell in cells:
             try:
-                table.append(_number(cell))
+                table.append(float(cell.replace("_", "x").encode("ascii")))  # float takes 1_0, and the digits of every script
             except ValueError:
                 said = f"{v.shown(cell.strip())} is no number: write a number, as in 0.125."
                 raise where.at(f"line {i}").fail(said) from None
     if not table:
         raise where.fail("no point follows the header: give at least one line of numbers.")
     return names, np.array(table).reshape(-1, len(names))
-
-
-def _number(cell: str) -> float:
-    if "_" in cell or not cell.isascii():  # float takes 1_0, and the digits of every script
-        raise ValueError
-    return float(cell)
 
 
 def curve_length(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> float:
@@ -133,9 +122,8 @@ def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end:
 
 def _knots(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> Annotated[np.ndarray, "k 3"]:
     """First point, averages of neighbours if there are many, last point."""
-    knots = points
-    if len(points) > blocks:
-        edges = np.linspace(0, len(points), blocks + 1).astype(int)
-        means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
-        knots = np.concatenate([points[:1], means, points[-1:]])
-    return knots
+    if len(points) <= blocks:
+        return points
+    edges = np.linspace(0, len(points), blocks + 1).astype(int)
+    means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
+    return np.concatenate([points[:1], means, points[-1:]])

@@ -13,8 +13,7 @@ from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterForma
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.values import Where
 
-_ROUNDING = 1e-9
-"""Of a bound: tolerance for a start beyond it. An estimate at its bound changes by rounding through a logarithm."""
+_ROUNDING = 1e-9  # of a bound: tolerance for a start beyond it, since an estimate at its bound is rounded through a logarithm
 
 
 def longest_cable(study: Study) -> float | None:

@@ -14,18 +14,13 @@ from scan2flex_jax.study.curves import chord_deficit, curve_length
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 from scan2flex_jax.study.rotations import between
 
-TANGENT_SPAN = 0.08
-"""Longest part of the curve for the parabola: a cable's bends beyond it are not parabolic."""
-TANGENT_START = 0.02
-"""Shortest part of the curve for the parabola: long against the noise of a scan."""
-TANGENT_LEAST = 6
-"""Fewest points of the parabola, if the curve has as many: twice its coefficients."""
-UNEVEN = 3.0
-"""Allowed factor between a chord's shortfall and that of an arc: bends are not even along it."""
+TANGENT_SPAN = 0.08  # longest part of the curve for the parabola: a cable's bends beyond it are not parabolic
+TANGENT_START = 0.02  # shortest part of the curve for the parabola: long against the noise of a scan
+TANGENT_LEAST = 6  # fewest points of the parabola, if the curve has as many: twice its coefficients
+UNEVEN = 3.0  # allowed factor between a chord's shortfall and that of an arc: bends are not even along it
 TURN, RESOLVED = 0.8, 0.5
 """Of the turn between chords, and rad of it: error of a tangent at the end of arcs, helices and elasticas of few points."""
-FEWEST_BENT = 4
-"""Fewest points of a space curve with curvature and torsion: fewer do not determine tangents, bends or plane."""
+FEWEST_BENT = 4  # fewest points of a space curve with curvature and torsion: fewer do not determine tangents, bends or plane
 _NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
 _TINY = 1e-300
 

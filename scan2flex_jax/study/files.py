@@ -23,16 +23,11 @@ from scan2flex_jax.study.limits import Limit
 from scan2flex_jax.study.values import Where, one_line, shown
 
 STUDY_FILE = "study.toml"
-TOML_LIMIT = 10_000_000
-"""Bytes of a study.toml; a thousand poses take well below one million."""
-CSV_LIMIT = 200_000_000
-"""Bytes of a CSV; a curve of a million points takes about 50 million."""
-STANDARD_OUTPUT = Path("-")
-"""The path that stands for standard output."""
-PATIENCE = 10.0
-"""Seconds to wait for the reader of a pipe."""
-UTF_16 = (b"\xff\xfe", b"\xfe\xff")
-"""Marks at the beginning of a text in UTF-16."""
+TOML_LIMIT = 10_000_000  # bytes of a study.toml; a thousand poses take well below one million
+CSV_LIMIT = 200_000_000  # bytes of a CSV; a curve of a million points takes about 50 million
+STANDARD_OUTPUT = Path("-")  # the path that stands for standard output
+PATIENCE = 10.0  # seconds to wait for the reader of a pipe
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # marks at the beginning of a text in UTF-16
 _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(), "\u2028".encode(), "\u2029".encode())
 
 

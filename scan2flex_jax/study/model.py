@@ -40,12 +40,8 @@ __all__ = [
 ]  # fmt: skip
 
 GRAVITY = (0.0, 0.0, -9.81)
-RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
-"""Stiffnesses that a study may omit, and the resulting property of the cable."""
-
-
-AT_END = 1e-6
-"""Of the length: a place as near to it is the end of the cable, up to the digits written."""
+RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}  # if left out, the cable is
+AT_END = 1e-6  # of the length: a place as near to it is the end of the cable, up to the digits written
 
 
 @record

@@ -20,8 +20,7 @@ from scan2flex_jax.study.values import Where
 Value = float | Annotated[np.ndarray, "..."]
 
 _ACROSS = 1e-6  # of a direction: less of it is across another one by rounding only
-FEWEST_POINTS = 2
-"""Fewer points have no direction, and no order from start to end."""
+FEWEST_POINTS = 2  # fewer points have no direction, and no order from start to end
 
 
 @record
@@ -147,16 +146,8 @@ class Markers(Record):
 
     def _check(self, where: Where) -> None:
         """Points are finite and distinct, and the arc length grows from 0 on; marks on one section have their offsets."""
-        table = (
-            np.array(self.points, float) if np.ndim(self.points) == 2 and np.shape(self.points)[-1] == 3 else np.zeros((1, 3))
-        )
-        seen = ~np.all(np.isnan(table), axis=0)
-        if np.all(seen) or not np.any(seen):
-            keep(self, points=v.points(self.points, 1, where.at("points")))
-        else:
-            table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
-            keep(self, points=np.where(seen, v.points(table, 1, where.at("points")), np.nan))
-        keep(self, measured="".join(np.array(list("xyz"))[seen]))
+        keep(self, points=v.points(self.points, 1, where.at("points"), partial=True))
+        keep(self, measured="".join(c for c, x in zip("xyz", self.points[0], strict=True) if not np.isnan(x)))
         key = where.at("arc_length")
         if self.offset is None:
             keep(self, arc_length=v.growing(self.arc_length, len(self.points), key))

@@ -1,7 +1,6 @@
 """Reading of a study from its folder: `study.toml` and the files that it names.
 
-`load_study` returns a `Study`, or raises one `StudyError` with the file, the key, the value found and the remedy. This
-module converts TOML to the parts of a study, which check themselves, and adds the place in the file to their errors.
+TOML is converted to the parts of a study, which check themselves; here their errors get the place in the file.
 """
 
 import re
@@ -24,13 +23,12 @@ from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
 
-_SHARE = re.compile(r"\s*(\d{1,3}(?:\.\d*)?)\s*%\s*")
+SHARE = re.compile(r"\s*(\d{1,3}(\.\d*)?)\s*%\s*")  # of the length, as a place
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
 Parts = Mapping[str, type[Record] | tuple[type[Record]]]
-MOST_PARTS = 32
-"""Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
+MOST_PARTS = 32  # of a dotted key: a study's have three at most, and the run time of tomllib grows with their square or cube
 # possessive, for a search in linear time
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\\\n]*+(?:\\.[^"\\\n]*+)*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_PART}[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}", re.MULTILINE)
@@ -171,7 +169,7 @@ def _effects(entries: Any, where: Where, length: float | None) -> Iterator[Effec
             given = {key: table[key] for key in table if key not in KEYS["effect"]}
             name = kind_format(kind).position if isinstance(kind, str) and kind in kind_names() else None
             place = given.get(name or "")
-            if name and isinstance(place, str) and (share := _SHARE.fullmatch(place)):
+            if name and isinstance(place, str) and (share := SHARE.fullmatch(place)):
                 if length is None:
                     said = f"got {v.shown(place)} of a length that is unknown: write the place in m from the start."
                     raise here.at(name).fail(said)

@@ -29,9 +29,8 @@ def record(cls: type[_Record]) -> type[_Record]:
 
 
 class Record:
-    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records themselves
-    (in a tuple: of those that are lists of records), and `AS` says how one is made. The reader and the writer work by them too.
-    """
+    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records (in a
+    tuple: lists of records), and `AS` says how one is made. The reader and the writer work by them too."""
 
     KEYS: ClassVar[Mapping[str, ParameterFormat]] = {}
     PARTS: ClassVar[Mapping[str, type["Record"] | tuple[type["Record"]]]] = {}

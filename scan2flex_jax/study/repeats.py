@@ -11,8 +11,7 @@ import numpy as np
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 from scan2flex_jax.study.records import same
 
-HANDLING = 0.02
-"""Of L, RMS: poses that are held alike and differ by more are no repeats; two photographs of a limp strip differ by 1.9 %."""
+HANDLING = 0.02  # of L, RMS: poses held alike that differ by more are no repeats; photographs of a limp strip differ by 1.9 %
 _ALIKE = 1e-6  # of L: below it there is nothing to explain
 _GAP = 4.0  # times the median step of a curve: an unseen part, which a chord bridges
 _SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measured again

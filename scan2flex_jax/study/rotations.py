@@ -12,12 +12,10 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.values import Where
 
-TRANSPORTED = 24
-"""Averaged points of a curve for transporting a frame: more add noise."""
+TRANSPORTED = 24  # averaged points of a curve for transporting a frame: more add noise
 _TINY = 1e-12
 _ROUNDING = 1e-15  # an entry below it is zero: of a frame along the axes, whose study people read
-RIGID = 2e-3
-"""Largest entries of R'R - 1 for matrices printed with three digits."""
+RIGID = 2e-3  # largest entries of R'R - 1 for matrices printed with three digits
 
 
 def checked_rotation(matrix: Any, where: Where) -> Annotated[np.ndarray, "3 3"]:

@@ -131,12 +131,10 @@ def _ply(data: bytes, limit: Limit) -> Survey:
 
 SURVEYS: dict[str, Callable[[bytes, Limit], Survey]] = {"ply": _ply, "obj": _obj, "stl": _stl, "off": _off, "glb": _glb}
 """The survey of each kind of scan that trimesh reads; counting stops at the limit, and `ValueError` names what is damaged."""
-KINDS = (*SURVEYS, *READERS)
-"""The kinds of scans that are read, by ending."""
+KINDS = (*SURVEYS, *READERS)  # the kinds of scans that are read, by ending
 _BLOCK = 1 << 20
 _ADVICE = "export it again, as PLY or XYZ."
-_NOTES = {"txt", "csv", "dat", "tsv"}
-"""Kinds that an archive may hold beside its scan."""
+_NOTES = {"txt", "csv", "dat", "tsv"}  # kinds that an archive may hold beside its scan
 _NAMES = ", ".join(f".{kind}" for kind in KINDS)
 
 

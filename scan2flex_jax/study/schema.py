@@ -12,10 +12,10 @@ from dataclasses import replace
 from typing import Any
 
 from scan2flex_jax.study.kinds import CABLE, KEYS, ParameterFormat, Schema, kind_format, kind_names
-from scan2flex_jax.study.read import FORMAT
+from scan2flex_jax.study.read import FORMAT, SHARE
 
 _ANY_COUNT = -1  # in a shape: the points of a field
-_SHARE_OF_LENGTH: Schema = {"type": "string", "pattern": r"^\s*\d{1,3}(\.\d*)?\s*%\s*$"}
+_SHARE_OF_LENGTH: Schema = {"type": "string", "pattern": f"^{SHARE.pattern}$"}
 _SECTION = "CSV with s (m) and stiffness, mass per length or diameters along the cable. Left out: the same sections everywhere."
 
 

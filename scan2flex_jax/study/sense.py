@@ -17,24 +17,15 @@ from scan2flex_jax.study.values import Where, known, shown
 
 Purpose = Literal["fit", "predict", "extract"]
 
-SPAN_SLACK = 1.05
-"""Clamps further apart than this many L are out of reach of a nearly inextensible cable."""
-CURVE_SLACK = 1.3
-"""Length of a measured curve over L, above which it is not of this cable; noise and stretch stay far below."""
-CURVE_LEAST = 1 / 300
-"""Length of a measured curve over L, below which its unit differs from that of L."""
-GUIDE_SLACK = 2.0
-"""The same for guide points, which wander over the surface."""
-MARKER_SLACK = 0.1
-"""Of the arc length of the last marker: largest distance of a marker beyond the taut cable, in a scan with errors."""
-THICK = 0.5
-"""Radius over L, above which its unit differs from that of L."""
-SUPPORTS = ("support", "knife_edge")
-"""Effect types that hold a cable between its ends."""
-STIFF_AXIAL = 1e3
-"""N. A cable of smaller axial stiffness may stretch by more than SPAN_SLACK in use, and spans are not checked."""
-ASTRAY, ALONG = 60.0, 30.0
-"""Degrees between clamps and the beginnings of their curves: beyond any error of mounting or bend at a clamp."""
+SPAN_SLACK = 1.05  # clamps further apart than this many L are out of reach of a nearly inextensible cable
+CURVE_SLACK = 1.3  # length of a measured curve over L, above which it is not of this cable; noise and stretch stay far below
+CURVE_LEAST = 1 / 300  # length of a measured curve over L, below which its unit differs from that of L
+GUIDE_SLACK = 2.0  # the same for guide points, which wander over the surface
+MARKER_SLACK = 0.1  # of the arc length of the last marker: largest distance of a marker beyond the taut cable
+THICK = 0.5  # radius over L, above which its unit differs from that of L
+SUPPORTS = ("support", "knife_edge")  # effect types that hold a cable between its ends
+STIFF_AXIAL = 1e3  # N: a cable of less may stretch by more than SPAN_SLACK in use, and spans are not checked
+ASTRAY, ALONG = 60.0, 30.0  # degrees between clamps and their curves: beyond any error of mounting or bend at a clamp
 _NO_GRAVITY = 1e-9
 _ROUNDED = 1e-6  # of a length written with few digits
 _FORCES = {

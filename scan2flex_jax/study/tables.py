@@ -14,10 +14,8 @@ import numpy as np
 
 from scan2flex_jax.study.values import Where, shown
 
-LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-"""Metres in units of length, by name."""
-SAMPLE = 300
-"""Lines that determine the dialect."""
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}  # metres
+SAMPLE = 300  # lines that determine the dialect
 _MARKS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))  # separator, decimal mark
 _PREAMBLE = 60  # most lines before the first row
 _COMMENT = ("#", "//")
