@@ -41,6 +41,7 @@ _MAPS = (  # measured shapes in other axes, and their x, y and z as they should 
 _WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # units of weight, and how many of them make a kg/m
 _ROLLS = {degrees: rolled(np.array([1.0, 0.0, 0.0, 0.0]), np.radians(degrees)) for degrees in (180, 90, -90)}
 _FLIPPED = 0.2  # of a reading: it is nearer to its expected value with the other sign than this
+_CHORDS = 4  # that the exchange of two markers changes
 _APART, _NOISY = 1.3, 0.01  # neighbouring markers are no farther apart than this many times their arc length, and so much of s
 
 
@@ -104,14 +105,15 @@ def of_axes(study: Study) -> Iterator[Mistake]:
 
 def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     """Two markers of a pose that are exchanged: neighbours are then farther apart than their arc lengths allow."""
-    far, marks = far_neighbours(study, pose), pose.markers
-    if marks is None or not len(far):
+    far, marks, found = far_neighbours(study, pose), pose.markers, list[tuple[float, int, int]]()
+    if marks is None or len(far) > _CHORDS:
         return
-    pairs = {(int(min(i, j)), int(max(i, j))) for i in {*far, *(far + 1)} for j in range(len(marks.points))}
-    other = {pair: _with_exchanged(pose, *pair) for pair in sorted(pairs)}
-    near = [pair for pair in other if not len(far_neighbours(study, other[pair]))]
-    if near:
-        yield exchanged_markers(study, pose, *min(near, key=lambda pair: float(np.sum(_chords(other[pair])))))
+    for i, j in {(int(min(i, j)), int(max(i, j))) for i in {*far, *(far + 1)} for j in range(len(marks.points))}:
+        other = _with_exchanged(pose, i, j)
+        if not len(far_neighbours(study, other)):
+            found.append((float(np.sum(_chords(other))), i, j))
+    if found:
+        yield exchanged_markers(study, pose, *min(found)[1:])
 
 
 def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake:
