@@ -23,7 +23,7 @@ from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
 
-SHARE = re.compile(r"\s*(\d{1,3}(\.\d*)?)\s*%\s*")  # of the length, as a place
+SHARE = re.compile(r"\s*\d{1,3}(\.\d*)?\s*%\s*")  # of the length, as a place
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
@@ -72,7 +72,6 @@ def load_study(folder_or_toml: str | Path, *, purpose: Purpose = "fit") -> Study
 
 
 def _parsed(content: str, where: Where) -> dict[str, Any]:
-    """The tree of a TOML text."""
     long_key = _LONG_KEY.search(content)
     if long_key is not None:
         line = content.count("\n", 0, long_key.start()) + 1
@@ -88,9 +87,8 @@ def _parsed(content: str, where: Where) -> dict[str, Any]:
 
 def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpose: Purpose) -> Study:
     """The checked study of a TOML tree; `where` is the file, `shown` its folder in the user's notation."""
-    given = data.get("format")
-    if given != FORMAT:
-        said = "it is missing" if given is None else f"got {v.shown(given)}"
+    if data.get("format") != FORMAT:
+        said = f"got {v.shown(data['format'])}" if "format" in data else "it is missing"
         raise where.at("format").fail(f'{said}: write format = "{FORMAT}".')
     data = _given(KEYS["study"], Study.PARTS, data, where, "")
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
@@ -100,7 +98,10 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     if isinstance(cable, dict) and "section" in cable:
         path = existing(folder, v.text(cable["section"], at := where.at("cable.section")), at)
         shown_path = Where(v.one_line(str(shown / cable["section"]), 300))
-        sectioned, cable = sections(path, shown_path, {name: cable[name] for name in cable if name != "section"}, unknowns)
+        cable = {name: cable[name] for name in cable if name != "section"}
+        if "length" in cable:
+            cable["length"] = KEYS["cable"]["length"].take(cable["length"], where.at("cable.length"))
+        sectioned, cable = sections(path, shown_path, cable, unknowns)
         effects.append(sectioned)
     with where.placed():
         study = Study(data.get("title", ""), data["gravity"], cable, poses, data.get("tolerance", Tolerance()), folder=folder)
@@ -138,14 +139,12 @@ def _record(record: type[Record], given: Any, where: Where, example: str) -> Rec
 
 
 def _tables(value: Any, where: Where) -> list[dict[str, Any]]:
-    """An array of tables."""
     if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
         raise where.fail(f"got {v.shown(value)}: write each one as a table that begins with [[{where.key}]].")
     return value
 
 
 def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[StudyPose]:
-    """All `[[pose]]` with their clamps and the files that they name, in the order of measurement."""
     name = KEYS["pose"]["name"]
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
@@ -169,11 +168,12 @@ def _effects(entries: Any, where: Where, length: float | None) -> Iterator[Effec
             given = {key: table[key] for key in table if key not in KEYS["effect"]}
             name = kind_format(kind).position if isinstance(kind, str) and kind in kind_names() else None
             place = given.get(name or "")
-            if name and isinstance(place, str) and (share := SHARE.fullmatch(place)):
+            if name and isinstance(place, str) and SHARE.fullmatch(place):
                 if length is None:
                     said = f"got {v.shown(place)} of a length that is unknown: write the place in m from the start."
                     raise here.at(name).fail(said)
-                given[name] = length * (1.0 if float(share[1]) == 100 else 0.01 * float(share[1]))
+                share = float(place.replace("%", ""))
+                given[name] = length * (1.0 if share == 100 else 0.01 * share)
             yield EffectDeclaration(kind, given, table.get("poses"))
 
 

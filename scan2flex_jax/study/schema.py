@@ -1,8 +1,7 @@
 """A JSON schema of `study.toml`, with which an editor completes its keys, shows their units and marks what the reader refuses.
 
-It is derived from the declaration of the format (`kinds`), and never stricter than the reader. What needs several parts of a
-study at once (a value that is given or unknown, places beyond the cable, files that are missing) only the reader checks.
-Draft 7, the newest that taplo reads (Even Better TOML).
+It is derived from the declaration of the format (`kinds`), and never stricter than the reader, which alone checks what needs
+several parts of a study at once. Draft 7, the newest that taplo reads (Even Better TOML).
 """
 
 import re
@@ -69,8 +68,7 @@ def _unknowns() -> Schema:
 
 def _unknowns_of(kind: str) -> Schema:
     """The tables of the unknown parameters of an effect type, below one of its name."""
-    own = {p.name: _unknown(p) for p in kind_format(kind).parameters if p.estimable}
-    return _object(own, minProperties=1)
+    return _object({p.name: _unknown(p) for p in kind_format(kind).parameters if p.estimable}, minProperties=1)
 
 
 def _unknown(form: ParameterFormat) -> Schema:
