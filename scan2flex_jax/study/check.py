@@ -72,18 +72,14 @@ def assumptions(study: Study) -> tuple[str, ...]:
     exact += [name for name in _CLAMPED if not getattr(study.tolerance, name)]
     if exact:
         said.append(f"taken as exact in the intervals: {', '.join(exact)} (give their errors under [tolerance])")
-    shapes = [pose for pose in study.poses if pose.seen]
-    silent = [pose.name for pose in shapes if pose.noise is None]
-    if silent:
+    if silent := [pose.name for pose in study.poses if pose.seen and pose.noise is None]:
         who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
         said.append(f"noise of {who} not stated: it is estimated from the residuals")
     return tuple(said)
 
 
 def _text(value: Value) -> str:
-    if np.ndim(value) == 0:
-        return f"{float(value):.6g}"
-    return "[" + ", ".join(_text(entry) for entry in np.asarray(value)) + "]"
+    return f"{float(value):.6g}" if np.ndim(value) == 0 else f"[{', '.join(map(_text, np.asarray(value)))}]"
 
 
 def _unknowns(study: Study) -> list[str]:
@@ -197,9 +193,9 @@ def study_warnings(study: Study) -> list[str]:
         if pose.markers is not None and len(far := far_neighbours(study, pose)):
             i = int(far[0])
             apart, along = (np.diff(x[i : i + 2], axis=0) for x in (pose.markers.points, pose.markers.arc_length))
-            far_off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
-            said = f"markers {i + 1} and {i + 2} are {far_off} apart, and only {mm(float(along[0]))}"
-            warnings.append(f"{one_line(pose.name)}: {said} along the cable: correct their s, or their names in the tracking.")
+            off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
+            said = f"markers {i + 1} and {i + 2} are {off} apart, and only {mm(float(along[0]))} along the cable"
+            warnings.append(f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking.")
     if carried(study):
         level = "every curve lies level, across gravity: something seems to carry the cable"
         warnings.append(f"{level}; if it lies on a table, declare the effect support_plane.")

@@ -86,8 +86,7 @@ def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[s
             continue
         cells = line.split(",")
         if len(cells) != len(names):
-            said = f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {len(names)}."
-            raise where.at(f"line {i}").fail(said)
+            raise where.at(f"line {i}").fail(f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {len(names)}.")
         for cell in cells:
             try:
                 table.append(float(cell.replace("_", "x").encode("ascii")))  # float takes 1_0, and the digits of every script

@@ -1,7 +1,6 @@
 """Geometry of a measured curve before any model: its length, its slope at the clamps, whether it is plane.
 
-Near a clamp a parabola is fitted to the curve and extrapolated to the clamp: its slope there is compared with
-the clamp's d3. The standard deviation of the angle includes the fit's and the effect of the points' spacing.
+Near a clamp a parabola is fitted to the curve and extrapolated to the clamp; its slope there is compared with the clamp's d3.
 """
 
 from dataclasses import dataclass
@@ -18,8 +17,7 @@ TANGENT_SPAN = 0.08  # longest part of the curve for the parabola: a cable's ben
 TANGENT_START = 0.02  # shortest part of the curve for the parabola: long against the noise of a scan
 TANGENT_LEAST = 6  # fewest points of the parabola, if the curve has as many: twice its coefficients
 UNEVEN = 3.0  # allowed factor between a chord's shortfall and that of an arc: bends are not even along it
-TURN, RESOLVED = 0.8, 0.5
-"""Of the turn between chords, and rad of it: error of a tangent at the end of arcs, helices and elasticas of few points."""
+TURN, RESOLVED = 0.8, 0.5  # of the turn between chords, and rad of it: error of a tangent at the end of curves of few points
 FEWEST_BENT = 4  # fewest points of a space curve with curvature and torsion: fewer do not determine tangents, bends or plane
 _NEIGHBOURS = np.array([-2, -1, 1, 2])  # of a point, that predict it
 _TINY = 1e-300
@@ -34,8 +32,8 @@ class EndFacts:
     """
 
     gap: float
-    angle: float | None
-    angle_sd: float | None
+    angle: float | None = None
+    angle_sd: float | None = None
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,8 @@ class PoseFacts:
     """Numbers of one measured centre curve (m, deg).
 
     `covered`: arc length with the gaps to the clamps; `unseen`: possible excess of the curve over its chords.
-    `off_plane` and `off_line`: RMS distance from the best-fitting plane and line. `backwards`: the curve seems to
-    run from end to start. `start` and `end` are None for free ends.
+    `off_plane` and `off_line`: RMS distance from the best-fitting plane and line. `backwards`: the reversed curve agrees much
+    better with its clamps. `start` and `end` are None for free ends.
     """
 
     points: int
@@ -69,6 +67,8 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
     ends = ((pose.start, points[1] - points[0]), (pose.end, points[-1] - points[-2]))
     turns = (0.0 if clamp is None or clamp.tangent is None else between(clamp.tangent, chord) for clamp, chord in ends)
     gaps = sum(one.gap for one in (start, end) if one is not None)
+    held = [(clamp.position, i) for clamp, i in ((pose.start, 0), (pose.end, -1)) if clamp is not None]
+    off = [sum(np.linalg.norm(way[i] - x) for x, i in held) for way in (points, points[::-1])]
     spread = np.zeros(3)
     spread[: len(points)] = np.linalg.svd(points - points.mean(axis=0), compute_uv=False) / np.sqrt(len(points))
     return PoseFacts(
@@ -80,7 +80,7 @@ def pose_facts(pose: StudyPose) -> PoseFacts | None:
         end=end,
         off_plane=float(spread[2]),
         off_line=float(np.hypot(spread[1], spread[2])),
-        backwards=_backwards(points, pose),
+        backwards=bool(off[1] < 0.2 * off[0]),
     )
 
 
@@ -127,23 +127,14 @@ def measured_length(study: Study) -> float | None:
     return max(reached, default=None)
 
 
-def _backwards(points: Annotated[np.ndarray, "n 3"], pose: StudyPose) -> bool:
-    """Whether the reversed curve agrees much better with its clamps."""
-    held = [(clamp.position, i) for clamp, i in ((pose.start, 0), (pose.end, -1)) if clamp is not None]
-    right = sum(np.linalg.norm(points[i] - x) for x, i in held)
-    return bool(sum(np.linalg.norm(points[-1 - i] - x) for x, i in held) < 0.2 * right)
-
-
 def _end_facts(points: Annotated[np.ndarray, "n 3"], clamp: Clamp, sign: float) -> EndFacts:
     """Position and direction of a curve that begins at this clamp; `sign` = -1 if d3 points away from the curve."""
-    gap = float(np.linalg.norm(points[0] - clamp.position))
-    d3 = clamp.tangent
+    gap, d3 = float(np.linalg.norm(points[0] - clamp.position)), clamp.tangent
     if d3 is None or len(points) < FEWEST_BENT:
-        return EndFacts(gap, None, None)
+        return EndFacts(gap)
     tangent, sd = _tangent(points, gap)
-    size = float(np.linalg.norm(tangent))
-    if not size > 0:
-        return EndFacts(gap, None, None)
+    if not (size := float(np.linalg.norm(tangent))) > 0:
+        return EndFacts(gap)
     return EndFacts(gap, float(np.degrees(between(sign * d3, tangent))), float(np.degrees(sd / size)))
 
 
@@ -163,16 +154,14 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
         unseen = turn * (TURN * min(1.0, turn / RESOLVED) + gap / s[1])
         return slope, float(np.hypot(sd, np.linalg.norm(slope) * unseen))
     count = min(most, max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_START * s[-1]))))
-    kept: list[tuple[np.ndarray, float]] = []
-    while True:
-        slope, sd = _parabola(points[:count], gap)
-        apart = [float(np.linalg.norm(slope - other)) > 2 * float(np.hypot(sd, spread)) for other, spread in kept]
-        if any(apart):
-            return kept[-1]
-        kept.append((slope, sd))
-        if count == most:
-            return kept[-1]
+    kept = [_parabola(points[:count], gap)]
+    while count < most:
         count = min(most, count + max(1, count // 3))
+        slope, sd = _parabola(points[:count], gap)
+        if any(np.linalg.norm(slope - other) > 2 * np.hypot(sd, spread) for other, spread in kept):
+            break
+        kept.append((slope, sd))
+    return kept[-1]
 
 
 def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:
@@ -196,6 +185,5 @@ def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotat
 def all_plane(study: Study, facts: list[PoseFacts], limit: float) -> bool:
     """Whether every measured curve stays within `limit` (m, RMS), or its stated noise, of a plane of its own."""
     noise = [pose.noise or 0.0 for pose in study.poses if pose.curve is not None]
-    if any(f.points < FEWEST_BENT for f in facts):
-        return False
-    return bool(facts) and all(f.off_plane < max(limit, 2 * n) for f, n in zip(facts, noise, strict=True))
+    plane = [f.points >= FEWEST_BENT and f.off_plane < max(limit, 2 * n) for f, n in zip(facts, noise, strict=True)]
+    return bool(plane) and all(plane)

@@ -1,9 +1,8 @@
 """Files of a study: bounded reading inside the folder only, and atomic writing.
 
-Reading refuses special files, files above the size limit, and every path that leads out of the study's folder.
-Writing goes to a new file in the same directory, is flushed to the disk, and replaces the old file in one step; the old
-content is kept in a backup. Devices, pipes and the program's own streams are written to directly.
-`outputs` decides which files may be written.
+Reading refuses special files, files above the size limit, and every path that leads out of the study's folder. Writing goes to
+a new file in the same directory, is flushed to the disk, and replaces the old file in one step; devices, pipes and the
+program's own streams are written to directly. `outputs` decides which files may be written.
 """
 
 import contextlib

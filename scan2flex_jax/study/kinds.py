@@ -109,10 +109,8 @@ class ParameterFormat:
 
     def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
         """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""
-        if self.per_point:
-            return ((points, *self.shape),)
-        if self.per_end:
-            counts = (2,) if ends >= 2 else (1, 2)
+        if self.per_point or self.per_end:
+            counts = (points,) if self.per_point else (2,) if ends >= 2 else (1, 2)
             return tuple((count, *self.shape) for count in counts)
         return (self.shape, (2,)) if self.pair else (self.shape,)
 
@@ -133,8 +131,7 @@ class ParameterFormat:
         checked = v.array(value, self.shapes(ends, points), where)
         if self.domain != "unit":
             return self.check(checked, where, longest)
-        size = float(np.linalg.norm(checked))
-        if abs(size - 1) > UNIT_TOLERANCE:
+        if abs((size := float(np.linalg.norm(checked))) - 1) > UNIT_TOLERANCE:
             order = " [w, x, y, z]" if self.name == "quaternion" else ""
             raise where.fail(f"got {v.shown(v.plain(checked))} of length {size:.6g}: give a unit {self.name}{order}.")
         # a unit vector keeps its digits, so that saving and loading changes nothing
@@ -143,13 +140,12 @@ class ParameterFormat:
     def check(self, value: Any, where: Where, longest: float | None = None) -> Any:
         """`value`, whose entries must lie in the domain."""
         bounds, words = DOMAINS.get(self.domain, ({}, ""))
-        lowest, highest = float(np.min(value)), float(np.max(value))
-        for entry in (lowest, highest):
+        for entry in (float(np.min(value)), float(np.max(value))):
             within = bounds.get("minimum", -np.inf) <= entry <= bounds.get("maximum", np.inf)
             if not within or entry <= bounds.get("exclusiveMinimum", -np.inf):
                 raise where.fail(f"got {entry:g}: give {words}.")
-        if self.domain == "along_cable" and longest is not None and highest > longest:
-            raise where.fail(f"got {highest:g} m: give a place on the cable, from 0 to {longest:g} m.")
+            if self.domain == "along_cable" and longest is not None and entry > longest:
+                raise where.fail(f"got {entry:g} m: give a place on the cable, from 0 to {longest:g} m.")
         return value
 
     def schema(self, shapes: Iterable[tuple[int, ...]] | None = None) -> Schema:

@@ -1,8 +1,7 @@
 """Conversion of untyped values, from a TOML file or a notebook, to checked numbers, arrays and texts.
 
-Every function takes the value and its place `Where`, and raises one `StudyError` with the value found and the
-remedy. Numbers may be Python's, NumPy's, JAX's or pandas'. A bool is never a number, and NaN, infinity and numbers
-above `LARGEST` are refused.
+Every function takes the value and its place `Where`, and raises one `StudyError` with the value found and the remedy. Numbers
+may be Python's, NumPy's, JAX's or pandas'. A bool is never one, and NaN, infinity and numbers above `LARGEST` are refused.
 """
 
 import difflib
@@ -250,7 +249,6 @@ def growing(value: Any, count: int, where: Where, what: str = "arc length in met
 
 
 def _rows(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
-    """An array of real numbers in float64."""
     try:
         rows = as_array(value)
     except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX
