@@ -53,7 +53,8 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
         "Tolerances (standard deviations)": [f"  {key:<24} {_text(value)} {unit}" for key, value, unit in nearly] or ["  none"],
     }
     sections |= {"Declared effects": _effects(study)} if study.effects else {}
-    poses = [line for pose in study.poses for line in ("", *_pose(study, pose, (scans or {}).get(pose.name)))]
+    alike = {name: [other for other in group if other != name] for group in repeats(study) for name in group}
+    poses = [line for p in study.poses for line in ("", *_pose(study, p, (scans or {}).get(p.name), alike.get(p.name, [])))]
     sections[f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"] = poses
     warnings = study_warnings(study)
     sections["Warnings" if warnings else "No warnings"] = [f"  - {warning}" for warning in warnings]
@@ -112,7 +113,7 @@ def _held(clamp: Clamp | None) -> str:
     return f"clamp{along}" if clamp.hinge is None else f"hinge about {_text(clamp.hinge)}"
 
 
-def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:
+def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None, alike: list[str]) -> list[str]:
     held = f"start {_held(pose.start)}, end {_held(pose.end)}"
     if pose.start is not None and pose.end is not None:
         held += f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
@@ -141,8 +142,7 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
         said["scan"] = f"{scan_name(study, pose)}{points}, guide points {guides}"
     if pose.seen:
         said["noise"] = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
-    own = next((group for group in repeats(study) if pose.name in group), ())
-    said |= {"repeats": ", ".join(one_line(name) for name in own if name != pose.name)} if own else {}
+    said |= {"repeats": ", ".join(map(one_line, alike))} if alike else {}
     said |= {} if pose.gravity is None else {"gravity": f"{_text(pose.gravity)} m/s^2 in this pose"}
     said |= {} if pose.time is None else {"measured": f"at {pose.time:.6g} s"}
     said |= {"before": "the cable was taken out and straightened"} if pose.reset else {}

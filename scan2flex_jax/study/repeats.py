@@ -14,6 +14,7 @@ from scan2flex_jax.study.records import same
 HANDLING = 0.02  # of L, RMS: poses held alike that differ by more are no repeats; photographs of a limp strip differ by 1.9 %
 _ALIKE = 1e-6  # of L: below it there is nothing to explain
 _GAP = 4.0  # times the median step of a curve: an unseen part, which a chord bridges
+_COMPARED = 1000  # points of a curve that are compared; of a longer one every second, third, ...
 _SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measured again
 
 
@@ -62,7 +63,8 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
     """RMS distance (m) from the points of one pose to the curve of another where it has one, or between equal markers of both;
     None if they cannot be compared."""
     if a.curve is not None and b.curve is not None:
-        off = _to_polyline(a.curve.points, b.curve.points)
+        points = a.curve.points
+        off = _to_polyline(points[:: 1 + (len(points) - 1) // _COMPARED], b.curve.points)
         return float(np.sqrt(np.mean(off**2))) if len(off) else None
     if a.markers is None or b.markers is None or a.change_from != b.change_from:
         return None
