@@ -52,8 +52,7 @@ class Mistake:
     ``axis``: the axis of every clamp's frame along which the cable leaves it, if that is the mistake ("x", "-y"; else "").
     ``before`` and ``after``: RMS distance (m) of the fitted poses, as given and corrected; None without a refit.
     ``reading``: whether it concerns single readings of markers, which no physics moves; ``place``: name of the pose and number
-    of the marker that is left out.
-    """
+    of the marker that is left out."""
 
     sentence: str
     mend: str
@@ -110,17 +109,19 @@ def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
         return
     for i, j in {(int(min(i, j)), int(max(i, j))) for i in {*far, *(far + 1)} for j in range(len(marks.points))}:
         other = _with_exchanged(pose, i, j)
-        if not len(far_neighbours(study, other)):
+        if other is not None and not len(far_neighbours(study, other)):
             found.append((float(np.sum(_chords(other))), i, j))
-    if found:
-        yield exchanged_markers(study, pose, *min(found)[1:])
+    if found and (nearest := exchanged_markers(study, pose, *min(found)[1:])):
+        yield nearest
 
 
-def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake:
-    """Markers ``i`` and ``j`` of a pose are exchanged."""
+def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake | None:
+    """Markers ``i`` and ``j`` of a pose are exchanged; None if that would bring equal points together."""
+    if (other := _with_exchanged(pose, i, j)) is None:
+        return None
     at = " and ".join(f"{_markers(pose).arc_length[k]:.4g} m" for k in (i, j))
     said = f"markers {i + 1} and {j + 1} of pose {one_line(pose.name)} are exchanged (s = {at})"
-    return Mistake(said, "exchange their coordinates", _with_poses(study, _with_exchanged(pose, i, j)), reading=True)
+    return Mistake(said, "exchange their coordinates", _with_poses(study, other), reading=True)
 
 
 def exchanged_tables(study: Study, a: StudyPose, b: StudyPose) -> Mistake:
@@ -162,7 +163,8 @@ def of_reading(mistake: Mistake, pose: StudyPose, k: int, off: Annotated[np.ndar
 def _with_exchanged(pose, i, j):
     points = pose.markers.points.copy()
     points[[i, j]] = points[[j, i]]
-    return replace(pose, markers=replace(pose.markers, points=points))
+    together = np.any(np.all(points[1:] == points[:-1], axis=1))
+    return None if together else replace(pose, markers=replace(pose.markers, points=points))
 
 
 def _markers(pose: StudyPose) -> Markers:

@@ -139,3 +139,13 @@ def test_a_shuffled_table_is_no_exchange_of_two_markers():
     began = process_time()
     assert any("along the cable: correct their s" in warning for warning in study_warnings(study))
     assert process_time() - began < 10.0
+
+
+def test_a_row_that_stands_twice_is_a_doubt_and_no_fault_of_other_rows():
+    # an exchange that was tried brought the two equal points together, which was refused as a fault of the table
+    s, points = np.linspace(0.02, 0.88, 20), curve(20)
+    points[12] = points[4]
+    pose = {"start": (curve()[0], None), "markers": Markers(points, s)}
+    cable = {"length": 0.9, "length_density": 0.3, "torsional_stiffness": 0.03}
+    warnings = study_warnings(Study.from_arrays(cable, [pose], ["bending_stiffness"]))
+    assert any("markers 12 and 13" in warning for warning in warnings)
