@@ -39,8 +39,7 @@ _MEASURED = ("length", "length_density")  # cable inputs that may have a toleran
 def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, "3"]]] | None = None) -> str:
     """Summary of a study as text for a terminal.
 
-    ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`.
-    """
+    ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`."""
     parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
     parts += [] if study.folder is None else [f"Folder   {study.folder}"]
     parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {float(np.linalg.norm(study.gravity)):.4g})"]

@@ -1,7 +1,6 @@
 """Measured centre curves: reading from CSV, checks, and arc length.
 
-A CSV has the header `x,y,z` or `s,x,y,z` (m) and one point per line, in order from start to end. The polyline through noisy
-points is longer than the curve, since noise adds to each step. `curve_length` averages neighbours first.
+The polyline through noisy points is longer than the curve, since noise adds to each step: `curve_length` averages neighbours.
 """
 
 from pathlib import Path
@@ -60,8 +59,7 @@ def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
 def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"]) -> str | None:
     """A sentence if arc lengths contradict the distances of their points, and whether they look like per cent.
 
-    They may exceed the distances of sparse points, but never by a whole unit, and never fall below.
-    """
+    They may exceed the distances of sparse points, but never by a whole unit, and never fall below."""
     grown, along = float(s[-1] - s[0]), curve_length(points, FEW_BLOCKS)
     percent = any(_PERCENT[0] <= unit * s[-1] <= _PERCENT[1] for unit in (1.0, 10.0, 100.0, 1000.0))
     if grown >= ALONG * along and not (percent and grown > BEYOND * along):
@@ -101,16 +99,14 @@ def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[s
 def curve_length(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> float:
     """Length (m) of the curve through noisy points: first point, averages of neighbours in blocks, last point.
 
-    With a few blocks it is a lower bound.
-    """
+    With a few blocks it is a lower bound."""
     return float(np.sum(np.linalg.norm(np.diff(_knots(points, blocks), axis=0), axis=1)))
 
 
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
     """Shortfall (m) of `curve_length`: the chord h of an arc that turns by a is shorter by h (a / (2 sin(a / 2)) - 1).
 
-    ``start`` and ``end``: angles (rad) between the curve's tangents there, if known, and its end chords.
-    """
+    ``start`` and ``end``: angles (rad) between the curve's tangents there, if known, and its end chords."""
     chords = np.diff(_knots(points), axis=0)
     h = np.linalg.norm(chords, axis=1)
     cosine = np.sum(chords[1:] * chords[:-1], axis=1) / np.maximum(h[1:] * h[:-1], np.finfo(float).tiny)

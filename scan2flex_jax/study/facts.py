@@ -28,8 +28,7 @@ class EndFacts:
     """Position and direction of a curve's end at one clamp.
 
     `gap` (m): from the clamp to the curve's end. `angle` and `angle_sd` (deg): between the curve's tangent and the
-    clamp's d3; None for a ball joint, and for a curve of too few points.
-    """
+    clamp's d3; None for a ball joint, and for a curve of too few points."""
 
     gap: float
     angle: float | None = None
@@ -42,8 +41,7 @@ class PoseFacts:
 
     `covered`: arc length with the gaps to the clamps; `unseen`: possible excess of the curve over its chords.
     `off_plane` and `off_line`: RMS distance from the best-fitting plane and line. `backwards`: the reversed curve agrees much
-    better with its clamps. `start` and `end` are None for free ends.
-    """
+    better with its clamps. `start` and `end` are None for free ends."""
 
     points: int
     arc_length: float
@@ -90,8 +88,7 @@ def point_noise(points: Annotated[np.ndarray, "n 3"]) -> float:
     Each point is compared with the cubic through two neighbours on either side over the chords between them, across the curve
     only: along it, uneven distances between points would count as noise. Bends between the points raise it, so that a curve of
     few points casts no doubt; noise above the distance of points is found up to 20 % too small, that of points in a plane by
-    the square root of 2.
-    """
+    the square root of 2."""
     points = np.asarray(points)
     apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
     points = points[np.r_[True, apart > 0]]  # repeated points say nothing of the noise
@@ -113,8 +110,7 @@ def measured_length(study: Study) -> float | None:
     """Length (m) of the cable by its measured shapes; None if a study has scans only.
 
     The median over poses that are held at both ends of the curve with its gaps to the clamps; without any, the longest curve,
-    or the arc length of the last marker.
-    """
+    or the arc length of the last marker."""
     facts = [one for pose in study.poses if (one := pose_facts(pose)) is not None]
     held = [f.covered for f in facts if f.start is not None and f.end is not None]
     if held:
@@ -144,8 +140,7 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
     The window is the widest one whose slope agrees with those of all shorter ones (Lepski's rule): wide if noise
     dominates, short if the cable bends sharply behind its clamp. Where the points are so far apart that even the shortest
     window exceeds `TANGENT_SPAN`, the turn between their chords is added: `TURN` times, falling with its square below
-    `RESOLVED`, and the turn over the gap.
-    """
+    `RESOLVED`, and the turn over the gap."""
     s = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     most = min(len(points), max(TANGENT_LEAST, int(np.searchsorted(s, TANGENT_SPAN * s[-1]))))
     if most <= TANGENT_LEAST:
@@ -167,8 +162,7 @@ def _tangent(points: Annotated[np.ndarray, "n 3"], gap: float) -> tuple[Annotate
 def _parabola(points: Annotated[np.ndarray, "m 3"], gap: float) -> tuple[Annotated[np.ndarray, "3"], float]:
     """x(t) = a + b t + c t^2 by least squares: slope b - 2 c gap, and its standard deviation over two directions.
 
-    t runs along the main direction of the points, since the arc length of neighbours is mostly noise.
-    """
+    t runs along the main direction of the points, since the arc length of neighbours is mostly noise."""
     _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
     t = (points - points[0]) @ axes[0]
     t = t * np.sign(t[-1] or 1.0)

@@ -33,8 +33,7 @@ _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(
 def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None, foreign: bool = False) -> str:
     """The text of a UTF-8 file of at most `limit` bytes; `missing` is the advice for a missing file.
 
-    For a table, `rows` limits the number of lines. A `foreign` file may be in UTF-16 or Latin-1.
-    """
+    For a table, `rows` limits the number of lines. A `foreign` file may be in UTF-16 or Latin-1."""
     advice = "give a smaller one." if rows is None else rows.advice
     try:
         if not path.exists():
@@ -124,8 +123,7 @@ def _write_new(path: Path, data: bytes | Path) -> None:
 def write_atomic(path: Path, data: bytes | Path) -> None:
     """Make `path` contain `data`, or a copy of the file `data`, in one step: a reader sees the old content or the new one.
 
-    Special files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`.
-    """
+    Special files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`."""
     if is_stream(path):
         _write_through(path, data.read_bytes() if isinstance(data, Path) else data)
         return

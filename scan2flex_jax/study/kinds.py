@@ -77,8 +77,7 @@ class ParameterFormat:
     a random walk from point to point; 0: no prior of its own. `smooth`: for a field along the cable that is zero in its middle,
     the size of its prior as a smooth random field. `optional`: a study may leave it out, and it is then zero. A key of
     `study.toml` has another `type` or `choices` where it is no quantity, the `default` where it is left out, an `example`, and
-    its meaning in `words`.
-    """
+    its meaning in `words`."""
 
     name: str
     unit: str
@@ -121,8 +120,7 @@ class ParameterFormat:
     def take(self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0) -> Any:
         """The checked value in a study with `ends` clamps, or of a field on `points`; unit vectors are normalised.
 
-        `longest` (m) is the largest place on the cable, None if unknown.
-        """
+        `longest` (m) is the largest place on the cable, None if unknown."""
         if self.choices:
             return v.one_of(value, self.choices, where)
         if self.type != "quantity":
@@ -168,8 +166,7 @@ class ParameterFormat:
 class KindFormat:
     """One effect type: where it acts, its parameters, and its description `words`.
 
-    `memory`: whether poses depend on those before them, by their "order" alone or by the "time" of each.
-    """
+    `memory`: whether poses depend on those before them, by their "order" alone or by the "time" of each."""
 
     kind: str
     place: Place

@@ -46,8 +46,7 @@ class Study(Record):
     """One cable in several poses. `cable` has only the given keys, in the units of `kinds.CABLE`.
 
     What is stated at the end of the cable (the last marker, the place of an effect) stays there: a copy with another length
-    moves it. `stated_length` (m) is the length for which places were stated.
-    """
+    moves it. `stated_length` (m) is the length for which places were stated."""
 
     title: str
     gravity: Annotated[np.ndarray, "3"]
@@ -169,7 +168,7 @@ class Study(Record):
 
     def places_of(self, name: str) -> int:
         """Number of points of the field "kind.parameter"; 0 for other parameters."""
-        kind, _, _ = split_name(name)
+        kind = split_name(name)[0]
         grid = kind_format(kind).grid if kind else None
         places = None if grid is None else self.given(f"{kind}.{grid.name}")
         return 0 if places is None else int(np.size(places))
@@ -178,8 +177,7 @@ class Study(Record):
         """Places among ``effects`` of those that the unknown "kind.parameter" or "kind[number].parameter" belongs to.
 
         Without a number these are the effects of the kind that leave the parameter out and have no number under `[unknown]`;
-        all of the kind, if none leaves it out. They share one value.
-        """
+        all of the kind, if none leaves it out. They share one value."""
         kind, number, parameter = split_name(name)
         own = [i for i, effect in enumerate(self.effects) if effect.kind == kind]
         if number is not None:

@@ -71,8 +71,7 @@ def write_file(path: Path, data: bytes, measured: Iterable[Path] = ()) -> None:
 def write_json_atomic(path: str | Path, obj: Any) -> None:
     """Write `obj` as JSON in one step; numpy numbers and arrays become lists, NaN and infinity are refused.
 
-    Raises `StudyError`, also for a study's own file.
-    """
+    Raises `StudyError`, also for a study's own file."""
     with writing(Path(path)):
         write_file(Path(path), json_bytes(path, obj))
 

@@ -28,8 +28,7 @@ class Clamp(Record):
     """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint.
 
     A clamp with directions `free` (k, 3) is a guided end, which may move along them from its position; one with a `hinge` (3,)
-    turns freely about that axis. Both in the scan frame.
-    """
+    turns freely about that axis. Both in the scan frame."""
 
     position: Annotated[np.ndarray, "3"]
     quaternion: Annotated[np.ndarray, "4"] | None = None

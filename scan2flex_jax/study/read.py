@@ -180,8 +180,7 @@ def _effects(entries: Any, where: Where, length: float | None) -> Iterator[Effec
 def _unknowns(study: Study, table: dict[str, Any], where: Where) -> Iterator[Unknown]:
     """The tables under `[unknown]`, for the study declared above them in the file.
 
-    TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`.
-    """
+    TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`."""
     example = KEYS["study"]["unknown"].example
     for first, entry in table.items():
         here = where.at(first)

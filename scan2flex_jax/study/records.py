@@ -21,8 +21,7 @@ _Record = TypeVar("_Record", bound="Record")
 def record(cls: type[_Record]) -> type[_Record]:
     """A frozen dataclass whose `__post_init__` takes any values, and rejects unusable ones with a sentence.
 
-    Its annotations hold after conversion; a runtime check of the constructor's arguments against them would come too early.
-    """
+    Its annotations hold after conversion; a runtime check of the constructor's arguments against them would come too early."""
     made = dataclass(frozen=True, eq=False)(cls)
     no_type_check(made.__init__)
     return made

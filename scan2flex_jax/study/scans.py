@@ -223,7 +223,7 @@ def scan_facts(path: Path) -> tuple[int, np.ndarray]:
     try:
         parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
         vertices = [np.asarray(part.vertices, float).reshape(-1, 3) for part in parts if hasattr(part, "vertices")]
-        points = np.concatenate(vertices) if vertices else np.zeros((0, 3))
+        points = np.concatenate([np.zeros((0, 3)), *vertices])
     except (ValueError, IndexError, TypeError) as fault:
         raise unreadable(path, fault) from fault
     points = points[np.all(np.isfinite(points), axis=1)]

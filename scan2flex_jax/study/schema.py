@@ -87,8 +87,7 @@ def _unknown(form: ParameterFormat) -> Schema:
 def _effects() -> Schema:
     """`[[effect]]`: the names of all parameters, and for each effect type which of them it has.
 
-    The conditions stand beside the items, since taplo completes no key of a table that has an ``allOf`` of its own.
-    """
+    The conditions stand beside the items, since taplo completes no key of a table that has an ``allOf`` of its own."""
     forms = [kind_format(kind) for kind in kind_names()]
     units: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     for form in forms:

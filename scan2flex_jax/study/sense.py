@@ -39,8 +39,7 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     """Raise a `StudyError` for the first inconsistency.
 
     For the ``purpose`` "fit" every pose needs a measured shape; to "predict", only given measurements must fit the cable; to
-    "extract" centre curves, weight and stiffness of the cable may be missing too.
-    """
+    "extract" centre curves, weight and stiffness of the cable may be missing too."""
     where = Where("Study")
     if not isinstance(study, Study):
         raise where.fail(f"got {shown(study)}: give a Study, as load_study(folder) or Study.from_arrays(...) makes it.")
@@ -231,10 +230,9 @@ def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: flo
         unit = unit_of(reach / length)
         hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
         raise where.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")
-    for end, clamp in (("start", pose.start), ("end", pose.end)):
-        if clamp is None or moved(study):
-            continue
-        nearest = float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
+    held = {} if moved(study) else {"start": pose.start, "end": pose.end}
+    for end, clamp in held.items():
+        nearest = 0.0 if clamp is None else float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
         if nearest > reach:  # further from its support than the cable is long
             said = f"the curve stays {nearest:g} m away from the {end} clamp, more than the cable's {reach:g} m"
             raise where.fail(f"{said}: give curve and clamps in one frame.")

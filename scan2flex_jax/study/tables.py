@@ -89,8 +89,7 @@ def counts_rows(column: Sequence[float | None] | Annotated[np.ndarray, " n"]) ->
 def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarray, "n c"]:
     """All rows of these lines, of which the first is the first row; NaN for labels and empty cells.
 
-    A row of another width, or with text where a number stood, is an error that names the point by its number.
-    """
+    A row of another width, or with text where a number stood, is an error that names the point by its number."""
     table = []
     for i, line in enumerate(lines):
         row = how.cells(line)
@@ -105,8 +104,7 @@ def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated
     """Points of a scan, and the unit that it states, from which they are converted to m.
 
     They are the columns x, y, z of its header, else the first three after the number of the row. ``lines`` begins to read the
-    file, as often as it is called.
-    """
+    file, as often as it is called."""
     sample = list(itertools.islice(_filled(lines()), SAMPLE))
     how = dialect(sample, where)
     plain = [k for k in range(how.width) if k not in how.texts]

@@ -46,8 +46,7 @@ class Where:
     def placed(self, names: Mapping[str, str | None] | None = None) -> Iterator[None]:
         """Re-raise errors of an object constructed inside as errors of this place, with its key below this one.
 
-        ``names`` maps the last part of the object's key to its name in the file; None omits that part.
-        """
+        ``names`` maps the last part of the object's key to its name in the file; None omits that part."""
         try:
             yield
         except StudyError as error:
@@ -159,9 +158,8 @@ def plain(value: Any) -> Any:
 
 def as_array(value: Any) -> Annotated[np.ndarray, "..."]:
     """The array of an array-like; masked entries become NaN, which is refused later, and never their hidden values."""
-    if isinstance(value, np.ma.MaskedArray):
-        value = np.where(np.ma.getmaskarray(value), np.nan, value.data)
-    return np.asarray(value)
+    masked = isinstance(value, np.ma.MaskedArray)
+    return np.where(np.ma.getmaskarray(value), np.nan, value.data) if masked else np.asarray(value)
 
 
 def integer(value: Any, largest: int, where: Where) -> int:
@@ -212,8 +210,7 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) ->
 def points(value: Any, fewest: int, where: Where, partial: bool = False) -> Annotated[np.ndarray, "n 3"]:
     """At least `fewest` points, one per row: all finite, and no two neighbours equal.
 
-    With ``partial``, a coordinate that is NaN in every row was not measured, and neighbours may share the others.
-    """
+    With ``partial``, a coordinate that is NaN in every row was not measured, and neighbours may share the others."""
     rows = _rows(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")
     if rows.ndim != 2 or rows.shape[1] != 3:
         turned = rows.ndim == 2 and rows.shape[0] == 3
