@@ -258,9 +258,3 @@ def kind_names() -> tuple[str, ...]:
 
 for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
     register_kind(KindFormat(_kind, **_said | {"parameters": _formats(_said["parameters"])}))
-
-DESCRIPTIVE_KINDS = tuple(
-    k for k, form in _KINDS.items()
-    if form.grid is not None and form.grid.domain == "along_cable" and not any(p.smooth for p in form.parameters)
-)  # fmt: skip
-"""Fields along the cable: possible answers when no other effect type explains the shapes. They can be declared like any."""

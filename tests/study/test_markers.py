@@ -18,6 +18,7 @@ from scan2flex_jax.study import (
     save_study,
     study_warnings,
 )
+from scan2flex_jax.study.mistakes import exchanged_markers
 from scan2flex_jax.study.outputs import Outputs, measured_files
 
 from .samples import STUDY, csv, curve, write_sample
@@ -147,5 +148,6 @@ def test_a_row_that_stands_twice_is_a_doubt_and_no_fault_of_other_rows():
     points[12] = points[4]
     pose = {"start": (curve()[0], None), "markers": Markers(points, s)}
     cable = {"length": 0.9, "length_density": 0.3, "torsional_stiffness": 0.03}
-    warnings = study_warnings(Study.from_arrays(cable, [pose], ["bending_stiffness"]))
-    assert any("markers 12 and 13" in warning for warning in warnings)
+    study = Study.from_arrays(cable, [pose], ["bending_stiffness"])
+    assert any("markers 12 and 13" in warning for warning in study_warnings(study))
+    assert exchanged_markers(study, study.poses[0], 5, 12) is None
