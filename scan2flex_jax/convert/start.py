@@ -16,8 +16,8 @@ from scan2flex_jax.convert.frames import clamp_of_matrix
 from scan2flex_jax.convert.motion_capture import captured
 from scan2flex_jax.convert.units import length_unit
 from scan2flex_jax.errors import Scan2FlexError, StudyError
-from scan2flex_jax.study.check import pose_facts
 from scan2flex_jax.study.curves import chord_deficit, curve_length
+from scan2flex_jax.study.facts import pose_facts
 from scan2flex_jax.study.files import backup, write_atomic
 from scan2flex_jax.study.model import Clamp, Markers, MeasuredCurve, Study, StudyPose, Tolerance, Unknown, Value
 from scan2flex_jax.study.scans import load_geometry

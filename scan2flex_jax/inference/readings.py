@@ -150,7 +150,8 @@ class _Screen:
                     axes = _axes(self.problem.poses, self.evaluation, place.pose, place.row)
                     changed[place.own] += sign * (axes @ step)[: len(place.own)]
                 moved = changed - self.jacobian @ np.linalg.lstsq(self.A, self.jacobian.T @ changed, rcond=1e-12)[0]
-                out.append((self.outlier(moved, most), self._exchanged(a, b)))
+                if (mistake := self._exchanged(a, b)) is not None:
+                    out.append((self.outlier(moved, most), mistake))
         return out
 
     def _alike(self, a: _Place, b: _Place) -> bool:
@@ -160,7 +161,7 @@ class _Screen:
             return a.pose == b.pose
         return len(p.points) == len(q.points) == 1 and p.measured == q.measured and np.allclose(p.arc_length, q.arc_length)
 
-    def _exchanged(self, a: _Place, b: _Place) -> Mistake:
+    def _exchanged(self, a: _Place, b: _Place) -> Mistake | None:
         first, second = sorted((a, b), key=lambda place: (place.pose, place.marker))
         poses = self.study.fit_poses
         if first.pose == second.pose:

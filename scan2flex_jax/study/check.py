@@ -11,7 +11,7 @@ import numpy as np
 
 from scan2flex_jax.study.curve_warnings import PLANE_LIMIT, curve_warnings, mm
 from scan2flex_jax.study.declared import unknown_formats
-from scan2flex_jax.study.facts import EndFacts, PoseFacts, all_plane, measured_length, pose_facts
+from scan2flex_jax.study.facts import EndFacts, all_plane, measured_length, pose_facts
 from scan2flex_jax.study.kinds import CABLE, TOLERANCE, kind_format
 from scan2flex_jax.study.mistakes import far_neighbours
 from scan2flex_jax.study.model import Angle, Clamp, Study, StudyPose, Value, Wrench, scan_name
@@ -20,38 +20,26 @@ from scan2flex_jax.study.sense import knows_a_force, looks_like
 from scan2flex_jax.study.values import one_line
 from scan2flex_jax.study.visible import carried, scale_between, visible_mistakes
 
-HEAVY = 50.0
-"""kg/m: beyond the heaviest cables that are laid by hand."""
-DENSE = 20000.0
-"""kg/m^3: above the density of every cable material."""
-LIGHT = 1e-6
-"""kg/m: a human hair weighs 5e-6."""
-LOOSE = 50.0
-"""kg/m^3: foams are denser."""
-LONG = 100.0
-"""m: a longer cable is in another unit, unless it hangs between ball joints, as a power line, and its shapes are as long."""
-SHOWN = 0.5
-"""Of the length: shapes that are longer confirm its unit."""
-GRAVITY = 9.81
-"""m/s^2; on Earth gravity stays within 0.5 % of it."""
+HEAVY = 50.0  # kg/m: beyond the heaviest cables that are laid by hand
+DENSE = 20000.0  # kg/m^3: above the density of every cable material
+LIGHT = 1e-6  # kg/m: a human hair weighs 5e-6
+LOOSE = 50.0  # kg/m^3: foams are denser
+LONG = 100.0  # m: a longer cable is in another unit, unless it hangs between ball joints and its shapes are as long
+SHOWN = 0.5  # of the length: shapes that are longer confirm its unit
+GRAVITY = 9.81  # m/s^2; on Earth gravity stays within 0.5 % of it
 NO_VALIDATE = (
     'no validate pose: nothing will tell whether the estimates hold for another shape; give one pose role = "validate".'
 )
-"""The warning of a study without validation pose."""
 
 _VAGUE = 45.0  # deg: a tangent known to no better than this points anywhere
 _CLAMPED = ("clamp_position", "clamp_rotation")
 _MEASURED = ("length", "length_density")  # cable inputs that may have a tolerance and that influence every stiffness
-_UNIT = {"millimetres": "mm", "centimetres": "cm"}
-
-__all__ = ["PoseFacts", "describe", "pose_facts", "study_warnings"]
 
 
 def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, "3"]]] | None = None) -> str:
     """Summary of a study as text for a terminal.
 
-    ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`.
-    """
+    ``scans``: by pose, the number of points of its scan and the extents (3,) of their box in m, from `scan_facts`."""
     parts = [f"Study    {one_line(study.title, 200) or '(no title)'}"]
     parts += [] if study.folder is None else [f"Folder   {study.folder}"]
     parts += [f"Gravity  {_text(study.gravity)} m/s^2 (size {float(np.linalg.norm(study.gravity)):.4g})"]
@@ -64,7 +52,8 @@ def describe(study: Study, scans: Mapping[str, tuple[int, Annotated[np.ndarray, 
         "Tolerances (standard deviations)": [f"  {key:<24} {_text(value)} {unit}" for key, value, unit in nearly] or ["  none"],
     }
     sections |= {"Declared effects": _effects(study)} if study.effects else {}
-    poses = [line for pose in study.poses for line in ("", *_pose(study, pose, (scans or {}).get(pose.name)))]
+    alike = {name: [other for other in group if other != name] for group in repeats(study) for name in group}
+    poses = [line for p in study.poses for line in ("", *_pose(study, p, (scans or {}).get(p.name), alike.get(p.name, [])))]
     sections[f"Poses: {len(study.fit_poses)} to fit, {len(study.validate_poses)} to validate"] = poses
     warnings = study_warnings(study)
     sections["Warnings" if warnings else "No warnings"] = [f"  - {warning}" for warning in warnings]
@@ -83,33 +72,24 @@ def assumptions(study: Study) -> tuple[str, ...]:
     exact += [name for name in _CLAMPED if not getattr(study.tolerance, name)]
     if exact:
         said.append(f"taken as exact in the intervals: {', '.join(exact)} (give their errors under [tolerance])")
-    shapes = [pose for pose in study.poses if pose.seen]
-    silent = [pose.name for pose in shapes if pose.noise is None]
-    if silent:
+    if silent := [pose.name for pose in study.poses if pose.seen and pose.noise is None]:
         who = "every pose" if len(silent) == len(study.poses) else ", ".join(map(one_line, silent))
         said.append(f"noise of {who} not stated: it is estimated from the residuals")
     return tuple(said)
 
 
 def _text(value: Value) -> str:
-    """A number or an array, to six digits."""
-    if np.ndim(value) == 0:
-        return f"{float(value):.6g}"
-    return "[" + ", ".join(_text(entry) for entry in np.asarray(value)) + "]"
+    return f"{float(value):.6g}" if np.ndim(value) == 0 else f"[{', '.join(map(_text, np.asarray(value)))}]"
 
 
 def _unknowns(study: Study) -> list[str]:
-    """One line for each unknown: unit, start, range."""
     lines, formats = [], unknown_formats(study)
     for unknown in study.unknowns:
         start = study.start_value(unknown.name)
         said = [formats[unknown.name].unit, "start computed by the fit" if start is None else f"start {_text(start)}"]
-        if unknown.low is None or unknown.high is None:
-            said.append("default range")
-        else:
-            said.append(f"range {_text(unknown.low)} to {_text(unknown.high)}")
-        if unknown.prior is not None:
-            said.append(f"measured elsewhere as {_text(unknown.prior['mean'])} +- {_text(unknown.prior['std'])}")
+        low, high, prior = unknown.low, unknown.high, unknown.prior
+        said.append("default range" if low is None or high is None else f"range {_text(low)} to {_text(high)}")
+        said += [] if prior is None else [f"measured elsewhere as {_text(prior['mean'])} +- {_text(prior['std'])}"]
         lines.append(f"  {unknown.name:<24} {'; '.join(said)}")
     return lines
 
@@ -132,8 +112,7 @@ def _held(clamp: Clamp | None) -> str:
     return f"clamp{along}" if clamp.hinge is None else f"hinge about {_text(clamp.hinge)}"
 
 
-def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None) -> list[str]:
-    """The block of one pose, with the number of points and the box of its scan."""
+def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, "3"]] | None, alike: list[str]) -> list[str]:
     held = f"start {_held(pose.start)}, end {_held(pose.end)}"
     if pose.start is not None and pose.end is not None:
         held += f", {np.linalg.norm(pose.end.position - pose.start.position):.4g} m apart"
@@ -142,11 +121,8 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
         length = None if "length" not in study.cable else float(np.max(study.cable["length"]))
         ratio = "" if length is None else f" ({facts.arc_length / length:.4f} of the length)"
         said["curve"] = f"{facts.points} points, arc length {facts.arc_length:.4g} m{ratio}"
-        if facts.start is not None:
-            said["at start"] = _end(facts.start)
-        if facts.end is not None:
-            said["at end"] = _end(facts.end)
-        elif length is not None:
+        said |= {f"at {name}": _end(one) for name, one in (("start", facts.start), ("end", facts.end)) if one is not None}
+        if facts.end is None and length is not None:
             said["at end"] = f"stops {mm(length - facts.covered)} short of the free end"
     if pose.markers is not None:
         s, some = pose.markers.arc_length, pose.markers.measured
@@ -161,12 +137,11 @@ def _pose(study: Study, pose: StudyPose, scan: tuple[int, Annotated[np.ndarray, 
         said["compared"] = "not measured: readings of other poses are changes from its equilibrium"
     if pose.scan is not None:
         guides = "none" if pose.guide_points is None else str(len(pose.guide_points))
-        points = "" if scan is None else f", {scan_in_words(study, scan)}"
+        points = "" if scan is None else f", {_scan(study, scan)}"
         said["scan"] = f"{scan_name(study, pose)}{points}, guide points {guides}"
     if pose.seen:
         said["noise"] = "not stated" if pose.noise is None else f"{mm(pose.noise)} stated"
-    own = next((group for group in repeats(study) if pose.name in group), ())
-    said |= {"repeats": ", ".join(one_line(name) for name in own if name != pose.name)} if own else {}
+    said |= {"repeats": ", ".join(map(one_line, alike))} if alike else {}
     said |= {} if pose.gravity is None else {"gravity": f"{_text(pose.gravity)} m/s^2 in this pose"}
     said |= {} if pose.time is None else {"measured": f"at {pose.time:.6g} s"}
     said |= {"before": "the cable was taken out and straightened"} if pose.reset else {}
@@ -182,16 +157,16 @@ def _wrench(one: Wrench) -> str:
     return f"{' and '.join(each)} of the {one.end} on the cable, in the axes of the {one.frame}"
 
 
-def scan_in_words(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
-    """Points and box (m) of a scan, and whether it seems to be in another unit."""
+def _scan(study: Study, scan: tuple[int, Annotated[np.ndarray, "3"]]) -> str:
     count, size = scan
     unit = None if study.length is None else looks_like(float(np.max(size)) / study.length)
     box = f"{count} points in a box of {' x '.join(f'{x:.3g}' for x in size)} m"
-    return box if unit is None else f"{box}: it looks like {unit[0]}, and must be in metres (new --units {_UNIT[unit[0]]})"
+    if unit is None:
+        return box
+    return f"{box}: it looks like {unit[0]}, and must be in metres (new --units {'mm' if unit[1] == 1000 else 'cm'})"
 
 
 def _end(end: EndFacts) -> str:
-    """Position and direction of a curve's end at its clamp, in words."""
     gap = f"{mm(end.gap)} from the clamp"
     if end.angle is None or end.angle_sd is None:
         return gap
@@ -217,9 +192,9 @@ def study_warnings(study: Study) -> list[str]:
         if pose.markers is not None and len(far := far_neighbours(study, pose)):
             i = int(far[0])
             apart, along = (np.diff(x[i : i + 2], axis=0) for x in (pose.markers.points, pose.markers.arc_length))
-            far_off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
-            said = f"markers {i + 1} and {i + 2} are {far_off} apart, and only {mm(float(along[0]))}"
-            warnings.append(f"{one_line(pose.name)}: {said} along the cable: correct their s, or their names in the tracking.")
+            off = mm(float(np.linalg.norm(np.nan_to_num(apart))))
+            said = f"markers {i + 1} and {i + 2} are {off} apart, and only {mm(float(along[0]))} along the cable"
+            warnings.append(f"{one_line(pose.name)}: {said}: correct their s, or their names in the tracking.")
     if carried(study):
         level = "every curve lies level, across gravity: something seems to carry the cable"
         warnings.append(f"{level}; if it lies on a table, declare the effect support_plane.")

@@ -5,8 +5,7 @@ sentence for all of them.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -14,32 +13,21 @@ from scan2flex_jax.study.facts import FEWEST_BENT, PoseFacts
 from scan2flex_jax.study.model import Study, StudyPose
 from scan2flex_jax.study.values import one_line
 
-GAP_WARNING = 0.01
-"""Of L: a curve that stops further from its clamp misses the strongest bend."""
-LENGTH_WARNING = 0.02
-"""Of L: tape measures and scanners agree better than this."""
-FREE_WARNING = 0.1
-"""Of L: a curve that stops this far from a free end misses a large part of the cable."""
-ANGLE_WARNING = 5.0
-"""Degrees, beyond two standard deviations: careful mounting stays within about 3."""
-ANGLE_TOLERANCE = 30.0
-"""Degrees: a frame that is further off is described wrongly, and no tolerance of the mounting is its remedy."""
-PLANE_LIMIT = 0.005
-"""Of L, RMS: a curve with a smaller deviation counts as plane, or as straight."""
-STRAIGHT = 10.0
-"""Times the stated noise: a curve that deviates more from a line shows its bend, however small that is."""
-COMMON = 3
-"""Poses from which a fault is reported once for all of them."""
-
-_Kind = Literal["gap", "tangent", "longer", "shorter", "straight"]
+GAP_WARNING = 0.01  # of L: a curve that stops further from its clamp misses the strongest bend
+LENGTH_WARNING = 0.02  # of L: tape measures and scanners agree better than this
+FREE_WARNING = 0.1  # of L: a curve that stops this far from a free end misses a large part of the cable
+ANGLE_WARNING = 5.0  # degrees, beyond two standard deviations: careful mounting stays within about 3
+ANGLE_TOLERANCE = 30.0  # degrees: a frame that is further off is described wrongly, which no tolerance of the mounting remedies
+PLANE_LIMIT = 0.005  # of L, RMS: a curve with a smaller deviation counts as plane, or as straight
+STRAIGHT = 10.0  # times the stated noise: a curve that deviates more from a line shows its bend, however small that is
+COMMON = 3  # poses from which a fault is reported once for all of them
 
 
-@dataclass(frozen=True)
-class _Fault:
+class _Fault(NamedTuple):
     """One fault of one pose; ``size``: the gap or the covered length (m), or the angle (deg); ``end``: of the clamp;
     ``off``: per cent of the cable's length that the curve lacks or exceeds."""
 
-    kind: _Kind
+    kind: Literal["gap", "tangent", "longer", "shorter", "straight"]
     pose: str
     size: float
     end: str = ""
@@ -65,7 +53,6 @@ def mm(metres: float) -> str:
 
 
 def _sentence(faults: list[_Fault], count: int) -> str:
-    """The warning about faults of one kind, of one of ``count`` curves or of several."""
     names = list(dict.fromkeys(one_line(f.pose) for f in faults))
     many, kind = len(names) > 1, faults[0].kind
     who = f"all {count} curves" if len(names) == count else f"{len(names)} of {count} curves ({', '.join(names)})"
@@ -96,7 +83,6 @@ def _span(least: float, most: float, form: str) -> str:
 
 
 def _of_pose(study: Study, pose: StudyPose, facts: PoseFacts) -> Iterator[_Fault]:
-    """The faults of one measured curve."""
     scale = study.length or facts.covered
     for name, end in (("start", facts.start), ("end", facts.end)):
         if end is not None and end.gap > GAP_WARNING * scale:

@@ -1,7 +1,6 @@
 """Measured centre curves: reading from CSV, checks, and arc length.
 
-A CSV has the header `x,y,z` or `s,x,y,z` (m) and one point per line, in order from start to end. The polyline through noisy
-points is longer than the curve, since noise adds to each step. `curve_length` averages neighbours first.
+The polyline through noisy points is longer than the curve, since noise adds to each step: `curve_length` averages neighbours.
 """
 
 from pathlib import Path
@@ -15,18 +14,13 @@ from scan2flex_jax.study.limits import CURVE_POINTS, curve_limit
 from scan2flex_jax.study.model import Markers, MeasuredCurve
 from scan2flex_jax.study.values import Where
 
-BLOCKS = 64
-"""Averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block."""
+BLOCKS = 64  # averaged knots of a curve: a full loop over 64 chords is 0.04 % short, and noise falls with the points per block
 
-FEW_BLOCKS = 8
-"""Averaged knots of a lower bound: the noise of hand-picked points adds nothing to chords of an eighth of the curve."""
-ALONG = 0.8
-"""Of the lower bound of the length: arc lengths that grow by less are in another unit."""
-BEYOND = 5.0
-"""Times that bound: arc lengths that look like per cent and grow by more are."""
+FEW_BLOCKS = 8  # averaged knots of a lower bound: the noise of picked points adds nothing to chords of an eighth of the curve
+ALONG = 0.8  # of the lower bound of the length: arc lengths that grow by less are in another unit
+BEYOND = 5.0  # times that bound: arc lengths that look like per cent and grow by more are
 _MEASURED = ("s,x,y,z", "s,x,y", "s,x,z", "s,y,z", "s,x", "s,y", "s,z")
-MARKED = (*_MEASURED, *(f"{header},d1,d2" for header in _MEASURED))
-"""Headers of markers."""
+MARKED = (*_MEASURED, *(f"{header},d1,d2" for header in _MEASURED))  # headers of markers
 _COLUMNS = {"points": None, "arc_length": "s"}  # of a file, by the field of a record
 _PERCENT = (90.0, 101.0)  # arc lengths of a whole cable, in per cent
 
@@ -65,8 +59,7 @@ def read_guide_points(path: Path, where: Where) -> Annotated[np.ndarray, "k 3"]:
 def arc_length_fault(points: Annotated[np.ndarray, "n 3"], s: Annotated[np.ndarray, " n"]) -> str | None:
     """A sentence if arc lengths contradict the distances of their points, and whether they look like per cent.
 
-    They may exceed the distances of sparse points, but never by a whole unit, and never fall below.
-    """
+    They may exceed the distances of sparse points, but never by a whole unit, and never fall below."""
     grown, along = float(s[-1] - s[0]), curve_length(points, FEW_BLOCKS)
     percent = any(_PERCENT[0] <= unit * s[-1] <= _PERCENT[1] for unit in (1.0, 10.0, 100.0, 1000.0))
     if grown >= ALONG * along and not (percent and grown > BEYOND * along):
@@ -91,11 +84,10 @@ def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[s
             continue
         cells = line.split(",")
         if len(cells) != len(names):
-            said = f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {len(names)}."
-            raise where.at(f"line {i}").fail(said)
+            raise where.at(f"line {i}").fail(f"got {v.counted(len(cells), 'column')} in {v.shown(line)}: write {len(names)}.")
         for cell in cells:
             try:
-                table.append(_number(cell))
+                table.append(float(cell.replace("_", "x").encode("ascii")))  # float takes 1_0, and the digits of every script
             except ValueError:
                 said = f"{v.shown(cell.strip())} is no number: write a number, as in 0.125."
                 raise where.at(f"line {i}").fail(said) from None
@@ -104,25 +96,17 @@ def read_csv(path: Path, headers: tuple[str, ...], where: Where) -> tuple[list[s
     return names, np.array(table).reshape(-1, len(names))
 
 
-def _number(cell: str) -> float:
-    if "_" in cell or not cell.isascii():  # float takes 1_0, and the digits of every script
-        raise ValueError
-    return float(cell)
-
-
 def curve_length(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> float:
     """Length (m) of the curve through noisy points: first point, averages of neighbours in blocks, last point.
 
-    With a few blocks it is a lower bound.
-    """
+    With a few blocks it is a lower bound."""
     return float(np.sum(np.linalg.norm(np.diff(_knots(points, blocks), axis=0), axis=1)))
 
 
 def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end: float = 0.0) -> float:
     """Shortfall (m) of `curve_length`: the chord h of an arc that turns by a is shorter by h (a / (2 sin(a / 2)) - 1).
 
-    ``start`` and ``end``: angles (rad) between the curve's tangents there, if known, and its end chords.
-    """
+    ``start`` and ``end``: angles (rad) between the curve's tangents there, if known, and its end chords."""
     chords = np.diff(_knots(points), axis=0)
     h = np.linalg.norm(chords, axis=1)
     cosine = np.sum(chords[1:] * chords[:-1], axis=1) / np.maximum(h[1:] * h[:-1], np.finfo(float).tiny)
@@ -133,9 +117,8 @@ def chord_deficit(points: Annotated[np.ndarray, "n 3"], start: float = 0.0, end:
 
 def _knots(points: Annotated[np.ndarray, "n 3"], blocks: int = BLOCKS) -> Annotated[np.ndarray, "k 3"]:
     """First point, averages of neighbours if there are many, last point."""
-    knots = points
-    if len(points) > blocks:
-        edges = np.linspace(0, len(points), blocks + 1).astype(int)
-        means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
-        knots = np.concatenate([points[:1], means, points[-1:]])
-    return knots
+    if len(points) <= blocks:
+        return points
+    edges = np.linspace(0, len(points), blocks + 1).astype(int)
+    means = np.add.reduceat(points, edges[:-1], axis=0) / np.diff(edges)[:, None]
+    return np.concatenate([points[:1], means, points[-1:]])

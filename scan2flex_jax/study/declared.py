@@ -13,19 +13,15 @@ from scan2flex_jax.study.kinds import CABLE, INITIAL, KindFormat, ParameterForma
 from scan2flex_jax.study.model import EffectDeclaration, Study, Unknown
 from scan2flex_jax.study.values import Where
 
-_ROUNDING = 1e-9
-"""Of a bound: tolerance for a start beyond it. An estimate at its bound changes by rounding through a logarithm."""
+_ROUNDING = 1e-9  # of a bound: tolerance for a start beyond it, since an estimate at its bound is rounded through a logarithm
 
 
 def longest_cable(study: Study) -> float | None:
     """Largest possible length (m) of the cable: L, or the high end of its range with three sigma; None if unknown."""
     unknown = next((u for u in study.unknowns if u.name == "length"), None)
-    length = study.cable.get("length")
-    longest = length if unknown is None else unknown.high
-    if longest is None:
-        return None
-    slack = 3 * study.tolerance.length if unknown is None else 0.0
-    return float(np.max(longest)) + slack
+    if unknown is not None:
+        return None if unknown.high is None else float(np.max(unknown.high))
+    return float(np.max(study.cable["length"])) + 3 * study.tolerance.length if "length" in study.cable else None
 
 
 def check_declared(study: Study, where: Where) -> None:
@@ -73,16 +69,15 @@ def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, whe
         raise where.at("poses").fail(said)
     if sum(other.kind == effect.kind for other in study.effects) > 1:
         raise where.fail(f"two effects are of kind {form.kind}: leave one of them out.")
-    last = -np.inf, ""
+    latest, last = -np.inf, ""
     for pose in study.poses if form.memory == "time" else ():
         if pose.time is None:
             said = f"{form.kind} needs the time of every pose, and pose {v.shown(pose.name)} has none: give its time (s)."
             raise where.fail(said)
-        if pose.time < last[0]:
-            before = f"before that of pose {v.shown(last[1])}, {last[0]:g} s"
-            said = f"pose {v.shown(pose.name)} has the time {pose.time:g} s, {before}"
+        if pose.time < latest:
+            said = f"pose {v.shown(pose.name)} has the time {pose.time:g} s, before that of pose {v.shown(last)}, {latest:g} s"
             raise where.fail(f"{said}: list the poses in the order in which they were measured.")
-        last = pose.time, pose.name
+        latest, last = pose.time, pose.name
     first, unknown = next(iter(study.poses), None), f"{effect.kind}.{INITIAL}" in study.unknown_names
     if first is not None and first.reset and (unknown or np.any(effect.parameters.get(INITIAL, 0.0))):
         said = f"the cable was straightened before its first pose, {v.shown(first.name)}, and has no set"
@@ -92,24 +87,23 @@ def _check_memory(effect: EffectDeclaration, form: KindFormat, study: Study, whe
 def unknown_formats(study: Study) -> dict[str, ParameterFormat]:
     """Every name that may be an unknown of this study, with its format."""
     formats: dict[str, ParameterFormat] = {name: form for name, form in CABLE.items() if form.estimable}
-    count = Counter(effect.kind for effect in study.effects)
-    for kind, number in count.items():
+    for kind, number in Counter(effect.kind for effect in study.effects).items():
         several = [f"{kind}[{n + 1}]" for n in range(number)] if number > 1 else []
-        for parameter in kind_format(kind).parameters:
-            if parameter.estimable:
-                formats |= {f"{effect}.{parameter.name}": parameter for effect in (kind, *several)}
+        for parameter in (p for p in kind_format(kind).parameters if p.estimable):
+            formats |= {f"{effect}.{parameter.name}": parameter for effect in (kind, *several)}
     return formats
 
 
 def check_name(name: str, study: Study, where: Where) -> None:
     """Refuse a name that the study does not contain."""
     kind, formats = split_name(name)[0], unknown_formats(study)
-    if name not in formats:
-        if name in CABLE:
-            raise where.fail(f"centre curves do not show the {name}: give it in [cable].")
-        absent = kind in kind_names() and all(effect.kind != kind for effect in study.effects)
-        needed = f"; an effect of kind {kind} must be declared first" if "." in name and absent else ""
-        raise where.fail(f"nothing is called {v.shown(name)}{needed}: {v.suggestion(name, formats)}")
+    if name in formats:
+        return
+    if name in CABLE:
+        raise where.fail(f"centre curves do not show the {name}: give it in [cable].")
+    absent = kind in kind_names() and all(effect.kind != kind for effect in study.effects)
+    needed = f"; an effect of kind {kind} must be declared first" if absent else ""
+    raise where.fail(f"nothing is called {v.shown(name)}{needed}: {v.suggestion(name, formats)}")
 
 
 def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: Where) -> None:
@@ -136,7 +130,7 @@ def _check_values(unknown: Unknown, study: Study, form: ParameterFormat, where: 
     elif unknown.guess is None:
         key = f"effect[{study.effects_of(name)[0] + 1}].{split_name(name)[2]}" if "." in name else f"cable.{name}"
         place = replace(where, key=key)
-    for bound, sign, side in ((unknown.low, 1, "low"), (unknown.high, -1, "high")):
+    for bound, sign, side in ((low, 1, "low"), (high, -1, "high")):
         if start is not None and bound is not None and np.any(sign * (np.asarray(start) - bound) < -_ROUNDING * np.abs(bound)):
             said = f"got {v.shown(v.plain(start))}, outside the range whose {side} end is {v.shown(v.plain(bound))}"
             raise place.fail(f"{said}: start inside it, or widen it.")

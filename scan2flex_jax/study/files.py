@@ -1,9 +1,8 @@
 """Files of a study: bounded reading inside the folder only, and atomic writing.
 
-Reading refuses special files, files above the size limit, and every path that leads out of the study's folder.
-Writing goes to a new file in the same directory, is flushed to the disk, and replaces the old file in one step; the old
-content is kept in a backup. Devices, pipes and the program's own streams are written to directly.
-`outputs` decides which files may be written.
+Reading refuses special files, files above the size limit, and every path that leads out of the study's folder. Writing goes to
+a new file in the same directory, is flushed to the disk, and replaces the old file in one step; devices, pipes and the
+program's own streams are written to directly. `outputs` decides which files may be written.
 """
 
 import contextlib
@@ -23,24 +22,18 @@ from scan2flex_jax.study.limits import Limit
 from scan2flex_jax.study.values import Where, one_line, shown
 
 STUDY_FILE = "study.toml"
-TOML_LIMIT = 10_000_000
-"""Bytes of a study.toml; a thousand poses take well below one million."""
-CSV_LIMIT = 200_000_000
-"""Bytes of a CSV; a curve of a million points takes about 50 million."""
-STANDARD_OUTPUT = Path("-")
-"""The path that stands for standard output."""
-PATIENCE = 10.0
-"""Seconds to wait for the reader of a pipe."""
-UTF_16 = (b"\xff\xfe", b"\xfe\xff")
-"""Marks at the beginning of a text in UTF-16."""
+TOML_LIMIT = 10_000_000  # bytes of a study.toml; a thousand poses take well below one million
+CSV_LIMIT = 200_000_000  # bytes of a CSV; a curve of a million points takes about 50 million
+STANDARD_OUTPUT = Path("-")  # the path that stands for standard output
+PATIENCE = 10.0  # seconds to wait for the reader of a pipe
+UTF_16 = (b"\xff\xfe", b"\xfe\xff")  # marks at the beginning of a text in UTF-16
 _BREAKS = (b"\n", b"\r", b"\v", b"\f", b"\x1c", b"\x1d", b"\x1e", "\x85".encode(), "\u2028".encode(), "\u2029".encode())
 
 
 def read_text(path: Path, limit: int, where: Where, missing: str, rows: Limit | None = None, foreign: bool = False) -> str:
     """The text of a UTF-8 file of at most `limit` bytes; `missing` is the advice for a missing file.
 
-    For a table, `rows` limits the number of lines. A `foreign` file may be in UTF-16 or Latin-1.
-    """
+    For a table, `rows` limits the number of lines. A `foreign` file may be in UTF-16 or Latin-1."""
     advice = "give a smaller one." if rows is None else rows.advice
     try:
         if not path.exists():
@@ -130,8 +123,7 @@ def _write_new(path: Path, data: bytes | Path) -> None:
 def write_atomic(path: Path, data: bytes | Path) -> None:
     """Make `path` contain `data`, or a copy of the file `data`, in one step: a reader sees the old content or the new one.
 
-    Special files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`.
-    """
+    Special files (a device, a pipe) are written to directly; raises `OSError`, `ValueError` or `RuntimeError`."""
     if is_stream(path):
         _write_through(path, data.read_bytes() if isinstance(data, Path) else data)
         return

@@ -1,12 +1,9 @@
-"""Every key and quantity of a study, declared once: name, unit, shape and domain.
+"""Every key and quantity of a study, declared once: name, unit, shape and domain. SI units; `s` is arc length from 0 to L.
 
 `keys.json` lists the keys of every table of `study.toml`: how a value is checked, and its row in docs/study.md. The reader, the
-records in memory, the writer and the page come from it. The table of effect types lists the effects that an `[[effect]]` may
-declare. An effect acts on the clamps, on the energy of the rod, or on the observation of the shape.
-
-The package's effect classes define their own formats (`effects.format`). They are read here from `TABLE`, which is generated
-from the classes, so that a study is read without JAX. A user's effect is added by `register_kind(KindFormat(...))`.
-SI units; `s` is arc length from 0 to L.
+records in memory, the writer and the page come from it. `TABLE` lists the effect types that an `[[effect]]` may declare. It is
+generated from the package's effect classes (`effects.format`), so that a study is read without JAX; a user's effect is added
+by `register_kind(KindFormat(...))`.
 """
 
 import json
@@ -27,13 +24,10 @@ Domain = Literal["any", "positive", "nonnegative", "fraction", "along_cable", "u
 Memory = Literal["none", "order", "time"]
 Schema = dict[str, Any]
 ENDS = ("start", "end")
-INITIAL = "initial_set"
-"""Parameter of effects with memory: the state before the first pose."""
-UNIT_TOLERANCE = 1e-3
-"""Quaternions and normals this close to length one are normalised: the rounding of four written digits."""
+INITIAL = "initial_set"  # parameter of effects with memory: the state before the first pose
+UNIT_TOLERANCE = 1e-3  # quaternions and normals this close to length one are normalised: the rounding of four written digits
 MOST_TURNS = 1000
-FEWEST_PLACES = 2
-"""Of a field along the cable: with fewer it would not vary, and is an effect type of its own."""
+FEWEST_PLACES = 2  # of a field along the cable: with fewer it would not vary, and is an effect type of its own
 DOMAINS: dict[str, tuple[Schema, str]] = {
     "positive": ({"exclusiveMinimum": 0}, "a value above zero"),
     "nonnegative": ({"minimum": 0}, "zero or a value above it"),
@@ -57,13 +51,8 @@ def _components(value: Any, where: Where) -> Any:
     return found
 
 
-def _as_is(value: Any, _: Where) -> Any:
-    """Files, tables and names of poses are checked by the modules that know them."""
-    return value
-
-
 _ROW: Schema = {"type": "array", "minItems": 3, "maxItems": 3, "items": {"type": "number"}}
-TYPES: dict[str, tuple[Callable[[Any, Where], Any], Schema]] = {
+TYPES: dict[str, tuple[Callable[[Any, Where], Any] | None, Schema]] = {
     "text": (v.text, {"type": "string"}),
     "name": (_name, {"type": "string", "minLength": 1}),
     "flag": (v.boolean, {"type": "boolean"}),
@@ -72,24 +61,23 @@ TYPES: dict[str, tuple[Callable[[Any, Where], Any], Schema]] = {
     "numbers": (lambda value, where: v.array(value, None, where), {}),
     "points": (lambda value, where: v.points(value, 1, where), {"type": "array", "minItems": 1, "items": _ROW}),
     "components": (_components, _ROW),
-    "names": (_as_is, {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}}),
-    "file": (_as_is, {"type": "string", "minLength": 1}), "table": (_as_is, {}), "tables": (_as_is, {}),
+    "names": (None, {"type": "array", "minItems": 1, "uniqueItems": True, "items": {"type": "string"}}),
+    "file": (None, {"type": "string", "minLength": 1}), "table": (None, {}), "tables": (None, {}),
 }  # fmt: skip
-"""Check and JSON schema of keys that are no quantities."""
+"""Check and JSON schema of keys that are no quantities; None: the modules that know them check them."""
 
 
 @dataclass(frozen=True)
 class ParameterFormat:
     """One quantity: `unit` as text ("-" for none), `shape` of one value, `domain` of its entries.
 
-    `pair`: two entries, about d1 and d2, may replace a scalar. `per_end`: one value of `shape` for each clamped end, in the
-    order start, end. `per_point`: one value of `shape` for each point of a field, along the cable or over a strain.
-    `estimable`: it may be listed under `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation
-    of its logarithm at the last point; from point to point that logarithm is a random walk. 0: no prior of its own.
-    `smooth`: for a field along the cable that is zero in its middle, the size of its prior as a smooth random field.
-    `optional`: a study may leave it out, and it is then zero. A key of `study.toml` has another `type` or a list of `choices`
-    where it is no quantity, the `default` where it is left out, an `example`, and its meaning in `words`.
-    """
+    `pair`: two entries, about d1 and d2, may replace a scalar. `per_end`: one value for each clamped end, in the order start,
+    end. `per_point`: one value for each point of a field, along the cable or over a strain. `estimable`: it may be listed under
+    `[unknown]`. `walk`: for a positive field that begins at 1, the prior standard deviation at the last point of its logarithm,
+    a random walk from point to point; 0: no prior of its own. `smooth`: for a field along the cable that is zero in its middle,
+    the size of its prior as a smooth random field. `optional`: a study may leave it out, and it is then zero. A key of
+    `study.toml` has another `type` or `choices` where it is no quantity, the `default` where it is left out, an `example`, and
+    its meaning in `words`."""
 
     name: str
     unit: str
@@ -120,10 +108,8 @@ class ParameterFormat:
 
     def shapes(self, ends: int = 2, points: int = 0) -> tuple[tuple[int, ...], ...]:
         """The admissible shapes of a whole value, with `ends` clamps or `points` of a field; the plainest first."""
-        if self.per_point:
-            return ((points, *self.shape),)
-        if self.per_end:
-            counts = (2,) if ends >= 2 else (1, 2)
+        if self.per_point or self.per_end:
+            counts = (points,) if self.per_point else (2,) if ends >= 2 else (1, 2)
             return tuple((count, *self.shape) for count in counts)
         return (self.shape, (2,)) if self.pair else (self.shape,)
 
@@ -134,17 +120,16 @@ class ParameterFormat:
     def take(self, value: Any, where: Where, ends: int = 2, longest: float | None = None, points: int = 0) -> Any:
         """The checked value in a study with `ends` clamps, or of a field on `points`; unit vectors are normalised.
 
-        `longest` (m) is the largest place on the cable, None if unknown.
-        """
+        `longest` (m) is the largest place on the cable, None if unknown."""
         if self.choices:
             return v.one_of(value, self.choices, where)
         if self.type != "quantity":
-            return TYPES[self.type][0](value, where)
+            check = TYPES[self.type][0]
+            return value if check is None else check(value, where)
         checked = v.array(value, self.shapes(ends, points), where)
         if self.domain != "unit":
             return self.check(checked, where, longest)
-        size = float(np.linalg.norm(checked))
-        if abs(size - 1) > UNIT_TOLERANCE:
+        if abs((size := float(np.linalg.norm(checked))) - 1) > UNIT_TOLERANCE:
             order = " [w, x, y, z]" if self.name == "quaternion" else ""
             raise where.fail(f"got {v.shown(v.plain(checked))} of length {size:.6g}: give a unit {self.name}{order}.")
         # a unit vector keeps its digits, so that saving and loading changes nothing
@@ -153,13 +138,12 @@ class ParameterFormat:
     def check(self, value: Any, where: Where, longest: float | None = None) -> Any:
         """`value`, whose entries must lie in the domain."""
         bounds, words = DOMAINS.get(self.domain, ({}, ""))
-        lowest, highest = float(np.min(value)), float(np.max(value))
-        for entry in (lowest, highest):
+        for entry in (float(np.min(value)), float(np.max(value))):
             within = bounds.get("minimum", -np.inf) <= entry <= bounds.get("maximum", np.inf)
             if not within or entry <= bounds.get("exclusiveMinimum", -np.inf):
                 raise where.fail(f"got {entry:g}: give {words}.")
-        if self.domain == "along_cable" and longest is not None and highest > longest:
-            raise where.fail(f"got {highest:g} m: give a place on the cable, from 0 to {longest:g} m.")
+            if self.domain == "along_cable" and longest is not None and entry > longest:
+                raise where.fail(f"got {entry:g} m: give a place on the cable, from 0 to {longest:g} m.")
         return value
 
     def schema(self, shapes: Iterable[tuple[int, ...]] | None = None) -> Schema:
@@ -182,8 +166,7 @@ class ParameterFormat:
 class KindFormat:
     """One effect type: where it acts, its parameters, and its description `words`.
 
-    `memory`: whether poses depend on those before them, by their "order" alone or by the "time" of each.
-    """
+    `memory`: whether poses depend on those before them, by their "order" alone or by the "time" of each."""
 
     kind: str
     place: Place
@@ -193,10 +176,9 @@ class KindFormat:
 
     def parameter(self, name: str) -> ParameterFormat:
         """The parameter of this name."""
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise Scan2FlexError(f"The effect {self.kind} has no parameter {name!r}: it has {', '.join(self.names)}.")
+        if name not in self.names:
+            raise Scan2FlexError(f"The effect {self.kind} has no parameter {name!r}: it has {', '.join(self.names)}.")
+        return self.parameters[self.names.index(name)]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -238,6 +220,7 @@ TOLERANCE = KEYS["tolerance"]
 AXES, FRAMES = KEYS["angle"]["of"].choices, KEYS["wrench"]["frame"].choices
 
 _KINDS: dict[str, KindFormat] = {}
+TABLE = Path(__file__).parent / "kinds.json"  # effects of the package; `python -m scan2flex_jax.effects` writes it
 
 
 def register_kind(kind: KindFormat) -> KindFormat:
@@ -273,15 +256,5 @@ def kind_names() -> tuple[str, ...]:
     return tuple(_KINDS)
 
 
-TABLE = Path(__file__).parent / "kinds.json"  # effects of the package; `python -m scan2flex_jax.effects` writes it
-
-
 for _kind, _said in json.loads(TABLE.read_text("utf-8")).items():
-    _parameters = _formats(_said["parameters"])
-    register_kind(KindFormat(_kind, _said["place"], _parameters, _said["words"], _said.get("memory", "none")))
-
-DESCRIPTIVE_KINDS = tuple(
-    k for k, form in _KINDS.items()
-    if form.grid is not None and form.grid.domain == "along_cable" and not any(p.smooth for p in form.parameters)
-)  # fmt: skip
-"""Fields along the cable: possible answers when no other effect type explains the shapes. They can be declared like any."""
+    register_kind(KindFormat(_kind, **_said | {"parameters": _formats(_said["parameters"])}))

@@ -1,7 +1,6 @@
-"""Size limits of measured files: number of points, and the bytes they can fill.
+"""Limits of measured files, in points and in bytes: a file beyond them is never read completely, and cannot fill the memory.
 
-The limits keep a broken or hostile file from filling the memory; a refused file is never read completely. For more points,
-set ``SCAN2FLEX_MAX_POINTS``, which applies to scans and to curves.
+For more points, set ``SCAN2FLEX_MAX_POINTS``, which applies to scans and to curves.
 """
 
 import os
@@ -12,8 +11,7 @@ from scan2flex_jax.errors import Scan2FlexError, StudyError
 
 VARIABLE = "SCAN2FLEX_MAX_POINTS"
 SCAN_POINTS, CURVE_POINTS = 5_000_000, 1_000_000
-BYTES_OF_A_POINT = 100
-"""A line of text with position, normal and colour; binary formats take a quarter of it."""
+BYTES_OF_A_POINT = 100  # a line of text with position, normal and colour; binary formats take a quarter of it
 _HEADER = 1_000_000
 
 

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from scan2flex_jax.study.model import Study, StudyPose
-from scan2flex_jax.study.parts import Markers
+from scan2flex_jax.study.kinds import ENDS
+from scan2flex_jax.study.model import Markers, Study, StudyPose
 from scan2flex_jax.study.rotations import product, rolled, twist_along
 from scan2flex_jax.study.sense import knows_a_force, moved
 from scan2flex_jax.study.values import one_line
@@ -39,8 +39,9 @@ _MAPS = (  # measured shapes in other axes, and their x, y and z as they should 
     ("are mirrored: their y and z axes are exchanged", "x, z, y"),
 )
 _WEIGHTS = (("g/m", 1e3), ("lb/m", 1 / 0.45359237), ("t/m", 1e-3))  # units of weight, and how many of them make a kg/m
-_ROLLS = (180, 90, -90)  # degrees
+_ROLLS = {degrees: rolled(np.array([1.0, 0.0, 0.0, 0.0]), np.radians(degrees)) for degrees in (180, 90, -90)}
 _FLIPPED = 0.2  # of a reading: it is nearer to its expected value with the other sign than this
+_CHORDS = 4  # that the exchange of two markers changes
 _APART, _NOISY = 1.3, 0.01  # neighbouring markers are no farther apart than this many times their arc length, and so much of s
 
 
@@ -51,8 +52,7 @@ class Mistake:
     ``axis``: the axis of every clamp's frame along which the cable leaves it, if that is the mistake ("x", "-y"; else "").
     ``before`` and ``after``: RMS distance (m) of the fitted poses, as given and corrected; None without a refit.
     ``reading``: whether it concerns single readings of markers, which no physics moves; ``place``: name of the pose and number
-    of the marker that is left out.
-    """
+    of the marker that is left out."""
 
     sentence: str
     mend: str
@@ -84,13 +84,11 @@ def of_frames(study: Study) -> Iterator[Mistake]:
     for about, turn in _ABOUT:
         for end in ("end", "start"):
             said = f"d3 of every {end} clamp points against the cable (about {about})"
-            mend = f"multiply the {end} quaternions from the right by {written(turn)}"
-            yield from _changed(study, said, mend, _each_clamp(functools.partial(product, q=np.array(turn)), (end,)))
+            yield from _changed(study, said, f"multiply the {end} quaternions {_by(turn)}", _turned(turn, (end,)))
     for words, turn, axis in _AXES:
         said = f"the cable leaves every clamp along {words} not along d3"
-        mend = f"multiply the quaternions from the right by {written(turn)}"
-        mend = f"{mend}, or make the study anew with --tangent {axis} in place of z"
-        yield from _changed(study, said, mend, _each_clamp(functools.partial(product, q=np.array(turn))), axis=axis)
+        mend = f"multiply the quaternions {_by(turn)}, or make the study anew with --tangent {axis} in place of z"
+        yield from _changed(study, said, mend, _turned(turn), axis=axis)
     said, mend = "the quaternions of the clamps are conjugated (scan frame to clamp)", "change the signs of their x, y and z"
     yield from _changed(study, said, mend, _each_clamp(lambda q: q * np.array([1.0, -1.0, -1.0, -1.0])))
     said, mend = "the quaternions of the clamps have their scalar last", "write them as [w, x, y, z]"
@@ -106,32 +104,30 @@ def of_axes(study: Study) -> Iterator[Mistake]:
 
 def of_markers(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     """Two markers of a pose that are exchanged: neighbours are then farther apart than their arc lengths allow."""
-    far, marks = far_neighbours(study, pose), pose.markers
-    if marks is None or not len(far):
+    far, marks, found = far_neighbours(study, pose), pose.markers, list[tuple[float, int, int]]()
+    if marks is None or len(far) > _CHORDS:
         return
-    best: tuple[float, int, int] | None = None
-    for i in sorted({*far, *(far + 1)}):
-        for j in range(len(marks.points)):
-            other = _with_exchanged(pose, i, j)
-            around = float(np.sum(_chords(other)))
-            if not len(far_neighbours(study, other)) and (best is None or around < best[0]):
-                best = around, int(min(i, j)), int(max(i, j))
-    if best is not None:
-        yield exchanged_markers(study, pose, *best[1:])
+    for i, j in {(int(min(i, j)), int(max(i, j))) for i in {*far, *(far + 1)} for j in range(len(marks.points))}:
+        other = _with_exchanged(pose, i, j)
+        if other is not None and not len(far_neighbours(study, other)):
+            found.append((float(np.sum(_chords(other))), i, j))
+    if found and (nearest := exchanged_markers(study, pose, *min(found)[1:])):
+        yield nearest
 
 
-def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake:
-    """Markers ``i`` and ``j`` of a pose are exchanged."""
+def exchanged_markers(study: Study, pose: StudyPose, i: int, j: int) -> Mistake | None:
+    """Markers ``i`` and ``j`` of a pose are exchanged; None if that would bring equal points together."""
+    if (other := _with_exchanged(pose, i, j)) is None:
+        return None
     at = " and ".join(f"{_markers(pose).arc_length[k]:.4g} m" for k in (i, j))
     said = f"markers {i + 1} and {j + 1} of pose {one_line(pose.name)} are exchanged (s = {at})"
-    mended = with_poses(study, _with_exchanged(pose, i, j))
-    return Mistake(said, "exchange their coordinates", mended, reading=True)
+    return Mistake(said, "exchange their coordinates", _with_poses(study, other), reading=True)
 
 
 def exchanged_tables(study: Study, a: StudyPose, b: StudyPose) -> Mistake:
     """The markers of two poses are exchanged."""
     said = f"the markers of poses {one_line(a.name)} and {one_line(b.name)} are exchanged"
-    mended = with_poses(study, replace(a, markers=b.markers), replace(b, markers=a.markers))
+    mended = _with_poses(study, replace(a, markers=b.markers), replace(b, markers=a.markers))
     return Mistake(said, "exchange their tables", mended, reading=True)
 
 
@@ -149,7 +145,7 @@ def without_marker(study: Study, pose: StudyPose, k: int) -> Mistake | None:
         other, mend = replace(pose, role="validate"), 'read it again, or give its pose role = "validate"'
     else:
         return None
-    return Mistake(said, mend, with_poses(study, other), reading=True, place=(pose.name, k))
+    return Mistake(said, mend, _with_poses(study, other), reading=True, place=(pose.name, k))
 
 
 def of_reading(mistake: Mistake, pose: StudyPose, k: int, off: Annotated[np.ndarray, "3"]) -> Mistake:
@@ -165,11 +161,10 @@ def of_reading(mistake: Mistake, pose: StudyPose, k: int, off: Annotated[np.ndar
 
 
 def _with_exchanged(pose, i, j):
-    """The pose with the points of two markers exchanged."""
-    marks = _markers(pose)
-    order = np.arange(len(marks.points))
-    order[[i, j]] = order[[j, i]]
-    return replace(pose, markers=replace(marks, points=marks.points[order]))
+    points = pose.markers.points.copy()
+    points[[i, j]] = points[[j, i]]
+    together = np.any(np.all(points[1:] == points[:-1], axis=1))
+    return None if together else replace(pose, markers=replace(pose.markers, points=points))
 
 
 def _markers(pose: StudyPose) -> Markers:
@@ -205,10 +200,10 @@ def _mapped(pose, axes):
 
 def of_rolls(study: Study) -> Iterator[Mistake]:
     """Mistakes of the roll of all end clamps about d3: a constant offset, or the sign."""
-    for degrees in _ROLLS:
-        by = "half a turn" if abs(degrees) == 180 else f"{-degrees} degrees"
-        mend = f"multiply the end quaternions from the right by {_roll(degrees)}"
-        yield from _changed(study, f"the end clamp of every pose is rolled by {by} about d3", mend, _rolled_by(degrees))
+    for degrees, turn in _ROLLS.items():
+        by = "half a turn" if degrees == 180 else f"{-degrees} degrees"
+        said = f"the end clamp of every pose is rolled by {by} about d3"
+        yield from _changed(study, said, f"multiply the end quaternions {_by(turn)}", _rolled_by(degrees))
     mend = "turn the roll of the end clamps about d3 the other way"
     yield from _changed(study, "the twist of every pose has the wrong sign", mend, _untwisted)
     first = next((pose.end for pose in study.poses if _twisted(pose)), None)
@@ -245,7 +240,7 @@ def of_pose(study: Study, pose: StudyPose) -> Iterator[Mistake]:
     """Mistakes of one pose alone."""
     who = f"pose {one_line(pose.name)}"
     for turns in (pose.turns + 1, pose.turns - 1) if _twisted(pose) else ():
-        mended = with_poses(study, replace(pose, turns=turns))
+        mended = _with_poses(study, replace(pose, turns=turns))
         yield Mistake(f"the turns of {who} are off by one", f"write turns = {turns}", mended)
     if pose.curve is not None:
         yield of_reversed(study, pose)
@@ -253,38 +248,37 @@ def of_pose(study: Study, pose: StudyPose) -> Iterator[Mistake]:
         (f"start and end of {who} are exchanged", "exchange its clamps", exchanged_ends),
         (f"the twist of {who} has the wrong sign", "turn the roll of its end clamp the other way", _untwisted),
     ]
-    for degrees in _ROLLS:
+    for degrees, turn in _ROLLS.items():
         said = f"the end clamp of {who} is rolled by {abs(degrees)} degrees about d3"
-        changes.append((said, f"multiply its end quaternion from the right by {_roll(degrees)}", _rolled_by(degrees)))
+        changes.append((said, f"multiply its end quaternion {_by(turn)}", _rolled_by(degrees)))
     for said, mend, change in changes:
         if (other := change(pose)) is not pose:
-            yield Mistake(said, mend, with_poses(study, other))
+            yield Mistake(said, mend, _with_poses(study, other))
 
 
 def of_reversed(study: Study, pose: StudyPose) -> Mistake:
     """The curve of one pose runs from end to start."""
     said = f"the curve of pose {one_line(pose.name)} runs from end to start"
-    return Mistake(said, "reverse the order of its points", with_poses(study, reversed_curve(pose)))
+    return Mistake(said, "reverse the order of its points", _with_poses(study, reversed_curve(pose)))
 
 
 def of_pairs(study: Study) -> Iterator[Mistake]:
     """Exchanged curves of two poses, at least one of them a pose of the fit."""
     for a, b in combinations([pose for pose in study.poses if pose.curve is not None], 2):
         if "fit" in (a.role, b.role):
-            mended = with_poses(study, replace(a, curve=b.curve), replace(b, curve=a.curve))
+            mended = _with_poses(study, replace(a, curve=b.curve), replace(b, curve=a.curve))
             said = f"the curves of poses {one_line(a.name)} and {one_line(b.name)} are exchanged"
             yield Mistake(said, "exchange their centre_curve", mended)
 
 
 def without(study: Study, pose: StudyPose) -> Mistake:
     """Exclude a single misfitting pose from the fit."""
-    name = one_line(pose.name)
-    said = f"pose {name} does not fit, and the others fit without it"
+    said = f"pose {one_line(pose.name)} does not fit, and the others fit without it"
     mend = 'look at its clamps, turns and curve, or give it role = "validate"'
-    return Mistake(said, mend, with_poses(study, replace(pose, role="validate")))
+    return Mistake(said, mend, _with_poses(study, replace(pose, role="validate")))
 
 
-def with_poses(study: Study, *poses: StudyPose) -> Study:
+def _with_poses(study: Study, *poses: StudyPose) -> Study:
     """The study with poses replaced by name."""
     new = {pose.name: pose for pose in poses}
     return replace(study, poses=tuple(new.get(pose.name, pose) for pose in study.poses))
@@ -316,7 +310,7 @@ def exchanged_ends(pose: StudyPose) -> StudyPose:
     return pose if pose.start is None or pose.end is None else replace(pose, start=pose.end, end=pose.start)
 
 
-def _each_clamp(change, ends=("start", "end")):
+def _each_clamp(change, ends=ENDS):
     """A change of poses that changes the quaternions of these ends."""
 
     def one(pose):
@@ -327,17 +321,20 @@ def _each_clamp(change, ends=("start", "end")):
     return one
 
 
+def _turned(turn, ends=ENDS):
+    return _each_clamp(lambda q: product(q, np.array(turn)), ends)
+
+
+def _by(turn) -> str:
+    return f"from the right by {written(turn)}"
+
+
 def _twisted(pose) -> bool:
     """Whether both ends are clamps, so that the twist of the cable is prescribed."""
     return all(clamp is not None and clamp.quaternion is not None for clamp in (pose.start, pose.end))
 
 
-def _roll(degrees) -> str:
-    return written(rolled(np.array([1.0, 0.0, 0.0, 0.0]), np.radians(degrees)))
-
-
 def _rolled_by(degrees):
-    """A change of poses that rolls their end clamp."""
     return functools.partial(_rolled_end, angle=np.radians(degrees))
 
 

@@ -1,11 +1,8 @@
 """A study in memory: one cable, measured in several poses.
 
-Frozen dataclasses with read-only float64 arrays; `dataclasses.replace` makes changed copies. SI units (m, kg, N, rad),
-quaternions `[w, x, y, z]` turn material vectors into the scan frame, `d3 = R e3` is the tangent of the centre curve. Two
-studies are equal if their contents are, independent of their folders.
-
-Each part is checked on its own at construction (`parts`); `sense.check_study` checks the parts against each other, and is
-called first by every user of a study.
+SI units (m, kg, N, rad); quaternions `[w, x, y, z]` turn material vectors into the scan frame, `d3 = R e3` is the tangent of
+the centre curve. Each part is checked on its own at construction (`parts`); `sense.check_study` checks the parts against each
+other, and is called first by every user of a study. Two studies are equal if their contents are, independent of their folders.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,12 +37,8 @@ __all__ = [
 ]  # fmt: skip
 
 GRAVITY = (0.0, 0.0, -9.81)
-RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}
-"""Stiffnesses that a study may omit, and the resulting property of the cable."""
-
-
-AT_END = 1e-6
-"""Of the length: a place as near to it is the end of the cable, up to the digits written."""
+RIGID = {"axial_stiffness": "inextensible", "shear_stiffness": "unshearable"}  # if left out, the cable is
+AT_END = 1e-6  # of the length: a place as near to it is the end of the cable, up to the digits written
 
 
 @record
@@ -53,8 +46,7 @@ class Study(Record):
     """One cable in several poses. `cable` has only the given keys, in the units of `kinds.CABLE`.
 
     What is stated at the end of the cable (the last marker, the place of an effect) stays there: a copy with another length
-    moves it. `stated_length` (m) is the length for which places were stated.
-    """
+    moves it. `stated_length` (m) is the length for which places were stated."""
 
     title: str
     gravity: Annotated[np.ndarray, "3"]
@@ -72,7 +64,6 @@ class Study(Record):
     }  # fmt: skip
 
     def _check(self, where: Where) -> None:
-        """The cable has its quantities; `check_study` checks all parts together."""
         table = v.table(self.cable, CABLE, here := where.at("cable"), '{"length": 0.9}')
         cable = {key: form.take(table[key], here.at(key)) for key, form in CABLE.items() if key in table}
         if (stretch := cable.get("natural_stretch", np.zeros(3))[2]) <= -1:
@@ -147,10 +138,9 @@ class Study(Record):
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions for omitted stiffnesses, in words."""
-        if not (names := self.assumed_rigid):
-            return ()
+        names = self.assumed_rigid
         words = " and ".join(RIGID[name] for name in names)
-        return (f"{' and '.join(names)} left out: the cable is assumed {words}",)
+        return (f"{' and '.join(names)} left out: the cable is assumed {words}",) if names else ()
 
     @property
     def fit_poses(self) -> tuple[StudyPose, ...]:
@@ -174,12 +164,11 @@ class Study(Record):
     @property
     def clamped_ends(self) -> tuple[str, ...]:
         """Which of "start", "end" have a clamp (no ball joint, no free end) in at least one pose."""
-        held = {end: [getattr(pose, end) for pose in self.poses] for end in ENDS}
-        return tuple(end for end in ENDS if any(c is not None and c.quaternion is not None for c in held[end]))
+        return tuple(end for end in ENDS if any(getattr(getattr(p, end), "quaternion", None) is not None for p in self.poses))
 
     def places_of(self, name: str) -> int:
         """Number of points of the field "kind.parameter"; 0 for other parameters."""
-        kind, _, _ = split_name(name)
+        kind = split_name(name)[0]
         grid = kind_format(kind).grid if kind else None
         places = None if grid is None else self.given(f"{kind}.{grid.name}")
         return 0 if places is None else int(np.size(places))
@@ -188,8 +177,7 @@ class Study(Record):
         """Places among ``effects`` of those that the unknown "kind.parameter" or "kind[number].parameter" belongs to.
 
         Without a number these are the effects of the kind that leave the parameter out and have no number under `[unknown]`;
-        all of the kind, if none leaves it out. They share one value.
-        """
+        all of the kind, if none leaves it out. They share one value."""
         kind, number, parameter = split_name(name)
         own = [i for i, effect in enumerate(self.effects) if effect.kind == kind]
         if number is not None:
@@ -218,10 +206,10 @@ class Study(Record):
 
     def pose(self, name: str) -> StudyPose:
         """The pose of this name."""
-        for pose in self.poses:
-            if pose.name == name:
-                return pose
-        raise Scan2FlexError(f"No pose is called {name!r}: the poses are {', '.join(p.name for p in self.poses)}.")
+        poses = {pose.name: pose for pose in self.poses}
+        if name not in poses:
+            raise Scan2FlexError(f"No pose is called {name!r}: the poses are {', '.join(poses)}.")
+        return poses[name]
 
     def known(self, key: str) -> Value | None:
         """The value of a key of `[cable]` that is not estimated; None if it is, or was not given."""
@@ -235,9 +223,8 @@ class Study(Record):
 
     def start_value(self, name: str) -> Value | None:
         """Start of an unknown: its guess, else the value given, else the mean of its prior, else None."""
-        unknown = next((unknown for unknown in self.unknowns if unknown.name == name), None)
-        values = [None if unknown is None else unknown.guess, self.given(name)]
-        values += [unknown.prior["mean"]] if unknown is not None and unknown.prior is not None else []
+        unknown = next((unknown for unknown in self.unknowns if unknown.name == name), Unknown(name))
+        values = unknown.guess, self.given(name), (unknown.prior or {}).get("mean")
         return next((value for value in values if value is not None), None)
 
     def given(self, name: str) -> Value | None:
@@ -257,16 +244,13 @@ def _stretched(study: Study, old: float, new: float) -> dict[str, Any]:
     """Effects and poses whose places at the end of a cable of another length (m), if they have one there, stay at its end."""
     effects, poses = [], []
     for effect in study.effects:
-        name = kind_format(effect.kind).position
-        parameters = dict(effect.parameters)
-        if name is not None and at_end(parameters.get(name, np.nan), old):
-            parameters[name] = new
-        effects.append(replace(effect, parameters=parameters))
+        name = kind_format(effect.kind).position or ""
+        at = at_end(effect.parameters.get(name, np.nan), old)
+        effects.append(replace(effect, parameters={**effect.parameters, name: new}) if at else effect)
     for pose in study.poses:
         marks = pose.markers
         if marks is not None and at_end(marks.arc_length[-1], old):
-            s = np.array([new if at_end(place, old) else place for place in marks.arc_length])
-            marks = replace(marks, arc_length=s)
+            marks = replace(marks, arc_length=np.array([new if at_end(s, old) else s for s in marks.arc_length]))
         angles = tuple(replace(one, s=new) if at_end(one.s, old) else one for one in pose.angle)
         poses.append(replace(pose, markers=marks, angle=angles))
     return {"effects": tuple(effects), "poses": tuple(poses)}
@@ -285,8 +269,7 @@ def _pose(entry: StudyPose | Mapping[str, Any], name: str, where: Where) -> Stud
                 given[end] = Clamp.of(given[end])
     with where.placed():
         points, s = given.pop("points", None), given.pop("arc_length", None)
-        if points is not None:
-            given["curve"] = MeasuredCurve(points, s)
+        given |= {} if points is None else {"curve": MeasuredCurve(points, s)}
         return StudyPose(**given)
 
 

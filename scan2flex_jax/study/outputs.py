@@ -71,8 +71,7 @@ def write_file(path: Path, data: bytes, measured: Iterable[Path] = ()) -> None:
 def write_json_atomic(path: str | Path, obj: Any) -> None:
     """Write `obj` as JSON in one step; numpy numbers and arrays become lists, NaN and infinity are refused.
 
-    Raises `StudyError`, also for a study's own file.
-    """
+    Raises `StudyError`, also for a study's own file."""
     with writing(Path(path)):
         write_file(Path(path), json_bytes(path, obj))
 
@@ -125,20 +124,18 @@ def json_bytes(path: str | Path, obj: Any) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"a {type(value).__name__} has no place in JSON")
+    if not isinstance(value, np.ndarray | np.generic | Path):
+        raise TypeError(f"a {type(value).__name__} has no place in JSON")
+    return str(value) if isinstance(value, Path) else value.tolist()
 
 
 def _non_finite(obj: Any, key: str = "") -> str | None:
     """Key of the first NaN or infinity, as in estimates.length.std."""
+    below: Iterable[str | None] = ()
     if isinstance(obj, dict):
-        keys = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
-    elif isinstance(obj, list | tuple | np.ndarray) and np.ndim(obj) > 0:
-        keys = (_non_finite(entry, f"{key}[{i}]") for i, entry in enumerate(obj))
-    else:
-        bad = isinstance(obj, float | np.floating) and not np.isfinite(obj)
-        return f"{key or 'it'} is {obj}" if bad else None
-    return next(filter(None, keys), None)
+        below = (_non_finite(entry, f"{key}.{name}" if key else str(name)) for name, entry in obj.items())
+    elif isinstance(obj, list | tuple) or np.ndim(obj) > 0:
+        below = (_non_finite(entry, f"{key}[{i}]") for i, entry in enumerate(obj))
+    elif isinstance(obj, float | np.floating) and not np.isfinite(obj):
+        return f"{key or 'it'} is {obj}"
+    return next(filter(None, below), None)

@@ -20,8 +20,7 @@ from scan2flex_jax.study.values import Where
 Value = float | Annotated[np.ndarray, "..."]
 
 _ACROSS = 1e-6  # of a direction: less of it is across another one by rounding only
-FEWEST_POINTS = 2
-"""Fewer points have no direction, and no order from start to end."""
+FEWEST_POINTS = 2  # fewer points have no direction, and no order from start to end
 
 
 @record
@@ -29,8 +28,7 @@ class Clamp(Record):
     """Support of one end: `position` (m) and unit `quaternion`, or None for a ball joint.
 
     A clamp with directions `free` (k, 3) is a guided end, which may move along them from its position; one with a `hinge` (3,)
-    turns freely about that axis. Both in the scan frame.
-    """
+    turns freely about that axis. Both in the scan frame."""
 
     position: Annotated[np.ndarray, "3"]
     quaternion: Annotated[np.ndarray, "4"] | None = None
@@ -41,7 +39,6 @@ class Clamp(Record):
     AS = "a Clamp, as in Clamp.of((position, quaternion))"
 
     def _check(self, where: Where) -> None:
-        """A guide and a hinge belong to a clamp, one of them to an end."""
         for name in ("free", "hinge"):
             if getattr(self, name) is not None and self.quaternion is None:
                 raise where.at(name).fail("the end turns freely: give its quaternion, or hold a place by the effect support.")
@@ -82,13 +79,12 @@ class Clamp(Record):
             return held
         if not (isinstance(held, tuple | list) and len(held) == 2):
             return cls.from_matrix(held)
-        position: Any = held[0]
-        rotation: Any = held[1]
-        if hasattr(rotation, "as_matrix"):
-            rotation = rotation.as_matrix()
+        pair: Any = held
+        position, rotation = pair
+        rotation = rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation
         rows = v.plain(rotation)
         if isinstance(rows, list) and rows and isinstance(rows[0], list):
-            return cls(position, quaternion_of(checked_rotation(rotation, Where("Clamp").at("rotation"))))
+            rotation = quaternion_of(checked_rotation(rotation, Where("Clamp").at("rotation")))
         return cls(position, rotation)
 
     @classmethod
@@ -119,7 +115,6 @@ class MeasuredCurve(Record):
     AS = "a MeasuredCurve, as in MeasuredCurve(points)"
 
     def _check(self, where: Where) -> None:
-        """Points are finite and distinct, and the arc length grows."""
         keep(self, points=v.points(self.points, FEWEST_POINTS, where.at("points")))
         if self.arc_length is not None:
             keep(self, arc_length=v.growing(self.arc_length, len(self.points), where.at("arc_length")))
@@ -146,17 +141,8 @@ class Markers(Record):
     AS = "Markers, as in Markers(points, arc_length)"
 
     def _check(self, where: Where) -> None:
-        """Points are finite and distinct, and the arc length grows from 0 on; marks on one section have their offsets."""
-        table = (
-            np.array(self.points, float) if np.ndim(self.points) == 2 and np.shape(self.points)[-1] == 3 else np.zeros((1, 3))
-        )
-        seen = ~np.all(np.isnan(table), axis=0)
-        if np.all(seen) or not np.any(seen):
-            keep(self, points=v.points(self.points, 1, where.at("points")))
-        else:
-            table[:, ~seen] = np.arange(len(table))[:, None]  # neighbours may share the coordinate that was measured
-            keep(self, points=np.where(seen, v.points(table, 1, where.at("points")), np.nan))
-        keep(self, measured="".join(np.array(list("xyz"))[seen]))
+        keep(self, points=v.points(self.points, 1, where.at("points"), partial=True))
+        keep(self, measured="".join(c for c, x in zip("xyz", self.points[0], strict=True) if not np.isnan(x)))
         key = where.at("arc_length")
         if self.offset is None:
             keep(self, arc_length=v.growing(self.arc_length, len(self.points), key))
@@ -198,7 +184,6 @@ class Angle(Record):
     AS = "an Angle, as in Angle(s, value, noise, about, zero)"
 
     def _check(self, where: Where) -> None:
-        """The axis is a direction, and zero is one across it."""
         if not np.any(self.about):
             raise where.at("about").fail("it has no length: give the axis of the angle.")
         if self.zero is not None and np.linalg.norm(self.axes[1]) < _ACROSS:
@@ -234,7 +219,6 @@ class Wrench(Record):
     AS = 'a Wrench, as in Wrench("start", force=[0, 0, 3.3], force_noise=0.05)'
 
     def _check(self, where: Where) -> None:
-        """Something was measured, and each part has its noise."""
         if self.force is None and self.moment is None:
             raise where.fail(f"it has neither force nor moment: write {KEYS['wrench']['force'].written}.")
         for name, value, noise in self.each:
@@ -406,11 +390,9 @@ class StudyPose(Record):
         return self.seen or bool(self.angle) or bool(self.wrench)
 
     def _check(self, where: Where) -> None:
-        """A scan is the path of a file, guide points are points, and changes are those of readings."""
         for name in ("curve", "scan"):
             if self.change_from is not None and getattr(self, name) is not None:
-                said = "a change is one of markers, angles and wrenches: leave it out, or change_from."
-                raise where.at(name).fail(said)
+                raise where.at(name).fail("a change is one of markers, angles and wrenches: leave it out, or change_from.")
         for i, one in enumerate(self.angle):
             if one.zero is None and self.change_from is None:
                 raise where.at("angle").item(i + 1).at("zero").fail(f"it is missing: write {KEYS['angle']['zero'].written}.")

@@ -1,7 +1,6 @@
 """Point clouds in the formats of scanners: E57, LAS, LAZ, PCD, PTX, PTS, other text, and arrays of numpy.
 
-Each reader takes the stream of a file, and returns its points (n, 3), in m unless the file states no unit, with notes and the
-number of points that its header states; it reads no more points than the limit. Poses of the scanner in an E57 or PTX are
+Each reader takes the stream of a file, and reads no more points than the limit. Poses of the scanner in an E57 or PTX are
 applied; points without a return are left out. E57, LAS and LAZ are read by the libraries of `scan2flex_jax[scans]`.
 """
 
@@ -94,7 +93,7 @@ def read_apart(code: str, name: str) -> dict[str, np.ndarray]:
 
 
 def _pcd(stream: Any, path: Path, limit: Limit) -> Points:
-    kind, row, count = pcd_header(stream)
+    kind, row, count = _pcd_header(stream)
     limit.check(path, count)
     if kind == "ascii":
         start = np.cumsum([0, *(math.prod(row[name].shape) for name in row.names or ())])
@@ -111,7 +110,7 @@ def _pcd(stream: Any, path: Path, limit: Limit) -> Points:
     return Points(np.column_stack([np.frombuffer(fields[c], row[c].base) for c in "xyz"]).astype(float))
 
 
-def pcd_header(stream: Any) -> tuple[str, np.dtype, int]:
+def _pcd_header(stream: Any) -> tuple[str, np.dtype, int]:
     """How a PCD is written ("ascii", "binary", "binary_compressed"), the type of a row, and the number of rows."""
     said: dict[str, list[str]] = {}
     while "DATA" not in said and stream.tell() < _HEADER and (line := stream.readline(_HEADER)):
@@ -158,8 +157,7 @@ def _ptx(stream: Any, path: Path, limit: Limit) -> Points:
         count = int(head[0]) * int(head[1])
         declared = limit.check(path, declared + count)
         turn, shift = np.array([line.split() for line in head[6:9]], float)[:, :3], np.array(head[9].split(), float)[:3]
-        rows = [line.split()[:3] for line in itertools.islice(text, count)]
-        points = np.array(rows, float).reshape(-1, 3)
+        points = np.array([line.split()[:3] for line in itertools.islice(text, count)], float).reshape(-1, 3)
         seen = np.any(points != 0.0, axis=1)
         declared -= int(np.sum(~seen))
         parts.append(points[seen] @ turn + shift)
@@ -202,9 +200,8 @@ def columns(array: np.ndarray) -> Annotated[np.ndarray, "n 3"]:
     """The points in an array of the shape (n, 3) or wider, or (3, n), or with fields x, y and z."""
     if not _shaped(array):
         raise ValueError(f"an array of the shape {array.shape} and type {array.dtype} is no list of points")
-    if array.dtype.names:
-        return np.column_stack([array[c] for c in "xyz"]).astype(float)
-    return (array.T if len(array) == 3 else array)[:, :3].astype(float)
+    rows = np.column_stack([array[c] for c in "xyz"]) if array.dtype.names else array.T if len(array) == 3 else array
+    return rows[:, :3].astype(float)
 
 
 def _shaped(array: np.ndarray) -> bool:
@@ -216,8 +213,7 @@ def _shaped(array: np.ndarray) -> bool:
 @contextmanager
 def _on_disk(stream: Any) -> Iterator[str]:
     """The name of a file with this content."""
-    name = getattr(stream, "name", None)
-    if isinstance(name, str):
+    if isinstance(name := getattr(stream, "name", None), str):
         yield name
         return
     with tempfile.NamedTemporaryFile(suffix=".e57") as copy:

@@ -1,7 +1,6 @@
 """Reading of a study from its folder: `study.toml` and the files that it names.
 
-`load_study` returns a `Study`, or raises one `StudyError` with the file, the key, the value found and the remedy. This
-module converts TOML to the parts of a study, which check themselves, and adds the place in the file to their errors.
+TOML is converted to the parts of a study, which check themselves; here their errors get the place in the file.
 """
 
 import re
@@ -24,13 +23,12 @@ from scan2flex_jax.study.section import sections
 from scan2flex_jax.study.sense import Purpose, check_study
 from scan2flex_jax.study.values import Where
 
-_SHARE = re.compile(r"\s*(\d{1,3}(?:\.\d*)?)\s*%\s*")
+SHARE = re.compile(r"\s*\d{1,3}(\.\d*)?\s*%\s*")  # of the length, as a place
 FORMAT = "scan2flex-study/1"
 FIELDS = {"centre_curve": "curve", "pose": "poses", "unknown": "unknowns", "effect": "effects"}
 """Fields of the records that have another name than their key."""
 Parts = Mapping[str, type[Record] | tuple[type[Record]]]
-MOST_PARTS = 32
-"""Parts of a dotted key. A study's keys have three at most, and the run time of tomllib grows with their square or cube."""
+MOST_PARTS = 32  # of a dotted key: a study's have three at most, and the run time of tomllib grows with their square or cube
 # possessive, for a search in linear time
 _PART = r"""(?:[A-Za-z0-9_-]++|"[^"\\\n]*+(?:\\.[^"\\\n]*+)*+"|'[^'\n]*+')"""
 _LONG_KEY = re.compile(rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_PART}[ \t]*+\.[ \t]*+){{{MOST_PARTS}}}", re.MULTILINE)
@@ -74,7 +72,6 @@ def load_study(folder_or_toml: str | Path, *, purpose: Purpose = "fit") -> Study
 
 
 def _parsed(content: str, where: Where) -> dict[str, Any]:
-    """The tree of a TOML text."""
     long_key = _LONG_KEY.search(content)
     if long_key is not None:
         line = content.count("\n", 0, long_key.start()) + 1
@@ -90,9 +87,8 @@ def _parsed(content: str, where: Where) -> dict[str, Any]:
 
 def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpose: Purpose) -> Study:
     """The checked study of a TOML tree; `where` is the file, `shown` its folder in the user's notation."""
-    given = data.get("format")
-    if given != FORMAT:
-        said = "it is missing" if given is None else f"got {v.shown(given)}"
+    if data.get("format") != FORMAT:
+        said = f"got {v.shown(data['format'])}" if "format" in data else "it is missing"
         raise where.at("format").fail(f'{said}: write format = "{FORMAT}".')
     data = _given(KEYS["study"], Study.PARTS, data, where, "")
     poses = tuple(_poses(data["poses"], where.at("pose"), folder, shown))
@@ -102,7 +98,10 @@ def _study(data: dict[str, Any], where: Where, folder: Path, shown: Path, purpos
     if isinstance(cable, dict) and "section" in cable:
         path = existing(folder, v.text(cable["section"], at := where.at("cable.section")), at)
         shown_path = Where(v.one_line(str(shown / cable["section"]), 300))
-        sectioned, cable = sections(path, shown_path, {name: cable[name] for name in cable if name != "section"}, unknowns)
+        cable = {name: cable[name] for name in cable if name != "section"}
+        if "length" in cable:
+            cable["length"] = KEYS["cable"]["length"].take(cable["length"], where.at("cable.length"))
+        sectioned, cable = sections(path, shown_path, cable, unknowns)
         effects.append(sectioned)
     with where.placed():
         study = Study(data.get("title", ""), data["gravity"], cable, poses, data.get("tolerance", Tolerance()), folder=folder)
@@ -140,14 +139,12 @@ def _record(record: type[Record], given: Any, where: Where, example: str) -> Rec
 
 
 def _tables(value: Any, where: Where) -> list[dict[str, Any]]:
-    """An array of tables."""
     if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
         raise where.fail(f"got {v.shown(value)}: write each one as a table that begins with [[{where.key}]].")
     return value
 
 
 def _poses(entries: Any, where: Where, folder: Path, shown: Path) -> Iterator[StudyPose]:
-    """All `[[pose]]` with their clamps and the files that they name, in the order of measurement."""
     name = KEYS["pose"]["name"]
     for i, table in enumerate(_tables(entries, where)):
         here = where.item(i + 1)
@@ -171,19 +168,19 @@ def _effects(entries: Any, where: Where, length: float | None) -> Iterator[Effec
             given = {key: table[key] for key in table if key not in KEYS["effect"]}
             name = kind_format(kind).position if isinstance(kind, str) and kind in kind_names() else None
             place = given.get(name or "")
-            if name and isinstance(place, str) and (share := _SHARE.fullmatch(place)):
+            if name and isinstance(place, str) and SHARE.fullmatch(place):
                 if length is None:
                     said = f"got {v.shown(place)} of a length that is unknown: write the place in m from the start."
                     raise here.at(name).fail(said)
-                given[name] = length * (1.0 if float(share[1]) == 100 else 0.01 * float(share[1]))
+                share = float(place.replace("%", ""))
+                given[name] = length * (1.0 if share == 100 else 0.01 * share)
             yield EffectDeclaration(kind, given, table.get("poses"))
 
 
 def _unknowns(study: Study, table: dict[str, Any], where: Where) -> Iterator[Unknown]:
     """The tables under `[unknown]`, for the study declared above them in the file.
 
-    TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`.
-    """
+    TOML writes an effect's parameter as `[unknown."point_mass.mass"]` or as the nested table `[unknown.point_mass.mass]`."""
     example = KEYS["study"]["unknown"].example
     for first, entry in table.items():
         here = where.at(first)

@@ -21,17 +21,15 @@ _Record = TypeVar("_Record", bound="Record")
 def record(cls: type[_Record]) -> type[_Record]:
     """A frozen dataclass whose `__post_init__` takes any values, and rejects unusable ones with a sentence.
 
-    Its annotations hold after conversion; a runtime check of the constructor's arguments against them would come too early.
-    """
+    Its annotations hold after conversion; a runtime check of the constructor's arguments against them would come too early."""
     made = dataclass(frozen=True, eq=False)(cls)
     no_type_check(made.__init__)
     return made
 
 
 class Record:
-    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records themselves
-    (in a tuple: of those that are lists of records), and `AS` says how one is made. The reader and the writer work by them too.
-    """
+    """A part of a study: `KEYS` check the fields of their names, `PARTS` are the classes of fields that are records (in a
+    tuple: lists of records), and `AS` says how one is made. The reader and the writer work by them too."""
 
     KEYS: ClassVar[Mapping[str, ParameterFormat]] = {}
     PARTS: ClassVar[Mapping[str, type["Record"] | tuple[type["Record"]]]] = {}

@@ -11,10 +11,10 @@ import numpy as np
 from scan2flex_jax.study.model import Clamp, Study, StudyPose
 from scan2flex_jax.study.records import same
 
-HANDLING = 0.02
-"""Of L, RMS: poses that are held alike and differ by more are no repeats; two photographs of a limp strip differ by 1.9 %."""
+HANDLING = 0.02  # of L, RMS: poses held alike that differ by more are no repeats; photographs of a limp strip differ by 1.9 %
 _ALIKE = 1e-6  # of L: below it there is nothing to explain
 _GAP = 4.0  # times the median step of a curve: an unseen part, which a chord bridges
+_COMPARED = 1000  # points of a curve that are compared; of a longer one every second, third, ...
 _SAME = 1e-9  # m, and of a quaternion: clamps of repeats are copied, not measured again
 
 
@@ -29,9 +29,8 @@ def _groups(study):
     for pose in (pose for pose in study.poses if not study.only_compared(pose)):
         own = next((g for g in groups if any(_repeat(study, pose, other) for other in g)), None)
         if own is None:
-            groups.append([pose])
-        else:
-            own.append(pose)
+            groups.append(own := [])
+        own.append(pose)
     return [group for group in groups if len(group) > 1]
 
 
@@ -48,19 +47,15 @@ def repeat_sentences(study: Study) -> tuple[str, ...]:
     said, length = [], float(np.max(study.cable.get("length", np.inf)))
     for group in _groups(study):
         if off := _apart(study, group):
-            said.append(
-                f"poses {', '.join(p.name for p in group)} are held alike and differ by up to {1e3 * off:.3g} mm (RMS, "
-                f"{100 * off / length:.2g} % of the length): something differs between them that the study does not declare, "
-                "as a load in some of them"
-            )
+            size = f"{1e3 * off:.3g} mm (RMS, {100 * off / length:.2g} % of the length)"
+            why = "something differs between them that the study does not declare, as a load in some of them"
+            said.append(f"poses {', '.join(p.name for p in group)} are held alike and differ by up to {size}: {why}")
             continue
         for a, b in combinations(group, 2):
-            rms = difference(a, b)
-            if rms is not None and rms > _ALIKE * length:
-                said.append(
-                    f"poses {a.name} and {b.name} repeat one another and differ by {1e3 * rms:.2f} mm (RMS, "
-                    f"{100 * rms / length:.2g} % of the length): no law that they share explains that"
-                )
+            if (rms := difference(a, b) or 0.0) > _ALIKE * length:
+                size = f"{1e3 * rms:.2f} mm (RMS, {100 * rms / length:.2g} % of the length)"
+                why = "no law that they share explains that"
+                said.append(f"poses {a.name} and {b.name} repeat one another and differ by {size}: {why}")
     return tuple(said)
 
 
@@ -68,7 +63,8 @@ def difference(a: StudyPose, b: StudyPose) -> float | None:
     """RMS distance (m) from the points of one pose to the curve of another where it has one, or between equal markers of both;
     None if they cannot be compared."""
     if a.curve is not None and b.curve is not None:
-        off = _to_polyline(a.curve.points, b.curve.points)
+        points = a.curve.points
+        off = _to_polyline(points[:: 1 + (len(points) - 1) // _COMPARED], b.curve.points)
         return float(np.sqrt(np.mean(off**2))) if len(off) else None
     if a.markers is None or b.markers is None or a.change_from != b.change_from:
         return None
@@ -92,10 +88,8 @@ def _marked(a, b) -> bool:
 def _same_clamp(a: Clamp | None, b: Clamp | None) -> bool:
     if a is None or b is None:
         return a is b
-    if a.quaternion is None or b.quaternion is None:
-        alike = a.quaternion is b.quaternion
-    else:
-        alike = 1.0 - abs(float(a.quaternion @ b.quaternion)) < _SAME
+    p, q = a.quaternion, b.quaternion
+    alike = p is q if p is None or q is None else 1.0 - abs(float(p @ q)) < _SAME
     return alike and np.allclose(a.position, b.position, rtol=0.0, atol=_SAME) and same((a.free, a.hinge), (b.free, b.hinge))
 
 

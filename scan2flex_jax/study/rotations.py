@@ -1,7 +1,6 @@
 """Checks of rotation matrices, their conversion to the format's quaternions, and rolls and twists of quaternions.
 
-The columns of a rotation are d1, d2, d3 in the scan frame; a quaternion is [w, x, y, z]. The quaternions of
-`study.toml` are checked in `parts` and become the frames of a solve in `rod.boundary`.
+The columns of a rotation are d1, d2, d3 in the scan frame; a quaternion is [w, x, y, z].
 """
 
 from typing import Annotated, Any
@@ -12,12 +11,10 @@ from scan2flex_jax.errors import StudyError
 from scan2flex_jax.study import values as v
 from scan2flex_jax.study.values import Where
 
-TRANSPORTED = 24
-"""Averaged points of a curve for transporting a frame: more add noise."""
+TRANSPORTED = 24  # averaged points of a curve for transporting a frame: more add noise
 _TINY = 1e-12
 _ROUNDING = 1e-15  # an entry below it is zero: of a frame along the axes, whose study people read
-RIGID = 2e-3
-"""Largest entries of R'R - 1 for matrices printed with three digits."""
+RIGID = 2e-3  # largest entries of R'R - 1 for matrices printed with three digits
 
 
 def checked_rotation(matrix: Any, where: Where) -> Annotated[np.ndarray, "3 3"]:
@@ -71,8 +68,7 @@ def twist_along(
 ) -> float:
     """Angle (rad, up to half a turn) about d3 between an end frame and the start frame transported along a curve without twist.
 
-    Without points the frame is rotated from one d3 to the other by the smallest rotation.
-    """
+    Without points the frame is rotated from one d3 to the other by the smallest rotation."""
     blocks = np.array_split(np.asarray(points), min(len(points), TRANSPORTED)) if len(points) else []
     chords = np.diff([block.mean(axis=0) for block in blocks], axis=0) if len(blocks) > 1 else np.zeros((0, 3))
     d1, tangent = columns(start)[:, 0], columns(start)[:, 2]

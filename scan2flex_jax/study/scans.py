@@ -1,9 +1,9 @@
 """Files of scans and meshes: read by a reader of `point_formats`, or by trimesh after a survey.
 
-A survey counts what a mesh, or a cloud in a format of meshes, holds: from its header, or by counting its lines. A file that is
-too large, truncated or empty is refused in one sentence without using memory. A packed file (.gz, or a .zip of one scan) is
-unpacked and counted here, since an archive's own size entry may be wrong. trimesh gets the bytes of the one file: given a path,
-it follows references to other files (materials of an OBJ), also out of the study's folder, and prints its own errors.
+A survey counts what a mesh, or a cloud in a format of meshes, holds: from its header, or by counting its lines, so that a file
+that is too large, truncated or empty is refused without using memory. A packed file (.gz, or a .zip of one scan) is counted as
+it is unpacked, since an archive's own size entry may be wrong. trimesh gets the bytes of the one file: given a path, it follows
+references to other files (materials of an OBJ), also out of the study's folder, and prints its own errors.
 """
 
 import gzip
@@ -69,12 +69,12 @@ def _off(data: bytes, limit: Limit) -> Survey:
 def _stl(data: bytes, limit: Limit) -> Survey:
     head = data[:_HEADER]
     if head.lstrip()[:5].lower() == b"solid" and (b"facet" in head or len(data) < _STL_HEAD):
-        triangles = _count(rb"^[ \t]*vertex", data) // 3
-        return Survey(triangles, triangles, triangles, unit="triangles")
-    if len(data) < _STL_HEAD:
+        there = declared = _count(rb"^[ \t]*vertex", data) // 3
+    elif len(data) < _STL_HEAD:
         raise ValueError("it is too short for an STL")
-    (declared,) = struct.unpack_from("<I", data, 80)
-    there = (len(data) - _STL_HEAD) // _STL_TRIANGLE
+    else:
+        (declared,) = struct.unpack_from("<I", data, 80)
+        there = (len(data) - _STL_HEAD) // _STL_TRIANGLE
     return Survey(min(there, declared), declared, declared, unit="triangles")
 
 
@@ -131,12 +131,10 @@ def _ply(data: bytes, limit: Limit) -> Survey:
 
 SURVEYS: dict[str, Callable[[bytes, Limit], Survey]] = {"ply": _ply, "obj": _obj, "stl": _stl, "off": _off, "glb": _glb}
 """The survey of each kind of scan that trimesh reads; counting stops at the limit, and `ValueError` names what is damaged."""
-KINDS = (*SURVEYS, *READERS)
-"""The kinds of scans that are read, by ending."""
+KINDS = (*SURVEYS, *READERS)  # the kinds of scans that are read, by ending
 _BLOCK = 1 << 20
 _ADVICE = "export it again, as PLY or XYZ."
-_NOTES = {"txt", "csv", "dat", "tsv"}
-"""Kinds that an archive may hold beside its scan."""
+_NOTES = {"txt", "csv", "dat", "tsv"}  # kinds that an archive may hold beside its scan
 _NAMES = ", ".join(f".{kind}" for kind in KINDS)
 
 
@@ -225,7 +223,7 @@ def scan_facts(path: Path) -> tuple[int, np.ndarray]:
     try:
         parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
         vertices = [np.asarray(part.vertices, float).reshape(-1, 3) for part in parts if hasattr(part, "vertices")]
-        points = np.concatenate(vertices) if vertices else np.zeros((0, 3))
+        points = np.concatenate([np.zeros((0, 3)), *vertices])
     except (ValueError, IndexError, TypeError) as fault:
         raise unreadable(path, fault) from fault
     points = points[np.all(np.isfinite(points), axis=1)]

@@ -1,8 +1,7 @@
 """A JSON schema of `study.toml`, with which an editor completes its keys, shows their units and marks what the reader refuses.
 
-It is derived from the declaration of the format (`kinds`), and never stricter than the reader. What needs several parts of a
-study at once (a value that is given or unknown, places beyond the cable, files that are missing) only the reader checks.
-Draft 7, the newest that taplo reads (Even Better TOML).
+It is derived from the declaration of the format (`kinds`), and never stricter than the reader, which alone checks what needs
+several parts of a study at once. Draft 7, the newest that taplo reads (Even Better TOML).
 """
 
 import re
@@ -12,10 +11,10 @@ from dataclasses import replace
 from typing import Any
 
 from scan2flex_jax.study.kinds import CABLE, KEYS, ParameterFormat, Schema, kind_format, kind_names
-from scan2flex_jax.study.read import FORMAT
+from scan2flex_jax.study.read import FORMAT, SHARE
 
 _ANY_COUNT = -1  # in a shape: the points of a field
-_SHARE_OF_LENGTH: Schema = {"type": "string", "pattern": r"^\s*\d{1,3}(\.\d*)?\s*%\s*$"}
+_SHARE_OF_LENGTH: Schema = {"type": "string", "pattern": f"^{SHARE.pattern}$"}
 _SECTION = "CSV with s (m) and stiffness, mass per length or diameters along the cable. Left out: the same sections everywhere."
 
 
@@ -69,8 +68,7 @@ def _unknowns() -> Schema:
 
 def _unknowns_of(kind: str) -> Schema:
     """The tables of the unknown parameters of an effect type, below one of its name."""
-    own = {p.name: _unknown(p) for p in kind_format(kind).parameters if p.estimable}
-    return _object(own, minProperties=1)
+    return _object({p.name: _unknown(p) for p in kind_format(kind).parameters if p.estimable}, minProperties=1)
 
 
 def _unknown(form: ParameterFormat) -> Schema:
@@ -89,8 +87,7 @@ def _unknown(form: ParameterFormat) -> Schema:
 def _effects() -> Schema:
     """`[[effect]]`: the names of all parameters, and for each effect type which of them it has.
 
-    The conditions stand beside the items, since taplo completes no key of a table that has an ``allOf`` of its own.
-    """
+    The conditions stand beside the items, since taplo completes no key of a table that has an ``allOf`` of its own."""
     forms = [kind_format(kind) for kind in kind_names()]
     units: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     for form in forms:

@@ -49,9 +49,9 @@ def sections(
     profile |= {"torsion": found.get("torsion", profile["bending"])}
     length, stated = cable.get("length"), {*cable, *unknown}
     for name in (name for name in columns if name in _STATED and name not in stated):
-        if not isinstance(length, int | float):
+        if length is None:
             raise where.at(name).fail(f"its size needs the length of the cable: state length, or {name}, under [cable].")
-        fine = np.linspace(0.0, float(length), 2001)
+        fine = np.linspace(0.0, length, 2001)
         along = np.exp(np.interp(fine, s, np.log(columns[name])))
         cable = {**cable, name: float(np.trapezoid(along, fine) / length if name == "length_density" else along[1000])}
     return EffectDeclaration("section_profile", {"s": s, **profile}), cable

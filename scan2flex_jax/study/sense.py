@@ -1,7 +1,7 @@
 """Consistency of a study: enough is known, and cable, clamps and curves fit each other.
 
-Every user of a study calls `check_study`, whether it was read or made in memory. Limits are wide: they catch a
-wrong unit or a wrong frame, never a noisy scan. Doubts are warnings of `check.describe`, not errors.
+Every user of a study calls `check_study`, whether it was read or made in memory. Limits are wide: they catch a wrong unit or a
+wrong frame, never a noisy scan. Doubts are warnings of `check.describe`, not errors.
 """
 
 from typing import Literal
@@ -17,31 +17,21 @@ from scan2flex_jax.study.values import Where, known, shown
 
 Purpose = Literal["fit", "predict", "extract"]
 
-SPAN_SLACK = 1.05
-"""Clamps further apart than this many L are out of reach of a nearly inextensible cable."""
-CURVE_SLACK = 1.3
-"""Length of a measured curve over L, above which it is not of this cable; noise and stretch stay far below."""
-CURVE_LEAST = 1 / 300
-"""Length of a measured curve over L, below which its unit differs from that of L."""
-GUIDE_SLACK = 2.0
-"""The same for guide points, which wander over the surface."""
-MARKER_SLACK = 0.1
-"""Of the arc length of the last marker: largest distance of a marker beyond the taut cable, in a scan with errors."""
-THICK = 0.5
-"""Radius over L, above which its unit differs from that of L."""
-SUPPORTS = ("support", "knife_edge")
-"""Effect types that hold a cable between its ends."""
-STIFF_AXIAL = 1e3
-"""N. A cable of smaller axial stiffness may stretch by more than SPAN_SLACK in use, and spans are not checked."""
-ASTRAY, ALONG = 60.0, 30.0
-"""Degrees between clamps and the beginnings of their curves: beyond any error of mounting or bend at a clamp."""
+SPAN_SLACK = 1.05  # clamps further apart than this many L are out of reach of a nearly inextensible cable
+CURVE_SLACK = 1.3  # length of a measured curve over L, above which it is not of this cable; noise and stretch stay far below
+CURVE_LEAST = 1 / 300  # length of a measured curve over L, below which its unit differs from that of L
+GUIDE_SLACK = 2.0  # the same for guide points, which wander over the surface
+MARKER_SLACK = 0.1  # of the arc length of the last marker: largest distance of a marker beyond the taut cable
+THICK = 0.5  # radius over L, above which its unit differs from that of L
+SUPPORTS = ("support", "knife_edge")  # effect types that hold a cable between its ends
+STIFF_AXIAL = 1e3  # N: a cable of less may stretch by more than SPAN_SLACK in use, and spans are not checked
+ASTRAY, ALONG = 60.0, 30.0  # degrees between clamps and their curves: beyond any error of mounting or bend at a clamp
 _NO_GRAVITY = 1e-9
 _ROUNDED = 1e-6  # of a length written with few digits
 _FORCES = {
     "point_mass": "mass", "uniform_load": "force", "point_load": "force", "tether": "stiffness", "elastic_clamp": "stiffness",
     "elastic_support": "stiffness", "distributed_load": "force", "moment": "moment",
-}  # fmt: skip
-"""Parameter with the size of an effect that sets the scale of forces (a force, or a stiffness comparable to the cable's)."""
+}  # fmt: skip  # the size of effects that set the scale of forces (a force, or a stiffness comparable to the cable's)
 _UNITS = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 1 / 0.0254, "feet": 1 / 0.3048}
 
 
@@ -49,8 +39,7 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
     """Raise a `StudyError` for the first inconsistency.
 
     For the ``purpose`` "fit" every pose needs a measured shape; to "predict", only given measurements must fit the cable; to
-    "extract" centre curves, weight and stiffness of the cable may be missing too.
-    """
+    "extract" centre curves, weight and stiffness of the cable may be missing too."""
     where = Where("Study")
     if not isinstance(study, Study):
         raise where.fail(f"got {shown(study)}: give a Study, as load_study(folder) or Study.from_arrays(...) makes it.")
@@ -69,8 +58,7 @@ def check_study(study: Study, purpose: Purpose = "fit") -> None:
             said = f"it is missing, and nothing else holds the cable: write {KEYS['pose']['start'].written}"
             raise here.at("start").fail(f"{said}, or declare the effects {' or '.join(SUPPORTS)} in this pose.")
         if pose.turns and any(clamp is None or clamp.quaternion is None for clamp in (pose.start, pose.end)):
-            said = f"got {pose.turns}, but an end turns freely: write turns only between two clamps."
-            raise here.at("turns").fail(said)
+            raise here.at("turns").fail(f"got {pose.turns}, but an end turns freely: write turns only between two clamps.")
         if pose.markers is not None:
             _check_markers(study, pose, pose.markers, reach, here.at("markers"))
         if reach is not None:
@@ -166,11 +154,10 @@ def knows_a_force(study: Study) -> bool:
         return True
     for i, effect in enumerate(study.effects):
         parameter = _FORCES.get(effect.kind)
-        if parameter is None or study.unknown_of(i, parameter):
+        if parameter is None or study.unknown_of(i, parameter) or not np.any(effect.parameters.get(parameter, 0.0)):
             continue
         poses = [pose for pose in study.fit_poses if effect in study.acting(pose)]
-        heavy = effect.kind != "point_mass" or any(_has_gravity(study, pose) for pose in poses)
-        if poses and heavy and np.any(np.asarray(effect.parameters.get(parameter, 0.0))):
+        if any(effect.kind != "point_mass" or _has_gravity(study, pose) for pose in poses):
             return True
     return False
 
@@ -181,8 +168,8 @@ def _has_gravity(study: Study, pose: StudyPose) -> bool:
 
 def _reach(study: Study) -> float | None:
     """Reach (m) of the straightened cable; None if it may stretch, or no length is known."""
-    longest, axial = longest_cable(study), [study.known("axial_stiffness")]
-    axial = axial if "axial_stiffness" in (*study.cable, *study.unknown_names) else []
+    longest, stated = longest_cable(study), (*study.cable, *study.unknown_names)
+    axial = [study.known("axial_stiffness")] if "axial_stiffness" in stated else []
     declared = [(effect.kind, effect.parameters) for effect in study.effects]
     axial += [given.get("axial_stiffness") for kind, given in declared if kind == "extensibility"]
     stretches = {"extensibility.axial_stiffness", "natural_stretch", "length_error.length"} & set(study.unknown_names)
@@ -216,7 +203,7 @@ def _check_spans(pose: StudyPose, reach: float, where: Where) -> None:
     if span > SPAN_SLACK * reach:
         chord = reach if pose.curve is None else float(np.linalg.norm(pose.curve.points[-1] - pose.curve.points[0]))
         measured = 0.0 < chord < reach  # a curve that fits the cable gives the true distance of the ends
-        hint = unit_hint(span / chord, equal=True) if measured else unit_hint(span / reach)
+        hint = unit_hint(span / (chord if measured else reach), equal=measured)
         said = f"the ends are {span:g} m apart, but the cable is at most {reach:g} m long"
         raise where.at("end.position").fail(f"{said}: {hint}.")
     guided = 0.0 if pose.guide_points is None else curve_length(pose.guide_points)
@@ -243,10 +230,9 @@ def _check_curve(study: Study, pose: StudyPose, curve: MeasuredCurve, reach: flo
         unit = unit_of(reach / length)
         hint = "write both in metres" if unit is None else f"the cable's looks like {unit[0]}: divide it by {unit[1]:.6g}"
         raise where.fail(f"the curve is {length:g} m long on a cable of {reach:g} m: {hint}.")
-    for end, clamp in (("start", pose.start), ("end", pose.end)):
-        if clamp is None or moved(study):
-            continue
-        nearest = float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
+    held = {} if moved(study) else {"start": pose.start, "end": pose.end}
+    for end, clamp in held.items():
+        nearest = 0.0 if clamp is None else float(np.min(np.linalg.norm(points - clamp.position, axis=1)))
         if nearest > reach:  # further from its support than the cable is long
             said = f"the curve stays {nearest:g} m away from the {end} clamp, more than the cable's {reach:g} m"
             raise where.fail(f"{said}: give curve and clamps in one frame.")

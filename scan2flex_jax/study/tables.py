@@ -14,10 +14,8 @@ import numpy as np
 
 from scan2flex_jax.study.values import Where, shown
 
-LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-"""Metres in units of length, by name."""
-SAMPLE = 300
-"""Lines that determine the dialect."""
+LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}  # metres
+SAMPLE = 300  # lines that determine the dialect
 _MARKS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", "."), (None, "."), (None, ","))  # separator, decimal mark
 _PREAMBLE = 60  # most lines before the first row
 _COMMENT = ("#", "//")
@@ -56,17 +54,14 @@ class Dialect(NamedTuple):
 
 def dialect(lines: list[str], where: Where, fewest: int = 3) -> Dialect:
     """The dialect under which the most of these lines (not blank) are rows of three numbers, or of ``fewest``, or more."""
-    best: tuple[tuple[int, int], Dialect | None] = ((0, 0), None)
+    found: list[tuple[int, int, Dialect]] = []
     for mark, decimal in _MARKS:
         rows = [_stripped(_cells(line, mark, decimal)) for line in lines[:SAMPLE]]
-        full = [i for i, row in enumerate(rows) if _numbers(row) >= fewest]
-        score = (len(full), -sum(rows[i].count(None) for i in full))
-        if full and score > best[0]:
-            row = rows[full[0]]
-            texts = frozenset(k for k, x in enumerate(row) if x is None)
-            best = (score, Dialect(mark, decimal, full[0], len(row), texts))
-    how = best[1]
-    if how is None or how.first > _PREAMBLE:
+        if full := [i for i, row in enumerate(rows) if _numbers(row) >= fewest]:
+            texts = frozenset(k for k, x in enumerate(rows[full[0]]) if x is None)
+            how = Dialect(mark, decimal, full[0], len(rows[full[0]]), texts)
+            found.append((len(full), -sum(rows[i].count(None) for i in full), how))
+    if not found or (how := max(found, key=lambda one: one[:2])[2]).first > _PREAMBLE:
         raise where.fail("no line holds three numbers or more: give a text file with one point x,y,z a line.")
     first = how.first
     while first and len(row := how.cells(lines[first - 1])) == how.width > 1 and None not in row and not _numbers(row):
@@ -74,17 +69,14 @@ def dialect(lines: list[str], where: Where, fewest: int = 3) -> Dialect:
     units = {match[1].lower() for line in lines[first : first + 3] for match in _MEASURED.finditer(line)}
     stated = units.pop() if len(units) == 1 else None
     header = _header(lines, first, how)
-    if header is None:
-        return how._replace(first=first, unit=stated)
-    names, unit = _named(header, where)
+    names, unit = (None, None) if header is None else _named(header, where)
     return how._replace(first=first, names=names, unit=unit or stated)
 
 
 def placed(names: Sequence[str | None], where: Where) -> list[int]:
     """The columns of x, y and z, which a header must name."""
     if lost := [c for c in "xyz" if c not in names]:
-        said = f"it names no {', '.join(lost)}: say what the columns are, as in s,x,y,z or -,x,y,z."
-        raise where.at("header").fail(said)
+        raise where.at("header").fail(f"it names no {', '.join(lost)}: say what the columns are, as in s,x,y,z or -,x,y,z.")
     return [names.index(c) for c in "xyz"]
 
 
@@ -97,8 +89,7 @@ def counts_rows(column: Sequence[float | None] | Annotated[np.ndarray, " n"]) ->
 def rows(lines: Iterable[str], how: Dialect, where: Where) -> Annotated[np.ndarray, "n c"]:
     """All rows of these lines, of which the first is the first row; NaN for labels and empty cells.
 
-    A row of another width, or with text where a number stood, is an error that names the point by its number.
-    """
+    A row of another width, or with text where a number stood, is an error that names the point by its number."""
     table = []
     for i, line in enumerate(lines):
         row = how.cells(line)
@@ -113,8 +104,7 @@ def scanned(lines: Callable[[], Iterator[str]], where: Where) -> tuple[Annotated
     """Points of a scan, and the unit that it states, from which they are converted to m.
 
     They are the columns x, y, z of its header, else the first three after the number of the row. ``lines`` begins to read the
-    file, as often as it is called.
-    """
+    file, as often as it is called."""
     sample = list(itertools.islice(_filled(lines()), SAMPLE))
     how = dialect(sample, where)
     plain = [k for k in range(how.width) if k not in how.texts]
@@ -143,7 +133,6 @@ def _filled(lines: Iterable[str]) -> Iterator[str]:
 
 
 def _numbers(row: list[float | None]) -> int:
-    """How many cells hold a number."""
     return sum(x is not None and not math.isnan(x) for x in row)
 
 
@@ -169,10 +158,8 @@ def _cells(line: str, mark: str | None, decimal: str) -> list[float | None]:
     cells = line.strip("\r\n").split(mark)
     for cell in cells:
         value, parts = _number(cell, decimal), cell.split()
-        if value is None and len(parts) == 3 and len(cells) > 1 and None not in (inner := [_number(p, decimal) for p in parts]):
-            row += inner
-        else:
-            row.append(value)
+        three = [_number(part, decimal) for part in parts] if value is None and len(parts) == 3 and len(cells) > 1 else [None]
+        row += [value] if None in three else three
     return row
 
 
@@ -202,17 +189,13 @@ def _named(header: list[str], where: Where) -> tuple[tuple[str | None, ...], str
     names: list[str | None] = []
     units = set()
     for cell in header:
-        base, unit = cell.lower(), None
-        stated = _UNIT.fullmatch(base)
-        if stated and stated[2] in LENGTHS and stated[1]:
-            base, unit = stated[1], stated[2]
+        stated = _UNIT.fullmatch(cell.lower())
+        base, unit = (stated[1], stated[2]) if stated and stated[1] and stated[2] in LENGTHS else (cell.lower(), None)
         plain = re.sub(r"[^a-z0-9]", "", base)
         coordinate = _COORDINATE.fullmatch(plain)
         name = _NAMES.get(plain) or (coordinate and coordinate[1])
-        name = name if name and name not in names else None
-        names.append(name)
-        if name and unit:
-            units.add(unit)
+        names.append(name if name not in names else None)
+        units |= {unit} if names[-1] and unit else set()
     if len(units) > 1:
         raise where.at("header").fail(f"it states several units ({', '.join(sorted(units))}): convert the columns to one.")
     return tuple(names), next(iter(units), None)

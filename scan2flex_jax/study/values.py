@@ -1,8 +1,7 @@
 """Conversion of untyped values, from a TOML file or a notebook, to checked numbers, arrays and texts.
 
-Every function takes the value and its place `Where`, and raises one `StudyError` with the value found and the
-remedy. Numbers may be Python's, NumPy's, JAX's or pandas'. A bool is never a number, and NaN, infinity and numbers
-above `LARGEST` are refused.
+Every function takes the value and its place `Where`, and raises one `StudyError` with the value found and the remedy. Numbers
+may be Python's, NumPy's, JAX's or pandas'. A bool is never one, and NaN, infinity and numbers above `LARGEST` are refused.
 """
 
 import difflib
@@ -18,8 +17,7 @@ import numpy as np
 from scan2flex_jax.errors import StudyError
 from scan2flex_jax.names import printable
 
-LARGEST = 1e15
-"""Larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64."""
+LARGEST = 1e15  # larger numbers are wrong in every unit of a study, and their squares and cubes would overflow float64
 _SHORT = reprlib.Repr()
 _SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother = 2, 6, 3, 60, 60
 
@@ -48,8 +46,7 @@ class Where:
     def placed(self, names: Mapping[str, str | None] | None = None) -> Iterator[None]:
         """Re-raise errors of an object constructed inside as errors of this place, with its key below this one.
 
-        ``names`` maps the last part of the object's key to its name in the file; None omits that part.
-        """
+        ``names`` maps the last part of the object's key to its name in the file; None omits that part."""
         try:
             yield
         except StudyError as error:
@@ -161,9 +158,8 @@ def plain(value: Any) -> Any:
 
 def as_array(value: Any) -> Annotated[np.ndarray, "..."]:
     """The array of an array-like; masked entries become NaN, which is refused later, and never their hidden values."""
-    if isinstance(value, np.ma.MaskedArray):
-        value = np.where(np.ma.getmaskarray(value), np.nan, value.data)
-    return np.asarray(value)
+    masked = isinstance(value, np.ma.MaskedArray)
+    return np.where(np.ma.getmaskarray(value), np.nan, value.data) if masked else np.asarray(value)
 
 
 def integer(value: Any, largest: int, where: Where) -> int:
@@ -211,8 +207,10 @@ def array(value: Any, shapes: Iterable[tuple[int, ...]] | None, where: Where) ->
     return np.array(numbers).reshape(shape) if shape else numbers[0]
 
 
-def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"]:
-    """At least `fewest` points, one per row: all finite, and no two neighbours equal."""
+def points(value: Any, fewest: int, where: Where, partial: bool = False) -> Annotated[np.ndarray, "n 3"]:
+    """At least `fewest` points, one per row: all finite, and no two neighbours equal.
+
+    With ``partial``, a coordinate that is NaN in every row was not measured, and neighbours may share the others."""
     rows = _rows(value, where, "points in metres, one row [x, y, z] for each: an array of shape (n, 3)")
     if rows.ndim != 2 or rows.shape[1] != 3:
         turned = rows.ndim == 2 and rows.shape[0] == 3
@@ -220,10 +218,12 @@ def points(value: Any, fewest: int, where: Where) -> Annotated[np.ndarray, "n 3"
         raise where.fail(f"got {shown(value) if isinstance(value, list) else f'an array of shape {rows.shape}'}: {advice}.")
     if len(rows) < fewest:
         raise where.fail(f"got {counted(len(rows), 'point')}: give at least {fewest}.")
-    bad = np.flatnonzero(~np.all(np.abs(rows) <= LARGEST, axis=1))
+    unseen = np.all(np.isnan(rows), axis=0) & partial
+    unseen = unseen & ~np.all(unseen)
+    bad = np.flatnonzero(~np.all((np.abs(rows) <= LARGEST) | unseen, axis=1))
     if len(bad):
         raise where.fail(f"point {int(bad[0]) + 1} is {shown(rows[bad[0]].tolist())}: give finite numbers in metres.")
-    same = np.flatnonzero(np.all(rows[1:] == rows[:-1], axis=1))
+    same = np.flatnonzero(np.all(rows[1:] == rows[:-1], axis=1))  # never with NaN
     if len(same):
         i = int(same[0])
         raise where.fail(f"points {i + 1} and {i + 2} are the same, {shown(rows[i].tolist())}: leave one out.")
@@ -246,7 +246,6 @@ def growing(value: Any, count: int, where: Where, what: str = "arc length in met
 
 
 def _rows(value: Any, where: Where, wanted: str) -> Annotated[np.ndarray, "..."]:
-    """An array of real numbers in float64."""
     try:
         rows = as_array(value)
     except (TypeError, ValueError) as error:  # ragged lists, tracers of JAX

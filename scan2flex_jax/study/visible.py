@@ -103,15 +103,13 @@ def stands(study: Study, pose: StudyPose) -> bool:
 
 def carried(study: Study) -> bool:
     """Whether every curve lies level, across gravity, and bends there, as on a table."""
-    curves = [pose for pose in study.poses if pose.curve is not None]
-
-    def level(pose):
+    level = []
+    for pose in study.poses:
         down, facts = study.gravity_in(pose), pose_facts(pose)
-        heights = pose.curve.points @ down / max(float(np.linalg.norm(down)), np.finfo(float).tiny)
-        flat = PLANE_LIMIT * curve_length(pose.curve.points)
-        return facts is not None and np.any(down) and np.std(heights) < flat < facts.off_line
-
-    return bool(curves) and all(level(pose) for pose in curves)
+        if pose.curve is not None and facts is not None:
+            heights = pose.curve.points @ down / max(float(np.linalg.norm(down)), np.finfo(float).tiny)
+            level.append(np.any(down) and np.std(heights) < PLANE_LIMIT * curve_length(pose.curve.points) < facts.off_line)
+    return bool(level) and all(level)
 
 
 def _of_units(study) -> Iterator[Mistake]:

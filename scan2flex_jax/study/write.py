@@ -1,8 +1,8 @@
 """Writing of a study to a folder, such that `load_study` returns an equal one and no user data is lost.
 
 The study is first written to a temporary folder and read back with all checks. Then the files that it names are written, each
-in one step, and `study.toml` last: it never names a missing file. A file that would change is kept as
-NAME.bak, with the user's comments, which the new one lacks; a file with the same content, up to comments, is left unchanged.
+in one step, and `study.toml` last: it never names a missing file. A file that would change is kept as NAME.bak, with the user's
+comments; one with the same content, up to comments, is left unchanged.
 """
 
 import filecmp
@@ -90,14 +90,16 @@ def save_study(study: Study, folder: str | Path) -> Path:
         for name, content in files.contents.items():
             path = inside(folder, name, Where(one_line(str(folder / name), 300)))
             if not (path.exists() and _holds(path, content)):
-                _put(path, content if isinstance(content, Path) else csv_text(content).encode("ascii"))
+                backup(path)
+                write_atomic(path, content if isinstance(content, Path) else csv_text(content).encode("ascii"))
         if not (toml.exists() and _is_study(toml, study)):
-            _put(toml, text.encode("utf-8"))
+            backup(toml)
+            write_atomic(toml, text.encode("utf-8"))
     return toml
 
 
 def _check_written(study: Study, text: str, files: NamedFiles, where: Where) -> None:
-    """Write a study to a temporary folder, an empty file for each scan, and read an equal one back."""
+    """Write a study to a temporary folder, with a dash for each scan, and read an equal one back."""
     with TemporaryDirectory() as name:
         folder = Path(name).resolve()
         for file, content in files.contents.items():
@@ -110,19 +112,9 @@ def _check_written(study: Study, text: str, files: NamedFiles, where: Where) -> 
         purpose: Purpose = "fit" if any(pose.measured for pose in study.poses) else "predict"
         with where.placed():
             again = load_study(folder, purpose=purpose)
-        if _without_scans(again) != _without_scans(study):
+        one, other = (replace(s, poses=tuple(replace(pose, scan=None) for pose in s.poses)) for s in (again, study))
+        if one != other:  # scans may get other names
             raise where.fail("the study would not read back as it is: use names and values of the format.")
-
-
-def _without_scans(study: Study) -> Study:
-    """The study up to its scans, which may get other names."""
-    return replace(study, poses=tuple(replace(pose, scan=None) for pose in study.poses))
-
-
-def _put(path: Path, data: bytes | Path) -> None:
-    """Write a file in one step, and keep the old one."""
-    backup(path)
-    write_atomic(path, data)
 
 
 def _is_study(path: Path, study: Study) -> bool:
@@ -140,9 +132,9 @@ def _holds(path: Path, content: Content) -> bool:
     header, table = _csv(content)
     try:
         found = read_csv(path, (header,), Where(path.name))[1]
-        return np.array_equal(found[np.argsort(found[:, 0], kind="stable")] if isinstance(content, Markers) else found, table)
     except StudyError:
         return False
+    return np.array_equal(found[np.argsort(found[:, 0], kind="stable")] if isinstance(content, Markers) else found, table)
 
 
 def csv_text(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> str:
@@ -152,18 +144,15 @@ def csv_text(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) ->
 
 
 def _csv(content: MeasuredCurve | Markers | Annotated[np.ndarray, "k 3"]) -> tuple[str, Annotated[np.ndarray, "n c"]]:
-    """The header and the rows of a CSV."""
     if not isinstance(content, MeasuredCurve | Markers):
         return "x,y,z", np.asarray(content)
     if content.arc_length is None:
         return "x,y,z", content.points
-    table, names = np.column_stack([content.arc_length, content.points]), list("sxyz")
+    columns = dict(zip("sxyz", [content.arc_length, *content.points.T], strict=True))
     if isinstance(content, Markers):
-        kept = [name in f"s{content.measured}" for name in names]
-        table, names = table[:, kept], [name for name, own in zip(names, kept, strict=True) if own]
-        if content.offset is not None:
-            table, names = np.c_[table, content.offset], [*names, "d1", "d2"]
-    return ",".join(names), table
+        columns = {name: column for name, column in columns.items() if name in f"s{content.measured}"}
+        columns |= {} if content.offset is None else dict(zip(("d1", "d2"), content.offset.T, strict=True))
+    return ",".join(columns), np.column_stack(list(columns.values()))
 
 
 def study_text(study: Study, files: NamedFiles | None = None) -> str:

@@ -13,7 +13,6 @@ from scan2flex_jax.errors import Scan2FlexError
 from scan2flex_jax.rod.effect import Node
 from scan2flex_jax.rod.element_law import element_forces
 from scan2flex_jax.rod.model import CableModel, discretise
-from scan2flex_jax.study.kinds import DESCRIPTIVE_KINDS
 
 from . import scene
 
@@ -117,7 +116,8 @@ def test_entries_are_complete():
         assert entry.settle
         assert entry.kind in fx.kinds() or entry.kind == "memory_set"
     ours = {kind for kind in fx.kinds() if fx.effect_class(kind).__module__.startswith("scan2flex_jax.")}
-    assert ours <= set(ENTRIES) | {*DESCRIPTIVE_KINDS, *LAWS, *MEMORIES, *scene.SUPPORTS, "moment"}
+    fields = {"section_profile", "distributed_load", "curvature_profile"}
+    assert ours <= set(ENTRIES) | fields | {*LAWS, *MEMORIES, *scene.SUPPORTS, "moment"}
 
 
 def test_only_clamped_ends_can_yield():

@@ -1,6 +1,7 @@
 """Points at known arc lengths: read, checked, described and written back; and curves of two or three points."""
 
 from dataclasses import replace
+from time import process_time
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from scan2flex_jax.study import (
     save_study,
     study_warnings,
 )
+from scan2flex_jax.study.mistakes import exchanged_markers
 from scan2flex_jax.study.outputs import Outputs, measured_files
 
 from .samples import STUDY, csv, curve, write_sample
@@ -121,3 +123,31 @@ def test_a_curve_of_two_or_three_points_is_read_and_not_doubted(n):
     for said in study_warnings(study):
         assert "straight" not in said and "plane" not in said and "tangent" not in said
     assert len(MeasuredCurve(points).points) == n
+
+
+@pytest.mark.parametrize("points", [[[1], [1, 2]], [["a", "b", "c"]], [[1j, 2, 3]], [[np.inf, np.nan, 1.0]]], ids=str)
+def test_points_in_memory_that_are_none_are_refused_in_one_sentence(points):
+    with pytest.raises(StudyError, match=r"^Markers: points: .*: give "):
+        Markers(points, [0.1, 0.2])
+
+
+def test_a_shuffled_table_is_no_exchange_of_two_markers():
+    # every exchange of two of these was tried, for minutes: two markers change four chords, and far more are too long
+    s, order = np.linspace(0.01, 0.89, 300), np.random.default_rng(0).permutation(300)
+    pose = {"start": (curve()[0], None), "markers": Markers(curve(300)[order], s)}
+    cable = {"length": 0.9, "length_density": 0.3, "torsional_stiffness": 0.03}
+    study = Study.from_arrays(cable, [pose], ["bending_stiffness"])
+    began = process_time()
+    assert any("along the cable: correct their s" in warning for warning in study_warnings(study))
+    assert process_time() - began < 10.0
+
+
+def test_a_row_that_stands_twice_is_a_doubt_and_no_fault_of_other_rows():
+    # an exchange that was tried brought the two equal points together, which was refused as a fault of the table
+    s, points = np.linspace(0.02, 0.88, 20), curve(20)
+    points[12] = points[4]
+    pose = {"start": (curve()[0], None), "markers": Markers(points, s)}
+    cable = {"length": 0.9, "length_density": 0.3, "torsional_stiffness": 0.03}
+    study = Study.from_arrays(cable, [pose], ["bending_stiffness"])
+    assert any("markers 12 and 13" in warning for warning in study_warnings(study))
+    assert exchanged_markers(study, study.poses[0], 5, 12) is None

@@ -112,3 +112,11 @@ def test_a_wrong_table_is_one_sentence(folder, table, words):
         loaded(folder(table))
     assert "section.csv" in str(found.value)
     assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(("length", "words"), [("9" * 400, "a number below"), ('"900 mm"', "quotation marks"), ("0", "above")])
+def test_a_wrong_length_is_named_before_the_sections_are_scaled_by_it(folder, length, words):
+    text = STUDY.replace(f"bending_stiffness = {EI}\n", "").replace(f"length = {L}", f"length = {length}")
+    with pytest.raises(StudyError, match=words) as found:
+        loaded(folder("s,bending_stiffness\n0,0.4\n1,0.1\n", text))
+    assert found.value.key == "cable.length"
