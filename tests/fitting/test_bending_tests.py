@@ -13,6 +13,7 @@ from scipy.integrate import solve_bvp
 from scan2flex_jax import fit
 from scan2flex_jax.convert.bench import INCLINE, TESTS, Bench, G, bench_study
 from scan2flex_jax.study import save_study
+from tests.reference import cantilever
 
 L, EI, DENSITY = 0.3, 2e-5, 0.02  # m, N m^2, kg/m: a strip
 W = DENSITY * G
@@ -42,21 +43,9 @@ def closed_or_spanned(first, last, span, guess, EI=EI):
     return solved(slope, ends, guess(s / L), s, [0.0, -0.5 * W * L])[0]
 
 
-@cache
 def droop(weight, length=0.12):
     """Height (m) of the tip of a level cantilever with a mass (kg) there."""
-
-    def slope(s, y, p):
-        pull = W * (length - s) + weight * G
-        return np.array([y[1], pull * np.cos(y[0]) / EI, np.cos(y[0]), np.sin(y[0])])
-
-    s = np.linspace(0, length, 101)
-    found = solve_bvp(
-        lambda s, y: slope(s, y, None), lambda a, b: np.array([a[0], b[1], a[2], a[3]]), s,
-        np.array([-0.5 * s / length, 0 * s, s, 0 * s]), tol=1e-9, max_nodes=20000,
-    )  # fmt: skip
-    assert found.success
-    return float(found.sol(length)[3])
+    return float(cantilever.solution(length, EI, W, load=weight * G)(length)[1])
 
 
 @cache
@@ -100,12 +89,15 @@ def deflection(force):
 def loop(name):
     """Depth (m) of the middle of a heart or a ring."""
     if name == "heart":
-        strip = closed_or_spanned(
-            np.pi / 2, -5 * np.pi / 2, 0.0, lambda t: np.pi / 2 - 3 * np.pi * t - 1.2 * np.sin(4 * np.pi * t)
-        )
+        strip = heart()
     else:
         strip = closed_or_spanned(0.0, -2 * np.pi, 0.0, lambda t: -2 * np.pi * t - 0.5 * np.sin(4 * np.pi * t))
     return -float(strip(0.5 * L)[3])
+
+
+def heart(gap=0.0):
+    """The strip with both ends in one clamp, ``gap`` (m) apart."""
+    return closed_or_spanned(np.pi / 2, -5 * np.pi / 2, -gap, lambda t: np.pi / 2 - 3 * np.pi * t - 1.2 * np.sin(4 * np.pi * t))
 
 
 @cache
@@ -148,22 +140,15 @@ def test_closed_forms_are_near(name, near):
     assert found.guess == pytest.approx(true, rel=near)
 
 
-@pytest.mark.parametrize("name", ["droop", "peirce", "three-point"])
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("heart", "ring", "hanging")]
+
+
+@pytest.mark.parametrize("name", ["droop", "peirce", "three-point", *SLOW])
 def test_a_table_gives_the_stiffness(name, tmp_path):
-    holds(name, tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["heart", "ring", "hanging"])
-def test_a_loop_or_a_sag_gives_the_stiffness(name, tmp_path):
-    holds(name, tmp_path)
-
-
-def holds(name, folder):
     """The interval of a fit to noisy readings holds the truth, and is narrow for the test; the study can be written."""
     found, true = bench(name)
     study = bench_study(found)
-    save_study(study, folder / name)
+    save_study(study, tmp_path)
     e = fit(study).estimates["bending_stiffness"]
     assert e.low < true < e.high
     assert e.high - e.low < (0.3 if name == "hanging" else 0.2) * true

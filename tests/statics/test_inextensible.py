@@ -17,11 +17,7 @@ NOTHING = 1e-6  # of the length
 ALONG_X, DOWN = np.array([0.5, 0.5, 0.5, 0.5]), np.array([0.0, 1.0, 0.0, 0.0])
 EARTH = jnp.array([0.0, 0.0, -9.81])
 # length m, kg/m, EI, GJ (N m^2): 0.6 kg of cable, one that bends hardly, a rope whose bends are short
-CABLES = {
-    "heavy": (1.2, 0.5, 0.05, 0.04),
-    "stiff": (0.4, 0.02, 0.5, 0.4),
-    "rope": (2.0, 0.5, 1e-2, 1e-3),
-}
+CABLES = {"heavy": (1.2, 0.5, 0.05, 0.04), "stiff": (0.4, 0.02, 0.5, 0.4), "rope": (2.0, 0.5, 1e-2, 1e-3)}
 
 
 def between_clamps(length, density, EI, GJ, rigid=None):
