@@ -1,7 +1,6 @@
-"""The six bending tests, from their tables to EI, on shapes of an independent solver of the plane elastica (`solve_bvp`).
+"""The six bending tests, from their tables to EI, on shapes of an independent solver of the plane elastica.
 
-EI theta'' = H sin(theta) - (V + w s) cos(theta): H and V the force at the start, w the weight per length. Readings are rounded
-or given noise as they are taken on a bench; the interval holds the truth, and the closed form is near it.
+Readings are rounded or given noise as they are taken on a bench; the interval holds the truth, and the closed form is near it.
 """
 
 from functools import cache
@@ -22,25 +21,9 @@ SPAN, STIFF = 0.2, 0.166  # m, N m^2: of a beam on supports
 NOISE = {"droop": 3e-4, "peirce": 5e-4, "three-point": 5e-5, "heart": 3e-4, "ring": 3e-4, "hanging": 5e-5}  # m
 
 
-def solved(slope, ends, theta, s, p):
-    """The solution (theta, theta', x, z) of a boundary value problem from a guess of theta, and its parameters."""
-    x, z = (np.concatenate([[0.0], np.cumsum(0.5 * (f(theta)[1:] + f(theta)[:-1]) * np.diff(s))]) for f in (np.cos, np.sin))
-    found = solve_bvp(slope, ends, s, np.array([theta, np.gradient(theta, s), x, z]), p=p, tol=1e-8, max_nodes=50000)
-    assert found.success, found.message
-    return found.sol, found.p
-
-
 def closed_or_spanned(first, last, span, guess, EI=EI):
-    """A strip between two clamps at tangent angles (rad) ``first`` and ``last``, ``span`` (m) apart at one height."""
-
-    def slope(s, y, p):
-        return np.array([y[1], (p[0] * np.sin(y[0]) - (p[1] + W * s) * np.cos(y[0])) / EI, np.cos(y[0]), np.sin(y[0])])
-
-    def ends(a, b, p):
-        return np.array([a[0] - first, b[0] - last, a[2], a[3], b[2] - span, b[3]])
-
-    s = np.linspace(0, L, 201)
-    return solved(slope, ends, guess(s / L), s, [0.0, -0.5 * W * L])[0]
+    """A strip between two clamps at one height."""
+    return cantilever.between_clamps(L, EI, W, first, last, span, guess)
 
 
 def droop(weight, length=0.12):
@@ -92,7 +75,7 @@ def loop(name):
         strip = heart()
     else:
         strip = closed_or_spanned(0.0, -2 * np.pi, 0.0, lambda t: -2 * np.pi * t - 0.5 * np.sin(4 * np.pi * t))
-    return -float(strip(0.5 * L)[3])
+    return -float(strip(0.5 * L)[1])
 
 
 def heart(gap=0.0):
@@ -103,7 +86,7 @@ def heart(gap=0.0):
 @cache
 def sag(span):
     """Sag (m) of the middle between level clamps."""
-    return -float(closed_or_spanned(0.0, 0.0, span, lambda t: -1.2 * np.sin(2 * np.pi * t), CABLE)(0.5 * L)[3])
+    return -float(closed_or_spanned(0.0, 0.0, span, lambda t: -1.2 * np.sin(2 * np.pi * t), CABLE)(0.5 * L)[1])
 
 
 def bench(name, noise=True, seed=0):

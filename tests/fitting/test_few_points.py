@@ -72,7 +72,7 @@ def test_a_heart_loop_by_its_height_alone():
     strip = EffectDeclaration("anisotropic_bending", {"ratio": 1000.0, "angle": np.pi / 2})
     pose = StudyPose(
         "loop", "fit", Clamp.of(([0, 0, 0], UP)), Clamp.of(([-GAP, 0, 0], DOWN)), noise=5e-4,
-        markers=Markers([[np.nan, np.nan, float(heart(GAP)(0.5 * L)[3])]], [0.5 * L]),
+        markers=Markers([[np.nan, np.nan, float(heart(GAP)(0.5 * L)[1])]], [0.5 * L]),
     )  # fmt: skip
     known = {"length": L, "length_density": DENSITY, "torsional_stiffness": 1.6e-5}
     f = fit(Study("Heart", [0, 0, -G], known, (pose,), unknowns=[Unknown("bending_stiffness")], effects=[strip]))

@@ -18,7 +18,7 @@ STIFF, LIMP = (0.5, 393.0, 0.85), (1.0, 0.1, 0.2)  # length (m), EI (N m^2), mas
 
 
 def elastica(cable, load):
-    """State (x, z, angle, moment) along s of a level cantilever with a load (N) at its tip."""
+    """State (x, z, angle, curvature) along s of a level cantilever with a load (N) at its tip."""
     L, EI, density = cable
     return solution(L, EI, density * G, load=load)
 

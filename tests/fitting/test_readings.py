@@ -67,7 +67,7 @@ def bent(load, s=0.4, **given):
     """A cantilever with a load (N) at its tip: the slope at ``s`` and at the end, force and moment of the clamp."""
     found = elastica(CABLE, load)
     angles = [Angle(at, -found(at)[2], 0.01, about=Y, zero=X) for at in (s, L)]
-    wrench = Wrench("start", [0, 0, load + DENSITY * G * L], 0.1, [NAN, found(0)[3], NAN], 0.01)
+    wrench = Wrench("start", [0, 0, load + DENSITY * G * L], 0.1, [NAN, EI * found(0)[3], NAN], 0.01)
     return StudyPose(f"{load:g} N", "fit", CLAMP, angle=angles, wrench=[wrench], **given)
 
 

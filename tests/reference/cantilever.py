@@ -1,8 +1,8 @@
-"""Cables that hang in a plane: from a clamp with a free end, by collocation (scipy.integrate.solve_bvp), and as chains.
+"""Cables that hang in a plane: from a clamp, between two clamps, by collocation (scipy.integrate.solve_bvp), and as chains.
 
-Symbols: s arc length (m), x and z the place (m), t the angle of the tangent above the horizontal, m the moment (N m), w the
-weight per length (N/m) along -z, P a load (N) at the free end, down: x' = cos t, z' = sin t, EI t' = m,
-m' = (w (L - s) + P) cos t, with m(L) = 0.
+Symbols: s arc length (m), x and z the place (m), t the angle of the tangent above the horizontal, k the curvature (1/m), w the
+weight per length (N/m) along -z, P a load (N) at the free end, down: x' = cos t, z' = sin t, t' = k,
+EI k' = (w (L - s) + P) cos t with k(L) = 0; between clamps EI k' = H sin t - (V + w s) cos t, H and V the force at the start.
 """
 
 from functools import cache
@@ -14,10 +14,10 @@ from scipy.optimize import brentq
 
 @cache
 def solution(length, EI, weight, angle=0.0, load=0.0):
-    """State (x, z, t, m) as a function of s of a cable that leaves its clamp at the origin at an ``angle`` (rad)."""
+    """State (x, z, t, k) as a function of s of a cable that leaves its clamp at the origin at an ``angle`` (rad)."""
 
     def rhs(s, y, share):
-        return np.array([np.cos(y[2]), np.sin(y[2]), y[3] / EI, share * (weight * (length - s) + load) * np.cos(y[2])])
+        return np.array([np.cos(y[2]), np.sin(y[2]), y[3], share * (weight * (length - s) + load) * np.cos(y[2]) / EI])
 
     def ends(a, b):
         return np.array([a[0], a[1], a[2] - angle, b[3]])
@@ -35,6 +35,26 @@ def positions(length, EI, weight, angle, s, load=0.0):
     """Places (n, 3) (m) at arc lengths ``s``."""
     x, z = solution(length, EI, weight, angle, load)(s)[:2]
     return np.stack([x, 0 * x, z], axis=1)
+
+
+def between_clamps(length, EI, weight, first, last, span, guess):
+    """State (x, z, t, k) as a function of s between clamps ``span`` (m) apart at one height, at tangent angles (rad) ``first``
+    and ``last``; ``guess`` gives t at s / L."""
+
+    def rhs(s, y, p):
+        _, _, t, k = y
+        return np.array([np.cos(t), np.sin(t), k, (p[0] * np.sin(t) - (p[1] + weight * s) * np.cos(t)) / EI])
+
+    def ends(a, b, p):
+        return np.array([a[0], a[1], a[2] - first, b[0] - span, b[1], b[2] - last])
+
+    s = np.linspace(0.0, length, 201)
+    t = guess(s / length)
+    x, z = (np.concatenate([[0.0], np.cumsum(0.5 * (f(t)[1:] + f(t)[:-1]) * np.diff(s))]) for f in (np.cos, np.sin))
+    y = np.array([x, z, t, np.gradient(t, s)])
+    found = solve_bvp(rhs, ends, s, y, p=[0.0, -0.5 * weight * length], tol=1e-8, max_nodes=50_000)
+    assert found.success, found.message
+    return found.sol
 
 
 def tip(length, EI, weight):
