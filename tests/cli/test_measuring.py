@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import virtual_experiments as virtual
 from scan2flex_jax.cli import making, options
 from scan2flex_jax.cli.app import app
 from scan2flex_jax.errors import Scan2FlexError
@@ -186,6 +185,8 @@ def test_check_reads_the_scans(tmp_path):
 @pytest.mark.slow
 def test_extract_writes_the_curve_and_says_whether_it_is_sure(tmp_path):
     """Of the virtual PTFE cable, one scan from two sides, as a user would have it on disk."""
+    from benchmarks import virtual_experiments as virtual
+
     (tmp_path / "scans").mkdir()
     folder = save_study(virtual.study_of(virtual.PTFE, tmp_path / "scans", 1), tmp_path / "study").parent
     found = run("extract", folder, "--save", tmp_path / "s", "--json", tmp_path / "c.json")
